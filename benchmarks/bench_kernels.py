@@ -1,0 +1,148 @@
+"""Speed of the play kernels against this machine: ``python benchmarks/bench_kernels.py``.
+
+Prints the write rate of the play basis beside that of plain writes to the same array, the time a
+sample of a Prandtl-Ishlinskii operator for few and many plays, and the time of its linearisation.
+All numbers are the best of several interleaved runs in one thread. The classes are benchmarks for
+asv as well.
+"""
+
+import time
+
+import numpy as np
+
+from skhyst._jit import jit
+from skhyst._kernels._play import play_basis, stop_basis
+from skhyst.operators import PrandtlIshlinskiiOperator
+
+REPEATS = 9
+
+
+@jit
+def store_rows(values, out):
+    """Write one row of constants to each row of ``out``: the plain form of the basis' loop."""
+    for i in range(out.shape[0]):
+        row = out[i]
+        for k in range(values.size):
+            row[k] = values[k]
+
+
+def signals(n_samples):
+    """Return the drives: white noise, a triangle, a sine whose frequency rises."""
+    ramp = np.arange(n_samples)
+    return {
+        "noise": np.random.default_rng(0).standard_normal(n_samples),
+        "triangle": np.abs(ramp % 2000 - 1000) / 500.0 - 1.0,
+        "sweep": np.sin(np.linspace(0.0, 1000.0, n_samples) ** 2 / 10.0),
+    }
+
+
+def operator(n_plays):
+    """Return an operator with evenly spaced thresholds below 1."""
+    return PrandtlIshlinskiiOperator(np.arange(n_plays) / n_plays, np.full(n_plays, 1.0 / n_plays))
+
+
+def best(calls, repeats=REPEATS):
+    """Return the shortest time in s of each call, run in turns after one warm-up."""
+    shortest = dict.fromkeys(calls, np.inf)
+    for call in calls.values():
+        call()
+    for _ in range(repeats):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            call()
+            shortest[name] = min(shortest[name], time.perf_counter() - start)
+    return shortest
+
+
+class PlayBasis:
+    """Plays of a random walk, shape (1,000,000, 100), written to one warm array."""
+
+    shape = (1_000_000, 100)
+
+    def setup(self):
+        self.out = np.ones(self.shape)
+        self.thresholds = np.arange(self.shape[1]) / self.shape[1]
+        steps = np.random.default_rng(0).standard_normal(self.shape[0])
+        self.drive = 0.01 * np.cumsum(steps)
+
+    def time_play_basis(self):
+        play_basis(self.drive, self.thresholds, np.zeros(self.shape[1]), self.out)
+
+    def time_stop_basis(self):
+        stop_basis(self.drive, self.thresholds, np.zeros(self.shape[1]), self.out)
+
+    def time_fill(self):
+        self.out.fill(1.0)
+
+    def time_store_rows(self):
+        store_rows(self.thresholds, self.out)
+
+
+class Run:
+    """A million samples through the operator."""
+
+    n_samples = 1_000_000
+    params = ((10, 100, 1000), ("noise", "triangle", "sweep"))
+    param_names = ("n_plays", "drive")
+
+    def setup(self, n_plays, drive):
+        self.drive = signals(self.n_samples)[drive]
+        self.operator = operator(n_plays)
+
+    def time_run(self, n_plays, drive):
+        self.operator.run(self.drive, 1.0)
+
+
+class Linearize:
+    """Twenty thousand samples, twenty plays, with tangents from upstream."""
+
+    n_samples = 20_000
+    params = (0, 5)
+    param_names = ("n_tangents",)
+
+    def setup(self, n_tangents):
+        rng = np.random.default_rng(0)
+        self.drive = 0.02 * np.cumsum(rng.standard_normal(self.n_samples))
+        self.tangents = rng.standard_normal((self.n_samples, n_tangents))
+        self.operator = operator(20)
+
+    def time_linearize(self, n_tangents):
+        self.operator.linearize(self.drive, self.tangents, 1.0)
+
+
+def main():
+    basis = PlayBasis()
+    basis.setup()
+    names = ("fill", "store_rows", "play_basis", "stop_basis")
+    seconds = best({name: getattr(basis, f"time_{name}") for name in names})
+    rates = {name: basis.out.nbytes / 1e9 / seconds[name] for name in names}
+    machine = max(rates["fill"], rates["store_rows"])
+    print(f"writes to {basis.shape[0]} x {basis.shape[1]} doubles, one thread")
+    for name, rate in rates.items():
+        print(f"  {name:<12}{rate:6.2f} GB/s  {rate / machine:5.0%}")
+
+    print("PrandtlIshlinskiiOperator.run, ns a sample")
+    print("  plays " + "".join(f"{drive:>10}" for drive in Run.params[1]))
+    cases = {}
+    for n_plays in Run.params[0]:
+        for drive in Run.params[1]:
+            case = Run()
+            case.setup(n_plays, drive)
+            cases[n_plays, drive] = lambda case=case: case.time_run(None, None)
+    seconds = best(cases)
+    for n_plays in Run.params[0]:
+        row = (seconds[n_plays, drive] / Run.n_samples * 1e9 for drive in Run.params[1])
+        print(f"  {n_plays:<6}" + "".join(f"{value:>10.1f}" for value in row))
+
+    print("PrandtlIshlinskiiOperator.linearize, 20000 samples, 20 plays")
+    cases = {}
+    for n_tangents in Linearize.params:
+        case = Linearize()
+        case.setup(n_tangents)
+        cases[n_tangents] = lambda case=case: case.time_linearize(None)
+    for n_tangents, value in best(cases, 3 * REPEATS).items():
+        print(f"  {n_tangents} tangents{value * 1e3:8.2f} ms")
+
+
+if __name__ == "__main__":
+    main()

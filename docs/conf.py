@@ -1,0 +1,50 @@
+"""Configuration of the documentation."""
+
+import os
+import sys
+import warnings
+from importlib.metadata import version as installed_version
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+sys.path.insert(0, os.path.abspath(os.path.join("..", "benchmarks")))
+
+project = "skhyst"
+author = "The skhyst developers"
+copyright = "The skhyst developers"
+release = version = installed_version("skhyst")
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "auto_examples/**/*.ipynb"]
+templates_path = ["_templates"]
+default_role = "literal"
+
+autosummary_generate = True
+autosummary_ignore_module_all = False  # a page shows the names in __all__, wherever they are from
+autosummary_imported_members = True
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "auto_examples",
+    "abort_on_example_error": True,
+    "show_memory": False,
+    "download_all_examples": False,
+    "within_subsection_order": "FileNameSortKey",
+    "doc_module": ("skhyst",),
+    "backreferences_dir": "api/generated/backreferences",
+    "reset_modules": ("matplotlib",),
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = "skhyst"
+html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False}
+html_show_sourcelink = False
+
+warnings.filterwarnings("error", module="skhyst")

@@ -1,0 +1,34 @@
+"""One decorator for compiled loops.
+
+Kernels compile on first use and release the GIL. The machine code is cached next to the source
+where that folder, or ``NUMBA_CACHE_DIR``, can be written; elsewhere the kernel is compiled once per
+process instead, since a plain ``cache=True`` raises at import in a read-only install without a
+home folder. Without Numba the same function runs as plain Python: slow, but with equal results.
+"""
+
+__all__ = ["jit"]
+
+
+def jit(function):
+    """Compile a kernel lazily, without the GIL, cached where that is possible.
+
+    Parameters
+    ----------
+    function : callable
+        A loop over arrays and scalars, written in the subset of Python that Numba compiles.
+
+    Returns
+    -------
+    callable
+        The compiled function; its plain Python original is the attribute ``py_func``.
+    """
+    try:
+        import numba
+    except ImportError:
+        function.py_func = function
+        return function
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # no folder to cache in
+        return numba.njit(**options)(function)

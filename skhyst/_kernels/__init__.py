@@ -1,0 +1,1 @@
+"""Compiled array loops: no classes, no validation."""

@@ -1,0 +1,168 @@
+"""The base of every parametric model: validation, records, identification, free run."""
+
+import warnings
+from abc import abstractmethod
+from numbers import Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
+from sklearn.utils._param_validation import Interval, StrOptions
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from .exceptions import ConvergenceWarning, DivergenceWarning
+from .operators import SumOperator
+from .optimize import RecordData, estimate_histories, identify
+from .records import record_slices
+
+__all__ = ["ParametricModel", "read_data"]
+
+
+def read_data(estimator, X, y=None, *, reset, dt):
+    """Validate X and y and return the records, the array X, and y where it was given.
+
+    The index is read before scikit-learn turns the frame into an array.
+    """
+    options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
+    if y is None:
+        array = validate_data(estimator, X, reset=reset, **options)
+        return record_slices(X, dt=dt), array, None
+    array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
+    return record_slices(X, y, dt=dt), array, np.asarray(response, dtype=float)
+
+
+class ParametricModel(RegressorMixin, BaseEstimator):
+    """Base of the models whose free run is that of an operator.
+
+    A subclass gives :meth:`_starts` and, where some of its parameters are held, :meth:`_fixed`.
+
+    Attributes
+    ----------
+    operator_ : Operator
+        The identified operator: ``init``, ``step``, ``run``.
+    params_, params_std_ : dict of str to float
+        Parameters in the user's units and their standard errors (NaN at a bound, infinite where
+        the data do not determine the value).
+    identifiability_ : dict
+        ``undetermined`` (tuple of names) and ``condition_number``.
+    n_evaluations_ : int
+        Simulations of all records that identification took.
+    fit_error_ : float
+        Root mean square of the residual in the records of the fit, units of the response.
+    records_ : tuple of RecordSlice
+        The records of the fit.
+    """
+
+    _parameter_constraints = {
+        "dt": [Interval(Real, 0, None, closed="neither")],
+        "initial_state": [StrOptions({"rest", "zero", "estimate"})],
+    }
+
+    @abstractmethod
+    def _starts(self, records):
+        """Return the starting values: a list of (operator, disturbances), for ``RecordData``."""
+
+    def _fixed(self):
+        """Return the names of entries that are held at their starting values."""
+        return frozenset()
+
+    @_fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y):
+        """Identify the parameters.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive; the index carries records and time.
+        y : array-like of shape (n_samples,)
+            Response.
+
+        Returns
+        -------
+        self
+        """
+        slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
+        data = [
+            RecordData(X[s.rows, 0], y[s.rows], s.dt, start_time=s.start_time) for s in slices
+        ]
+        self.records_ = slices
+        return self._fit_records(data)
+
+    def _identify(self, data):
+        """Identify from ``RecordData``; return an ``IdentificationResult``."""
+        return identify(
+            self._starts(data), data, fixed=self._fixed(), initial_state=self._free_run_state()
+        )
+
+    def _fit_records(self, data):
+        """Fit validated records."""
+        result = self._identify(data)
+        if self.initial_state == "estimate":
+            result, self.initial_drive_ = estimate_histories(result, data, fixed=self._fixed())
+        if result.undetermined:
+            warnings.warn(
+                f"The data do not determine these parameters of {type(self).__name__}: "
+                f"{', '.join(result.undetermined)}.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+        return self._adopt(result)
+
+    def _adopt(self, result):
+        """Store what identification found."""
+        self.operator_ = result.operator
+        if result.disturbances:
+            self.operator_ = SumOperator(
+                ("model", *self._disturbance_names(len(result.disturbances))),
+                (result.operator, *result.disturbances),
+            )
+            self.record_coefficients_ = result.record_coefficients
+        self.params_ = result.params
+        self.params_std_ = result.params_std
+        self.identifiability_ = {
+            "undetermined": result.undetermined,
+            "condition_number": result.condition_number,
+        }
+        self.n_evaluations_ = result.n_evaluations
+        self.n_iter_ = max(len(result.history), 1)
+        self.fit_error_ = result.error
+        return self
+
+    def _disturbance_names(self, count):
+        return tuple(f"disturbance{i}" for i in range(count))
+
+    def predict(self, X):
+        """Return the free run: the response to the drive alone, each record from its own start.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response. Finite always; a run that left the range of floating point is
+            cut off there, with a :class:`~skhyst.exceptions.DivergenceWarning`.
+        """
+        check_is_fitted(self)
+        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        return run_records(self.operator_, X[:, 0], slices, self._free_run_state())
+
+    def _free_run_state(self):
+        return "zero" if self.initial_state == "zero" else "rest"
+
+
+def run_records(operator, signal, slices, initial_state="rest"):
+    """Run an operator over the records of a signal (n_samples,); the result is always finite."""
+    signal = np.ascontiguousarray(signal)
+    y = np.empty(len(signal))
+    for record in slices:
+        u = signal[record.rows]
+        y[record.rows] = operator.run(u, record.dt, operator.init(u[0], initial_state))[0]
+    if not np.isfinite(y).all():
+        warnings.warn(
+            "The simulation diverged; values beyond the range of floating point were cut off.",
+            DivergenceWarning,
+            stacklevel=3,
+        )
+        y = np.nan_to_num(y)
+    return y

@@ -1,0 +1,93 @@
+"""Models in parallel."""
+
+import dataclasses
+
+from ..operators import SumOperator
+from ..optimize import identify
+from ._composition import Composition
+
+__all__ = ["Sum"]
+
+
+class Sum(Composition):
+    """Models in parallel, identified jointly: their outputs are added.
+
+    Disturbances (:mod:`skhyst.disturbance`) stand beside the driven models; their coefficients
+    are solved record by record.
+
+    Parameters
+    ----------
+    steps : list of (str, estimator)
+        Names and models.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; that of the steps is not used.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index; that of the steps is not used.
+
+    Attributes
+    ----------
+    operator_ : SumOperator
+    operators_ : dict of str to Operator
+        The identified operator of each step.
+    record_coefficients_ : ndarray of shape (n_records, n_coefficients)
+        Of the disturbances, where there are any.
+    params_, params_std_ : dict
+        Parameters, named ``step__parameter``, and their standard errors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.compose import Sum
+    >>> from skhyst.disturbance import Drift
+    >>> from skhyst.hysteresis import PrandtlIshlinskii
+    >>> drive = np.sin(np.linspace(0, 40, 2000))
+    >>> y = 2.0 * drive + np.linspace(0, 1, 2000)
+    >>> steps = [("hysteresis", PrandtlIshlinskii(5)), ("drift", Drift(degree=1))]
+    >>> model = Sum(steps).fit(drive.reshape(-1, 1), y)
+    >>> bool(np.allclose(model.predict(drive.reshape(-1, 1)), y))
+    True
+    """
+
+    def _compose(self, names, stages):
+        return SumOperator(tuple(names), tuple(stages)).normalized()
+
+    def _driven_names(self):
+        return [name for name, step in self.steps if not _is_disturbance(step)]
+
+    def _disturbance_names(self, count):
+        return tuple(name for name, step in self.steps if _is_disturbance(step))
+
+    def _identify(self, data):
+        self._check_steps()
+        state = self._free_run_state()
+        stages, disturbances, evaluations = [], [], 0
+        records = data
+        for _, step in self.steps:
+            result = step._identify(records)
+            evaluations += result.n_evaluations
+            records = [
+                dataclasses.replace(record, y=record.y - part)
+                for record, part in zip(records, result.outputs(records, state), strict=True)
+            ]
+            if not _is_disturbance(step):
+                stages.append(result.operator)
+            disturbances += result.disturbances
+        operator = self._compose(self._driven_names(), stages)
+        result = identify(
+            [(operator, tuple(disturbances))], data, fixed=self._fixed(), initial_state=state
+        )
+        return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
+
+    @property
+    def operators_(self):
+        """The identified operator of each step, by name."""
+        operator = self.operator_
+        found = dict(zip(operator.names, operator.stages, strict=True))
+        if "model" in found and isinstance(found["model"], SumOperator):
+            driven = found.pop("model")
+            found |= dict(zip(driven.names, driven.stages, strict=True))
+        return found
+
+
+def _is_disturbance(step):
+    return hasattr(step, "_disturbances")

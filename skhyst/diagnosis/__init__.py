@@ -1,0 +1,15 @@
+"""Find the physical effect that a model lacks."""
+
+from ._effects import Effect, effect_names, register_effect, unregister_effect
+from ._evidence import Evidence, Picture
+from ._search import EffectSearchCV
+
+__all__ = [
+    "Effect",
+    "EffectSearchCV",
+    "Evidence",
+    "Picture",
+    "effect_names",
+    "register_effect",
+    "unregister_effect",
+]

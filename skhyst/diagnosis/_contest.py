@@ -1,0 +1,167 @@
+"""Starting values, screening and the held-out contest of one candidate."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from ..optimize import predicted_cost, variable_projection
+from ._starts import starting_structures
+
+__all__ = ["Contestant", "contest", "held_out", "paired_p_value", "screen"]
+
+_TRIALS = 2  # starts, and variants, that are refitted briefly
+_TRIAL_EVALUATIONS = 5
+_EVALUATIONS = 60
+_VARIANTS = 4  # variants of one effect that are refitted
+_HOPEFUL = 4.0  # sum of squares, relative to the best variant's, up to which one is refitted
+_FOLD_EVALUATIONS = 4
+_TOLERANCE = 1e-6
+_FOLD_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A candidate: its structure with operators at the solution, and what it achieves."""
+
+    effect: str
+    structure: object
+    cost: float
+    n_parameters: int
+    x: np.ndarray
+    squared_errors: np.ndarray | None = None
+    residuals: tuple | None = None
+    predictions: tuple | None = None
+    error: float = np.nan
+    p_value: float = np.nan
+
+
+def screen(effect, structure, records):
+    """Refit an effect briefly; return its variants as lists of contestants, best start first.
+
+    Each starting value is simulated once: the linear parameters are solved exactly and one
+    Gauss-Newton step of all others is predicted. The best starts of all variants are then refitted
+    for a few steps.
+    """
+    found = []
+    for candidates in starting_structures(effect, structure, records):
+        starts = []
+        for candidate in candidates:
+            problem = candidate.problem(records)
+            predicted = predicted_cost(problem, problem.x0)
+            n_parameters = len(problem.x0) + candidate.n_coefficients()
+            starts.append(Contestant(effect.name, candidate, predicted, n_parameters, problem.x0))
+        found.append(sorted(starts, key=lambda c: c.cost))
+    order = sorted(
+        ((starts[0].cost, i) for i, starts in enumerate(found)), key=lambda pair: pair[0]
+    )
+    for _, i in order[:_TRIALS]:
+        refitted = [_refit(c, records, _TRIAL_EVALUATIONS)[0] for c in found[i][:_TRIALS]]
+        found[i] = sorted(refitted, key=lambda c: c.cost)
+    return found
+
+
+def _refit(contestant, records, max_evaluations):
+    problem = contestant.structure.problem(records)
+    solution = variable_projection(
+        problem, contestant.x, tolerance=_TOLERANCE, max_evaluations=max_evaluations
+    )
+    structure = contestant.structure.at(problem, solution.x)
+    return replace(contestant, structure=structure, cost=solution.cost, x=solution.x), problem
+
+
+def contest(variants, records):
+    """Refit the promising variants of an effect; return the one that Schwarz's criterion prefers.
+
+    ``variants`` are lists of contestants as :func:`screen` returns them.
+    """
+    least = min(starts[0].cost for starts in variants)
+    near = [starts for starts in variants if starts[0].cost <= _HOPEFUL * least]
+    near.sort(key=lambda starts: starts[0].cost)
+    best = None
+    for starts in near[:_VARIANTS]:
+        trials = [_refit(start, records, _TRIAL_EVALUATIONS)[0] for start in starts[:_TRIALS]]
+        start = min(trials, key=lambda c: c.cost)
+        refitted, problem = _refit(start, records, _EVALUATIONS)
+        n = int(problem.segment_length.sum())
+        n_parameters = len(problem.x0) + refitted.structure.n_coefficients() * len(records)
+        criterion = n * np.log(max(refitted.cost, np.finfo(float).tiny)) + n_parameters * np.log(n)
+        if best is None or criterion < best[0]:
+            best = criterion, refitted
+    return best[1]
+
+
+def held_out(contestant, records, folds):
+    """Predict every segment from a fit that did not see it; return the completed contestant.
+
+    ``folds`` are pairs of boolean masks over segments: those fitted, those scored.
+    """
+    problem = contestant.structure.problem(records)
+    blocks = problem.evaluate(problem.x0)
+    predictions = [np.full(len(record.y), np.nan) for record in records]
+    for train, test in folds:
+        solution = variable_projection(
+            problem,
+            problem.x0,
+            select=train,
+            blocks=blocks,
+            tolerance=_FOLD_TOLERANCE,
+            max_evaluations=_FOLD_EVALUATIONS,
+        )
+        wanted = np.unique(problem.segment_record[test])
+        parts = problem.predictions(solution.x, train, wanted)
+        segment = 0
+        for number, record in enumerate(records):
+            for start, stop in record.segments:
+                if test[segment]:
+                    predictions[number][start:stop] = parts[number][start:stop]
+                segment += 1
+    residuals = [r.y - p for r, p in zip(records, predictions, strict=True)]
+    squared = np.array(
+        [
+            np.sum(np.square(residual[start:stop]))
+            for residual, record in zip(residuals, records, strict=True)
+            for start, stop in record.segments
+        ]
+    )
+    scored = np.isfinite(squared)
+    error = np.sqrt(squared[scored].sum() / problem.segment_length[scored].sum())
+    return replace(
+        contestant,
+        squared_errors=squared,
+        residuals=tuple(residuals),
+        predictions=tuple(predictions),
+        error=float(error),
+    )
+
+
+def paired_p_value(worse, better, groups):
+    """Return the one-sided p-value against ``better`` predicting better than ``worse``.
+
+    A t-test on the relative differences of segments, (worse - better) / (worse + better), which
+    no single segment can dominate, with the variance of Newey and West (Econometrica 55,
+    1987) within each record, since neighbouring segments share their residual's dependence.
+
+    Parameters
+    ----------
+    worse, better : ndarray of shape (n_segments,)
+        Sums of squares; NaN where a segment was not scored.
+    groups : ndarray of shape (n_segments,)
+        Record of each segment.
+    """
+    scored = np.isfinite(worse) & np.isfinite(better)
+    worse, better, groups = worse[scored], better[scored], groups[scored]
+    gain = (worse - better) / np.maximum(worse + better, np.finfo(float).tiny)
+    n = len(gain)
+    if n < 3 or not np.any(gain != gain[0]):
+        return 1.0
+    mean = gain.mean()
+    centered = gain - mean
+    lags = int(np.floor(4.0 * (n / 100.0) ** (2.0 / 9.0)))
+    variance = centered @ centered
+    for lag in range(1, min(lags, n - 1) + 1):
+        same = groups[lag:] == groups[:-lag]
+        variance += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum((centered[lag:] * centered[:-lag])[same])
+    variance = max(variance, 0.1 * centered @ centered) / n**2
+    freedom = max(n / (lags + 1.0) - 1.0, 1.0)
+    return float(student.sf(mean / np.sqrt(variance), freedom))

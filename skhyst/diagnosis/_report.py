@@ -1,0 +1,262 @@
+"""What a search found, as plain data, and as a page to read."""
+
+import dataclasses
+import json
+import math
+import platform
+import re
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from skhyst.diagnosis import _report_text as text
+
+__all__ = ["Report"]
+
+SCHEMA = "skhyst.report/1"
+_PACKAGES = ("skhyst", "numpy", "scipy", "scikit-learn", "pandas", "numba")
+
+
+@dataclasses.dataclass
+class Report:
+    """Result of a search for missing effects: numbers, tables and signals.
+
+    Make one with :meth:`from_search`. All errors are RMS on samples that the model had not seen,
+    in the unit of the response. Only ``seconds`` differs between two runs of the same search.
+
+    Parameters
+    ----------
+    declared_model, augmented_model : str
+        The model that was declared, and with what was found.
+    effects : list of str
+        Effects claimed, in the order in which they were added.
+    verdict : {"noise", "unexplained"}
+        What is left over.
+    error_before, error_after, noise_floor : float
+        Held-out error of both models, and the error that no model can beat.
+    response_range : float
+        Largest minus smallest response.
+    drive_name, response_name : str
+        Names of the columns.
+    claims : list of dict
+        For each effect: errors before and after, p-value, what it cannot be told from, the
+        experiment that would tell, evidence in words, numbers and a picture.
+    ranking : list of dict
+        Every candidate of every round.
+    not_it : list of dict
+        For each effect that was not claimed, the round in which it helped most.
+    parameters : dict of str to list of dict
+        ``"declared"`` and ``"augmented"``: name, value, standard error.
+    data : dict
+        Records, samples, interval.
+    settings : dict
+        Parameters of the search.
+    held_out : dict or None
+        Errors on data that was kept from the search altogether.
+    versions, seconds : dict
+        Versions of the packages, and time by stage in s.
+    command : str or None
+        The command that made the report.
+    spectra : dict of str to list of float
+        ``frequency`` (Hz) and the amplitude spectral density of the residual, ``before`` and
+        ``after``.
+    signals : dict
+        Arrays for the pictures; not part of :meth:`to_dict`.
+
+    Examples
+    --------
+    A fitted search makes its report::
+
+        report = search.report()
+        report.to_html("report.html")
+        report.to_dict()["effects"]
+    """
+
+    declared_model: str
+    augmented_model: str
+    effects: list
+    verdict: str
+    error_before: float
+    error_after: float
+    noise_floor: float
+    response_range: float
+    drive_name: str
+    response_name: str
+    claims: list
+    ranking: list
+    not_it: list
+    parameters: dict
+    data: dict
+    settings: dict
+    held_out: dict | None
+    versions: dict
+    seconds: dict
+    command: str | None
+    spectra: dict
+    signals: dict = dataclasses.field(repr=False)
+
+    @classmethod
+    def from_search(cls, search, command=None, *, held_out=None):
+        """Collect what a fitted search found.
+
+        Parameters
+        ----------
+        search : EffectSearchCV
+            Fitted.
+        command : str or None, default=None
+            The command that ran it.
+        held_out : tuple (X, y) or None, default=None
+            Data that the search has not seen, to report the error on.
+
+        Returns
+        -------
+        Report
+        """
+        from skhyst.diagnosis._report_data import collect
+
+        return cls(**collect(search, command, held_out))
+
+    @property
+    def rounds(self):
+        """Numbers of the rounds, in order."""
+        return sorted({row["round"] for row in self.ranking})
+
+    @property
+    def headline(self):
+        """The verdict in a few words."""
+        return text.verdict(self)[0]
+
+    @property
+    def sentence(self):
+        """The verdict in one sentence: what is missing, the errors, the noise floor."""
+        return text.verdict(self)[1]
+
+    def to_dict(self):
+        """Return everything but the signals, as plain Python data; NaN and infinity are None."""
+        fields = {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if field.name != "signals"
+        }
+        summary = {"headline": self.headline, "sentence": self.sentence}
+        return plain_data({"schema": SCHEMA, **summary, **fields})
+
+    def to_json(self, path=None):
+        """Return :meth:`to_dict` as JSON text.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+        """
+        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return _written(content, path)
+
+    def to_html(self, path=None):
+        """Return a self-contained page: no script, no other file, nothing from a network.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        ImportError
+            Where matplotlib or Jinja2 is not installed.
+        """
+        environment = _environment(autoescape=True)
+        from skhyst.diagnosis._report_figures import report_figures
+
+        template = environment.get_template("report.html.j2")
+        return _written(template.render(report=self, figures=report_figures(self)), path)
+
+    def to_markdown(self, path=None):
+        """Return the text and the tables, without pictures.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        ImportError
+            Where Jinja2 is not installed.
+        """
+        template = _environment(autoescape=False).get_template("report.md.j2")
+        return _written(template.render(report=self), path)
+
+
+def package_versions():
+    """Return package name -> version, Python first."""
+    versions = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
+
+
+def plain_data(value):
+    """Return ``value`` in terms of dict, list, str, bool, int, float and None."""
+    if isinstance(value, dict):
+        return {str(key): plain_data(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain_data(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain_data(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | bool | int) else str(value)
+
+
+def _environment(autoescape):
+    """Return the Jinja2 environment of the templates, or say how to install it."""
+    try:
+        import jinja2
+    except ImportError as error:
+        raise ImportError(
+            "A report as HTML or Markdown needs Jinja2, which is not installed. "
+            'Install it with: python -m pip install "skhyst[plot]"'
+        ) from error
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("skhyst.diagnosis", "_templates"),
+        autoescape=autoescape,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    helpers = ("number", "percent", "plus_minus", "quantity", "listed", "unit_of", "explain_units")
+    environment.globals.update({name: getattr(text, name) for name in helpers})
+    environment.filters["md"] = _markdown_text
+    return environment
+
+
+def _markdown_text(value):
+    """Escape what Markdown or HTML inside it would read as markup."""
+    return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", str(value)).replace("\n", " ")
+
+
+def _written(content, path):
+    """Write the content where a path is given, and return it."""
+    if path is not None:
+        Path(path).write_text(content, encoding="utf-8")
+    return content

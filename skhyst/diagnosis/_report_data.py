@@ -1,0 +1,236 @@
+"""From a fitted search to the plain data of a report."""
+
+import numpy as np
+
+from skhyst.diagnosis._report import package_versions
+from skhyst.inspection._base import search_labels, signal_names
+from skhyst.inspection._signals import log_average, spectrum
+
+__all__ = ["collect"]
+
+_SETTINGS = ("alpha", "max_effects", "min_improvement", "cv", "washout", "random_state")
+_MAX_CURVE = 4000
+
+
+def collect(search, command, held_out):
+    """Return the fields of a :class:`skhyst.diagnosis.Report`, by name."""
+    names = signal_names(search)
+    response = np.asarray(search.response_, dtype=float)
+    label_before, label_after = search_labels(search)
+    predictions = {label_before: np.asarray(search.prediction_before_, dtype=float)}
+    if search.effects_:
+        predictions[label_after] = np.asarray(search.prediction_after_, dtype=float)
+    ranking = _ranking(search.ranking_)
+    return {
+        "declared_model": _spelled(search.declared_estimator_),
+        "augmented_model": _spelled(search.best_estimator_),
+        "effects": [str(effect) for effect in search.effects_],
+        "verdict": str(search.verdict_),
+        "error_before": float(search.error_before_),
+        "error_after": float(search.error_after_),
+        "noise_floor": float(search.noise_floor_),
+        "response_range": float(np.ptp(response)),
+        "drive_name": names.drive,
+        "response_name": names.response,
+        "claims": [_claim(row, search.evidence_) for row in search.history_.itertuples()],
+        "ranking": ranking,
+        "not_it": _not_it(ranking, search.effects_),
+        "parameters": {
+            "declared": _parameters(search.declared_estimator_),
+            "augmented": _parameters(search.best_estimator_),
+        },
+        "data": _data(search, response),
+        "settings": {
+            name: _setting(getattr(search, name)) for name in _SETTINGS if hasattr(search, name)
+        },
+        "held_out": _held_out(search, held_out),
+        "versions": package_versions(),
+        "seconds": {str(stage): float(value) for stage, value in search.seconds_.items()},
+        "command": command,
+        "spectra": _spectra(search),
+        "signals": {
+            "drive": np.asarray(search.drive_, dtype=float),
+            "response": response,
+            "predictions": predictions,
+            "records": tuple(search.records_),
+            "drive_name": names.drive,
+            "response_name": names.response,
+            "noise_floor": float(search.noise_floor_),
+        },
+    }
+
+
+def _spelled(estimator):
+    """Write an estimator on one line."""
+    return " ".join(repr(estimator).split())
+
+
+def _setting(value):
+    """Keep plain values, write everything else."""
+    return value if value is None or isinstance(value, str | bool | int | float) else repr(value)
+
+
+def _claim(row, evidence):
+    """Return one claim: a row of the history with its evidence."""
+    found = evidence[row.effect]
+    picture = found.picture
+    return {
+        "effect": str(row.effect),
+        "error_before": float(row.error_before),
+        "error_after": float(row.error_after),
+        "p_value": float(row.p_value),
+        "ambiguous_with": [str(name) for name in row.ambiguous_with],
+        "experiment": str(row.experiment),
+        "statement": str(found.statement),
+        "numbers": [
+            {"name": str(name), "value": float(value), "std": float(std), "unit": str(unit)}
+            for name, (value, std, unit) in found.numbers.items()
+        ],
+        "picture": {
+            "title": str(picture.title),
+            "x_label": str(picture.x_label),
+            "y_label": str(picture.y_label),
+            "x_log": bool(picture.x_log),
+            "y_log": bool(picture.y_log),
+            "curves": [_curve(*curve) for curve in picture.curves],
+        },
+    }
+
+
+def _curve(label, x, y, style):
+    """Return a curve of a picture, by its outline where it is long."""
+    from skhyst.inspection._signals import thin_path
+
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    kept = thin_path(x, y, _MAX_CURVE)
+    return {"label": str(label), "style": str(style), "x": x[kept].tolist(), "y": y[kept].tolist()}
+
+
+def _ranking(table):
+    """Return the rows of the ranking in the order of the rounds, best first."""
+    table = table.sort_values(
+        ["round", "error_after", "screen"],
+        ascending=[True, True, False],
+        na_position="last",
+        kind="stable",
+    )
+    return [
+        {
+            "round": int(row.round),
+            "effect": str(row.effect),
+            "screen": float(row.screen),
+            "error_before": float(row.error_before),
+            "error_after": float(row.error_after),
+            "p_value": float(row.p_value),
+            "n_parameters": int(row.n_parameters),
+            "claimed": bool(row.claimed),
+        }
+        for row in table.itertuples()
+    ]
+
+
+def _not_it(ranking, effects):
+    """Return, for each effect not claimed, the contest in which it helped most, best first.
+
+    An effect that was never contested appears with the largest share of the residual's power that
+    it explained in any round.
+    """
+    rows = []
+    for effect in dict.fromkeys(row["effect"] for row in ranking):
+        if effect in effects:
+            continue
+        tries = [row for row in ranking if row["effect"] == effect]
+        contested = [row for row in tries if np.isfinite(row["error_after"])]
+        best = (
+            min(contested, key=lambda row: row["error_after"] / row["error_before"])
+            if contested
+            else max(tries, key=lambda row: row["screen"])
+        )
+        winner = next(
+            (row for row in ranking if row["round"] == best["round"] and row["claimed"]), None
+        )
+        rows.append(
+            {
+                **{key: best[key] for key in ("effect", "round", "screen", "p_value")},
+                "error_before": best["error_before"],
+                "error_after": best["error_after"],
+                "change": best["error_after"] / best["error_before"] - 1.0,
+                "claimed_instead": None if winner is None else winner["effect"],
+                "claimed_error": float("nan") if winner is None else winner["error_after"],
+            }
+        )
+    rows.sort(key=lambda row: (not np.isfinite(row["change"]), row["change"], -row["screen"]))
+    return rows
+
+
+def _parameters(estimator):
+    """Return the parameters of a model, one row a value, with standard errors where known."""
+    values = getattr(estimator, "params_", {})
+    errors = getattr(estimator, "params_std_", {})
+    units = getattr(estimator, "params_unit_", {})
+    rows = []
+    for name, value in values.items():
+        value = np.asarray(value, dtype=float)
+        std = np.broadcast_to(np.asarray(errors.get(name, np.nan), dtype=float), value.shape)
+        for k, (item, error) in enumerate(zip(value.ravel(), std.ravel(), strict=True)):
+            rows.append(
+                {
+                    "name": str(name) if value.ndim == 0 else f"{name}[{k}]",
+                    "value": float(item),
+                    "std": float(error),
+                    "unit": str(units.get(name, "")),
+                }
+            )
+    return rows
+
+
+def _data(search, response):
+    """Return what the recording is: records, samples, interval, ranges."""
+    drive = np.asarray(search.drive_, dtype=float)
+    records = [
+        {
+            "label": str(record.label),
+            "n_samples": int(record.n_samples),
+            "start_time": float(record.start_time),
+            "duration": float(record.dt * record.n_samples),
+            "drive_min": float(drive[record.rows].min()),
+            "drive_max": float(drive[record.rows].max()),
+            "response_min": float(response[record.rows].min()),
+            "response_max": float(response[record.rows].max()),
+        }
+        for record in search.records_
+    ]
+    return {
+        "n_records": len(records),
+        "n_samples": len(response),
+        "n_scored": int(np.count_nonzero(np.isfinite(search.residual_before_))),
+        "n_inputs": int(search.n_features_in_),
+        "interval": float(search.records_[0].dt),
+        "records": records,
+    }
+
+
+def _held_out(search, held_out):
+    """Return the errors of both models on data that the search has not seen."""
+    if held_out is None:
+        return None
+    X, y = held_out
+    response = np.asarray(y, dtype=float)
+    return {
+        "n_samples": len(response),
+        "response_range": float(np.ptp(response)),
+        "error_before": float(search.held_out_error(X, y, declared=True)),
+        "error_after": float(search.held_out_error(X, y)),
+    }
+
+
+def _spectra(search):
+    """Return the amplitude spectral density of the residual before and after."""
+    spans = [record.rows for record in search.records_]
+    dt = search.records_[0].dt
+    result = {}
+    for name, values in (("before", search.residual_before_), ("after", search.residual_after_)):
+        frequency, density = log_average(*spectrum(np.asarray(values, dtype=float), spans, dt))
+        result["frequency"] = frequency.tolist()
+        result[name] = density.tolist()
+    return result

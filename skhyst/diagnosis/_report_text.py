@@ -1,0 +1,150 @@
+"""Words and numbers of a report: how a value, its error and a verdict are written."""
+
+import math
+import re
+
+__all__ = ["explain_units", "number", "percent", "plus_minus", "quantity", "unit_of", "verdict"]
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value, digits=3):
+    """Write a number with so many significant digits; a dash where there is none.
+
+    Examples
+    --------
+    >>> number(0.04125), number(123456.0), number(3.2e-7), number(float("nan"))
+    ('0.0413', '123456', '3.20 × 10⁻⁷', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 <= exponent < 7:
+        return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
+    return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def plus_minus(value, std):
+    """Write a value with its standard error, two significant digits of the error.
+
+    Examples
+    --------
+    >>> plus_minus(0.60132, 0.0041), plus_minus(1234.5, 21.0), plus_minus(2.0, float("nan"))
+    ('0.6013 ± 0.0041', '1234 ± 21', '2.000')
+    >>> plus_minus(3.14159e-7, 2.1e-9)
+    '(3.142 ± 0.021) × 10⁻⁷'
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    if std is None or not math.isfinite(std) or std <= 0:
+        return number(value, 4)
+    exponent = math.floor(math.log10(max(abs(value), std)))
+    scale = exponent if not -4 <= exponent < 7 else 0
+    value, std = value / 10.0**scale, std / 10.0**scale
+    decimals = max(0, 1 - math.floor(math.log10(std)))
+    text = f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    return f"({text}) × 10{str(scale).translate(_SUPERSCRIPT)}" if scale else text
+
+
+def percent(value, whole):
+    """Write a value as a percentage of another.
+
+    Examples
+    --------
+    >>> percent(0.0231, 1.0), percent(1.0, 0.0)
+    ('2.31 %', '–')
+    """
+    return f"{number(100.0 * value / whole)} %" if whole else "–"
+
+
+def unit_of(name):
+    """Return the unit that a column's name carries in brackets, or "".
+
+    Examples
+    --------
+    >>> unit_of("voltage (V)"), unit_of("x [um]"), unit_of("speed")
+    ('V', 'um', '')
+    """
+    found = re.search(r"[(\[]([^()\[\]]{1,12})[)\]]\s*$", str(name))
+    return found.group(1).strip() if found else ""
+
+
+def explain_units(unit, drive_unit, response_unit):
+    """Put the units of the columns into a unit given in terms of drive and response.
+
+    Examples
+    --------
+    >>> explain_units("response/drive", "V", "um"), explain_units("1/s", "", "")
+    ('um/V', '1/s')
+    """
+    if drive_unit:
+        unit = re.sub(r"\bdrive\b", lambda _: drive_unit, unit)
+    if response_unit:
+        unit = re.sub(r"\bresponse\b", lambda _: response_unit, unit)
+    return unit
+
+
+def quantity(value, unit, whole):
+    """Write an error in its unit, with its percentage of the range.
+
+    Examples
+    --------
+    >>> quantity(0.0412, "um", 2.0)
+    '0.0412 um (2.06 % of the range)'
+    """
+    return f"{number(value)}{' ' + unit if unit else ''} ({percent(value, whole)} of the range)"
+
+
+def listed(names):
+    """Join names: "a", "a and b", "a, b and c"."""
+    names = [str(name) for name in names]
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def verdict(report):
+    """Return the headline and the sentence that says what a search found.
+
+    Parameters
+    ----------
+    report : Report
+
+    Returns
+    -------
+    headline, sentence : str
+    """
+    unit = unit_of(report.response_name)
+    before, after, floor = (
+        quantity(value, unit, report.response_range)
+        for value in (report.error_before, report.error_after, report.noise_floor)
+    )
+    explained = report.verdict == "noise"
+    if report.effects:
+        found = listed(report.effects)
+        headline = f"Missing: {', '.join(report.effects)}"
+        sentence = (
+            f"The declared model {report.declared_model} lacks {found}: with "
+            f"{'it' if len(report.effects) == 1 else 'them'} the held-out error falls from "
+            f"{before} to {after}"
+        )
+        if explained:
+            return headline, f"{sentence}, and what is left is noise (floor {floor})."
+        return (
+            f"{headline}; and something unexplained",
+            f"{sentence}. What is left is still above the noise floor of {floor}, and no effect "
+            "that was tried explains it.",
+        )
+    if explained:
+        return (
+            "Nothing is missing",
+            f"The declared model {report.declared_model} lacks none of the effects that were "
+            f"tried: its held-out error is {before}, and what is left is noise (floor {floor}).",
+        )
+    return (
+        "Unexplained",
+        f"The declared model {report.declared_model} leaves structure that none of the effects "
+        f"that were tried explains: its held-out error is {before}, above the noise floor of "
+        f"{floor}. No effect is claimed.",
+    )

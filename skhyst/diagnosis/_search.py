@@ -1,0 +1,451 @@
+"""The search for the physical effect that a declared model lacks."""
+
+import sys
+import time
+from dataclasses import replace
+from numbers import Integral, Real
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, _fit_context, clone
+from sklearn.utils import check_random_state
+from sklearn.utils._param_validation import HasMethods, Interval
+from sklearn.utils.validation import check_is_fitted
+from threadpoolctl import threadpool_limits
+
+from ..base import ParametricModel, read_data
+from ..optimize import RecordData
+from ._contest import Contestant, contest, held_out, paired_p_value, screen
+from ._effects import EFFECTS
+from ._evidence import gather_evidence
+from ._noise import black_box_gain, repeatability
+from ._structure import Structure
+
+__all__ = ["EffectSearchCV"]
+
+_SEGMENTS = 32  # a record
+_SHORTEST_SEGMENT = 16  # samples
+_CONTESTED = 6  # candidates of a round that are refitted jointly
+_CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
+_SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
+_UNEXPLAINED = 0.03  # part of the residual's power that a black box predicts
+
+
+class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+    """Find the physical effects that a declared model lacks, add them, and report the errors.
+
+    Each round screens every effect (its model is put at its place and refitted briefly from
+    data-driven starting values), lets the best contest on held-out data after a joint refit of
+    everything, and claims one whose improvement is significant after correction for the number
+    of candidates, large enough to matter, and not reached by a simpler one. It stops when no
+    effect qualifies.
+
+    Parameters
+    ----------
+    estimator : estimator
+        The declared model: any parametric model of skhyst or a cascade of them.
+    effects : "all" or list of str, default="all"
+        Effects to try, see :func:`effect_names`.
+    cv : int, default=5
+        Number of folds. Folds are whole records; a single record is cut into contiguous blocks.
+    alpha : float, default=0.01
+        Probability of a false claim.
+    max_effects : int, default=3
+        Number of effects after which the search ends.
+    min_improvement : float, default=0.02
+        Part of the held-out error that an effect must remove to be worth a claim.
+    washout : int or None, default=None
+        Samples at the start of each block, or of each record, that are simulated but not scored.
+        None: 1 % of a single record; nothing where there are several records.
+    n_jobs : int or None, default=None
+        Threads. None is 1, or what joblib's context says; -1 is all processors.
+    verbose : int, default=0
+        Above 0, progress is written to the standard error stream.
+    random_state : int, RandomState instance or None, default=None
+        Seed of the black box that bounds the noise.
+
+    Attributes
+    ----------
+    effects_ : list of str
+        The claimed effects in the order in which they were added; empty when nothing is missing.
+    verdict_ : {"noise", "unexplained"}
+        Whether what is left is noise, or structure that no effect explains.
+    error_before_, error_after_ : float
+        Root mean square error on held-out data of the declared and of the augmented model, units
+        of the response. Constants that belong to a record (offset, drift, phase) are taken from
+        one half of a held-out record's segments to predict the other half.
+    noise_floor_ : float
+        The error that no model can beat: from repetitions, else what a black box leaves.
+    history_ : DataFrame
+        One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value``,
+        ``ambiguous_with``, ``experiment``, ``evidence``.
+    ranking_ : DataFrame
+        Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
+        power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
+        ``claimed``.
+    evidence_ : dict of str to Evidence
+    declared_estimator_, best_estimator_ : estimator
+        Both fitted on all data.
+    residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
+        Held out, shape (n_samples,), NaN in the washout.
+    records_ : tuple of RecordSlice
+    drive_, response_ : ndarray of shape (n_samples,)
+    seconds_ : dict of str to float
+
+    See Also
+    --------
+    skhyst.model_selection.RecordKFold : Folds of whole records for scikit-learn's own tools.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.diagnosis import EffectSearchCV
+    >>> from skhyst.hysteresis import PrandtlIshlinskii
+    >>> rng = np.random.default_rng(0)
+    >>> drive = np.cumsum(rng.normal(size=2000)) / 20
+    >>> y = np.minimum(drive, np.quantile(drive, 0.8)) + 0.005 * rng.normal(size=2000)
+    >>> search = EffectSearchCV(PrandtlIshlinskii(5), effects=["output_saturation", "offset"])
+    >>> search.fit(drive.reshape(-1, 1), y).effects_
+    ['output_saturation']
+    """
+
+    _parameter_constraints = {
+        "estimator": [HasMethods(["fit", "predict"])],
+        "effects": ["array-like", str],
+        "cv": [Interval(Integral, 2, None, closed="left")],
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "max_effects": [Interval(Integral, 0, None, closed="left")],
+        "min_improvement": [Interval(Real, 0, 1, closed="left")],
+        "washout": [Interval(Integral, 0, None, closed="left"), None],
+        "n_jobs": [Integral, None],
+        "verbose": ["verbose"],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(
+        self,
+        estimator,
+        *,
+        effects="all",
+        cv=5,
+        alpha=0.01,
+        max_effects=3,
+        min_improvement=0.02,
+        washout=None,
+        n_jobs=None,
+        verbose=0,
+        random_state=None,
+    ):
+        self.estimator = estimator
+        self.effects = effects
+        self.cv = cv
+        self.alpha = alpha
+        self.max_effects = max_effects
+        self.min_improvement = min_improvement
+        self.washout = washout
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+        self.random_state = random_state
+
+    @_fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Search.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive; the index carries records and time.
+        y : array-like of shape (n_samples,)
+            Response.
+
+        Returns
+        -------
+        self
+        """
+        effects = self._chosen_effects()
+        if not isinstance(self.estimator, ParametricModel):
+            raise TypeError(
+                "The 'estimator' parameter of EffectSearchCV must be a parametric model of skhyst "
+                f"or a Cascade of such models. Got {self.estimator!r} instead."
+            )
+        declared = clone(self.estimator)
+        slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
+        read_data(declared, X, y, reset=True, dt=declared.dt)
+        self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
+        self.seconds_ = {}
+        # the loops below run side by side; a second layer of threads below only costs
+        with threadpool_limits(limits=1):
+            self._search(declared, slices, effects)
+        return self
+
+    def _chosen_effects(self):
+        if isinstance(self.effects, str):
+            if self.effects == "all":
+                return list(EFFECTS.values())
+            names = [self.effects]
+        else:
+            names = list(self.effects)
+        unknown = [name for name in names if name not in EFFECTS]
+        if unknown:
+            raise ValueError(
+                "The 'effects' parameter of EffectSearchCV must be 'all' or names among "
+                f"{', '.join(EFFECTS)}. Got {', '.join(map(repr, unknown))} instead."
+            )
+        return [EFFECTS[name] for name in names]
+
+    def _cut(self, slices):
+        """Return the records with their segments, and the folds over segments."""
+        single = len(slices) == 1
+        n_folds = self.cv if single else min(self.cv, len(slices))
+        records, fold_of, washed = [], [], []
+        for number, s in enumerate(slices):
+            n = s.n_samples
+            washout = self.washout
+            if washout is None:
+                washout = n // 100 if single else 0
+            blocks = np.linspace(0, n, (n_folds if single else 1) + 1).astype(int)
+            segments = []
+            for block, (first, last) in enumerate(zip(blocks[:-1], blocks[1:], strict=True)):
+                start = min(first + washout, last - 1)
+                count = max(min(_SEGMENTS // (len(blocks) - 1), (last - start) // _SHORTEST_SEGMENT), 1)
+                parts = _stretches(start, last, count)
+                flags = [False] * len(parts)
+                if start > first:
+                    parts.insert(0, (int(first), int(start)))
+                    flags.insert(0, True)
+                segments += parts
+                washed += flags
+                fold_of += [block if single else number % n_folds] * len(parts)
+            records.append(
+                RecordData(
+                    self.drive_[s.rows],
+                    self.response_[s.rows],
+                    s.dt,
+                    segments=tuple(segments),
+                    start_time=s.start_time,
+                )
+            )
+        fold_of, washed = np.array(fold_of), np.array(washed)
+        # a washed-out stretch belongs to a block: it is fitted with other blocks, never scored
+        folds = [(fold_of != k, (fold_of == k) & ~washed) for k in range(n_folds)]
+        return records, folds
+
+    def _search(self, declared, slices, effects):
+        begin = time.perf_counter()
+        records, folds = self._cut(slices)
+        if len(records[0].segments) < 2 and len(records) < 2:
+            raise ValueError(
+                f"EffectSearchCV needs at least {2 * _SHORTEST_SEGMENT} samples to hold any out. "
+                f"Got {len(self.response_)} instead."
+            )
+        result = declared._identify(records)
+        structure = Structure.from_result(declared, result)
+        problem = structure.problem(records)
+        cost = result.error**2 * problem.segment_length.sum()
+        base = Contestant("", structure, cost, len(result.x), result.x)
+        base = held_out(base, records, folds)
+        declared._adopt(result)
+        declared.records_ = slices
+        self.declared_estimator_ = declared
+        self._say(f"declared model: held-out error {base.error:.4g}")
+        self.seconds_["declared model"] = time.perf_counter() - begin
+        first = base
+        history, ranking = [], []
+        groups = problem.segment_record
+        while len(history) < self.max_effects:
+            taken = {row["effect"] for row in history}
+            candidates = [effect for effect in effects if effect.name not in taken]
+            winner, rows = self._round(
+                base, candidates, records, folds, groups, len(history) + 1
+            )
+            ranking += rows
+            if winner is None:
+                break
+            contestant, row = winner
+            history.append(row)
+            base = contestant
+            self._say(
+                f"round {len(history)}: {row['effect']}, held-out error "
+                f"{row['error_before']:.4g} -> {row['error_after']:.4g}"
+            )
+        begin = time.perf_counter()
+        self.error_before_, self.error_after_ = first.error, base.error
+        self.effects_ = [row["effect"] for row in history]
+        for name, contestant in (("before", first), ("after", base)):
+            setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
+            setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
+        self._judge(records, base)
+        self.seconds_["noise floor"] = time.perf_counter() - begin
+        begin = time.perf_counter()
+        self._structure = base.structure
+        self.best_estimator_, result = base.structure.fitted(declared, records, slices)
+        self.best_estimator_.n_features_in_ = self.n_features_in_
+        if hasattr(self, "feature_names_in_"):
+            self.best_estimator_.feature_names_in_ = self.feature_names_in_
+        self._declared_structure = structure
+        self.evidence_ = {
+            row["effect"]: gather_evidence(row["effect"], base.structure, result, records, first, base)
+            for row in history
+        }
+        for row in history:
+            row["evidence"] = self.evidence_[row["effect"]]
+        columns = ["effect", "error_before", "error_after", "p_value", "ambiguous_with",
+                   "experiment", "evidence"]
+        self.history_ = pd.DataFrame(history, columns=columns)
+        columns = ["round", "effect", "screen", "error_before", "error_after", "p_value",
+                   "n_parameters", "claimed"]
+        self.ranking_ = pd.DataFrame(ranking, columns=columns)
+        self.seconds_["refit and evidence"] = time.perf_counter() - begin
+
+    def _round(self, base, effects, records, folds, groups, number):
+        """Screen and contest; return the winner with its row of the history, and the ranking."""
+        begin = time.perf_counter()
+        parallel = Parallel(n_jobs=self.n_jobs, require="sharedmem")
+        screened = parallel(
+            delayed(screen)(effect, base.structure, records) for effect in effects
+        )
+        least = {
+            effect.name: min(starts[0].cost for starts in found)
+            for effect, found in zip(effects, screened, strict=True)
+        }
+        promising = [
+            found
+            for effect, found in zip(effects, screened, strict=True)
+            if least[effect.name] < (1.0 - self.min_improvement) * base.cost
+        ]
+        promising.sort(key=lambda found: min(starts[0].cost for starts in found))
+        self._add_time("screening", begin)
+        begin = time.perf_counter()
+        refitted = parallel(delayed(contest)(found, records) for found in promising[:_CONTESTED])
+        lowest = min((c.cost for c in refitted), default=0.0)
+        finalists = parallel(
+            delayed(held_out)(c, records, folds) for c in refitted if c.cost <= _CLOSE * lowest
+        )
+        self._add_time("contest", begin)
+        tested = {}
+        for finalist in finalists:
+            p = paired_p_value(base.squared_errors, finalist.squared_errors, groups)
+            tested[finalist.effect] = replace(finalist, p_value=min(1.0, p * len(effects)))
+        claims = [
+            c
+            for c in tested.values()
+            if c.p_value < self.alpha and c.error < (1.0 - self.min_improvement) * base.error
+        ]
+        winner = None
+        if claims:
+            winner = self._choose(base, claims, groups)
+        rows = []
+        for effect in effects:
+            c = tested.get(effect.name)
+            rows.append(
+                {
+                    "round": number,
+                    "effect": effect.name,
+                    "screen": float(np.clip(1.0 - least[effect.name] / base.cost, 0.0, 1.0)),
+                    "error_before": base.error,
+                    "error_after": c.error if c else np.nan,
+                    "p_value": c.p_value if c else np.nan,
+                    "n_parameters": c.n_parameters - base.n_parameters if c else np.nan,
+                    "claimed": winner is not None and winner[0].effect == effect.name,
+                }
+            )
+        return winner, rows
+
+    def _choose(self, base, claims, groups):
+        """Return the simplest of the claims that the data cannot tell from the best."""
+        best = min(claims, key=lambda c: c.error)
+        same = [
+            c
+            for c in claims
+            if c.error <= (1.0 + _SAME_ERROR) * best.error
+            or paired_p_value(c.squared_errors, best.squared_errors, groups) > self.alpha
+        ]
+        chosen = min(same, key=lambda c: (c.n_parameters, c.error))
+        others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
+        row = {
+            "effect": chosen.effect,
+            "error_before": base.error,
+            "error_after": chosen.error,
+            "p_value": chosen.p_value,
+            "ambiguous_with": others,
+            "experiment": EFFECTS[chosen.effect].experiment if others else "",
+        }
+        return chosen, row
+
+    def _judge(self, records, base):
+        """Set the noise floor and the verdict."""
+        floor = repeatability(records)
+        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
+        error, p_value = black_box_gain(records, base.residuals, base.predictions, rng)
+        gain = 1.0 - (error / base.error) ** 2 if base.error > 0.0 else 0.0
+        structured = p_value < self.alpha and gain > _UNEXPLAINED
+        if floor is None:
+            floor = error if structured else base.error
+        self.noise_floor_ = floor
+        self.verdict_ = "unexplained" if structured else "noise"
+
+    def _add_time(self, stage, begin):
+        self.seconds_[stage] = self.seconds_.get(stage, 0.0) + time.perf_counter() - begin
+
+    def _say(self, text):
+        if self.verbose:
+            print(f"[EffectSearchCV] {text}", file=sys.stderr, flush=True)
+
+    def predict(self, X):
+        """Return the free run of the augmented model, shape (n_samples,)."""
+        check_is_fitted(self)
+        return self.best_estimator_.predict(X)
+
+    def held_out_error(self, X, y, *, declared=False):
+        """Return the root mean square error on records that the search has not seen.
+
+        Constants that belong to a record (offset, drift, phase) are taken from every other
+        segment of it to predict the segments between, and the other way round.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+        y : array-like of shape (n_samples,)
+        declared : bool, default=False
+            Whether the error is that of the declared model instead of the augmented one.
+
+        Returns
+        -------
+        float
+            Units of the response.
+        """
+        check_is_fitted(self)
+        slices, drive, response = read_data(self, X, y, reset=False, dt=self.estimator.dt)
+        records = []
+        for s in slices:
+            count = max(min(_SEGMENTS, s.n_samples // _SHORTEST_SEGMENT), 1)
+            records.append(
+                RecordData(
+                    drive[s.rows, 0],
+                    response[s.rows],
+                    s.dt,
+                    segments=tuple(_stretches(0, s.n_samples, count)),
+                    start_time=s.start_time,
+                )
+            )
+        structure = self._declared_structure if declared else self._structure
+        problem = structure.problem(records)
+        nothing = np.zeros(len(problem.segment_record), dtype=bool)
+        parts = problem.predictions(problem.x0, nothing)
+        errors = np.concatenate([r.y - p for r, p in zip(records, parts, strict=True)])
+        return float(np.sqrt(np.mean(np.square(errors))))
+
+    def report(self, command=None):
+        """Return the :class:`Report`: HTML, Markdown, JSON."""
+        from ._report import Report  # draws, which a search alone does not need
+
+        check_is_fitted(self)
+        return Report.from_search(self, command=command)
+
+
+def _stretches(start, stop, count):
+    """Cut rows into ``count`` stretches of one length; the last takes what is over."""
+    length = (stop - start) // count
+    firsts = [int(start) + i * length for i in range(count)]
+    return list(zip(firsts, [*firsts[1:], int(stop)], strict=True))

@@ -1,0 +1,160 @@
+"""A constant, a slow function of time, and sinusoids, with coefficients of each record's own."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.utils._param_validation import Interval
+
+from ..base import ParametricModel
+from ..operators import (
+    DriftOperator,
+    OffsetOperator,
+    SinusoidOperator,
+    SumOperator,
+)
+
+__all__ = ["Drift", "Offset", "PeriodicDisturbance"]
+
+_OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
+
+
+class Disturbance(ParametricModel):
+    """Base of the disturbances: nothing is driven, all is beside."""
+
+    def __init__(self, *, initial_state="rest", dt=1.0):
+        self.initial_state = initial_state
+        self.dt = dt
+
+    def _starts(self, records):
+        return [(SumOperator((), ()), (start,)) for start in self._disturbances(records)]
+
+
+class Offset(Disturbance):
+    """A constant for each record.
+
+    Each record's own constant is in ``record_coefficients_``; :meth:`predict` gives the mean over
+    the records of the fit, since the drive of a new record tells nothing of its constant.
+
+    Parameters
+    ----------
+    initial_state, dt
+        As for every model; an offset depends on neither.
+
+    Attributes
+    ----------
+    record_coefficients_ : ndarray of shape (n_records, 1)
+        Units of the response.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import Offset
+    >>> Offset().fit(np.zeros((4, 1)), [1.0, 2.0, 3.0, 4.0]).record_coefficients_
+    array([[2.5]])
+    """
+
+    def _disturbances(self, records):
+        return [OffsetOperator(np.zeros(1))]
+
+
+class Drift(Disturbance):
+    """A slow function of the time since each record's start: Legendre polynomials.
+
+    Parameters
+    ----------
+    degree : int, default=3
+        Highest degree.
+    initial_state, dt
+        As for every model.
+
+    Attributes
+    ----------
+    record_coefficients_ : ndarray of shape (n_records, degree + 1)
+        Units of the response; :meth:`predict` gives the mean over the records.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import Drift
+    >>> model = Drift(degree=1).fit(np.zeros((5, 1)), [0.0, 1.0, 2.0, 3.0, 4.0])
+    >>> np.round(model.predict(np.zeros((3, 1))), 9) + 0.0
+    array([0., 1., 2.])
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "degree": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(self, degree=3, *, initial_state="rest", dt=1.0):
+        super().__init__(initial_state=initial_state, dt=dt)
+        self.degree = degree
+
+    def _disturbances(self, records):
+        duration = max((len(record.u) - 1) * record.dt for record in records)
+        return [DriftOperator(np.zeros(self.degree + 1), duration or records[0].dt)]
+
+
+class PeriodicDisturbance(Disturbance):
+    """Sinusoids at frequencies of their own; amplitude and phase belong to each record.
+
+    Parameters
+    ----------
+    n_frequencies : int, default=1
+        Number of sinusoids.
+    initial_state, dt
+        As for every model.
+
+    Attributes
+    ----------
+    record_coefficients_ : ndarray of shape (n_records, 2 * n_frequencies)
+        Cosine, then sine amplitudes, units of the response.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import PeriodicDisturbance
+    >>> time = np.arange(500) * 0.01
+    >>> y = np.sin(2 * np.pi * 7.3 * time)
+    >>> model = PeriodicDisturbance(dt=0.01).fit(np.zeros((500, 1)), y)
+    >>> print(f"{model.operator_.stages[1].frequencies[0]:.3f} Hz")
+    7.300 Hz
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "n_frequencies": [Interval(Integral, 1, None, closed="left")],
+    }
+
+    def __init__(self, n_frequencies=1, *, initial_state="rest", dt=1.0):
+        super().__init__(initial_state=initial_state, dt=dt)
+        self.n_frequencies = n_frequencies
+
+    def _disturbances(self, records):
+        frequencies = spectral_lines([(r.y, r.dt) for r in records], self.n_frequencies)
+        return [SinusoidOperator(np.zeros(2 * self.n_frequencies), frequencies)]
+
+
+def spectral_lines(signals, count):
+    """Return the frequencies (Hz) of the strongest lines of signals, a list of (values, dt).
+
+    One after the other: each line found is fitted and taken away before the next is sought, in
+    the power of all records together.
+    """
+    dt = signals[0][1]
+    n = _OVERSAMPLING * max(len(values) for values, _ in signals)
+    grid = np.fft.rfftfreq(n, dt)
+    rest = [values - values.mean() for values, _ in signals]
+    found = []
+    for _ in range(count):
+        power = sum(
+            np.abs(np.fft.rfft(values * np.hanning(len(values)), n)) ** 2 for values in rest
+        )
+        # the first bins are what a mean and a trend leave
+        power[grid < 2.0 / (dt * max(len(values) for values in rest))] = 0.0
+        found.append(grid[np.argmax(power)])
+        for i, values in enumerate(rest):
+            time = dt * np.arange(len(values))
+            basis = SinusoidOperator(np.zeros(2), np.array(found[-1:])).basis(time)
+            rest[i] = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+    return np.array(found)

@@ -1,0 +1,5 @@
+"""Hysteresis models."""
+
+from ._prandtl_ishlinskii import PrandtlIshlinskii
+
+__all__ = ["PrandtlIshlinskii"]

@@ -1,0 +1,202 @@
+"""The part that displays of a recording and its predictions share."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from skhyst.records import record_slices
+
+__all__ = ["SignalDisplay", "search_labels"]
+
+
+def search_labels(search):
+    """Return the names of the two models of a search: declared, and with what was found."""
+    return "declared model", "with " + ", ".join(search.effects_)
+
+
+class SignalDisplay:
+    """Base of the displays that show a recording beside the predictions of models.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+        Drive, in its own unit.
+    response : ndarray of shape (n_samples,)
+        Measured response, in its own unit.
+    predictions : dict of str to ndarray of shape (n_samples,)
+        Model name to prediction, units of the response; NaN where there is none.
+    records : sequence of RecordSlice
+        The records, as :func:`skhyst.records.record_slices` returns them.
+    drive_name, response_name : str, default="drive", "response"
+        Names for the axes.
+    noise_floor : float or None, default=None
+        Error that no model can beat, unit of the response.
+    """
+
+    def __init__(
+        self,
+        *,
+        drive,
+        response,
+        predictions,
+        records,
+        drive_name="drive",
+        response_name="response",
+        noise_floor=None,
+    ):
+        self.drive = drive
+        self.response = response
+        self.predictions = predictions
+        self.records = records
+        self.drive_name = drive_name
+        self.response_name = response_name
+        self.noise_floor = noise_floor
+
+    @classmethod
+    def from_estimator(cls, estimator, X, y, *, ax=None, **plot_options):
+        """Draw a fitted estimator's free run beside the measured response.
+
+        Parameters
+        ----------
+        estimator : estimator
+            Fitted; ``predict(X)`` is called.
+        X : array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive.
+        y : array-like of shape (n_samples,)
+            Measured response.
+        ax : matplotlib Axes, array of Axes or None, default=None
+            Where to draw; None makes a new figure.
+        **plot_options
+            Passed to ``plot``.
+
+        Returns
+        -------
+        display
+        """
+        dt = getattr(estimator, "dt", None)
+        dt = dt if isinstance(dt, int | float) else 1.0
+        label = type(estimator).__name__
+        return cls.from_predictions(
+            X, y, {label: estimator.predict(X)}, dt=dt, ax=ax, **plot_options
+        )
+
+    @classmethod
+    def from_predictions(cls, X, y, y_pred, *, dt=1.0, ax=None, **plot_options):
+        """Draw predictions beside the measured response.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive; an index carries records and time.
+        y : array-like of shape (n_samples,)
+            Measured response.
+        y_pred : array-like of shape (n_samples,), or dict of str to such
+            One prediction, or several by name.
+        dt : float, default=1.0
+            Sampling interval in s, where the index carries no time.
+        ax : matplotlib Axes, array of Axes or None, default=None
+            Where to draw; None makes a new figure.
+        **plot_options
+            Passed to ``plot``.
+
+        Returns
+        -------
+        display
+
+        Raises
+        ------
+        ValueError
+            If a prediction has another length than ``y``.
+        """
+        response = np.asarray(y, dtype=float).ravel()
+        values = np.asarray(X, dtype=float)
+        drive = values if values.ndim == 1 else values[:, 0]
+        named = y_pred if isinstance(y_pred, dict) else {"model": y_pred}
+        predictions = {
+            str(name): np.asarray(prediction, dtype=float).ravel()
+            for name, prediction in named.items()
+        }
+        for signal in (drive, *predictions.values()):
+            if signal.shape != response.shape:
+                raise ValueError(
+                    f"The drive and every prediction of {cls.__name__} must be as long as 'y', "
+                    f"{response.size} samples. Got {signal.size} samples instead."
+                )
+        columns = getattr(X, "columns", None)
+        display = cls(
+            drive=drive,
+            response=response,
+            predictions=predictions,
+            records=record_slices(X, y, dt=dt),
+            drive_name="drive" if columns is None else str(columns[0]),
+            response_name=str(getattr(y, "name", None) or "response"),
+        )
+        return display.plot(ax=ax, **plot_options)
+
+    @classmethod
+    def from_search(cls, search, *, ax=None, **plot_options):
+        """Draw the held-out predictions of a fitted search, before and after.
+
+        Parameters
+        ----------
+        search : EffectSearchCV
+            Fitted.
+        ax : matplotlib Axes, array of Axes or None, default=None
+            Where to draw; None makes a new figure.
+        **plot_options
+            Passed to ``plot``.
+
+        Returns
+        -------
+        display
+        """
+        before, after = search_labels(search)
+        predictions = {before: np.asarray(search.prediction_before_, dtype=float)}
+        if search.effects_:
+            predictions[after] = np.asarray(search.prediction_after_, dtype=float)
+        names = signal_names(search)
+        display = cls(
+            drive=np.asarray(search.drive_, dtype=float),
+            response=np.asarray(search.response_, dtype=float),
+            predictions=predictions,
+            records=tuple(search.records_),
+            drive_name=names.drive,
+            response_name=names.response,
+            noise_floor=float(search.noise_floor_),
+        )
+        return display.plot(ax=ax, **plot_options)
+
+    @property
+    def spans(self):
+        """Row slices of the records."""
+        return [record.rows for record in self.records]
+
+    def running_time(self):
+        """Return the time of every sample in s: as recorded, or one record after the other.
+
+        Recorded times stand where they rise from record to record; where records start anew, each
+        follows the one before it.
+        """
+        time = np.empty(len(self.drive))
+        end = -np.inf
+        rising = True
+        for record in self.records:
+            time[record.rows] = record.time
+            rising = rising and record.start_time > end
+            end = record.start_time + record.dt * (record.n_samples - 1)
+        if rising:
+            return time
+        start = 0.0
+        for record in self.records:
+            time[record.rows] = start + record.dt * np.arange(record.n_samples)
+            start += record.dt * record.n_samples
+        return time
+
+
+def signal_names(search):
+    """Return the names of drive and response that a search saw, where the data had names."""
+    columns = getattr(search, "feature_names_in_", None)
+    return SimpleNamespace(
+        drive="drive" if columns is None else str(columns[0]),
+        response=str(getattr(search, "response_name_", None) or "response"),
+    )

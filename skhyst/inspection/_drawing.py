@@ -1,0 +1,108 @@
+"""What all pictures share: the import of matplotlib, colours, axes.
+
+The colours are told apart with any form of colour blindness and stand out on white and on black
+paper (after Okabe and Ito, "Color Universal Design", 2008, slightly lightened).
+"""
+
+import importlib
+
+import numpy as np
+
+__all__ = [
+    "COLORS",
+    "FLOOR",
+    "INK",
+    "MEASURED",
+    "MUTED",
+    "import_matplotlib",
+    "new_axes",
+    "plain",
+    "tidy",
+]
+
+INK = "#24292f"
+MUTED = "#868e96"
+MEASURED = "#9aa1a9"
+FLOOR = "#1f9e77"
+COLORS = ("#d55e00", "#2a85c4", "#b5679f", "#a88400")
+
+
+def import_matplotlib(module, caller):
+    """Import a module of matplotlib, or say how to install it.
+
+    Parameters
+    ----------
+    module : str
+        Name below ``matplotlib``, such as ``"pyplot"``.
+    caller : str
+        What needs it, for the message.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    ImportError
+        Where matplotlib is not installed.
+    """
+    try:
+        return importlib.import_module(f"matplotlib.{module}")
+    except ImportError as error:
+        raise ImportError(
+            f"{caller} needs matplotlib, which is not installed. "
+            'Install it with: python -m pip install "skhyst[plot]"'
+        ) from error
+
+
+def new_axes(ax, n_rows, n_columns, caller, *, size, **options):
+    """Return an object array of axes, shape (n_rows, n_columns), made where none were given.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes, array-like of Axes or None
+        None makes a new figure; an array-like must hold ``n_rows * n_columns`` axes; one Axes is
+        divided when more are needed.
+    n_rows, n_columns : int
+        Panels wanted.
+    caller : str
+        Name for messages.
+    size : tuple of float
+        Size of a new figure in inches.
+    **options
+        ``sharex``, ``sharey`` for new axes.
+    """
+    n_panels = n_rows * n_columns
+    if ax is None:
+        pyplot = import_matplotlib("pyplot", caller)
+        figure = pyplot.figure(figsize=size, layout="constrained")
+        return figure.subplots(n_rows, n_columns, squeeze=False, **options)
+    given = np.asarray(ax, dtype=object)
+    if given.size == n_panels:
+        return given.reshape(n_rows, n_columns)
+    if given.size != 1:
+        raise ValueError(
+            f"The 'ax' parameter of {caller} must be None, one Axes or {n_panels} Axes. "
+            f"Got {given.size} Axes instead."
+        )
+    host = given.ravel()[0]
+    host.set_axis_off()
+    return host.get_subplotspec().subgridspec(n_rows, n_columns).subplots(squeeze=False, **options)
+
+
+def plain(text):
+    """Return text that matplotlib draws as it stands: a dollar sign starts no formula."""
+    return str(text).replace("$", r"\$")
+
+
+def tidy(ax, *, title=None, x_label=None, y_label=None):
+    """Give the axes a quiet frame, a faint grid and labels."""
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(True, color=MUTED, alpha=0.22, linewidth=0.6)
+    ax.set_axisbelow(True)
+    if title is not None:
+        ax.set_title(plain(title), loc="left", fontsize="medium", fontweight="bold")
+    if x_label is not None:
+        ax.set_xlabel(plain(x_label))
+    if y_label is not None:
+        ax.set_ylabel(plain(y_label))

@@ -1,0 +1,104 @@
+"""The picture that supports one claim."""
+
+import numpy as np
+
+from skhyst.inspection._drawing import COLORS, FLOOR, MEASURED, new_axes, plain, tidy
+from skhyst.inspection._signals import thin_path
+
+__all__ = ["EvidenceDisplay"]
+
+
+class EvidenceDisplay:
+    """The picture that belongs to a claimed effect.
+
+    Parameters
+    ----------
+    picture : Picture
+        Title, axes and curves, as an ``Evidence`` of
+        :class:`skhyst.diagnosis.EffectSearchCV` carries it.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> from types import SimpleNamespace
+    >>> from skhyst.inspection import EvidenceDisplay
+    >>> curve = ("residual", [1.0, 2.0, 4.0], [0.3, 0.2, 0.1], "line")
+    >>> picture = SimpleNamespace(title="Creep", x_label="time (s)", y_label="residual",
+    ...                           x_log=True, y_log=False, curves=(curve,))
+    >>> EvidenceDisplay(picture).plot().ax_.get_xscale()
+    'log'
+    """
+
+    def __init__(self, picture):
+        self.picture = picture
+
+    @classmethod
+    def from_search(cls, search, effect, *, ax=None, **plot_options):
+        """Draw the evidence for an effect that a search has claimed.
+
+        Parameters
+        ----------
+        search : EffectSearchCV
+            Fitted.
+        effect : str
+            One of ``search.effects_``.
+        ax : matplotlib Axes or None, default=None
+            Where to draw; None makes a new figure.
+        **plot_options
+            Passed to ``plot``.
+
+        Returns
+        -------
+        display
+
+        Raises
+        ------
+        ValueError
+            If the search did not claim the effect.
+        """
+        if effect not in search.evidence_:
+            raise ValueError(
+                f"The 'effect' parameter of EvidenceDisplay.from_search must be one of "
+                f"{list(search.evidence_)}. Got {effect!r} instead."
+            )
+        return cls(search.evidence_[effect].picture).plot(ax=ax, **plot_options)
+
+    def plot(self, ax=None, *, max_points=2000):
+        """Draw the picture.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or None, default=None
+            Where to draw; None makes a new figure.
+        max_points : int, default=2000
+            Points to draw for each curve; a longer one is drawn by its outline.
+
+        Returns
+        -------
+        self
+        """
+        picture = self.picture
+        axes = new_axes(ax, 1, 1, "EvidenceDisplay", size=(6.0, 4.0))[0, 0]
+        colors = iter((MEASURED, *COLORS, FLOOR, *(COLORS * len(picture.curves))))
+        for label, x, y, style in picture.curves:
+            x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+            kept = thin_path(x, y, max_points)
+            options = {"color": next(colors), "label": plain(label)}
+            if style == "points":
+                axes.plot(x[kept], y[kept], "o", markersize=2.6, alpha=0.75, mew=0, **options)
+            else:
+                line = "--" if style == "dashed" else "-"
+                axes.plot(x[kept], y[kept], line, linewidth=1.4, **options)
+        axes.set_xscale("log" if picture.x_log else "linear")
+        axes.set_yscale("log" if picture.y_log else "linear")
+        tidy(axes, title=picture.title, x_label=picture.x_label, y_label=picture.y_label)
+        if any(str(label) for label, *_ in picture.curves):
+            axes.legend(loc="best", fontsize="small", handlelength=1.6, framealpha=0.7)
+        self.ax_, self.figure_ = axes, axes.figure
+        return self

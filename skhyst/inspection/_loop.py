@@ -1,0 +1,118 @@
+"""Drive against response, with the loop of the model."""
+
+import numpy as np
+
+from skhyst.inspection._base import SignalDisplay
+from skhyst.inspection._drawing import COLORS, MEASURED, new_axes, plain, tidy
+from skhyst.inspection._signals import loop_spans, thin_path
+
+__all__ = ["HysteresisLoopDisplay"]
+
+
+class HysteresisLoopDisplay(SignalDisplay):
+    """Hysteresis loops: measured, and as models predict them.
+
+    Make one with :meth:`from_estimator`, :meth:`from_predictions` or :meth:`from_search`. All
+    parameters are kept as attributes.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+        Drive, in its own unit.
+    response : ndarray of shape (n_samples,)
+        Measured response, in its own unit.
+    predictions : dict of str to ndarray of shape (n_samples,)
+        Model name to prediction, units of the response; NaN where there is none.
+    records : sequence of RecordSlice
+        The records, as :func:`skhyst.records.record_slices` returns them.
+    drive_name, response_name : str, default="drive", "response"
+        Names for the axes.
+    noise_floor : float or None, default=None
+        Error that no model can beat, unit of the response.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes or ndarray of Axes
+        Where it was drawn: one Axes for each model if they stand side by side.
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from skhyst.inspection import HysteresisLoopDisplay
+    >>> time = np.linspace(0, 1, 500)
+    >>> drive = np.sin(2 * np.pi * 3 * time)
+    >>> response = drive + 0.1 * np.cos(2 * np.pi * 3 * time)
+    >>> display = HysteresisLoopDisplay.from_predictions(drive[:, None], response, drive)
+    >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
+    ('drive', 'response')
+    """
+
+    def plot(self, ax=None, *, subtract_line=False, max_points=3000):
+        """Draw the loops.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, array of Axes or None, default=None
+            One Axes: all models over each other. As many Axes as models: one model each. None: a
+            new figure with one Axes for each model.
+        subtract_line : bool, default=False
+            Subtract the straight line that fits the measured response best, from everything. The
+            loop opens, and differences of a percent of the range become visible.
+        max_points : int, default=3000
+            Points to draw for each curve. A longer recording is drawn in whole stretches of
+            cycles, each by its outline.
+
+        Returns
+        -------
+        self
+        """
+        n_models = len(self.predictions)
+        one = ax is not None and np.size(np.asarray(ax, dtype=object)) == 1
+        n_panels = 1 if one else max(n_models, 1)
+        axes = new_axes(
+            ax,
+            1,
+            n_panels,
+            "HysteresisLoopDisplay",
+            size=(1.0 + 4.2 * n_panels, 4.2),
+            sharex=True,
+            sharey=True,
+        ).ravel()
+        stretches = loop_spans(self.drive, self.spans, max_points)
+        line = self._straight_line() if subtract_line else np.zeros(len(self.drive))
+        for panel in axes:
+            self._draw(panel, self.response - line, stretches, "measured", MEASURED, 2.2)
+        panels = axes if n_panels == n_models else np.repeat(axes, n_models)
+        for k, (label, prediction) in enumerate(self.predictions.items()):
+            color = COLORS[k % len(COLORS)]
+            self._draw(panels[k], prediction - line, stretches, label, color, 0.8)
+        y_label = self.response_name + (" less its straight line" if subtract_line else "")
+        for k, panel in enumerate(axes):
+            tidy(panel, x_label=self.drive_name, y_label=y_label if k == 0 else None)
+            panel.legend(loc="best", frameon=False, fontsize="small", handlelength=1.4)
+        self.ax_ = axes[0] if n_panels == 1 else axes
+        self.figure_ = axes[0].figure
+        return self
+
+    def _straight_line(self):
+        """Return the least-squares line through the measured points, shape (n_samples,)."""
+        centred = self.drive - np.mean(self.drive)
+        slope = np.dot(centred, self.response) / max(np.dot(centred, centred), np.finfo(float).tiny)
+        return np.mean(self.response) + slope * centred
+
+    def _draw(self, ax, values, stretches, label, color, width):
+        """Draw one curve, a line for each stretch, the first of them with the label."""
+        for k, (rows, points) in enumerate(stretches):
+            drive, stretch = self.drive[rows], values[rows]
+            kept = thin_path(drive, stretch, points)
+            ax.plot(
+                drive[kept],
+                stretch[kept],
+                color=color,
+                linewidth=width,
+                solid_joinstyle="round",
+                label=plain(label) if k == 0 else None,
+            )

@@ -1,0 +1,172 @@
+"""What a model leaves over: in time, against drive and prediction, and its spectrum."""
+
+import numpy as np
+
+from skhyst.inspection._base import SignalDisplay
+from skhyst.inspection._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
+from skhyst.inspection._signals import (
+    binned_statistics,
+    branch,
+    envelope,
+    log_average,
+    spectrum,
+)
+
+__all__ = ["ResidualDisplay"]
+
+KINDS = ("time", "drive", "prediction", "spectrum")
+
+
+class ResidualDisplay(SignalDisplay):
+    """Residuals of models: measured response minus prediction.
+
+    Make one with :meth:`from_estimator`, :meth:`from_predictions` or :meth:`from_search`. All
+    parameters are kept as attributes.
+
+    Four pictures: the residual in time; its mean against the drive and against the prediction,
+    with the rising and the falling branch apart; and its amplitude spectral density. Noise is
+    flat in all of them. What remains of hysteresis or asymmetry parts the branches, a memoryless
+    nonlinearity bends both alike against the prediction, and a missing mode is a peak in the
+    spectrum.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+        Drive, in its own unit.
+    response : ndarray of shape (n_samples,)
+        Measured response, in its own unit.
+    predictions : dict of str to ndarray of shape (n_samples,)
+        Model name to prediction, units of the response; NaN where there is none.
+    records : sequence of RecordSlice
+        The records, as :func:`skhyst.records.record_slices` returns them.
+    drive_name, response_name : str, default="drive", "response"
+        Names for the axes.
+    noise_floor : float or None, default=None
+        Error that no model can beat, unit of the response; drawn as a flat spectrum.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes or ndarray of Axes of shape (2, 2)
+        Where it was drawn.
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from skhyst.inspection import ResidualDisplay
+    >>> drive = np.sin(np.linspace(0, 30, 2000))
+    >>> response = drive + 0.1 * drive**2
+    >>> display = ResidualDisplay.from_predictions(drive[:, None], response, drive)
+    >>> display.ax_.shape
+    (2, 2)
+    >>> display.residuals()["model"].max().round(2)
+    np.float64(0.1)
+    """
+
+    def residuals(self):
+        """Return model name -> residual, arrays of shape (n_samples,), NaN where not scored."""
+        return {name: self.response - values for name, values in self.predictions.items()}
+
+    def plot(self, ax=None, *, kind="all", max_points=2000):
+        """Draw the residuals.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, array of Axes or None, default=None
+            Where to draw. For ``kind="all"`` an Axes is divided into four, and four may be given.
+        kind : {"all", "time", "drive", "prediction", "spectrum"}, default="all"
+            Which picture.
+        max_points : int, default=2000
+            Points to draw for each curve in time; a longer one is drawn by its outline, which
+            keeps every peak.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If ``kind`` is none of these.
+        """
+        if kind != "all" and kind not in KINDS:
+            raise ValueError(
+                f"The 'kind' parameter of ResidualDisplay.plot must be one of "
+                f"{('all', *KINDS)}. Got {kind!r} instead."
+            )
+        kinds = KINDS if kind == "all" else (kind,)
+        side = 2 if kind == "all" else 1
+        size = (9.0, 6.4) if kind == "all" else (6.0, 4.0)
+        axes = new_axes(ax, side, side, "ResidualDisplay", size=size)
+        for panel, name in zip(axes.ravel(), kinds, strict=True):
+            if name == "time":
+                self._plot_time(panel, max_points)
+            elif name == "spectrum":
+                self._plot_spectrum(panel)
+            else:
+                self._plot_branches(panel, name)
+        self.ax_ = axes if kind == "all" else axes[0, 0]
+        self.figure_ = axes[0, 0].figure
+        return self
+
+    @property
+    def _label(self):
+        return f"residual of {self.response_name}"
+
+    def _colored(self):
+        for k, (name, values) in enumerate(self.residuals().items()):
+            yield name, values, COLORS[k % len(COLORS)]
+
+    def _plot_time(self, ax, max_points):
+        time = self.running_time()
+        per_sample = max_points / max(len(time), 1)
+        for name, values, color in self._colored():
+            for k, span in enumerate(self.spans):
+                points = max(8, int((span.stop - span.start) * per_sample))
+                kept = span.start + envelope(values[span], points // 2)
+                label = plain(name) if k == 0 else None
+                ax.plot(time[kept], values[kept], color=color, linewidth=0.7, label=label)
+        for span in self.spans[1:]:
+            ax.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
+        tidy(ax, title="In time", x_label="time (s)", y_label=self._label)
+        ax.margins(x=0.01)
+        ax.legend(loc="upper right", fontsize="small", handlelength=1.4, framealpha=0.7)
+
+    def _plot_branches(self, ax, against):
+        direction = np.concatenate([branch(self.drive[span]) for span in self.spans])
+        for name, values, color in self._colored():
+            x = self.drive if against == "drive" else self.predictions[name]
+            for sign, style, side in ((1, "-", "rising"), (-1, "--", "falling")):
+                chosen = direction == sign
+                center, mean, std = binned_statistics(x[chosen], values[chosen])
+                ax.plot(center, mean, style, color=color, linewidth=1.3, label=side)
+                ax.fill_between(center, mean - std, mean + std, color=color, alpha=0.13, lw=0)
+        ax.axhline(0.0, color=MUTED, linewidth=0.6)
+        name = self.drive_name if against == "drive" else f"predicted {self.response_name}"
+        title = f"Against {against}, by branch"
+        tidy(ax, title=title, x_label=name, y_label=self._label)
+        handles = [
+            ax.plot([], [], style, color=INK, linewidth=1.2)[0] for style in ("-", "--")
+        ]
+        ax.legend(
+            handles, ("rising drive", "falling drive"), loc="best", fontsize="small", framealpha=0.7
+        )
+
+    def _plot_spectrum(self, ax):
+        dt = self.records[0].dt
+        low = high = None
+        for name, values, color in self._colored():
+            frequency, density = log_average(*spectrum(values, self.spans, dt))
+            ax.loglog(frequency, density, color=color, linewidth=1.0, label=plain(name))
+            if frequency.size:
+                low, high = frequency[0], frequency[-1]
+        if self.noise_floor is not None and low is not None:
+            level = self.noise_floor * np.sqrt(2.0 * dt)
+            ax.plot(
+                [low, high], [level, level], ":", color=FLOOR, linewidth=1.4, label="noise floor"
+            )
+        y_label = f"{self._label} per √Hz"
+        tidy(ax, title="Spectrum", x_label="frequency (Hz)", y_label=y_label)
+        ax.legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)

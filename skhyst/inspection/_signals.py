@@ -1,0 +1,243 @@
+"""Numbers behind the pictures: thinning, cycles, branches, binned means and spectra."""
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import welch
+
+__all__ = [
+    "binned_statistics",
+    "branch",
+    "cycle_length",
+    "envelope",
+    "finite_runs",
+    "log_average",
+    "loop_spans",
+    "spectrum",
+    "thin_path",
+]
+
+
+def envelope(values, n_bins):
+    """Return the rows that keep the outline of a long signal.
+
+    The signal is cut into ``n_bins`` stretches of equal length; of each, the rows of the smallest
+    and of the largest value stay. No peak is lost, whatever the length.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,) or (n_samples, n_signals)
+        The signals; NaN is passed over.
+    n_bins : int
+        Stretches.
+
+    Returns
+    -------
+    ndarray of int
+        Rows in rising order: all of them where the signal is short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> signal = np.zeros(10_000)
+    >>> signal[1234] = 1.0
+    >>> rows = envelope(signal, 50)
+    >>> bool(1234 in rows), len(rows) <= 104
+    (True, True)
+    """
+    values = np.asarray(values, dtype=float)
+    signals = values[:, None] if values.ndim == 1 else values
+    n_samples, n_signals = signals.shape
+    if n_samples <= 2 * n_signals * n_bins:
+        return np.arange(n_samples)
+    starts = np.linspace(0, n_samples, n_bins + 1).astype(int)
+    length = int(np.max(np.diff(starts)))
+    rows = np.minimum(starts[:-1, None] + np.arange(length), starts[1:, None] - 1)
+    kept = [np.array([0, n_samples - 1])]
+    at = np.arange(n_bins)
+    for signal in signals.T:
+        block = signal[rows]
+        kept.append(rows[at, np.argmin(np.where(np.isnan(block), np.inf, block), axis=1)])
+        kept.append(rows[at, np.argmax(np.where(np.isnan(block), -np.inf, block), axis=1)])
+    return np.unique(np.concatenate(kept))
+
+
+def cycle_length(drive):
+    """Return the mean length of a cycle in samples: two passages through the middle.
+
+    Only passages that go on to a tenth of the range beyond the middle count, so sensor noise
+    makes no cycles. A drive that never returns is one cycle.
+    """
+    low, high = np.min(drive), np.max(drive)
+    offset = np.asarray(drive, dtype=float) - 0.5 * (low + high)
+    side = np.sign(offset) * (np.abs(offset) > 0.1 * (high - low))
+    side = side[side != 0]
+    passages = np.count_nonzero(np.diff(side))
+    return 2.0 * len(drive) / max(passages, 2)
+
+
+def branch(drive):
+    """Return +1 where the drive rises and -1 where it falls, past sensor noise.
+
+    The drive is smoothed over a fiftieth of a cycle first.
+    """
+    width = max(1, int(cycle_length(drive) / 50))
+    smooth = uniform_filter1d(np.asarray(drive, dtype=float), width, mode="nearest")
+    return np.where(np.gradient(smooth) >= 0.0, 1, -1) if len(smooth) > 1 else np.ones(1, int)
+
+
+def thin_path(x, y, n_points):
+    """Return the rows that keep the outline of a path ``(x, y)`` in about ``n_points`` points.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples,)
+    y : ndarray of shape (n_samples,)
+    n_points : int
+        At most this many points come back, and two more.
+    """
+    return envelope(np.column_stack([x, y]), max(1, n_points // 4))
+
+
+def loop_spans(drive, spans, n_points):
+    """Choose the stretches of a recording whose loops can be drawn in ``n_points`` points.
+
+    A loop needs about 60 points. Where the whole recording has more cycles than that allows,
+    whole stretches are taken at even distances over the recording (always the ones with the
+    smallest and the largest drive), never single samples.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+    spans : list of slice
+        The records.
+    n_points : int
+        Points to spend.
+
+    Returns
+    -------
+    list of (slice, int)
+        Stretches in order, and the points for each.
+    """
+    lengths = [span.stop - span.start for span in spans]
+    cycles = [
+        length / cycle_length(drive[span]) for span, length in zip(spans, lengths, strict=True)
+    ]
+    needed = 60.0 * np.array(cycles)
+    share = n_points / max(float(needed.sum()), 1.0)
+    chosen = []
+    for span, length, need in zip(spans, lengths, needed, strict=True):
+        points = max(8, int(need * min(share, 1.0)))
+        if share >= 1.0 or length <= points:
+            points = max(points, int(n_points * length / sum(lengths)))
+            chosen.append((span, points))
+            continue
+        n_stretches = max(1, min(3, int(points / 120)))
+        size = max(2, int(length * share / n_stretches))
+        centres = [
+            span.start + int(np.argmax(drive[span])),
+            span.start + int(np.argmin(drive[span])),
+            span.start + length // 2,
+        ][:n_stretches]
+        for centre in centres:
+            start = min(max(span.start, centre - size // 2), span.stop - size)
+            chosen.append((slice(start, start + size), max(8, points // n_stretches)))
+    return sorted(chosen, key=lambda item: item[0].start)
+
+
+def binned_statistics(x, values, n_bins=40, min_count=5):
+    """Return the mean and the scatter of ``values`` in bins of equal width along ``x``.
+
+    Returns
+    -------
+    centers, mean, std : ndarray
+        Bins with at least ``min_count`` finite values; ``centers`` is the mean of ``x`` there.
+    """
+    valid = np.isfinite(x) & np.isfinite(values)
+    x, values = x[valid], values[valid]
+    if x.size == 0:
+        return (np.empty(0),) * 3
+    low, high = x.min(), x.max()
+    at = np.zeros(x.size, dtype=int)
+    if high > low:
+        at = np.minimum((n_bins * ((x - low) / (high - low))).astype(int), n_bins - 1)
+    count = np.bincount(at, minlength=n_bins)
+    used = count >= min(min_count, x.size)
+    count = count[used]
+    mean = np.bincount(at, values, n_bins)[used] / count
+    center = np.bincount(at, x, n_bins)[used] / count
+    full_mean = np.zeros(n_bins)
+    full_mean[used] = mean
+    square = np.bincount(at, (values - full_mean[at]) ** 2, n_bins)[used] / count
+    return center, mean, np.sqrt(square)
+
+
+def finite_runs(values, spans):
+    """Return the slices, within the records, where ``values`` has no gap."""
+    runs = []
+    for span in spans:
+        edges = np.diff(np.concatenate([[0], np.isfinite(values[span]).astype(int), [0]]))
+        starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+        runs += [
+            slice(span.start + int(a), span.start + int(b))
+            for a, b in zip(starts, stops, strict=True)
+        ]
+    return runs
+
+
+def spectrum(values, spans, dt, max_segment=8192):
+    """Return the amplitude spectral density of a signal with gaps, averaged over its runs.
+
+    Welch's method [1]_ with Hann windows, one window length for all runs, every run weighted by
+    its number of samples.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,)
+        The signal; NaN where nothing is known.
+    spans : list of slice
+        The records.
+    dt : float
+        Sampling interval in s.
+    max_segment : int, default=8192
+        Longest window in samples.
+
+    Returns
+    -------
+    frequency : ndarray of shape (n_frequencies,)
+        Hz, without zero.
+    density : ndarray of shape (n_frequencies,)
+        Unit of the signal per root Hz. Empty where no run has 16 samples.
+
+    References
+    ----------
+    .. [1] P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra",
+       IEEE Transactions on Audio and Electroacoustics 15 (1967) 70-73.
+    """
+    runs = [run for run in finite_runs(values, spans) if run.stop - run.start >= 16]
+    if not runs:
+        return np.empty(0), np.empty(0)
+    lengths = np.array([run.stop - run.start for run in runs])
+    order = np.sort(lengths)[::-1]
+    typical = order[np.searchsorted(np.cumsum(order), 0.5 * order.sum())]
+    segment = int(min(max_segment, typical))
+    power, weight, frequency = 0.0, 0, None
+    for run, length in zip(runs, lengths, strict=True):
+        if length < segment:
+            continue
+        frequency, density = welch(values[run], 1.0 / dt, nperseg=segment)
+        power, weight = power + length * density, weight + length
+    return frequency[1:], np.sqrt(power[1:] / weight)
+
+
+def log_average(frequency, density, per_decade=40):
+    """Average a spectral density over bands of equal width on a logarithmic axis.
+
+    Narrow lines stay where the bands are narrower than the frequency resolution; the ragged high
+    end becomes readable. Power is averaged, so the area is kept.
+    """
+    if frequency.size == 0:
+        return frequency, density
+    band = np.floor(per_decade * np.log10(frequency / frequency[0]) + 1e-9).astype(int)
+    _, at = np.unique(band, return_inverse=True)
+    count = np.bincount(at)
+    return np.bincount(at, frequency) / count, np.sqrt(np.bincount(at, density**2) / count)

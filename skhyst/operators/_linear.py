@@ -1,0 +1,129 @@
+"""Linear operators, stepped exactly.
+
+A linear operator is given by its continuous-time matrices ``x' = A x + B u``, ``y = C x + D u``
+(+ intercept) as functions of its parameters. Between samples the input is a straight line
+(first-order hold, "foh") or constant (zero-order hold, "zoh"); for such an input the discrete form
+is exact. With ``h`` the interval,
+
+    exp [[A h, B h, 0], [0, 0, 1], [0, 0, 0]] = [[Ad, G1, G2], [0, 1, 1], [0, 0, 1]]
+
+gives ``x[k] = Ad x[k-1] + (G1 - G2) u[k-1] + G2 u[k]`` for the first-order hold and
+``x[k] = Ad x[k-1] + G1 u[k-1]`` for the zero-order hold (Van Loan, IEEE Trans. Autom. Control
+23(3), 1978). Derivatives with respect to the parameters are taken by a complex step through the
+same formulas, which is exact to rounding (Al-Mohy and Higham, Numer. Algorithms 53, 2010).
+"""
+
+from abc import abstractmethod
+
+import numpy as np
+from scipy.linalg import expm
+
+from .._kernels._state_space import state_space_run, state_space_tangents
+from ._base import Operator
+
+__all__ = ["LinearOperator"]
+
+_STEP = 1e-30  # of the complex step; far below rounding, far above underflow
+
+
+def _discretize(a, b, dt, hold):
+    """Return Ad, B0, B1 for stacked matrices ``a`` (..., n, n) and ``b`` (..., n)."""
+    n = a.shape[-1]
+    block = np.zeros((*a.shape[:-2], n + 2, n + 2), dtype=a.dtype)
+    block[..., :n, :n] = a * dt
+    block[..., :n, n] = b * dt
+    block[..., n, n + 1] = 1.0
+    e = expm(block)
+    ad, g1, g2 = e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]
+    return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
+
+
+def _equilibrium(a, b):
+    """Return the state at rest for a unit input."""
+    return -np.linalg.solve(a, b[..., None])[..., 0]
+
+
+class LinearOperator(Operator):
+    """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
+
+    ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` puts them:
+    rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
+    """
+
+    signal_linear = True
+    hold = "foh"
+    intercept = 0.0
+    n_poles = (0, 0)
+
+    @abstractmethod
+    def with_poles(self, rates, pairs):
+        """Return a copy with other poles."""
+
+    @abstractmethod
+    def _matrices(self, p):
+        """Return A (n, n), B (n,), C (n,), D as analytic functions of ``p``, shaped as `pack`."""
+
+    def _intercept_column(self):
+        return next((i for i, (name, _) in enumerate(self.entries()) if name == "intercept"), None)
+
+    def state_space(self):
+        """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
+        return tuple(np.real(part) for part in self._matrices(self.pack()))
+
+    def frequency_response(self, frequency):
+        """Return the complex gain at ``frequency`` (Hz), shape of ``frequency``."""
+        a, b, c, d = self.state_space()
+        s = 2j * np.pi * np.asarray(frequency, dtype=float)
+        solve = np.linalg.solve(
+            s[..., None, None] * np.eye(len(b)) - a,
+            np.broadcast_to(b[:, None], (*s.shape, len(b), 1)),
+        )
+        return solve[..., 0] @ c + d
+
+    def poles(self):
+        """Return the poles in rad/s, complex, shape (n_states,)."""
+        return np.linalg.eigvals(self.state_space()[0])
+
+    def init(self, u0, initial_state="rest"):
+        a, b, _, _ = self.state_space()
+        if initial_state == "zero":
+            return np.zeros(len(b)), 0.0
+        return _equilibrium(a, b) * u0, float(u0)
+
+    def run(self, u, dt, state=None):
+        u = np.ascontiguousarray(u, dtype=float)
+        x, previous = self.init(u[0]) if state is None else state
+        a, b, c, d = self.state_space()
+        y, x = state_space_run(*_discretize(a, b, dt, self.hold), c, float(d), u, x, previous)
+        return y + self.intercept, (x, float(u[-1]))
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        u = np.ascontiguousarray(u, dtype=float)
+        values = self.pack()
+        p, m = values.size, du.shape[1]
+        # row 0 is the real point, the others carry one complex step each
+        points = values + 1j * _STEP * np.vstack([np.zeros(p), np.eye(p)])
+        a, b, c, d = (
+            np.stack([np.asarray(part, dtype=complex) for part in parts])
+            for parts in zip(*(self._matrices(point) for point in points), strict=True)
+        )
+        discrete = (*_discretize(a, b, dt, self.hold), c, d)
+        real = [np.ascontiguousarray(part[0].real) for part in discrete]
+        steps = [np.ascontiguousarray(part[1:].imag / _STEP) for part in discrete]
+        x = np.zeros(b.shape[1])
+        dx = np.zeros((b.shape[1], m + p))
+        u0, du0 = 0.0, np.zeros(m)
+        if initial_state == "rest":
+            u0, du0 = u[0], du[0].copy()
+            rest = _equilibrium(a, b)
+            x = rest[0].real * u0
+            dx[:, :m] = np.outer(rest[0].real, du0)
+            dx[:, m:] = (rest[1:].imag / _STEP * u0).T
+        real[4] = float(d[0].real)
+        y, dy = state_space_tangents(
+            *real, *steps, u, np.ascontiguousarray(du), x, dx, float(u0), du0
+        )
+        column = self._intercept_column()
+        if column is not None:
+            dy[:, m + column] = 1.0
+        return y + self.intercept, dy

@@ -1,0 +1,191 @@
+"""The front door of identification: starts, solver, uncertainties, one result object."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._problem import OperatorProblem
+from ._variable_projection import variable_projection
+
+__all__ = ["IdentificationResult", "identify", "summarize", "uncertainty"]
+
+_FULL_RUNS = 2  # of many starts, so many are followed to the end
+_TRIAL_EVALUATIONS = 4
+_SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
+
+
+@dataclass(frozen=True)
+class IdentificationResult:
+    """What identification found.
+
+    Attributes
+    ----------
+    operator : Operator
+    disturbances : tuple of DisturbanceOperator
+        Coefficients are the mean over records.
+    params, params_std : dict of str to float
+        Values in their own units and standard errors; NaN for a value at its bound.
+    undetermined : tuple of str
+        Parameters that the data do not determine.
+    condition_number : float
+        Of the scaled normal equations.
+    record_coefficients : ndarray of shape (n_records, n_coefficients)
+    error : float
+        Root mean square of the residual, units of the response.
+    n_evaluations : int
+    seconds : float
+    converged : bool
+    message : str
+    history : list of (int, float)
+        Evaluations and sum of squares after each accepted step.
+    x : ndarray
+        The solution in the coordinates of the problem.
+    """
+
+    operator: object
+    disturbances: tuple
+    params: dict
+    params_std: dict
+    undetermined: tuple
+    condition_number: float
+    record_coefficients: np.ndarray
+    error: float
+    n_evaluations: int
+    seconds: float
+    converged: bool
+    message: str
+    history: list
+    x: np.ndarray
+
+    def outputs(self, records, initial_state="rest"):
+        """Return the fitted response of each record, its own disturbance coefficients included."""
+        problem = OperatorProblem(
+            self.operator,
+            records,
+            disturbances=self.disturbances,
+            initial_state=initial_state,
+        )
+        return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
+
+
+def uncertainty(problem, solution, n_samples):
+    """Return standard errors, names that the data do not determine, and the condition number."""
+    hessian = solution.gram[:-1, :-1]
+    x = solution.x
+    inside = (x > problem.lower) & (x < problem.upper)
+    std = np.full(len(x), np.nan)
+    index = np.flatnonzero(inside)
+    if not len(index):
+        return std, (), 1.0
+    scale = np.sqrt(np.diag(hessian)[index])
+    silent = scale == 0.0
+    undetermined = {problem.names[i] for i in index[silent]}
+    index, scale = index[~silent], scale[~silent]
+    if not len(index):
+        return std, tuple(sorted(undetermined)), np.inf
+    scaled = hessian[np.ix_(index, index)] / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled)
+    small = values < _SINGULAR * values[-1]
+    for vector in vectors[:, small].T:
+        undetermined.update(problem.names[i] for i in index[np.abs(vector) > 0.1])
+    variance = solution.cost / max(n_samples - len(index), 1)
+    inverse = np.where(small, 0.0, 1.0 / np.where(small, 1.0, values))
+    std[index] = np.sqrt(variance * (vectors**2 @ inverse)) / scale
+    std *= np.where(problem.log, problem.values(x), 1.0)
+    for i, name in enumerate(problem.names):
+        if name in undetermined:
+            std[i] = np.inf
+    condition = values[-1] / max(values[0], np.finfo(float).tiny)
+    return std, tuple(sorted(undetermined)), float(condition)
+
+
+def identify(
+    starts,
+    records,
+    *,
+    fixed=(),
+    initial_state="rest",
+    tolerance=1e-8,
+    max_evaluations=100,
+    callback=None,
+):
+    """Identify an operator from records, starting from each of several candidates.
+
+    Parameters
+    ----------
+    starts : sequence of (Operator, tuple of DisturbanceOperator)
+        Starting values, all of the same structure or of several; the best solution wins.
+    records : sequence of RecordData
+    fixed : collection of str
+        Names of entries that are held.
+    initial_state : {"rest", "zero"}
+    tolerance, max_evaluations, callback
+        See :func:`variable_projection`; the budget holds for each start.
+
+    Returns
+    -------
+    IdentificationResult
+    """
+    begin = time.perf_counter()
+    problems = [
+        OperatorProblem(
+            operator,
+            records,
+            disturbances=disturbances,
+            fixed=fixed,
+            initial_state=initial_state,
+        )
+        for operator, disturbances in starts
+    ]
+    points = [problem.x0 for problem in problems]
+    evaluations = 0
+    if len(problems) > _FULL_RUNS:
+        trials = [
+            variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS)
+            for problem, x in zip(problems, points, strict=True)
+        ]
+        evaluations = sum(trial.n_evaluations for trial in trials)
+        order = np.argsort([trial.cost for trial in trials], kind="stable")[:_FULL_RUNS]
+        problems, points = [problems[i] for i in order], [trials[i].x for i in order]
+    best = None
+    for problem, x in zip(problems, points, strict=True):
+        solution = variable_projection(
+            problem, x, tolerance=tolerance, max_evaluations=max_evaluations, callback=callback
+        )
+        evaluations += solution.n_evaluations
+        if best is None or solution.cost < best[1].cost:
+            best = problem, solution
+    problem, solution = best
+    return summarize(problem, solution, evaluations, time.perf_counter() - begin)
+
+
+def summarize(problem, solution, n_evaluations, seconds):
+    """Turn a solution into a result in physical units."""
+    n_samples = int(problem.segment_length.sum())
+    std, undetermined, condition = uncertainty(problem, solution, n_samples)
+    operator, disturbances = problem.unpack(solution.x)
+    coefficients = problem.coefficients(problem.evaluate(solution.x, jacobian=False))
+    start, filled = 0, []
+    for disturbance in disturbances:
+        size = np.size(disturbance.coefficients)
+        own = disturbance.pack()
+        own[:size] = coefficients[:, start : start + size].mean(axis=0)
+        filled.append(disturbance.unpack(own))
+        start += size
+    return IdentificationResult(
+        operator=operator,
+        disturbances=tuple(filled),
+        params=dict(zip(problem.names, problem.values(solution.x).tolist(), strict=True)),
+        params_std=dict(zip(problem.names, std.tolist(), strict=True)),
+        undetermined=undetermined,
+        condition_number=condition,
+        record_coefficients=coefficients,
+        error=float(np.sqrt(solution.cost / n_samples)),
+        n_evaluations=n_evaluations,
+        seconds=seconds,
+        converged=solution.converged,
+        message=solution.message,
+        history=solution.history,
+        x=solution.x,
+    )

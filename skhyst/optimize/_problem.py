@@ -1,0 +1,273 @@
+"""An operator and records as a least-squares problem."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["OperatorProblem", "RecordData"]
+
+
+@dataclass(frozen=True)
+class RecordData:
+    """One record: drive and response (n_samples,), interval and start in s, stretches to fit.
+
+    ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
+    ``before``, the drive at which the device had rested before the record, the record is simulated
+    from there instead of from rest at its first value.
+    """
+
+    u: np.ndarray
+    y: np.ndarray
+    dt: float
+    segments: tuple = ()
+    before: float | None = None
+    start_time: float = 0.0
+
+    def __post_init__(self):
+        if not self.segments:
+            object.__setattr__(self, "segments", ((0, len(self.u)),))
+
+
+class OperatorProblem:
+    """Least squares of an operator's output, plus disturbances of each record, against responses.
+
+    Parameters
+    ----------
+    operator : Operator
+        Starting values of the part that is driven.
+    records : sequence of RecordData
+    disturbances : sequence of DisturbanceOperator, default=()
+        Their coefficients are solved exactly, record by record, and eliminated.
+    fixed : collection of str, default=()
+        Names of entries of the operator that are held.
+    initial_state : {"rest", "zero"}, default="rest"
+
+    Attributes
+    ----------
+    x0 : ndarray of shape (n,)
+        Starting values; positive parameters as logarithms.
+    names, linear, lower, upper, log
+        One value an unknown.
+    """
+
+    def __init__(self, operator, records, *, disturbances=(), fixed=(), initial_state="rest"):
+        self.operator = operator
+        self.records = tuple(records)
+        self.disturbances = tuple(disturbances)
+        self.initial_state = initial_state
+        entries = operator.entries()
+        held = operator.gauge_mask() | np.array([name in fixed for name, _ in entries], dtype=bool)
+        self._free = np.flatnonzero(~held)
+        linear = operator.linear_mask()[self._free]
+        entries = [entries[i] for i in self._free]
+        values = operator.pack()[self._free]
+        self._moving = []  # (disturbance, offset of its own nonlinear parameters in its pack)
+        for number, disturbance in enumerate(self.disturbances):
+            skip = np.size(disturbance.coefficients)
+            own = [(f"disturbance{number}__{name}", s) for name, s in disturbance.entries()[skip:]]
+            entries += own
+            values = np.concatenate([values, disturbance.pack()[skip:]])
+            linear = np.concatenate([linear, np.zeros(len(own), dtype=bool)])
+            self._moving.append(len(own))
+        self.names = [name for name, _ in entries]
+        self.linear = linear
+        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
+        with np.errstate(divide="ignore"):
+            lower = np.array([spec.lower for _, spec in entries])
+            upper = np.array([spec.upper for _, spec in entries])
+            self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
+            self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
+            self.x0 = np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+        self.scale = float(sum(np.sum(np.square(record.y)) for record in self.records))
+        self.segment_record = np.concatenate(
+            [np.full(len(record.segments), i) for i, record in enumerate(self.records)]
+        )
+        self.segment_length = np.array(
+            [stop - start for record in self.records for start, stop in record.segments]
+        )
+        self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
+
+    def values(self, x):
+        """Return the unknowns in their own units."""
+        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
+
+    def unpack(self, x):
+        """Return the operator and the disturbances at ``x``."""
+        values = self.values(x)
+        vector = self.operator.pack()
+        vector[self._free] = values[: len(self._free)]
+        start = len(self._free)
+        disturbances = []
+        for disturbance, size in zip(self.disturbances, self._moving, strict=True):
+            own = disturbance.pack()
+            if size:
+                own[-size:] = values[start : start + size]
+            disturbances.append(disturbance.unpack(own))
+            start += size
+        return self.operator.unpack(vector), tuple(disturbances)
+
+    def simulate(self, operator, record):
+        """Return the operator's output for a record, (n_samples,)."""
+        u, skip = self._with_history(record)
+        state = operator.init(u[0], self.initial_state)
+        return operator.run(u, record.dt, state)[0][skip:]
+
+    def outputs(self, operator, disturbances, coefficients):
+        """Return the output of each record, with its row of the disturbances' coefficients."""
+        found = []
+        for record, own in zip(self.records, coefficients, strict=True):
+            y = self.simulate(operator, record)
+            found.append(y + self._basis(disturbances, record) @ own if disturbances else y)
+        return found
+
+    @staticmethod
+    def _with_history(record):
+        if record.before is None:
+            return record.u, 0
+        return np.concatenate([[record.before], record.u]), 1
+
+    def _basis(self, disturbances, record):
+        """Return the coefficients' columns of a record, (n_samples, n_eliminated)."""
+        columns = []
+        for disturbance in disturbances:
+            time = record.dt * np.arange(len(record.u))
+            columns.append(
+                disturbance.basis(time + record.start_time * disturbance.absolute_time)
+            )
+        return np.concatenate(columns, axis=1)
+
+    def evaluate(self, x, *, jacobian=True):
+        """Simulate all records; return the Gram matrices of ``[B, J, r]``, one a segment.
+
+        B are the columns of the disturbances' coefficients, J the Jacobian by the unknowns, r the
+        prediction minus the response.
+        """
+        operator, disturbances = self.unpack(x)
+        blocks = []
+        d, n, driven = self._n_eliminated, len(x) * jacobian, len(self._free)
+        logs = np.flatnonzero(self.log) if jacobian else ()
+        for record in self.records:
+            columns = np.empty((len(record.u), d + n + 1))
+            if jacobian:
+                u, skip = self._with_history(record)
+                y, dy = operator.linearize(u, np.empty((len(u), 0)), record.dt, self.initial_state)
+                y = y[skip:]
+                np.take(dy[skip:], self._free, axis=1, out=columns[:, d : d + driven])
+            else:
+                y = self.simulate(operator, record)
+            np.subtract(y, record.y, out=columns[:, -1])
+            if disturbances:
+                columns[:, :d] = self._basis(disturbances, record)
+                if n > driven:
+                    columns[:, d + driven : -1] = self._moving_columns(
+                        disturbances, record, columns[:, :d], columns[:, -1]
+                    )
+            for i in logs:
+                columns[:, d + i] *= np.exp(x[i])
+            blocks.append(_segment_grams(columns, record.segments))
+        return np.concatenate(blocks)
+
+    def _moving_columns(self, disturbances, record, basis, residual):
+        rows = np.concatenate([np.arange(start, stop) for start, stop in record.segments])
+        coefficients = -np.linalg.lstsq(basis[rows], residual[rows], rcond=None)[0]
+        time, start, columns = record.dt * np.arange(len(record.u)), 0, []
+        for disturbance in disturbances:
+            size = np.size(disturbance.coefficients)
+            shift = record.start_time * disturbance.absolute_time
+            columns.append(
+                disturbance.basis_tangents(time + shift, coefficients[start : start + size])
+            )
+            start += size
+        return np.concatenate(columns, axis=1)
+
+    def total(self, blocks, select=None):
+        """Return the Gram matrix of ``[J, r]`` over segments, disturbances eliminated."""
+        if select is None:
+            select = np.ones(len(blocks), dtype=bool)
+        d = self._n_eliminated
+        if not d:
+            return blocks[select].sum(axis=0)
+        total = np.zeros((blocks.shape[1] - d,) * 2)
+        for number in range(len(self.records)):
+            rows = select & (self.segment_record == number)
+            if rows.any():
+                gram = blocks[rows].sum(axis=0)
+                total += gram[d:, d:] - gram[d:, :d] @ _solve_basis(gram[:d, :d], gram[:d, d:])
+        return total
+
+    def coefficients(self, blocks, select=None):
+        """Return each record's coefficients of the disturbances, (n_records, n_eliminated).
+
+        A record without a selected segment has NaN.
+        """
+        d = self._n_eliminated
+        found = np.full((len(self.records), d), np.nan)
+        for number in range(len(self.records)):
+            rows = self.segment_record == number
+            if select is not None:
+                rows = rows & select
+            if rows.any():
+                gram = blocks[rows].sum(axis=0)
+                found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
+        return found
+
+    def predictions(self, x, select, wanted=None):
+        """Return the prediction of each (wanted) record where the selected segments are known.
+
+        The coefficients of a record's disturbances come from its selected segments. In a record
+        that has none, those for every other segment come from the segments between, so that no
+        sample is predicted from itself.
+        """
+        operator, disturbances = self.unpack(x)
+        found = []
+        for number, record in enumerate(self.records):
+            if wanted is not None and number not in wanted:
+                found.append(None)
+                continue
+            y = self.simulate(operator, record)
+            if disturbances:
+                basis = self._basis(disturbances, record)
+                rest = record.y - y
+                known = select[self.segment_record == number]
+                if known.any():
+                    y = y + basis @ _calibrate(basis, rest, record.segments, known)
+                else:
+                    odd = np.arange(len(known)) % 2 == 1
+                    ends = [stop for _, stop in record.segments[:-1]]
+                    part = np.searchsorted(ends, np.arange(len(y)), side="right") % 2 == 1
+                    even_rows = basis @ _calibrate(basis, rest, record.segments, odd)
+                    odd_rows = basis @ _calibrate(basis, rest, record.segments, ~odd)
+                    y = y + np.where(part, odd_rows, even_rows)
+            found.append(y)
+        return found
+
+
+def _segment_grams(columns, segments):
+    """Return ``A' A`` of each segment's rows; runs of segments of one length in one product."""
+    grams = np.empty((len(segments), columns.shape[1], columns.shape[1]))
+    first = 0
+    while first < len(segments):
+        start, stop = segments[first]
+        length, last = stop - start, first + 1
+        while last < len(segments) and segments[last] == (stop, stop + length):
+            stop, last = stop + length, last + 1
+        part = columns[start:stop].reshape(last - first, length, -1)
+        np.matmul(part.transpose(0, 2, 1), part, out=grams[first:last])
+        first = last
+    return grams
+
+
+def _calibrate(basis, rest, segments, known):
+    """Return the least-squares coefficients over the known segments."""
+    rows = [np.arange(*segments[i]) for i in np.flatnonzero(known)]
+    if not rows:
+        return np.zeros(basis.shape[1])
+    rows = np.concatenate(rows)
+    return np.linalg.lstsq(basis[rows], rest[rows], rcond=None)[0]
+
+
+def _solve_basis(gram, right):
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    scaled = gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram))
+    solution = np.linalg.solve(scaled, (right.T * scale).T)
+    return (solution.T * scale).T

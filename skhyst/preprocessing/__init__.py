@@ -1,0 +1,11 @@
+"""Transformers that turn a drive into features with memory, record by record.
+
+A static regressor behind one of them becomes a hysteresis model. A frame gives a frame with the
+same index, so that record and time are not lost on the way through a pipeline.
+"""
+
+from ._input_gradient import GeneralizedInputGradient
+from ._lagged_features import LaggedFeatures
+from ._play_operators import PlayOperators, StopOperators
+
+__all__ = ["GeneralizedInputGradient", "LaggedFeatures", "PlayOperators", "StopOperators"]

@@ -1,0 +1,121 @@
+"""The base of all transformers: validation, records, choice of columns, frame in and frame out."""
+
+from abc import abstractmethod
+from numbers import Integral
+
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin, _fit_context
+from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
+
+from ..records import record_slices
+
+__all__ = ["RecordTransformer"]
+
+
+class RecordTransformer(TransformerMixin, BaseEstimator):
+    """Base of the transformers that map some columns, each record for itself.
+
+    A subclass gives :meth:`_fit_records`, :meth:`_transform_record` and :meth:`_names`.
+    """
+
+    _parameter_constraints = {"columns": [Integral, str, "array-like"]}
+
+    @abstractmethod
+    def _fit_records(self, X, records):
+        """Learn from the validated array and its records."""
+
+    @abstractmethod
+    def _transform_record(self, X, dt, out):
+        """Write the features of one record, shape (n_rows, n_features_out), to ``out``."""
+
+    @abstractmethod
+    def _names(self, names):
+        """Return the names of the features, given those of all input columns."""
+
+    @_fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y=None):
+        """Learn what depends on the range of the data.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Inputs; the index carries records and time.
+        y : array-like of shape (n_samples,), optional
+            Not used, but its index must agree with that of ``X``.
+
+        Returns
+        -------
+        self
+        """
+        array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        self.columns_ = self._find_columns(self.columns)
+        self._fit_records(array, record_slices(_indexed(X, array), y, dt=self._interval()))
+        return self
+
+    def transform(self, X):
+        """Return the features, each record from its own start.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Inputs; the index carries records and time.
+
+        Returns
+        -------
+        features : DataFrame or ndarray of shape (n_samples, n_features_out)
+            A frame with the index of ``X`` where ``X`` is a frame.
+        """
+        check_is_fitted(self)
+        array = validate_data(self, X, dtype=np.float64, reset=False)
+        names = self.get_feature_names_out()
+        features = np.empty((len(array), len(names)))
+        for record in record_slices(_indexed(X, array), dt=self._interval()):
+            self._transform_record(array[record.rows], record.dt, features[record.rows])
+        if hasattr(X, "iloc"):
+            return type(X)(features, index=X.index, columns=names, copy=False)
+        return features
+
+    def get_feature_names_out(self, input_features=None):
+        """Return the names of the features.
+
+        Parameters
+        ----------
+        input_features : array-like of str, optional
+            Names of the inputs; those seen in ``fit``, else ``x0``, ``x1``, ..., by default.
+
+        Returns
+        -------
+        names : ndarray of str, shape (n_features_out,)
+        """
+        check_is_fitted(self)
+        names = _check_feature_names_in(self, input_features)
+        return np.asarray(self._names(names), dtype=object)
+
+    def _interval(self):
+        return getattr(self, "dt", 1.0)
+
+    def _find_columns(self, columns):
+        """Return the positions of columns given by position or name."""
+        single = isinstance(columns, str | Integral)
+        found = tuple(self._find_column(column) for column in ([columns] if single else columns))
+        if not found:
+            raise ValueError(
+                f"The 'columns' parameter of {type(self).__name__} must name at least one column."
+            )
+        return found
+
+    def _find_column(self, column):
+        if isinstance(column, str):
+            names = list(getattr(self, "feature_names_in_", ()))
+            if column in names:
+                return names.index(column)
+        elif isinstance(column, Integral) and -self.n_features_in_ <= column < self.n_features_in_:
+            return int(column) % self.n_features_in_
+        raise ValueError(
+            f"The 'columns' parameter of {type(self).__name__} must be positions or names of "
+            f"columns of X, which has {self.n_features_in_} features. Got {column!r} instead."
+        )
+
+
+def _indexed(X, array):
+    return X if hasattr(X, "iloc") else array

@@ -1,0 +1,125 @@
+"""Generalised input gradient: the moving tendency of the drive as a feature."""
+
+from numbers import Real
+
+import numpy as np
+from sklearn.utils._param_validation import Interval, StrOptions
+
+from ._base import RecordTransformer
+
+__all__ = ["GeneralizedInputGradient"]
+
+
+class GeneralizedInputGradient(RecordTransformer):
+    r"""Rate of the drive, with the last rate kept at turning points.
+
+    .. math:: f[u](t) = \begin{cases} f(t - 0) & \text{at an extremum} \\
+        \Delta u / \Delta t & \text{else} \end{cases}
+
+    With the drive, the rate tells the two branches of one steady loop apart. It is not the whole
+    memory: two minor loops share drive and rate and differ in the response. For that, add the
+    features of the last turning point, or use :class:`PlayOperators`.
+
+    Parameters
+    ----------
+    method : {"backward", "forward"}, default="backward"
+        ``"backward"``: ``(u[k] - u[k-1]) / dt``, causal; at a turning point this is the rate before
+        it. The first sample of a record has rate 0. ``"forward"``: ``(u[k+1] - u[k]) / dt`` as the
+        paper has it, with the rate before it at a turning point and at the last sample; it sees
+        one sample ahead.
+    include_drive : bool, default=True
+        Whether the drive itself comes first.
+    turning_points : bool, default=False
+        Whether to add the last extreme of the drive and the distance from it. Each record begins
+        with a first loading from zero: until the drive turns, the last extreme is 0.
+    columns : int, str or list of such, default=0
+        Columns of ``X``, by position or name. All others are dropped.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+
+    Attributes
+    ----------
+    columns_ : tuple of int
+        Positions of the columns.
+    n_features_in_ : int
+        Number of columns of ``X``.
+
+    Notes
+    -----
+    The rate is in the drive's unit per second. While the drive rests it is 0: at a flat top the
+    gradient exists, and equation (4) does not apply.
+
+    References
+    ----------
+    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
+    a gray box neural network based approach", equations (1) to (4).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.preprocessing import GeneralizedInputGradient
+    >>> X = np.array([[0.0], [1.0], [3.0], [2.0]])
+    >>> GeneralizedInputGradient(turning_points=True).fit_transform(X)
+    array([[ 0.,  0.,  0.,  0.],
+           [ 1.,  1.,  0.,  1.],
+           [ 3.,  2.,  0.,  3.],
+           [ 2., -1.,  3., -1.]])
+    """
+
+    _parameter_constraints = {
+        **RecordTransformer._parameter_constraints,
+        "method": [StrOptions({"backward", "forward"})],
+        "include_drive": ["boolean"],
+        "turning_points": ["boolean"],
+        "dt": [Interval(Real, 0, None, closed="neither")],
+    }
+
+    def __init__(
+        self, method="backward", *, include_drive=True, turning_points=False, columns=0, dt=1.0
+    ):
+        self.method = method
+        self.include_drive = include_drive
+        self.turning_points = turning_points
+        self.columns = columns
+        self.dt = dt
+
+    def _fit_records(self, X, records):
+        pass
+
+    def _transform_record(self, X, dt, out):
+        features = []
+        for column in self.columns_:
+            drive = X[:, column]
+            features += [drive] if self.include_drive else []
+            features.append(_rate(drive, self.method) / dt)
+            if self.turning_points:
+                extreme = _last_extreme(drive)
+                features += [extreme, drive - extreme]
+        np.stack(features, axis=1, out=out)
+
+    def _names(self, names):
+        suffixes = ["_gradient"] + ["_last_extreme", "_distance"] * self.turning_points
+        suffixes = [""] * self.include_drive + suffixes
+        return [names[column] + suffix for column in self.columns_ for suffix in suffixes]
+
+
+def _rate(drive, method):
+    """Return the change per sample."""
+    backward = np.diff(drive, prepend=drive[0])
+    if method == "backward":
+        return backward
+    forward = np.append(backward[1:], backward[-1])
+    return np.where(backward * forward < 0.0, backward, forward)
+
+
+def _last_extreme(drive):
+    """Return the value from which each sample's branch started; 0 on the first loading."""
+    before = np.append(0.0, drive[:-1])
+    direction = np.sign(drive - before)
+    moves = np.arange(drive.size)
+    # The last sample that moved, up to each sample; before any, the drive rests at zero.
+    moved = np.maximum.accumulate(np.where(direction != 0.0, moves, 0))
+    direction = direction[moved]
+    turned = np.append(False, direction[1:] * direction[:-1] < 0.0)
+    start = np.maximum.accumulate(np.where(turned, moves, 0))
+    return np.where(start > 0, before[start], 0.0)

@@ -1,0 +1,190 @@
+"""Play and stop operators as features."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.utils._param_validation import Interval, StrOptions
+
+from .._kernels._arrays import as_signal
+from .._kernels._play import play_basis, stop_basis
+from ..operators import play_thresholds
+from ._base import RecordTransformer
+
+__all__ = ["PlayOperators", "StopOperators"]
+
+
+class _OperatorBasis(RecordTransformer):
+    _parameter_constraints = {
+        **RecordTransformer._parameter_constraints,
+        "n_operators": [Interval(Integral, 1, None, closed="left")],
+        "thresholds": ["array-like", None],
+        "spacing": [StrOptions({"grid", "quantile"})],
+        "include_drive": ["boolean"],
+    }
+
+    def _fit_records(self, X, records):
+        if self.thresholds is None:
+            rows = [
+                self._spaced([X[record.rows, column] for record in records])
+                for column in self.columns_
+            ]
+        else:
+            thresholds = np.array(self.thresholds, dtype=float)
+            if thresholds.ndim != 1 or thresholds.size == 0 or not np.all(thresholds >= 0.0):
+                raise ValueError(
+                    f"The 'thresholds' parameter of {type(self).__name__} must be a list of values "
+                    f"that are not negative. Got {self.thresholds!r} instead."
+                )
+            rows = [thresholds] * len(self.columns_)
+        self.thresholds_ = np.array(rows)
+
+    def _transform_record(self, X, dt, out):
+        n_operators = self.thresholds_.shape[1]
+        direct = out.shape[1] == n_operators
+        stop = 0
+        for column, thresholds in zip(self.columns_, self.thresholds_, strict=True):
+            drive = as_signal(X[:, column])
+            if self.include_drive:
+                out[:, stop] = drive
+                stop += 1
+            start, stop = stop, stop + n_operators
+            basis = out if direct else np.empty((len(X), n_operators))
+            self._kernel(drive, as_signal(thresholds), np.zeros(n_operators), basis)
+            if not direct:
+                out[:, start:stop] = basis
+
+    def _names(self, names):
+        result = []
+        for column in self.columns_:
+            name = names[column]
+            result += [name] if self.include_drive else []
+            result += [f"{name}_{self._label}{k}" for k in range(self.thresholds_.shape[1])]
+        return result
+
+
+class PlayOperators(_OperatorBasis):
+    r"""Play operators of the drive: the features of a Prandtl-Ishlinskii model.
+
+    .. math:: F_r[u](t) = \max(u(t) - r, \min(u(t) + r, F_r[u](t^-)))
+
+    Each record starts with a first loading from zero to its first value, where a play stands at
+    ``max(u - r, min(u + r, 0))``. A linear model behind it is a Prandtl-Ishlinskii model, any other
+    regressor a static map of hysteresis memory.
+
+    Parameters
+    ----------
+    n_operators : int, default=20
+        Number of thresholds a column; ignored where ``thresholds`` is given.
+    thresholds : array-like of shape (n_operators,), default=None
+        Thresholds in the unit of the drive; by default from the range of the data, the first 0, for
+        which the feature is the drive itself.
+    spacing : {"grid", "quantile"}, default="grid"
+        Spacing of the default thresholds; see :func:`skhyst.operators.play_thresholds`.
+    include_drive : bool, default=False
+        Whether the drive itself comes before its plays.
+    columns : int, str or list of such, default=0
+        Columns of ``X``, by position or name. All others are dropped.
+
+    Attributes
+    ----------
+    thresholds_ : ndarray of shape (n_columns, n_operators)
+        Thresholds of each column in its unit.
+    columns_ : tuple of int
+        Positions of the columns.
+    n_features_in_ : int
+        Number of columns of ``X``.
+
+    See Also
+    --------
+    StopOperators : What the plays leave of the drive.
+
+    References
+    ----------
+    Thesis on Prandtl-Ishlinskii cascades, equations (3.2) to (3.6).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.preprocessing import PlayOperators
+    >>> X = np.array([[0.0], [2.0], [-2.0]])
+    >>> PlayOperators(thresholds=[0.0, 1.0]).fit_transform(X)
+    array([[ 0.,  0.],
+           [ 2.,  1.],
+           [-2., -1.]])
+    """
+
+    _kernel = staticmethod(play_basis)
+    _label = "play"
+
+    def __init__(
+        self, n_operators=20, *, thresholds=None, spacing="grid", include_drive=False, columns=0
+    ):
+        self.n_operators = n_operators
+        self.thresholds = thresholds
+        self.spacing = spacing
+        self.include_drive = include_drive
+        self.columns = columns
+
+    def _spaced(self, drive):
+        return play_thresholds(drive, self.n_operators, self.spacing)
+
+
+class StopOperators(_OperatorBasis):
+    r"""Stop operators of the drive: ``E_r[u] = u - F_r[u]``, an elastic element that yields at r.
+
+    Parameters
+    ----------
+    n_operators : int, default=20
+        Number of thresholds a column; ignored where ``thresholds`` is given.
+    thresholds : array-like of shape (n_operators,), default=None
+        Thresholds in the unit of the drive; by default from the range of the data, the first above
+        0, for which the feature would be zero.
+    spacing : {"grid", "quantile"}, default="grid"
+        Spacing of the default thresholds; see :func:`skhyst.operators.play_thresholds`.
+    include_drive : bool, default=True
+        Whether the drive itself comes before its stops.
+    columns : int, str or list of such, default=0
+        Columns of ``X``, by position or name. All others are dropped.
+
+    Attributes
+    ----------
+    thresholds_ : ndarray of shape (n_columns, n_operators)
+        Thresholds of each column in its unit.
+    columns_ : tuple of int
+        Positions of the columns.
+    n_features_in_ : int
+        Number of columns of ``X``.
+
+    See Also
+    --------
+    PlayOperators : The plays, and the state at the start of a record.
+
+    References
+    ----------
+    Thesis on Prandtl-Ishlinskii cascades, equation (3.4), for the play.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.preprocessing import StopOperators
+    >>> X = np.array([[0.0], [2.0], [1.5]])
+    >>> StopOperators(thresholds=[1.0], include_drive=False).fit_transform(X)
+    array([[0. ],
+           [1. ],
+           [0.5]])
+    """
+
+    _kernel = staticmethod(stop_basis)
+    _label = "stop"
+
+    def __init__(
+        self, n_operators=20, *, thresholds=None, spacing="grid", include_drive=True, columns=0
+    ):
+        self.n_operators = n_operators
+        self.thresholds = thresholds
+        self.spacing = spacing
+        self.include_drive = include_drive
+        self.columns = columns
+
+    def _spaced(self, drive):
+        return play_thresholds(drive, self.n_operators + 1, self.spacing)[1:]

@@ -1,0 +1,13 @@
+"""Records: what the index of X says of time, and reading recordings from files."""
+
+from ._frames import iter_records, resample_records, sampling_interval, stack_records
+from ._index import RecordSlice, record_slices
+
+__all__ = [
+    "RecordSlice",
+    "iter_records",
+    "record_slices",
+    "resample_records",
+    "sampling_interval",
+    "stack_records",
+]

@@ -1,0 +1,322 @@
+"""What a file holds: one small function a format, each returns the file's variables.
+
+Nothing a file contains is ever executed: pickled objects, MATLAB objects and function handles are
+listed and refused, HDF5 data that lie in another file too.
+"""
+
+import importlib
+import json
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..exceptions import RecordError
+from ._text import read_table
+
+__all__ = ["Variable", "file_variables", "reading"]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_PICKLED = "pickled Python objects, and unpickling can run code"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One array of a file, loaded when it is asked for.
+
+    Attributes
+    ----------
+    name : str
+        As in the file; "" where the file holds one array without a name.
+    shape : tuple of int
+    load : callable
+        Returns the ndarray.
+    refused : str
+        Why it is not read; "" where it is.
+    """
+
+    name: str
+    shape: tuple
+    load: Callable
+    refused: str = ""
+
+
+def file_variables(path):
+    """List the variables of a file by its suffix.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of Variable
+
+    Raises
+    ------
+    RecordError
+        If the suffix is unknown, or the file is empty or broken.
+    ImportError
+        If the format needs a package that is not installed.
+    """
+    if path.suffix.lower() not in _READERS:
+        raise RecordError(
+            f"The 'path' parameter of read_records must end in one of {', '.join(_READERS)}. "
+            f"Got {path.name!r} instead."
+        )
+    if not path.is_file():
+        raise FileNotFoundError(f"There is no file {str(path)!r}.")
+    if path.stat().st_size == 0:
+        raise RecordError(f"{path.name} is empty: {_expected(path)} was expected.")
+    with reading(path):
+        variables = _READERS[path.suffix.lower()][0](path)
+        if not variables:
+            raise RecordError("it holds no variable")
+    return variables
+
+
+@contextmanager
+def reading(path):
+    """Turn every fault of a parser into a RecordError that names the file."""
+    try:
+        yield
+    except (ImportError, PermissionError):
+        raise
+    except Exception as error:  # parsers fail on broken files in every way there is
+        reason = str(error) or type(error).__name__
+        raise RecordError(
+            f"{path.name} cannot be read: {_expected(path)} was expected, but {reason}."
+        ) from error
+
+
+def _expected(path):
+    return _READERS[path.suffix.lower()][1]
+
+
+def _optional(name, suffix):
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ImportError(
+            f"Reading {suffix} files needs {name.split('.')[0]}: pip install 'skhyst[io]'."
+        ) from error
+
+
+def _held(name, values):
+    """Return the variables of an array in memory: a struct or a cell has more than one."""
+    refused = _refusal(values)
+    if refused:
+        return [Variable(name, getattr(values, "shape", ()), lambda: values, refused)]
+    if values.dtype.names and values.dtype.hasobject:  # MATLAB struct
+        return [
+            part
+            for label, element in _elements(name, values)
+            for field in values.dtype.names
+            for part in _held(f"{label}.{field}", element[field])
+        ]
+    if values.dtype.names:
+        return [
+            Variable(_join(name, field, "."), values.shape, partial(values.__getitem__, field))
+            for field in values.dtype.names
+        ]
+    if values.dtype.hasobject and any(isinstance(v, np.ndarray) for v in values.flat):  # cell
+        return [part for label, cell in _elements(name, values) for part in _held(label, cell)]
+    return [Variable(name, values.shape, lambda: values)]
+
+
+def _refusal(values):
+    kinds = {
+        "MatlabFunction": "a MATLAB function handle",
+        "MatlabObject": "a MATLAB object",
+        "MatlabOpaque": "a MATLAB object",
+    }
+    if type(values).__name__ in kinds:
+        return kinds[type(values).__name__]
+    return "" if isinstance(values, np.ndarray) else f"{type(values).__name__}, not an array"
+
+
+def _elements(name, values):
+    if values.size == 1:
+        return [(name, values.flat[0])]
+    return [(f"{name}[{i}]", value) for i, value in enumerate(values.ravel(order="F"))]
+
+
+def _join(group, name, separator):
+    return f"{group}{separator}{name}" if group else name
+
+
+def _read_text(path):
+    names, columns = read_table(path)
+    return [
+        Variable(name, values.shape, partial(np.asarray, values))
+        for name, values in zip(names, columns, strict=True)
+    ]
+
+
+def _read_npy(path):
+    with path.open("rb") as file:
+        version = np.lib.format.read_magic(file)
+        read_header = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}
+        _, _, dtype = getattr(np.lib.format, read_header.get(version, "read_array_header_2_0"))(
+            file
+        )
+    if dtype.hasobject:
+        raise RecordError(f"it holds {_PICKLED}")
+    return _held("", np.load(path, mmap_mode="r", allow_pickle=False).view(np.ndarray))
+
+
+def _read_npz(path):
+    variables = []
+    with np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            try:
+                values = np.asarray(archive[name])
+            except ValueError as error:
+                if "allow_pickle" not in str(error):
+                    raise
+                variables.append(Variable(name, (), partial(np.empty, 0), _PICKLED))
+            else:
+                variables += _held(name, values)
+    return variables
+
+
+def _read_mat(path):
+    from scipy.io import loadmat
+
+    with path.open("rb") as file:
+        head = file.read(520)
+    if _HDF5 in (head[:8], head[512:]):
+        return _read_hdf5(path, matlab=True)
+    content = loadmat(path, struct_as_record=True, chars_as_strings=True)
+    return [
+        variable
+        for name, values in content.items()
+        if not name.startswith("__")
+        for variable in _held(name, values)
+    ]
+
+
+def _read_hdf5(path, matlab=False):
+    h5py = _optional("h5py", path.suffix)
+    variables = []
+
+    def collect(name, item):
+        if not isinstance(item, h5py.Dataset) or (matlab and name.startswith("#")):
+            return
+        shown = name.replace("/", ".") if matlab else name
+        shape = item.shape or ()
+        refused = _hdf5_refusal(h5py, item)
+        for field in item.dtype.names or (None,):
+            variables.append(
+                Variable(
+                    shown if field is None else f"{shown}.{field}",
+                    shape[::-1] if matlab else shape,
+                    partial(_hdf5_values, h5py, path, name, field, matlab),
+                    refused,
+                )
+            )
+
+    with h5py.File(path, "r") as file:
+        file.visititems(collect)  # follows no link to another file
+    return variables
+
+
+def _hdf5_refusal(h5py, item):
+    kind = item.attrs.get("MATLAB_class", b"")
+    kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
+    if kind == "function_handle":
+        return "a MATLAB function handle"
+    if kind == "char" or "MATLAB_empty" in item.attrs:
+        return "MATLAB text or empty"
+    if "MATLAB_object_decode" in item.attrs:
+        return "a MATLAB object"
+    if item.external or item.is_virtual:
+        return "data that lie in another file"
+    if item.shape is None:
+        return "empty"
+    if item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None:
+        return "references or lists of different lengths"
+    return ""
+
+
+def _hdf5_values(h5py, path, name, field, transpose):
+    with h5py.File(path, "r") as file:
+        item = file[name]
+        text = h5py.check_string_dtype(item.dtype) is not None
+        values = item.asstr()[()] if text else item[()] if field is None else item[field]
+    return np.asarray(values).T if transpose else np.asarray(values)  # MATLAB stores columns first
+
+
+def _read_json(path):
+    content = json.loads(path.read_bytes())
+    if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
+        names = dict.fromkeys(name for row in content for name in row)
+        content = {name: [row.get(name) for row in content] for name in names}
+    return _json_variables("", content)
+
+
+def _json_variables(name, content):
+    if isinstance(content, dict):
+        return [
+            variable
+            for key, value in content.items()
+            for variable in _json_variables(_join(name, key, "."), value)
+        ]
+    try:
+        values = np.asarray(content, dtype=float)
+    except ValueError:
+        values = np.asarray(content, dtype=object)
+    except (TypeError, OverflowError):
+        return [Variable(name, (), partial(np.empty, 0), "neither numbers nor text")]
+    if any(isinstance(value, list) for value in values.flat):
+        return [Variable(name, values.shape, partial(np.empty, 0), "rows of different lengths")]
+    return [Variable(name, values.shape, lambda: values)]
+
+
+def _read_parquet(path):
+    parquet = _optional("pyarrow.parquet", path.suffix)
+    with parquet.ParquetFile(path) as file:
+        names, rows = file.schema_arrow.names, file.metadata.num_rows
+    load = partial(_parquet_values, parquet, path)
+    return [Variable(name, (rows,), partial(load, name)) for name in names]
+
+
+def _parquet_values(parquet, path, name):
+    with parquet.ParquetFile(path) as file:
+        return file.read(columns=[name]).column(0).to_numpy()
+
+
+def _read_tdms(path):
+    nptdms = _optional("nptdms", path.suffix)
+    with nptdms.TdmsFile.open(path) as file:
+        channels = [
+            (group.name, channel.name, len(channel))
+            for group in file.groups()
+            for channel in group.channels()
+        ]
+    load = partial(_tdms_values, nptdms, path)
+    return [Variable(f"{g}/{c}", (length,), partial(load, g, c)) for g, c, length in channels]
+
+
+def _tdms_values(nptdms, path, group, channel):
+    with nptdms.TdmsFile.open(path) as file:
+        return np.asarray(file[group][channel][:])
+
+
+_TEXT = (_read_text, "a table of delimited text")
+_READERS = {
+    ".csv": _TEXT,
+    ".txt": _TEXT,
+    ".tsv": _TEXT,
+    ".dat": _TEXT,
+    ".mat": (_read_mat, "a MATLAB file"),
+    ".npy": (_read_npy, "a NumPy array"),
+    ".npz": (_read_npz, "an archive of NumPy arrays"),
+    ".json": (_read_json, "a JSON list of rows, list of records or dict of columns"),
+    ".h5": (_read_hdf5, "an HDF5 file"),
+    ".hdf5": (_read_hdf5, "an HDF5 file"),
+    ".parquet": (_read_parquet, "a Parquet file"),
+    ".tdms": (_read_tdms, "a TDMS file"),
+}

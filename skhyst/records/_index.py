@@ -1,0 +1,348 @@
+"""Where records begin and end, and how they are sampled: the one place that reads an index.
+
+The rows of ``X`` are cut in two passes. First into *runs*: a run ends where the record level
+changes or time steps back (a single time index that restarts is a concatenation of recordings).
+Then each run is cut at its *gaps*, the intervals longer than 1.5 times the run's median interval.
+What is left must be sampled evenly, and at one interval throughout ``X``.
+
+A shuffled index steps back at about every second row, which leaves runs of a single row; that is
+how shuffling is told from concatenation. A random subset in the right order (``KFold`` with
+``shuffle=True``) leaves single rows between gaps, or no common interval at all.
+"""
+
+import dataclasses
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from skhyst.exceptions import RecordError
+
+GAP = 1.5  # an interval longer than this many sampling intervals separates two records
+JITTER = 0.25  # deviation of one interval, in intervals: both its ends rounded by a tenth, and a bit
+DRIFT = 1e-3  # deviation of the clock from a straight line, in parts of the record's duration
+MISMATCH = 0.01  # relative difference between the intervals of two records
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+SPLITTERS = (
+    "Use a splitter that keeps rows together and in order, skhyst.model_selection.RecordKFold or "
+    "BlockedTimeSeriesSplit, in place of train_test_split or KFold(shuffle=True)"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordSlice:
+    """Where one record lies in ``X`` and how it is sampled.
+
+    Parameters
+    ----------
+    label : hashable
+        Value of the record level. Without a record level: how often time has restarted before
+        this record, so that the pieces on both sides of a hole share their label.
+    rows : slice
+        Rows of the record.
+    dt : float
+        Sampling interval in s.
+    start_time : float
+        Time of the first sample in s; seconds since 1970 for a datetime index.
+    n_samples : int
+        Number of rows.
+    """
+
+    label: Hashable
+    rows: slice
+    dt: float
+    start_time: float
+    n_samples: int
+
+    @property
+    def time(self) -> np.ndarray:
+        """Uniform time stamps in s, shape (n_samples,)."""
+        return self.start_time + self.dt * np.arange(self.n_samples)
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeStamps:
+    """An index taken apart: numbers for time, and the record that each row belongs to.
+
+    ``values * unit`` are seconds. ``codes`` is None for an index without a record level, else
+    ``labels[codes]`` are the labels of the rows. ``dtype`` is that of the time labels, and
+    ``counts`` marks integers that count samples.
+    """
+
+    values: np.ndarray
+    unit: float
+    dtype: Any = np.dtype(float)
+    counts: bool = False
+    codes: np.ndarray | None = None
+    labels: pd.Index | None = None
+
+    def runs(self) -> np.ndarray:
+        """Return the bounds of the runs, ``[0, ..., n_samples]``; refuse repeats and shuffles."""
+        values, n = self.values, self.values.size
+        steps = np.diff(values)
+        if self.codes is None:
+            same = np.ones(steps.shape, dtype=bool)
+        else:
+            same = self.codes[1:] == self.codes[:-1]
+        repeats = np.flatnonzero(same & (steps == 0))
+        if repeats.size:
+            raise RecordError(
+                f"Rows {repeats[0]} and {repeats[0] + 1} have the same time, and so have "
+                f"{repeats.size} pair(s) of rows in all. Remove repeated rows; if the time stamps "
+                f"are too coarse, replace them by row number times interval."
+            )
+        bounds = np.concatenate(([0], np.flatnonzero(~same | (steps < 0)) + 1, [n]))
+        if bounds.size > 2:
+            self._refuse_shuffled(bounds)
+        return bounds
+
+    def _refuse_shuffled(self, bounds):
+        single = np.flatnonzero(np.diff(bounds) == 1)
+        if self.codes is not None and single.size:
+            codes = self.codes[bounds[:-1]]
+            single = single[np.bincount(codes)[codes[single]] > 1]
+        if single.size:
+            raise RecordError(
+                f"The rows are not in the order of time: row {bounds[single[0]]} is out of place, "
+                f"and {single.size} row(s) in all. {SPLITTERS}; X.sort_index() restores the order "
+                f"of an index with a record level."
+            )
+
+    def label(self, row, run) -> Hashable:
+        """Return the label of a row that lies in the given run."""
+        if self.codes is None:
+            return run
+        label = self.labels[self.codes[row]]
+        return label.item() if isinstance(label, np.generic) else label
+
+    def cuts(self, start, stop, longest=None) -> list[int]:
+        """Return the bounds of the pieces of a run; ``longest`` is the longest interval, in s."""
+        steps = np.diff(self.values[start:stop])
+        if steps.size == 0:
+            return [start, stop]
+        if longest is not None:
+            longest = longest / self.unit
+        elif self.counts:
+            longest = GAP
+        elif steps.max() * steps.size <= GAP * steps.sum():
+            return [start, stop]  # the longest is near the mean, and so it is near the median
+        else:
+            longest = GAP * float(np.median(steps))
+        gaps = np.flatnonzero(steps > longest) + start + 1
+        return [start, *gaps.tolist(), stop]
+
+
+def time_stamps(X, dt=1.0) -> TimeStamps:
+    """Take the index of ``X`` apart; integers, and arrays, count samples of interval ``dt``."""
+    index = getattr(X, "index", None)
+    if not isinstance(index, pd.Index):
+        shape = getattr(X, "shape", None)
+        n_samples = shape[0] if shape is not None else len(X)
+        return TimeStamps(np.arange(n_samples), dt, np.dtype(np.int64), counts=True)
+    if not isinstance(index, pd.MultiIndex):
+        return _numbers(index, dt)
+    if index.nlevels != 2:
+        raise RecordError(
+            f"The index of X must have the levels 'record' and 'time'. Got {index.nlevels} levels "
+            f"{list(index.names)} instead; merge or drop the others (X.droplevel)."
+        )
+    level = list(index.names).index("time") if "time" in index.names else 1
+    codes = np.asarray(index.codes[1 - level])
+    if (codes < 0).any():
+        rows = describe_rows(np.flatnonzero(codes < 0))
+        raise RecordError(f"Every row must have a record label. Got {rows} without one instead.")
+    stamps = _numbers(index.levels[level], dt, index.codes[level])
+    return dataclasses.replace(stamps, codes=codes, labels=index.levels[1 - level])
+
+
+def _numbers(times, dt, codes=None):
+    """Turn time labels into numbers; ``codes`` are the positions in a level of a MultiIndex."""
+    dtype = times.dtype
+    if pd.api.types.is_bool_dtype(dtype) or not (
+        pd.api.types.is_integer_dtype(dtype)
+        or pd.api.types.is_float_dtype(dtype)
+        or dtype.kind in "mM"
+    ):
+        raise RecordError(
+            f"The time in the index of X must be seconds, datetimes, timedeltas or integers that "
+            f"count samples. Got values of type {dtype} instead; X.reset_index(drop=True) makes "
+            f"one record of the rows, skhyst.records.stack_records builds an index."
+        )
+    if dtype.kind in "mM":
+        values, unit = times.asi8, UNITS[times.unit]
+    elif pd.api.types.is_float_dtype(dtype):
+        values, unit = times.to_numpy(dtype=float, na_value=np.nan), 1.0
+    else:
+        values, unit = times.to_numpy(dtype=np.int64), dt
+    missing = times.isna() if values.dtype.kind == "i" else ~np.isfinite(values)
+    if codes is not None:
+        codes = np.asarray(codes)
+        if values.size:
+            values, missing = values[codes], missing[codes] | (codes < 0)
+        else:
+            values, missing = np.zeros(codes.size), np.ones(codes.size, dtype=bool)
+    if missing.any():
+        rows = np.flatnonzero(missing)
+        raise RecordError(
+            f"The time in the index of X must be finite. Got {describe_rows(rows)} without a "
+            f"finite time instead; drop these rows."
+        )
+    return TimeStamps(values, unit, dtype, counts=pd.api.types.is_integer_dtype(dtype))
+
+
+def describe_rows(rows, most=5) -> str:
+    """Return ``"3 row(s) (4, 7, 9)"``, with the first few numbers."""
+    shown = ", ".join(str(row) for row in rows[:most])
+    return f"{len(rows)} row(s) ({shown}{', ...' if len(rows) > most else ''})"
+
+
+def record_slices(X, y=None, *, dt=1.0) -> tuple[RecordSlice, ...]:
+    """Find the records in ``X``.
+
+    A new record starts where the record level changes, where time steps back, or after a gap of
+    more than 1.5 sampling intervals. Time stamps that are rounded by up to a tenth of an interval,
+    and clocks that stray from a straight line by less than 0.1 % of the duration, count as even.
+
+    Parameters
+    ----------
+    X : array-like or DataFrame of shape (n_samples, n_inputs)
+        The time is read from the index: a ``MultiIndex`` with the levels ``record`` and ``time``,
+        or a single index of seconds (float), datetimes or timedeltas. Integers count samples, and
+        a hole in them starts a new record; an array is one record without holes.
+    y : array-like or Series of shape (n_samples,), optional
+        Response. Its index must not say more than that of ``X``.
+    dt : float, default=1.0
+        Sampling interval in s where the index counts samples or is absent.
+
+    Returns
+    -------
+    tuple of RecordSlice
+        In the order of the rows, with one sampling interval for all.
+
+    Raises
+    ------
+    RecordError
+        If rows are shuffled or repeated, a record is sampled unevenly or has a single sample, the
+        records differ in their interval, or ``y`` has an index with records that ``X`` lacks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.records import record_slices
+    >>> [(r.rows, r.dt) for r in record_slices(np.zeros((5, 1)), dt=0.1)]
+    [(slice(0, 5, None), 0.1)]
+    """
+    if not (np.isscalar(dt) and np.isreal(dt) and 0 < dt < np.inf):
+        raise RecordError(
+            f"The 'dt' parameter of record_slices must be a positive number. Got {dt!r} instead."
+        )
+    dt = float(dt)
+    if y is not None:
+        _refuse_lost_index(X, y)
+    index = getattr(X, "index", None)
+    if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
+        return (RecordSlice(0, slice(0, len(index)), dt, index.start * dt, len(index)),)
+    stamps = time_stamps(X, dt)
+    if stamps.values.size == 0:
+        return ()
+    pieces = _pieces(stamps)
+    common = _common_interval(stamps, pieces)
+    return tuple(
+        RecordSlice(
+            stamps.label(start, run),
+            slice(start, stop),
+            common,
+            float(stamps.values[start] * stamps.unit),
+            stop - start,
+        )
+        for run, start, stop in pieces
+    )
+
+
+def _refuse_lost_index(X, y):
+    index = getattr(y, "index", None)
+    if not isinstance(index, pd.Index):
+        return
+    own = getattr(X, "index", None)
+    carried = isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex)
+    if carried:
+        if len(own) == len(index) and not _says_less(index) and not own.equals(index):
+            raise RecordError(
+                "The index of X and that of y must be equal. Got rows in another order or of "
+                "another recording instead; align them (y.loc[X.index])."
+            )
+    elif not _says_less(index) and not index.equals(own):
+        raise RecordError(
+            "The index of X must carry the records and times that the index of y carries. Got an "
+            "X without them instead: a step before this one has returned an array. Call "
+            'set_output(transform="pandas") on that step or on the pipeline, or pass y.to_numpy() '
+            "if the rows are one record."
+        )
+
+
+def _says_less(index):
+    """Whether an index says nothing of records: consecutive integers, or labels that are no time."""
+    if isinstance(index, pd.MultiIndex):
+        return False
+    if isinstance(index, pd.RangeIndex):
+        return index.step == 1
+    if pd.api.types.is_integer_dtype(index.dtype):
+        return bool(np.all(np.diff(index.to_numpy()) == 1))
+    return not (pd.api.types.is_float_dtype(index.dtype) or index.dtype.kind in "mM")
+
+
+def _pieces(stamps):
+    """Cut the runs at their gaps; return (run, start, stop) of each record."""
+    bounds = stamps.runs()
+    pieces = []
+    for run, (start, stop) in enumerate(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)):
+        cuts = stamps.cuts(start, stop)
+        pieces.extend((run, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True))
+    single = [start for _, start, stop in pieces if stop - start == 1]
+    if single:
+        counts = (
+            " The integers of the index count samples: give times in seconds as floats."
+            if stamps.counts
+            else " If the sampling is uneven, call skhyst.records.resample_records."
+        )
+        raise RecordError(
+            f"A record must have at least two samples. Got {describe_rows(single)} that stand(s) "
+            f"alone instead, without a neighbour one sampling interval away. {SPLITTERS}.{counts}"
+        )
+    return pieces
+
+
+def _common_interval(stamps, pieces):
+    """Return the sampling interval in s that all pieces share."""
+    if stamps.counts:
+        return stamps.unit
+    spans = np.array([float(stamps.values[b - 1] - stamps.values[a]) for _, a, b in pieces])
+    intervals = np.array([b - a - 1 for _, a, b in pieces])
+    means = spans / intervals
+    for (run, a, b), mean, span in zip(pieces, means, spans, strict=True):
+        times = stamps.values[a:b] - stamps.values[a]
+        stray = np.abs(times - mean * np.arange(b - a)).max()
+        jitter = np.abs(np.diff(times) - mean).max()
+        if jitter > JITTER * mean or stray > max(JITTER * mean, DRIFT * span):
+            raise RecordError(
+                f"The sampling must be even. Got record {stamps.label(a, run)!r}, rows {a} to "
+                f"{b - 1}, with a mean interval of {mean * stamps.unit:.6g} s from which single "
+                f"intervals deviate by up to {jitter * stamps.unit:.3g} s and the clock by up to "
+                f"{stray * stamps.unit:.3g} s instead; call skhyst.records.resample_records. If "
+                f"the rows are a random subset: {SPLITTERS}."
+            )
+    common = spans.sum() / intervals.sum()
+    allowed = MISMATCH + JITTER / intervals
+    reference = means[np.argmax(intervals)]
+    differs = np.flatnonzero(np.abs(means - reference) > allowed * reference)
+    if differs.size:
+        run, a, _ = pieces[differs[0]]
+        raise RecordError(
+            f"All records must have the same sampling interval. Got {reference * stamps.unit:.6g} "
+            f"s, and {means[differs[0]] * stamps.unit:.6g} s in record {stamps.label(a, run)!r} "
+            f"instead; call skhyst.records.resample_records."
+        )
+    # Nine digits: 0.001 s stays 0.001 s whatever rows a splitter picks.
+    return float(f"{common * stamps.unit:.9g}")

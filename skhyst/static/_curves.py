@@ -1,0 +1,169 @@
+"""Clipping, one-sided dead zones and smooth curves."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.utils._param_validation import Interval, StrOptions
+
+from ..base import ParametricModel
+from ..operators import DeadZoneOperator, PolynomialCurveOperator, SaturationOperator
+
+__all__ = ["DeadZones", "Saturation", "SmoothCurve"]
+
+
+def _signal(records):
+    u = np.concatenate([record.u for record in records])
+    return u, float(u.min()), float(u.max())
+
+
+class Saturation(ParametricModel):
+    r"""Clipping, :math:`y = \min(\max(u, a), b)`.
+
+    Parameters
+    ----------
+    sides : {"both", "lower", "upper"}, default="both"
+        Which limits there are.
+    rank : {"drive", "sensor"}, default="sensor"
+        Where it stands when an effect search has to find its place in a series: before everything
+        else, or behind it.
+    initial_state, dt
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : SaturationOperator
+        ``lower`` and ``upper``, units of the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import Saturation
+    >>> u = np.linspace(-1, 1, 201)
+    >>> model = Saturation(sides="upper").fit(u.reshape(-1, 1), np.minimum(u, 0.6))
+    >>> round(model.operator_.upper, 6)
+    0.6
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "sides": [StrOptions({"both", "lower", "upper"})],
+        "rank": [StrOptions({"drive", "sensor"})],
+    }
+
+    def __init__(self, *, sides="both", rank="sensor", initial_state="rest", dt=1.0):
+        self.sides = sides
+        self.rank = rank
+        self.initial_state = initial_state
+        self.dt = dt
+
+    def _starts(self, records):
+        u, low, high = _signal(records)
+        rank = 0 if self.rank == "drive" else 50
+        starts = []
+        for part in (0.03, 0.08, 0.15, 0.25, 0.35):
+            levels = {
+                "lower": {"lower": low + part * (high - low)},
+                "upper": {"upper": high - part * (high - low)},
+            }
+            levels["both"] = levels["lower"] | levels["upper"]
+            starts.append((SaturationOperator(**levels[self.sides], rank=rank), ()))
+        return starts
+
+
+class DeadZones(ParametricModel):
+    r"""Superposition of one-sided dead zones, :math:`y = u + \sum_j w_j D_j(u)`.
+
+    :math:`D_j(u) = \max(u - r_j, 0)` on the upper side, :math:`\min(u - r_j, 0)` on the lower one:
+    the part that makes a Prandtl-Ishlinskii model asymmetric (thesis section 3.2; Kuhnen 2003).
+
+    Parameters
+    ----------
+    n_zones : int, default=3
+        Number of dead zones a side.
+    sides : {"both", "lower", "upper"}, default="both"
+        Which sides have dead zones.
+    initial_state, dt
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : DeadZoneOperator
+        ``weights``, ``thresholds`` (units of the signal), ``side``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import DeadZones
+    >>> u = np.linspace(-1, 1, 201)
+    >>> y = u + 0.5 * np.maximum(u - 0.3, 0.0)
+    >>> model = DeadZones(n_zones=1, sides="upper").fit(u.reshape(-1, 1), y)
+    >>> round(float(model.operator_.thresholds[0]), 6)
+    0.3
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "n_zones": [Interval(Integral, 1, None, closed="left")],
+        "sides": [StrOptions({"both", "lower", "upper"})],
+    }
+
+    def __init__(self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0):
+        self.n_zones = n_zones
+        self.sides = sides
+        self.initial_state = initial_state
+        self.dt = dt
+
+    def _starts(self, records):
+        _, low, high = _signal(records)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        parts = half * np.arange(self.n_zones) / self.n_zones
+        sides = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}[self.sides]
+        thresholds = np.concatenate([middle + side * parts for side in sides])
+        signs = np.repeat(sides, self.n_zones)
+        return [(DeadZoneOperator(np.zeros(len(signs)), thresholds, signs), ())]
+
+
+class SmoothCurve(ParametricModel):
+    r"""Smooth memoryless curve, the identity plus Legendre polynomials of degree 2 and above.
+
+    Outside the range of the fit the curve goes on along its tangent.
+
+    Parameters
+    ----------
+    degree : int, default=5
+        Highest degree, at least 2.
+    initial_state, dt
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : PolynomialCurveOperator
+        ``coefficients``, from degree 2 on, relative to ``scale``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import SmoothCurve
+    >>> u = np.linspace(-1, 1, 201)
+    >>> model = SmoothCurve(degree=2).fit(u.reshape(-1, 1), u + 0.1 * (3 * u**2 - 1) / 2)
+    >>> round(float(model.operator_.coefficients[0]), 6)
+    0.1
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "degree": [Interval(Integral, 2, None, closed="left")],
+    }
+
+    def __init__(self, degree=5, *, initial_state="rest", dt=1.0):
+        self.degree = degree
+        self.initial_state = initial_state
+        self.dt = dt
+
+    def _starts(self, records):
+        _, low, high = _signal(records)
+        scale = 0.5 * (high - low) or 1.0
+        operator = PolynomialCurveOperator(
+            np.zeros(self.degree - 1), center=0.5 * (low + high), scale=scale
+        )
+        return [(operator, ())]
