@@ -60,21 +60,26 @@ class PlayBasis:
     shape = (1_000_000, 100)
 
     def setup(self):
+        """Make the drive and the array."""
         self.out = np.ones(self.shape)
         self.thresholds = np.arange(self.shape[1]) / self.shape[1]
         steps = np.random.default_rng(0).standard_normal(self.shape[0])
         self.drive = 0.01 * np.cumsum(steps)
 
     def time_play_basis(self):
+        """Write the plays."""
         play_basis(self.drive, self.thresholds, np.zeros(self.shape[1]), self.out)
 
     def time_stop_basis(self):
+        """Write the stops."""
         stop_basis(self.drive, self.thresholds, np.zeros(self.shape[1]), self.out)
 
     def time_fill(self):
+        """Fill the same array: what the machine can do."""
         self.out.fill(1.0)
 
     def time_store_rows(self):
+        """Write constant rows in a compiled loop."""
         store_rows(self.thresholds, self.out)
 
 
@@ -86,10 +91,12 @@ class Run:
     param_names = ("n_plays", "drive")
 
     def setup(self, n_plays, drive):
+        """Make the drive and the operator."""
         self.drive = signals(self.n_samples)[drive]
         self.operator = operator(n_plays)
 
     def time_run(self, n_plays, drive):
+        """Run from rest."""
         self.operator.run(self.drive, 1.0)
 
 
@@ -101,12 +108,14 @@ class Linearize:
     param_names = ("n_tangents",)
 
     def setup(self, n_tangents):
+        """Make the drive, its tangents and the operator."""
         rng = np.random.default_rng(0)
         self.drive = 0.02 * np.cumsum(rng.standard_normal(self.n_samples))
         self.tangents = rng.standard_normal((self.n_samples, n_tangents))
         self.operator = operator(20)
 
     def time_linearize(self, n_tangents):
+        """Return the response and all tangents."""
         self.operator.linearize(self.drive, self.tangents, 1.0)
 
 

@@ -23,11 +23,16 @@ def read_data(estimator, X, y=None, *, reset, dt):
     The index is read before scikit-learn turns the frame into an array.
     """
     options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
-    if y is None:
-        array = validate_data(estimator, X, reset=reset, **options)
-        return record_slices(X, dt=dt), array, None
+    if y is None and not reset:
+        array = validate_data(estimator, X, reset=False, **options)
+        return record_slices(_indexed(X, array), dt=dt), array, None
     array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
-    return record_slices(X, y, dt=dt), array, np.asarray(response, dtype=float)
+    response = np.asarray(response, dtype=float)
+    return record_slices(_indexed(X, array), y, dt=dt), array, response
+
+
+def _indexed(X, array):
+    return X if hasattr(X, "iloc") else array
 
 
 class ParametricModel(RegressorMixin, BaseEstimator):
@@ -86,6 +91,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ]
         self.records_ = slices
         return self._fit_records(data)
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # on data that no device has produced
+        return tags
 
     def _identify(self, data):
         """Identify from ``RecordData``; return an ``IdentificationResult``."""

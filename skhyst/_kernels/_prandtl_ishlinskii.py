@@ -160,7 +160,7 @@ def turning_point_run(u, offset, intercept, table, bins, scale, points, values, 
                 base, limit, start = last, base, output
                 sign = -sign
                 if depth > room:
-                    top = compress_stack(points, values, depth, table, bins, scale)
+                    top = compress_stack(points, values, np.int64(depth), table, bins, scale)
                     depth = np.uint64(top)
                     base, limit, start = points[top], points[top - 1], values[top]
             if sign * (value - limit) >= 0.0:

@@ -10,8 +10,8 @@ from ._starts import starting_structures
 
 __all__ = ["Contestant", "contest", "held_out", "paired_p_value", "screen"]
 
-_TRIALS = 2  # starts, and variants, that are refitted briefly
-_TRIAL_EVALUATIONS = 5
+_TRIALS = 2  # starts of a variant that are refitted briefly
+_TRIAL_EVALUATIONS = 4
 _EVALUATIONS = 60
 _VARIANTS = 4  # variants of one effect that are refitted
 _HOPEFUL = 4.0  # sum of squares, relative to the best variant's, up to which one is refitted
@@ -40,8 +40,8 @@ def screen(effect, structure, records):
     """Refit an effect briefly; return its variants as lists of contestants, best start first.
 
     Each starting value is simulated once: the linear parameters are solved exactly and one
-    Gauss-Newton step of all others is predicted. The best starts of all variants are then refitted
-    for a few steps.
+    Gauss-Newton step of all others is predicted. The best start of all is then refitted for a few
+    steps, since a prediction far from the solution says little.
     """
     found = []
     for candidates in starting_structures(effect, structure, records):
@@ -52,12 +52,8 @@ def screen(effect, structure, records):
             n_parameters = len(problem.x0) + candidate.n_coefficients()
             starts.append(Contestant(effect.name, candidate, predicted, n_parameters, problem.x0))
         found.append(sorted(starts, key=lambda c: c.cost))
-    order = sorted(
-        ((starts[0].cost, i) for i, starts in enumerate(found)), key=lambda pair: pair[0]
-    )
-    for _, i in order[:_TRIALS]:
-        refitted = [_refit(c, records, _TRIAL_EVALUATIONS)[0] for c in found[i][:_TRIALS]]
-        found[i] = sorted(refitted, key=lambda c: c.cost)
+    best = min(range(len(found)), key=lambda i: found[i][0].cost)
+    found[best][0] = _refit(found[best][0], records, _TRIAL_EVALUATIONS)[0]
     return found
 
 

@@ -10,6 +10,8 @@ from ..optimize import distribute_poles, pole_starts
 __all__ = ["starting_structures"]
 
 _STARTS = 3  # of many starting values, so many are linearised
+_THINNED = 3  # every so many samples decide which
+_SAME_POLES = 0.03  # relative distance of poles that need no start of their own
 
 
 def starting_structures(effect, structure, records):
@@ -32,7 +34,8 @@ def starting_structures(effect, structure, records):
             signals[at] = structure.run(records, last=at)
         here = [replace(r, u=u) for r, u in zip(records, signals[at], strict=True)]
         candidates = [
-            structure.insert(effect.name, model, operator) for operator, _ in model._starts(here)
+            structure.insert(effect.name, model, _unit_gain(operator, structure))
+            for operator, _ in model._starts(here)
         ]
         first = min(at, _first_dynamics(structure))
         if first not in signals:
@@ -63,7 +66,7 @@ def _redistributed(candidates, records, signals, first):
     for candidate in candidates if delayed else candidates[:1]:
         inputs = candidate.run(records, first=first, last=block[0], signals=signals)
         data = [(u, r.y, r.dt) for u, r in zip(inputs, records, strict=True)]
-        for poles in pole_starts(data, n_poles, 0):
+        for poles in _distinct(pole_starts(data, n_poles, 0)):
             for own in distribute_poles([stages[i] for i in block], poles):
                 operators = list(candidate.operators)
                 for i, operator in zip(block, own, strict=True):
@@ -72,25 +75,40 @@ def _redistributed(candidates, records, signals, first):
     return found
 
 
+def _distinct(pole_sets):
+    """Return the pole sets that are not near one before."""
+    kept = []
+    for poles in pole_sets:
+        ordered = np.sort_complex(poles)
+        if all(np.max(np.abs(ordered / other - 1.0)) > _SAME_POLES for other in kept):
+            kept.append(ordered)
+    return kept
+
+
+def _unit_gain(operator, structure):
+    """Return the operator without the gain and the intercept that another stage carries."""
+    if not any(stage.carries_scale for stage in structure.operators):
+        return operator
+    values = operator.pack()
+    for i, (_, spec) in enumerate(operator.entries()):
+        if spec.gauge is not None:
+            values[i] = spec.gauge
+    return operator.unpack(values)
+
+
 def _promising(candidates, structure, records, signals, first):
     """Return the few candidates whose output, up to gain and offset, fits best."""
     if len(candidates) <= _STARTS:
         return candidates
-    y = np.concatenate([record.y for record in records])
-    rows = _counted(records)
-    before = np.concatenate(structure.run(records, first=first, signals=signals))
+    rows = _counted(records)[::_THINNED]
+    y = np.concatenate([record.y for record in records])[rows]
+    before = np.concatenate(structure.run(records, first=first, signals=signals))[rows]
     costs = []
     for candidate in candidates:
-        # gains are free until the joint fit: the series is run without holding them
-        output = np.concatenate(
-            replace(candidate, operators=candidate.series().stages).run(
-                records, first=first, signals=signals
-            )
-        )
-        columns = np.stack([np.ones_like(y), before, output], axis=1)[rows]
-        gram = columns.T @ columns
+        output = np.concatenate(candidate.run(records, first=first, signals=signals))[rows]
+        columns = np.stack([np.ones_like(y), before, output])
+        gram, right = columns @ columns.T, columns @ y
         gram[np.diag_indices(3)] *= 1.0 + 1e-12
-        right = columns.T @ y[rows]
         costs.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
     order = np.argsort(np.nan_to_num(costs, nan=np.inf), kind="stable")
     return [candidates[i] for i in order[:_STARTS]]

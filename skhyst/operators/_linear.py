@@ -14,6 +14,7 @@ same formulas, which is exact to rounding (Al-Mohy and Higham, Numer. Algorithms
 """
 
 from abc import abstractmethod
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import expm
@@ -68,7 +69,8 @@ class LinearOperator(Operator):
 
     def state_space(self):
         """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
-        return tuple(np.real(part) for part in self._matrices(self.pack()))
+        a, b, c, d = self._matrices(self.pack())
+        return (*(np.ascontiguousarray(np.real(part)) for part in (a, b, c)), float(np.real(d)))
 
     def frequency_response(self, frequency):
         """Return the complex gain at ``frequency`` (Hz), shape of ``frequency``."""
@@ -84,44 +86,66 @@ class LinearOperator(Operator):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return np.linalg.eigvals(self.state_space()[0])
 
+    @cached_property
+    def _memory(self):
+        return {}  # by interval: discretising costs as much as a short record
+
+    def __getstate__(self):
+        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
+
+    def _rest(self):
+        """Return the state at rest for a unit input."""
+        if "rest" not in self._memory:
+            a, b, _, _ = self.state_space()
+            self._memory["rest"] = _equilibrium(a, b)
+        return self._memory["rest"]
+
+    def _discrete(self, dt):
+        """Return Ad, B0, B1, C, D."""
+        if dt not in self._memory:
+            a, b, c, d = self.state_space()
+            self._memory[dt] = (*_discretize(a, b, dt, self.hold), c, float(d))
+        return self._memory[dt]
+
+    def _discrete_tangents(self, dt):
+        """Return the derivatives of the discrete form and of the state at rest, (p, ...) each."""
+        if (dt, "tangents") not in self._memory:
+            values = self.pack()
+            points = values + 1j * _STEP * np.eye(values.size)
+            a, b, c, d = (
+                np.stack([np.asarray(part, dtype=complex) for part in parts])
+                for parts in zip(*(self._matrices(point) for point in points), strict=True)
+            )
+            parts = (*_discretize(a, b, dt, self.hold), c, d, _equilibrium(a, b))
+            self._memory[dt, "tangents"] = [
+                np.ascontiguousarray(part.imag / _STEP) for part in parts
+            ]
+        return self._memory[dt, "tangents"]
+
     def init(self, u0, initial_state="rest"):
-        a, b, _, _ = self.state_space()
         if initial_state == "zero":
-            return np.zeros(len(b)), 0.0
-        return _equilibrium(a, b) * u0, float(u0)
+            return np.zeros_like(self._rest()), 0.0
+        return self._rest() * u0, float(u0)
 
     def run(self, u, dt, state=None):
         u = np.ascontiguousarray(u, dtype=float)
         x, previous = self.init(u[0]) if state is None else state
-        a, b, c, d = self.state_space()
-        y, x = state_space_run(*_discretize(a, b, dt, self.hold), c, float(d), u, x, previous)
+        y, x = state_space_run(*self._discrete(dt), u, x, previous)
         return y + self.intercept, (x, float(u[-1]))
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u = np.ascontiguousarray(u, dtype=float)
-        values = self.pack()
-        p, m = values.size, du.shape[1]
-        # row 0 is the real point, the others carry one complex step each
-        points = values + 1j * _STEP * np.vstack([np.zeros(p), np.eye(p)])
-        a, b, c, d = (
-            np.stack([np.asarray(part, dtype=complex) for part in parts])
-            for parts in zip(*(self._matrices(point) for point in points), strict=True)
-        )
-        discrete = (*_discretize(a, b, dt, self.hold), c, d)
-        real = [np.ascontiguousarray(part[0].real) for part in discrete]
-        steps = [np.ascontiguousarray(part[1:].imag / _STEP) for part in discrete]
-        x = np.zeros(b.shape[1])
-        dx = np.zeros((b.shape[1], m + p))
-        u0, du0 = 0.0, np.zeros(m)
+        m = du.shape[1]
+        *steps, rest_steps = self._discrete_tangents(dt)
+        x, u0 = self.init(u[0], initial_state)
+        dx = np.zeros((len(x), m + len(rest_steps)))
+        du0 = np.zeros(m)
         if initial_state == "rest":
-            u0, du0 = u[0], du[0].copy()
-            rest = _equilibrium(a, b)
-            x = rest[0].real * u0
-            dx[:, :m] = np.outer(rest[0].real, du0)
-            dx[:, m:] = (rest[1:].imag / _STEP * u0).T
-        real[4] = float(d[0].real)
+            du0 = du[0].copy()
+            dx[:, :m] = np.outer(self._rest(), du0)
+            dx[:, m:] = u0 * rest_steps.T
         y, dy = state_space_tangents(
-            *real, *steps, u, np.ascontiguousarray(du), x, dx, float(u0), du0
+            *self._discrete(dt), *steps, u, np.ascontiguousarray(du), x, dx, u0, du0
         )
         column = self._intercept_column()
         if column is not None:

@@ -226,8 +226,12 @@ class PrandtlIshlinskiiOperator(Operator):
         """
         plays = np.asarray(plays, dtype=float)
         v = float(u) - self.drive_offset
-        gaps = np.abs(np.diff(plays, prepend=v)) - np.diff(self.thresholds, prepend=0.0)
-        if plays.shape != self.thresholds.shape or np.any(gaps > 1e-12 * np.abs(plays).max()):
+        reachable = plays.shape == self.thresholds.shape
+        if reachable:
+            slack = np.diff(self.thresholds, prepend=0.0)
+            slack += 1e-12 * (np.abs(plays).max() + self.thresholds[-1])
+            reachable = np.all(np.abs(np.diff(plays, prepend=v)) <= slack)
+        if not reachable:
             raise ValueError(
                 "The 'plays' parameter of PrandtlIshlinskiiOperator.state_from_plays must be "
                 "reachable: neighbours may differ by the difference of their thresholds at most. "

@@ -104,10 +104,8 @@ def _span(record):
 
 
 def _half_spans(record):
-    points = turning_points(record)
-    half_spans = 0.5 * np.abs(np.diff(points))
-    if _first_loading_is_seen(record) and points.size > 1:
-        # From the virgin state, successive new records of the absolute value.
-        peaks = np.abs(points)
-        half_spans = np.append(half_spans, peaks[np.argmax(peaks)])
+    """Return half the length of each branch; the first loading counts with its full length."""
+    half_spans = 0.5 * np.abs(np.diff(turning_points(record)))
+    if _first_loading_is_seen(record) and half_spans.size:
+        half_spans = np.append(half_spans, np.abs(record).max())
     return half_spans

@@ -96,7 +96,8 @@ def uncertainty(problem, solution, n_samples):
     for i, name in enumerate(problem.names):
         if name in undetermined:
             std[i] = np.inf
-    condition = values[-1] / max(values[0], np.finfo(float).tiny)
+    reciprocal = values[0] / values[-1]
+    condition = 1.0 / reciprocal if reciprocal > np.finfo(float).tiny else np.inf
     return std, tuple(sorted(undetermined)), float(condition)
 
 

@@ -142,7 +142,7 @@ class OperatorProblem:
         B are the columns of the disturbances' coefficients, J the Jacobian by the unknowns, r the
         prediction minus the response.
         """
-        operator, disturbances = self.unpack(x)
+        operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         blocks = []
         d, n, driven = self._n_eliminated, len(x) * jacobian, len(self._free)
         logs = np.flatnonzero(self.log) if jacobian else ()

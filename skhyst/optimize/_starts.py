@@ -53,7 +53,8 @@ def pole_starts(records, n_poles, n_zeros):
                 break
             scale = np.linalg.norm(rows, axis=0)
             scale[scale == 0.0] = 1.0
-            solution = np.linalg.lstsq(rows / scale, targets, rcond=None)[0] / scale
+            rows /= scale
+            solution = np.linalg.lstsq(rows.T @ rows, rows.T @ targets, rcond=None)[0] / scale
             roots = np.roots(np.r_[1.0, solution[:n_poles]])
             if len(roots) < n_poles or not np.isfinite(roots).all():
                 break

@@ -156,15 +156,13 @@ def _read_text(path):
 
 
 def _read_npy(path):
-    with path.open("rb") as file:
-        version = np.lib.format.read_magic(file)
-        read_header = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}
-        _, _, dtype = getattr(np.lib.format, read_header.get(version, "read_array_header_2_0"))(
-            file
-        )
-    if dtype.hasobject:
-        raise RecordError(f"it holds {_PICKLED}")
-    return _held("", np.load(path, mmap_mode="r", allow_pickle=False).view(np.ndarray))
+    try:
+        values = np.lib.format.open_memmap(path, mode="r")
+    except ValueError as error:
+        if "Python objects" in str(error):
+            raise RecordError(f"it holds {_PICKLED}") from error
+        raise
+    return _held("", values.view(np.ndarray))
 
 
 def _read_npz(path):
@@ -280,12 +278,15 @@ def _read_parquet(path):
     with parquet.ParquetFile(path) as file:
         names, rows = file.schema_arrow.names, file.metadata.num_rows
     load = partial(_parquet_values, parquet, path)
-    return [Variable(name, (rows,), partial(load, name)) for name in names]
+    return [
+        Variable(name, (rows,), partial(load, name, names[:i].count(name)))
+        for i, name in enumerate(names)
+    ]
 
 
-def _parquet_values(parquet, path, name):
+def _parquet_values(parquet, path, name, occurrence):
     with parquet.ParquetFile(path) as file:
-        return file.read(columns=[name]).column(0).to_numpy()
+        return file.read(columns=[name]).column(occurrence).to_numpy()
 
 
 def _read_tdms(path):

@@ -1,52 +1,19 @@
 """Put records together, take them apart, and bring them to an even sampling."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 from numbers import Real
 
 import numpy as np
 import pandas as pd
 from scipy.signal import butter, sosfiltfilt
 
-from skhyst.exceptions import RecordError
-
+from ..exceptions import RecordError
 from ._index import GAP, describe_rows, record_slices, time_stamps
 
 FILTER_ORDER = 8
 PASSED = 0.8  # part of the new Nyquist frequency that the anti-alias filter passes
 BRIDGED = 5.0  # uneven records are interpolated over at most this many median intervals
-
-
-def sampling_interval(X, *, dt=1.0) -> float:
-    """Return the sampling interval of ``X``.
-
-    Parameters
-    ----------
-    X : array-like or DataFrame of shape (n_samples, n_inputs)
-        Input whose index carries the time, as in :func:`record_slices`.
-    dt : float, default=1.0
-        Interval in s where the index counts samples or is absent.
-
-    Returns
-    -------
-    float
-        Interval in s, one for all records.
-
-    Raises
-    ------
-    RecordError
-        If ``X`` has no rows, or its rows do not form evenly sampled records.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from skhyst.records import sampling_interval
-    >>> sampling_interval(pd.DataFrame({"drive": [0.0, 1.0, 2.0]}, index=[0.0, 0.002, 0.004]))
-    0.002
-    """
-    records = record_slices(X, dt=dt)
-    if not records:
-        raise RecordError("The 'X' parameter of sampling_interval must have rows. Got 0 instead.")
-    return records[0].dt
 
 
 def iter_records(X, y=None, *, dt=1.0):
@@ -346,8 +313,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
 
 
 def _resampled_pieces(stamps, dt, max_gap):
-    bounds = stamps.runs()
-    for run, (start, stop) in enumerate(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)):
+    for run, (start, stop) in enumerate(pairwise(stamps.runs())):
         if stop - start < 2:
             raise RecordError(
                 f"A record must have at least two samples. Got record "
@@ -357,7 +323,7 @@ def _resampled_pieces(stamps, dt, max_gap):
         if longest is None:
             longest = BRIDGED * float(np.median(np.diff(stamps.values[start:stop]))) * stamps.unit
         cuts = stamps.cuts(start, stop, max(longest, GAP * dt))
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        for a, b in pairwise(cuts):
             if b - a > 1:  # a single row between two gaps holds no interval to interpolate in
                 yield stamps.label(a, run), a, b
 

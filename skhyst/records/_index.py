@@ -12,15 +12,16 @@ how shuffling is told from concatenation. A random subset in the right order (``
 
 import dataclasses
 from collections.abc import Hashable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from skhyst.exceptions import RecordError
+from ..exceptions import RecordError
 
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
-JITTER = 0.25  # deviation of one interval, in intervals: both its ends rounded by a tenth, and a bit
+JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
 DRIFT = 1e-3  # deviation of the clock from a straight line, in parts of the record's duration
 MISMATCH = 0.01  # relative difference between the intervals of two records
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -73,12 +74,12 @@ class TimeStamps:
 
     values: np.ndarray
     unit: float
-    dtype: Any = np.dtype(float)
+    dtype: Any
     counts: bool = False
     codes: np.ndarray | None = None
     labels: pd.Index | None = None
 
-    def runs(self) -> np.ndarray:
+    def runs(self) -> list[int]:
         """Return the bounds of the runs, ``[0, ..., n_samples]``; refuse repeats and shuffles."""
         values, n = self.values, self.values.size
         steps = np.diff(values)
@@ -96,7 +97,7 @@ class TimeStamps:
         bounds = np.concatenate(([0], np.flatnonzero(~same | (steps < 0)) + 1, [n]))
         if bounds.size > 2:
             self._refuse_shuffled(bounds)
-        return bounds
+        return bounds.tolist()
 
     def _refuse_shuffled(self, bounds):
         single = np.flatnonzero(np.diff(bounds) == 1)
@@ -138,9 +139,7 @@ def time_stamps(X, dt=1.0) -> TimeStamps:
     """Take the index of ``X`` apart; integers, and arrays, count samples of interval ``dt``."""
     index = getattr(X, "index", None)
     if not isinstance(index, pd.Index):
-        shape = getattr(X, "shape", None)
-        n_samples = shape[0] if shape is not None else len(X)
-        return TimeStamps(np.arange(n_samples), dt, np.dtype(np.int64), counts=True)
+        return TimeStamps(np.arange(_n_rows(X)), dt, np.dtype(np.int64), counts=True)
     if not isinstance(index, pd.MultiIndex):
         return _numbers(index, dt)
     if index.nlevels != 2:
@@ -155,6 +154,10 @@ def time_stamps(X, dt=1.0) -> TimeStamps:
         raise RecordError(f"Every row must have a record label. Got {rows} without one instead.")
     stamps = _numbers(index.levels[level], dt, index.codes[level])
     return dataclasses.replace(stamps, codes=codes, labels=index.levels[1 - level])
+
+
+def _n_rows(X):
+    return X.shape[0] if hasattr(X, "shape") else len(X)
 
 
 def _numbers(times, dt, codes=None):
@@ -242,6 +245,8 @@ def record_slices(X, y=None, *, dt=1.0) -> tuple[RecordSlice, ...]:
     if y is not None:
         _refuse_lost_index(X, y)
     index = getattr(X, "index", None)
+    if not isinstance(index, pd.Index):
+        index = pd.RangeIndex(_n_rows(X))
     if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
         return (RecordSlice(0, slice(0, len(index)), dt, index.start * dt, len(index)),)
     stamps = time_stamps(X, dt)
@@ -259,6 +264,39 @@ def record_slices(X, y=None, *, dt=1.0) -> tuple[RecordSlice, ...]:
         )
         for run, start, stop in pieces
     )
+
+
+def sampling_interval(X, *, dt=1.0) -> float:
+    """Return the sampling interval of ``X``.
+
+    Parameters
+    ----------
+    X : array-like or DataFrame of shape (n_samples, n_inputs)
+        Input whose index carries the time, as in :func:`record_slices`.
+    dt : float, default=1.0
+        Interval in s where the index counts samples or is absent.
+
+    Returns
+    -------
+    float
+        Interval in s, one for all records.
+
+    Raises
+    ------
+    RecordError
+        If ``X`` has no rows, or its rows do not form evenly sampled records.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skhyst.records import sampling_interval
+    >>> sampling_interval(pd.DataFrame({"drive": [0.0, 1.0, 2.0]}, index=[0.0, 0.002, 0.004]))
+    0.002
+    """
+    records = record_slices(X, dt=dt)
+    if not records:
+        raise RecordError("The 'X' parameter of sampling_interval must have rows. Got 0 instead.")
+    return records[0].dt
 
 
 def _refuse_lost_index(X, y):
@@ -283,7 +321,7 @@ def _refuse_lost_index(X, y):
 
 
 def _says_less(index):
-    """Whether an index says nothing of records: consecutive integers, or labels that are no time."""
+    """Whether an index knows no records: consecutive integers, or labels that are no time."""
     if isinstance(index, pd.MultiIndex):
         return False
     if isinstance(index, pd.RangeIndex):
@@ -295,11 +333,11 @@ def _says_less(index):
 
 def _pieces(stamps):
     """Cut the runs at their gaps; return (run, start, stop) of each record."""
-    bounds = stamps.runs()
-    pieces = []
-    for run, (start, stop) in enumerate(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)):
-        cuts = stamps.cuts(start, stop)
-        pieces.extend((run, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True))
+    pieces = [
+        (run, a, b)
+        for run, (start, stop) in enumerate(pairwise(stamps.runs()))
+        for a, b in pairwise(stamps.cuts(start, stop))
+    ]
     single = [start for _, start, stop in pieces if stop - start == 1]
     if single:
         counts = (

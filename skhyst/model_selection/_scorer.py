@@ -1,0 +1,129 @@
+"""Scores without the washout of each record."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.utils import check_consistent_length
+
+from ..metrics import fit_percent, mape, nrmse, smape
+from ..records import record_slices
+
+__all__ = ["washout_scorer"]
+
+# Names in scikit-learn say which way is better; the metrics of skhyst are known.
+BETTER_HIGH = ("_score",)
+BETTER_LOW = ("_error", "_loss", "_deviance")
+
+
+def washout_scorer(metric, *, washout, greater_is_better=None, **metric_options):
+    """Build a scorer that leaves the first samples of every record out.
+
+    The estimator predicts all rows; the first ``washout`` samples of each record, which still
+    depend on an unknown initial state, then do not count. A cut that a splitter has made starts a
+    new record, as the index has a hole there. Records that are not longer than the washout do not
+    count at all. In an array, which has no index, the rows of a fold are one record.
+
+    Parameters
+    ----------
+    metric : callable
+        ``metric(y_true, y_pred, **metric_options) -> float``, of :mod:`skhyst.metrics`,
+        :mod:`sklearn.metrics` or one's own.
+    washout : int
+        Samples at the start of each record that are left out, at least 0.
+    greater_is_better : bool or None, default=None
+        Whether a high value of the metric is good; if not, the scorer returns it with its sign
+        changed. None: taken from the name of a metric of skhyst, and of one that ends in
+        ``_score`` (high is good) or ``_error``, ``_loss``, ``_deviance`` (low is good).
+    **metric_options : dict
+        Passed on to the metric.
+
+    Returns
+    -------
+    callable
+        ``scorer(estimator, X, y) -> float``, for ``scoring=`` of ``cross_validate``,
+        ``GridSearchCV`` and the like. It can be pickled if the metric can. It raises ValueError
+        where no record is longer than the washout.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of its range, or the metric's name does not say what is better.
+
+    See Also
+    --------
+    BlockedTimeSeriesSplit : Leaves training rows out next to the test rows.
+    sklearn.metrics.make_scorer : The same without a washout.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.dummy import DummyRegressor
+    >>> from sklearn.metrics import max_error
+    >>> from skhyst.model_selection import washout_scorer
+    >>> X, y = np.zeros((5, 1)), np.array([9.0, 9.0, 1.0, 2.0, 3.0])
+    >>> model = DummyRegressor(strategy="constant", constant=2.0).fit(X, y)
+    >>> washout_scorer(max_error, washout=2)(model, X, y)
+    -1.0
+    """
+    if not callable(metric):
+        raise ValueError(
+            f"The 'metric' parameter of washout_scorer must be a function of (y_true, y_pred). "
+            f"Got {metric!r} instead."
+        )
+    if not isinstance(washout, Integral) or isinstance(washout, bool) or washout < 0:
+        raise ValueError(
+            f"The 'washout' parameter of washout_scorer must be an int that is at least 0. "
+            f"Got {washout!r} instead."
+        )
+    if greater_is_better is None:
+        greater_is_better = _high_is_good(metric)
+    if not isinstance(greater_is_better, bool | np.bool_):
+        raise ValueError(
+            f"The 'greater_is_better' parameter of washout_scorer must be a bool, or None for a "
+            f"metric whose name says it. Got {greater_is_better!r} and the metric "
+            f"{getattr(metric, '__name__', metric)!r} instead."
+        )
+    return _WashoutScorer(metric, int(washout), bool(greater_is_better), metric_options)
+
+
+def _high_is_good(metric):
+    """Return True or False, or None where the metric's name does not say it."""
+    if metric in (nrmse, mape, smape):
+        return False
+    name = getattr(metric, "__name__", "")
+    if metric is fit_percent or name.endswith(BETTER_HIGH):
+        return True
+    return False if name.endswith(BETTER_LOW) else None
+
+
+class _WashoutScorer:
+    def __init__(self, metric, washout, greater_is_better, metric_options):
+        self.metric = metric
+        self.washout = washout
+        self.greater_is_better = greater_is_better
+        self.metric_options = metric_options
+
+    def __call__(self, estimator, X, y):
+        """Return the score of the predicted rows that count."""
+        y_pred = np.asarray(estimator.predict(X))
+        check_consistent_length(X, y, y_pred)
+        records = record_slices(X, y)
+        counts = np.zeros(len(y_pred), dtype=bool)
+        for record in records:
+            counts[record.rows.start + self.washout : record.rows.stop] = True
+        if not counts.any():
+            raise ValueError(
+                f"The 'washout' parameter of washout_scorer must be shorter than a record. Got "
+                f"washout={self.washout} and records of "
+                f"{max((record.n_samples for record in records), default=0)} samples at most "
+                f"instead."
+            )
+        value = self.metric(np.asarray(y)[counts], y_pred[counts], **self.metric_options)
+        return value if self.greater_is_better else -value
+
+    def __repr__(self):
+        options = "".join(f", {name}={value!r}" for name, value in self.metric_options.items())
+        return (
+            f"washout_scorer({getattr(self.metric, '__name__', self.metric)}, "
+            f"washout={self.washout}, greater_is_better={self.greater_is_better}{options})"
+        )

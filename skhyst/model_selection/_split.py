@@ -1,0 +1,296 @@
+"""Splitters that keep records whole, or cut them into blocks with gaps between them.
+
+Rows that are neighbours in time share the state of the device: a model that has seen one of them
+has nearly seen the other. So a fold consists of whole records, or of contiguous blocks of them.
+"""
+
+import warnings
+from abc import abstractmethod
+from numbers import Integral
+
+import numpy as np
+import pandas as pd
+from sklearn.model_selection import BaseCrossValidator, KFold
+from sklearn.utils import indexable
+
+from ..exceptions import RecordError
+from ..records import record_slices
+
+__all__ = ["BlockedTimeSeriesSplit", "RecordKFold"]
+
+
+class _RecordSplitter(BaseCrossValidator):
+    """Splitter that reads the records from the index of X, and checks what it is asked to do."""
+
+    @abstractmethod
+    def _folds(self, records, labelled):
+        """Check the parameters; return an iterator of boolean masks (train, test).
+
+        ``labelled`` says whether the index has a record level.
+        """
+
+    def split(self, X, y=None, groups=None):
+        """Return an iterator over the folds.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            The index carries records and time.
+        y : array-like of shape (n_samples,), optional
+            Response; its index must not say more than that of ``X``.
+        groups : None
+            Ignored, exists for compatibility.
+
+        Returns
+        -------
+        iterator of (train, test)
+            Row numbers in increasing order.
+
+        Raises
+        ------
+        RecordError
+            If the rows form no records, or two records without a label of their own would follow
+            each other as if they were one.
+        ValueError
+            If a parameter is out of its range, or there are too few records or rows.
+        """
+        if groups is not None:
+            warnings.warn(
+                f"The groups parameter is ignored by {type(self).__name__}: the index of X says "
+                f"which rows belong together.",
+                UserWarning,
+                stacklevel=2,
+            )
+        self._check_integer("n_splits", 2)
+        X, y = indexable(X, y)
+        records = record_slices(X, y)
+        labelled = isinstance(getattr(X, "index", None), pd.MultiIndex)
+        return self._row_numbers(records, labelled, self._folds(records, labelled))
+
+    def get_n_splits(self, X=None, y=None, groups=None):
+        """Return the number of folds.
+
+        Parameters
+        ----------
+        X, y, groups : object
+            Ignored, exist for compatibility.
+
+        Returns
+        -------
+        int
+        """
+        return self.n_splits
+
+    def _check_integer(self, name, least):
+        value = getattr(self, name)
+        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+            raise ValueError(
+                f"The {name!r} parameter of {type(self).__name__} must be an int that is at least "
+                f"{least}. Got {value!r} instead."
+            )
+
+    def _row_numbers(self, records, labelled, folds):
+        runs = np.repeat([0 if labelled else r.label for r in records], _sizes(records))
+        several = runs.size and runs[-1] != runs[0]
+        time = np.concatenate([r.time for r in records]) if several else None
+        for masks in folds:
+            train, test = map(np.flatnonzero, masks)
+            if several:
+                _refuse_joined(train, runs, time, 1.5 * records[0].dt)
+                _refuse_joined(test, runs, time, 1.5 * records[0].dt)
+            yield train, test
+
+
+def _sizes(records):
+    return np.array([record.n_samples for record in records], dtype=int)
+
+
+def _refuse_joined(rows, runs, time, gap):
+    """Refuse rows of two runs that would follow each other in time as if they were one record."""
+    step = np.diff(time[rows])
+    joined = np.flatnonzero((np.diff(runs[rows]) != 0) & (step >= 0) & (step <= gap))
+    if joined.size:
+        raise RecordError(
+            f"The records need labels, as in this fold the times alone do not tell them apart: "
+            f"rows {rows[joined[0]]} and {rows[joined[0] + 1]} belong to different records, but "
+            f"follow each other in time. skhyst.records.stack_records builds an index with labels."
+        )
+
+
+class RecordKFold(_RecordSplitter):
+    """K folds of whole records.
+
+    Each record is in the test rows of exactly one fold. All rows with one label of the record
+    level stay together, also where rows are missing between them; without a record level, a
+    record is what :func:`skhyst.records.record_slices` finds.
+
+    Parameters
+    ----------
+    n_splits : int, default=5
+        Number of folds, from 2 to the number of records.
+    shuffle : bool, default=False
+        Whether records are dealt to the folds at random, not in their order. Rows stay in order.
+    random_state : int, RandomState instance or None, default=None
+        Seed of the shuffle.
+
+    See Also
+    --------
+    BlockedTimeSeriesSplit : For a single record, or records fewer than folds.
+    sklearn.model_selection.KFold : Deals single rows; this one deals records in the same way.
+
+    Notes
+    -----
+    An array, or a frame with a default index, is a single record and cannot be split by records.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.model_selection import RecordKFold
+    >>> from skhyst.records import stack_records
+    >>> X = stack_records([np.zeros(2), np.zeros(3), np.zeros(2)])
+    >>> for train, test in RecordKFold(3).split(X):
+    ...     print(train, test)
+    [2 3 4 5 6] [0 1]
+    [0 1 5 6] [2 3 4]
+    [0 1 2 3 4] [5 6]
+    """
+
+    def __init__(self, n_splits=5, *, shuffle=False, random_state=None):
+        self.n_splits = n_splits
+        self.shuffle = shuffle
+        self.random_state = random_state
+
+    def _folds(self, records, labelled):
+        keys = [record.label if labelled else i for i, record in enumerate(records)]
+        numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        if len(numbers) < self.n_splits:
+            raise ValueError(
+                f"The 'n_splits' parameter of RecordKFold must be at most the number of records. "
+                f"Got n_splits={self.n_splits} and {len(numbers)} record(s) in the index of X "
+                f"instead; {_remedy(len(numbers))}"
+            )
+        deal = KFold(self.n_splits, shuffle=self.shuffle, random_state=self.random_state)
+        row_numbers = np.repeat([numbers[key] for key in keys], _sizes(records))
+        tests = [test for _, test in deal.split(np.arange(len(numbers)))]
+        masks = (np.isin(row_numbers, test) for test in tests)
+        return ((~mask, mask) for mask in masks)
+
+
+def _remedy(n_records):
+    blocks = "use BlockedTimeSeriesSplit, which cuts each record into blocks"
+    if n_records > 1:
+        return f"{blocks}, or at most {n_records} folds."
+    return f"{blocks}. If there are more records: skhyst.records.stack_records builds their index."
+
+
+class BlockedTimeSeriesSplit(_RecordSplitter):
+    """K folds of contiguous blocks: the k-th fold tests the k-th block of every record.
+
+    Every row is in the test rows of exactly one fold. The training rows lie before and after the
+    test block: the question is how well the model describes the device, not the future.
+
+    Parameters
+    ----------
+    n_splits : int, default=5
+        Number of blocks in each record, at least 2. A record must have twice as many samples.
+    washout : int, default=0
+        Training rows that are left out on either side of each test block, in sampling intervals:
+        the memory of the device, so that training and test rows share none of it.
+
+    See Also
+    --------
+    RecordKFold : Folds of whole records.
+    washout_scorer : Leaves the first samples of each test block out of the score.
+    sklearn.model_selection.TimeSeriesSplit : Tests only on rows after the training rows.
+
+    Notes
+    -----
+    In a frame, the rows before and after a cut are two records, since the index then has a hole.
+    An array loses its index when it is sliced: there the rows of each fold are taken for one
+    record, although the training rows jump at each cut. A frame avoids that, also one with a
+    default index.
+
+    A training row that a gap leaves alone, without a neighbour, is left out: a record has two
+    samples at least.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.model_selection import BlockedTimeSeriesSplit
+    >>> for train, test in BlockedTimeSeriesSplit(3, washout=1).split(np.zeros((9, 1))):
+    ...     print(train, test)
+    [4 5 6 7 8] [0 1 2]
+    [0 1 7 8] [3 4 5]
+    [0 1 2 3 4] [6 7 8]
+    """
+
+    def __init__(self, n_splits=5, *, washout=0):
+        self.n_splits = n_splits
+        self.washout = washout
+
+    def _folds(self, records, labelled):
+        self._check_integer("washout", 0)
+        for record in records:
+            if record.n_samples < 2 * self.n_splits:
+                raise ValueError(
+                    f"The 'n_splits' parameter of BlockedTimeSeriesSplit must leave two samples "
+                    f"in each block. Got n_splits={self.n_splits} and record {record.label!r}, "
+                    f"rows {record.rows.start} to {record.rows.stop - 1}, with "
+                    f"{record.n_samples} samples instead."
+                )
+        return self._blocks(records)
+
+    def _blocks(self, records):
+        clock = _clock(records, self.washout)
+        first = np.array([record.rows.start for record in records])
+        size, longer = np.divmod(_sizes(records), self.n_splits)
+        for k in range(self.n_splits):
+            starts = first + k * size + np.minimum(k, longer)
+            stops = starts + size + (k < longer)
+            near = np.searchsorted(clock, clock[starts] - self.washout)
+            far = np.searchsorted(clock, clock[stops - 1] + self.washout, side="right")
+            test = _mask(clock.size, starts, stops)
+            train = ~_mask(clock.size, near, far)
+            _leave_out_single(train, clock)
+            if not train.any():
+                raise ValueError(
+                    f"The 'washout' parameter of BlockedTimeSeriesSplit must leave rows to train "
+                    f"on. Got washout={self.washout} and n_splits={self.n_splits}, with records "
+                    f"of {_sizes(records).max()} samples at most, instead."
+                )
+            yield train, test
+
+
+def _mask(n_samples, starts, stops):
+    mask = np.zeros(n_samples, dtype=bool)
+    for start, stop in zip(starts, stops, strict=True):
+        mask[start:stop] = True
+    return mask
+
+
+def _clock(records, washout):
+    """Return increasing integers, one a row: time in intervals, records apart by the washout.
+
+    The two sides of a hole in a record are as far apart as the hole is long.
+    """
+    ticks = []
+    last, previous = -1, None
+    for record in records:
+        jump = 1 if previous is None else washout + 2
+        if previous is not None and record.label == previous.label:
+            ahead = record.start_time - previous.start_time
+            if ahead > 0:
+                jump = max(round(ahead / record.dt) - previous.n_samples + 1, 2)
+        ticks.append(last + jump + np.arange(record.n_samples))
+        last, previous = ticks[-1][-1], record
+    return np.concatenate(ticks)
+
+
+def _leave_out_single(train, clock):
+    """Take rows without a neighbour one tick away out of the mask."""
+    rows = np.flatnonzero(train)
+    close = np.diff(clock[rows]) == 1
+    neighbour = np.zeros(rows.size, dtype=bool)
+    neighbour[1:] |= close
+    neighbour[:-1] |= close
+    train[rows[~neighbour]] = False

@@ -1,0 +1,182 @@
+"""Find a column among the variables of a file by name, position or index."""
+
+import re
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError
+from ._formats import reading
+
+__all__ = ["load_column", "numbers"]
+
+_INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
+_POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
+_SHOWN = 20  # variables that an error message lists
+
+
+def load_column(path, variables, wanted):
+    """Load one column of a file.
+
+    Parameters
+    ----------
+    path : Path
+    variables : list of Variable
+    wanted : str or int
+        A name, the last part of a path if that is unique, ``name[2]`` for a column of a matrix,
+        or the 0-based position among all columns of the file.
+
+    Returns
+    -------
+    name : str
+    values : ndarray of shape (n_samples,)
+
+    Raises
+    ------
+    RecordError
+        If there is no such column, more than one, or it is not a column.
+    """
+    if isinstance(wanted, int | np.integer) and not isinstance(wanted, bool):
+        return _at_position(path, variables, int(wanted))
+    if not isinstance(wanted, str):
+        raise RecordError(
+            f"A column must be named by a str or by its position as an int. Got {wanted!r} instead."
+        )
+    variable = _named(path, variables, wanted)
+    if variable is not None:
+        return variable.name or wanted, _vector(path, variable, wanted)
+    if re.fullmatch(r"\d+", wanted):
+        return _at_position(path, variables, int(wanted))
+    match = _INDEXED.fullmatch(wanted)
+    variable = match and _named(path, variables, match["name"])
+    if variable is None:
+        raise RecordError(f"{path.name} has no column {wanted!r}. {_listed(variables)}")
+    return wanted, _indexed(path, variable, wanted, match["index"])
+
+
+def _named(path, variables, name):
+    found = [i for i, variable in enumerate(variables) if variable.name == name]
+    if not found and name:
+        found = [i for i, v in enumerate(variables) if re.split(r"[/.]", v.name)[-1] == name]
+        same = re.sub(r"[/.]", "/", name)
+        found = found or [
+            i for i, v in enumerate(variables) if re.sub(r"[/.]", "/", v.name) == same
+        ]
+    if len(found) > 1:
+        raise RecordError(
+            f"{path.name} has {len(found)} columns that {name!r} may mean, at the positions "
+            f"{', '.join(map(str, found))}: give the full name or the position. "
+            f"{_listed(variables)}"
+        )
+    return variables[found[0]] if found else None
+
+
+def _listed(variables):
+    shown = [
+        f"{v.name or 'an array without a name'} {v.refused or _size(v.shape)}"
+        for v in variables[:_SHOWN]
+    ]
+    more = len(variables) - len(shown)
+    return f"It has: {', '.join(shown)}{f' and {more} more' if more > 0 else ''}."
+
+
+def _size(shape):
+    return f"({', '.join(map(str, shape))})" if shape else "(a single value)"
+
+
+def _is_vector(shape):
+    return len(shape) > 0 and sum(n != 1 for n in shape) <= 1
+
+
+def _length(shape):
+    return 0 if not shape else max(shape) if _is_vector(shape) else shape[0]
+
+
+def _at_position(path, variables, position):
+    """Count the columns of all variables that are as long as the longest one."""
+    usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
+    longest = max((_length(v.shape) for v in usable), default=0)
+    columns = [
+        (variable, column)
+        for variable in usable
+        if _length(variable.shape) == longest
+        for column in ([None] if _is_vector(variable.shape) else range(variable.shape[1]))
+    ]
+    if not 0 <= position < len(columns):
+        raise RecordError(
+            f"{path.name} has no column at position {position}: it has {len(columns)} columns, "
+            f"counted from 0. {_listed(variables)}"
+        )
+    variable, column = columns[position]
+    if column is None:
+        return variable.name or str(position), _load(path, variable).reshape(-1)
+    name = f"{variable.name}[{column}]" if variable.name else str(column)
+    return name, _load(path, variable)[:, column]
+
+
+def _load(path, variable):
+    if variable.refused:
+        raise RecordError(
+            f"{variable.name!r} in {path.name} is not read: it is {variable.refused}."
+        )
+    with reading(path):
+        return np.asarray(variable.load())
+
+
+def _vector(path, variable, wanted):
+    if variable.refused or _is_vector(variable.shape):
+        return _load(path, variable).reshape(-1)
+    if not variable.shape:
+        raise RecordError(f"{wanted!r} in {path.name} is a single value, not a column.")
+    zeros = ", ".join(["0"] * (len(variable.shape) - 1))
+    raise RecordError(
+        f"{wanted!r} in {path.name} has the shape {_size(variable.shape)}: give one column of it, "
+        f"such as '{variable.name}[{zeros}]'."
+    )
+
+
+def _indexed(path, variable, wanted, text):
+    matches = [_POSITION.fullmatch(part) for part in text.split(",")]
+    values = _load(path, variable)
+    if all(matches):
+        symbols = {":": slice(None), "...": Ellipsis}
+        index = [symbols.get(m[1]) or int(m[1]) for m in matches]
+        if all(isinstance(part, int) for part in index):
+            index = [slice(None), *index]  # numbers alone count behind the axis of samples
+        try:
+            column = values[tuple(index)]
+        except IndexError:
+            column = None
+        if column is not None and _is_vector(column.shape):
+            return column.reshape(-1)
+    raise RecordError(
+        f"{wanted!r} is not a column of {variable.name or 'the array'!r} in {path.name}, whose "
+        f"shape is {_size(values.shape)}: count from 0, one number for each axis but the first."
+    )
+
+
+def numbers(path, name, values):
+    """Return a column as floats, NaN where a cell is empty.
+
+    Raises
+    ------
+    RecordError
+        If a cell is neither a real number nor empty; names the first one.
+    """
+    if values.dtype.kind in "biuf":
+        return values.astype(float)
+    if values.dtype.kind in "OUSTV":
+        column = pd.Series(values, dtype=object)
+        found = pd.to_numeric(column, errors="coerce")
+        text = column.notna() & (column.astype(str).str.strip() != "")
+        wrong = np.flatnonzero(found.isna() & text)
+        if not len(wrong) and found.dtype.kind in "biuf":
+            return found.to_numpy(dtype=float)
+        row = int(wrong[0]) if len(wrong) else 0
+        raise RecordError(
+            f"Column {name!r} of {path.name} must hold numbers. Got {str(column.iloc[row])[:40]!r} "
+            f"in row {row} instead ({len(wrong)} of {len(column)} rows are not numbers)."
+        )
+    raise RecordError(
+        f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
+    )

@@ -1,0 +1,116 @@
+"""Missing values: find them, name them, drop or interpolate them."""
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError
+
+__all__ = ["fill", "missing_rows", "segments"]
+
+_GAP = 1.5  # a step longer than so many intervals is no longer bridged
+_SHOWN = 5  # rows that an error message names
+
+
+def missing_rows(path, values, names, codes, stamps, labels, on_missing):
+    """Mark missing values as NaN, in place, and say which rows to keep.
+
+    Parameters
+    ----------
+    path : Path
+    values : ndarray of shape (n_samples, n_columns)
+    names : sequence of str
+    codes : ndarray of shape (n_columns,)
+        Reading that stands for a lost one; NaN where there is none.
+    stamps, labels : array-like of shape (n_samples,), or None
+        These cannot be interpolated.
+    on_missing : {"raise", "drop", "interpolate"}
+
+    Returns
+    -------
+    ndarray of bool of shape (n_samples,)
+
+    Raises
+    ------
+    RecordError
+        If values are missing and must not be, or no row is left.
+    """
+    values[~np.isfinite(values) | (values == codes)] = np.nan
+    lost = dict(zip(names, np.isnan(values).T, strict=True))
+    index = {}
+    if stamps is not None:
+        unclear = pd.isna(stamps)
+        index["the time"] = unclear | np.isinf(stamps) if stamps.dtype.kind == "f" else unclear
+    if labels is not None:
+        index["the record"] = pd.isna(labels)
+    refused = {"raise": {**lost, **index}, "drop": {}, "interpolate": index}[on_missing]
+    refused = {name: mask for name, mask in refused.items() if mask.any()}
+    if refused:
+        shown = "; ".join(f"{name}: {_rows(mask)}" for name, mask in refused.items())
+        ways = "'drop'" if index.keys() & refused.keys() else "'drop' or 'interpolate'"
+        raise RecordError(
+            f"{path.name} misses values. {shown}. Pass on_missing={ways}, or correct the file."
+        )
+    keep = np.ones(len(values), dtype=bool)
+    if on_missing == "drop":
+        keep = ~np.logical_or.reduce([*lost.values(), *index.values()])
+    if not keep.any():
+        raise RecordError(f"{path.name} has no row without a missing value.")
+    return keep
+
+
+def _rows(mask):
+    rows = np.flatnonzero(mask)
+    first = ", ".join(map(str, rows[:_SHOWN]))
+    if len(rows) == 1:
+        return f"row {first}"
+    return f"rows {first}{', ...' if len(rows) > _SHOWN else ''} ({len(rows)} of {len(mask)})"
+
+
+def segments(starts, clock):
+    """Return the bounds of stretches without a gap, from the first rows of the records.
+
+    Parameters
+    ----------
+    starts : ndarray of int
+    clock : ndarray of shape (n_samples,)
+        Time in s.
+
+    Returns
+    -------
+    list of (start, stop)
+    """
+    step = np.diff(clock)
+    inside = np.ones(len(step), dtype=bool)
+    inside[starts[1:] - 1] = False
+    interval = np.median(step[inside]) if inside.any() else np.inf
+    gaps = np.flatnonzero(inside & (step > _GAP * interval)) + 1
+    bounds = np.union1d(starts, gaps).tolist()
+    return list(zip(bounds, [*bounds[1:], len(clock)], strict=True))
+
+
+def fill(values, clock, bounds):
+    """Interpolate missing values linearly in time within each stretch.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples, n_columns)
+        NaN where a value is missing.
+    clock : ndarray of shape (n_samples,)
+    bounds : list of (start, stop)
+
+    Returns
+    -------
+    values : ndarray of shape (n_samples, n_columns)
+    filled : ndarray of bool of shape (n_samples,)
+        False before the first and after the last reading of a stretch.
+    """
+    values = values.copy()
+    for start, stop in bounds:
+        for column in values[start:stop].T:
+            known = np.isfinite(column)
+            if known.any() and not known.all():
+                own = clock[start:stop]
+                column[~known] = np.interp(
+                    own[~known], own[known], column[known], left=np.nan, right=np.nan
+                )
+    return values, np.isfinite(values).all(axis=1)

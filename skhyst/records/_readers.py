@@ -1,0 +1,266 @@
+"""The front door to recordings in files."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError
+from ._columns import load_column, numbers
+from ._formats import file_variables, reading
+from ._missing import fill, missing_rows, segments
+
+__all__ = ["read_records"]
+
+_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_POLICIES = ("raise", "drop", "interpolate")
+
+
+def read_records(
+    path,
+    *,
+    drive,
+    response=None,
+    time=None,
+    record=None,
+    auxiliary=(),
+    sampling_rate=None,
+    on_missing="raise",
+    missing_code=None,
+    time_unit="s",
+):
+    """Read recordings from a file into a frame and a series that carry record and time.
+
+    Parameters
+    ----------
+    path : str or Path
+        The suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat`` (delimited text; the
+        delimiter, a decimal comma and the header are found), ``.mat`` (all versions), ``.npy``,
+        ``.npz``, ``.json`` (list of rows, list of records, dict of columns), ``.h5``, ``.hdf5``,
+        ``.parquet`` and ``.tdms``. Version 7.3 of ``.mat``, HDF5, Parquet and TDMS need
+        ``skhyst[io]``.
+    drive : str or int
+        Column of the drive. A column is named as in the file; by its position, counted from 0; as
+        ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
+        samples along the first); as ``struct.field`` or ``group/channel``, of which the last part
+        is enough where it is unique.
+    response : str or int, optional
+        Column of the response.
+    time : str or int, optional
+        Column of the time: numbers, ISO 8601 dates (in UTC where they carry an offset) or clock
+        times ``hh:mm:ss``.
+    record : str or int, optional
+        Column that labels the records. Without it, time that starts again starts a new one.
+    auxiliary : sequence of str or int, default=()
+        Columns of auxiliary inputs.
+    sampling_rate : float, optional
+        In Hz, instead of ``time``. Without either the time level numbers the samples, and the
+        interval is that of the model (``dt``).
+    on_missing : {"raise", "drop", "interpolate"}, default="raise"
+        What happens to rows in which a value is missing, not finite or equal to
+        ``missing_code``. Dropped rows leave a gap in time, which starts a new record where it is
+        longer than 1.5 intervals. Interpolation is linear in time and within a record; rows
+        before the first and after the last reading of a record are dropped.
+    missing_code : float or dict of column to float, optional
+        Reading that stands for a lost one, in all columns or by column.
+    time_unit : {"s", "ms", "us", "ns", "min", "h"}, default="s"
+        Unit of a time column of numbers.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, n_inputs)
+        Drive, then auxiliary inputs, named as in the file. Its index has the levels ``record``
+        and ``time`` (s, datetimes or timedeltas).
+    y : Series of shape (n_samples,), or None
+
+    Raises
+    ------
+    RecordError
+        If the file is empty or broken, has no such column, or values are missing. Rows are
+        counted from 0, without the header.
+    ImportError
+        If the format needs a package that is not installed.
+
+    Notes
+    -----
+    Nothing in a file is executed: pickled objects, MATLAB objects and function handles are
+    refused. Sampling may be uneven here; models refuse it, see `resample_records`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from skhyst.records import read_records
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "stage.csv")
+    ...     _ = path.write_text("t;V;nm\\n0,0;1,5;10\\n0,1;2,5;20\\n")
+    ...     X, y = read_records(path, drive="V", response="nm", time="t")
+    >>> X["V"].tolist(), y.loc[0].index.tolist()
+    ([1.5, 2.5], [0.0, 0.1])
+    """
+    path = Path(path).expanduser()
+    inputs = [drive, *([auxiliary] if isinstance(auxiliary, str | int) else auxiliary)]
+    _check(time, sampling_rate, on_missing, time_unit)
+    variables = file_variables(path)
+    wanted = inputs if response is None else [*inputs, response]
+    names, columns = zip(*(load_column(path, variables, item) for item in wanted), strict=True)
+    _refuse_repeated(names[: len(inputs)])
+    stamps = None if time is None else load_column(path, variables, time)
+    labels = None if record is None else load_column(path, variables, record)
+    _refuse_lengths(path, [*zip(names, columns, strict=True), stamps, labels])
+    values = np.column_stack([numbers(path, *pair) for pair in zip(names, columns, strict=True)])
+    stamps = None if stamps is None else _times(path, *stamps, _UNITS[time_unit])
+    labels = None if labels is None else _labels(labels[1])
+    codes = _codes(missing_code, wanted, names)
+    keep = missing_rows(path, values, names, codes, stamps, labels, on_missing)
+    values, stamps, labels, numbered = _kept(keep, values, stamps, labels)
+    labels, starts = _records(path, labels, stamps, len(values))
+    level = _level(stamps, starts, numbered, sampling_rate)
+    if on_missing == "interpolate":
+        clock = _seconds(level)
+        values, filled = fill(values, clock, segments(starts, clock))
+        if not filled.any():
+            raise RecordError(f"{path.name} has no record with readings in every column.")
+        values, labels, level = values[filled], labels[filled], level[filled]
+    index = pd.MultiIndex.from_arrays([labels, level], names=["record", "time"])
+    X = pd.DataFrame(values[:, : len(inputs)], index, columns=list(names[: len(inputs)]))
+    y = None if response is None else pd.Series(values[:, -1].copy(), index, name=names[-1])
+    return X, y
+
+
+def _check(time, sampling_rate, on_missing, time_unit):
+    if time is not None and sampling_rate is not None:
+        raise ValueError(
+            "The 'sampling_rate' parameter of read_records must be None where 'time' names a "
+            f"column. Got {sampling_rate!r} instead."
+        )
+    if sampling_rate is not None and not 0.0 < sampling_rate < np.inf:
+        raise ValueError(
+            "The 'sampling_rate' parameter of read_records must be a positive number of Hz. Got "
+            f"{sampling_rate!r} instead."
+        )
+    for name, value, known in (
+        ("on_missing", on_missing, _POLICIES),
+        ("time_unit", time_unit, tuple(_UNITS)),
+    ):
+        if value not in known:
+            raise ValueError(
+                f"The {name!r} parameter of read_records must be one of {known}. Got {value!r} "
+                "instead."
+            )
+
+
+def _refuse_repeated(names):
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise RecordError(
+            f"The inputs must be different columns. Got {', '.join(map(repr, repeated))} more "
+            "than once; where columns of a file share a name, rename them in the file."
+        )
+
+
+def _refuse_lengths(path, pairs):
+    lengths = {name: len(values) for name, values in filter(None, pairs)}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name!r} {length}" for name, length in lengths.items())
+        raise RecordError(f"The columns of {path.name} differ in length: {shown}.")
+    if not next(iter(lengths.values())):
+        raise RecordError(f"{path.name} has no rows.")
+
+
+def _codes(missing_code, wanted, names):
+    """Return the code of each column, NaN where it has none."""
+    if missing_code is None:
+        return np.full(len(names), np.nan)
+    if not isinstance(missing_code, dict):
+        return np.full(len(names), float(missing_code))
+    unknown = [key for key in missing_code if key not in wanted and key not in names]
+    if unknown:
+        raise ValueError(
+            "The keys of the 'missing_code' parameter of read_records must be columns that are "
+            f"read, {', '.join(map(repr, names))}. Got {unknown[0]!r} instead."
+        )
+    return np.array(
+        [
+            float(missing_code.get(item, missing_code.get(name, np.nan)))
+            for item, name in zip(wanted, names, strict=True)
+        ]
+    )
+
+
+def _times(path, name, values, unit):
+    """Return s as floats, or datetimes or timedeltas as a pandas index."""
+    if values.dtype.kind in "biuf":
+        return values.astype(float) * unit
+    if values.dtype.kind in "Mm":
+        return pd.Index(values)
+    column = pd.Series(values, dtype=object)
+    column = column.where(column.astype(str).str.strip() != "", None)
+    if pd.to_numeric(column, errors="coerce").notna().any():
+        return numbers(path, name, values) * unit
+    clock = pd.to_timedelta(column, errors="coerce")
+    if clock.notna().any() and (clock.notna() | column.isna()).all():
+        return pd.TimedeltaIndex(clock)
+    with reading(path):
+        try:
+            dates = pd.to_datetime(column, format="ISO8601", utc=True)
+        except (ValueError, TypeError) as error:
+            first = str(column.dropna().iloc[0])[:40] if column.notna().any() else ""
+            raise RecordError(
+                f"the time {name!r} must be numbers, ISO 8601 dates (2024-05-31T12:00:00.5) or "
+                f"clock times (hh:mm:ss.fff). It starts with {first!r} instead"
+            ) from error
+    return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def _labels(values):
+    if values.dtype.kind == "f" and (values[np.isfinite(values)] % 1.0 == 0.0).all():
+        return pd.Index(values).astype("Int64") if np.isnan(values).any() else values.astype(int)
+    return values
+
+
+def _kept(keep, values, stamps, labels):
+    numbered = np.flatnonzero(keep)
+    return (
+        values[keep],
+        None if stamps is None else stamps[keep],
+        None if labels is None else np.asarray(labels[keep]),
+        numbered,
+    )
+
+
+def _records(path, labels, stamps, n):
+    """Return the label of each row and the first rows of the records."""
+    step = np.diff(_seconds(stamps)) if stamps is not None else np.ones(n - 1)
+    if labels is not None:
+        codes = pd.factorize(labels)[0]
+        return labels, np.flatnonzero(np.diff(codes, prepend=-1))
+    if (step == 0.0).any():
+        row = int(np.flatnonzero(step == 0.0)[0]) + 1
+        raise RecordError(
+            f"The time of {path.name} stands still at row {row} ({int((step == 0.0).sum())} "
+            "rows in all), so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
+        )
+    restarts = np.flatnonzero(step < 0.0) + 1
+    if len(restarts) > max(n // 4, 1):
+        raise RecordError(
+            f"The time of {path.name} runs backwards at {len(restarts)} of {n} rows: the rows are "
+            "shuffled, or 'time' names another column. Sort the rows by time."
+        )
+    starts = np.concatenate([[0], restarts])
+    return np.repeat(np.arange(len(starts)), np.diff([*starts, n])), starts
+
+
+def _seconds(stamps):
+    if isinstance(stamps, pd.DatetimeIndex):
+        stamps = stamps - stamps[0]
+    if isinstance(stamps, pd.TimedeltaIndex):
+        return stamps.to_numpy() / np.timedelta64(1, "s")
+    return np.asarray(stamps, dtype=float)
+
+
+def _level(stamps, starts, numbered, sampling_rate):
+    if stamps is not None:
+        return stamps
+    own = numbered - np.repeat(numbered[starts], np.diff([*starts, len(numbered)]))
+    return own if sampling_rate is None else own / float(sampling_rate)

@@ -1,0 +1,97 @@
+"""The washout scorer: what it scores, its sign, and life inside scikit-learn."""
+
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.metrics import mean_squared_error, r2_score
+from sklearn.model_selection import GridSearchCV, cross_validate
+
+from skhyst.exceptions import RecordError
+from skhyst.metrics import nrmse
+from skhyst.model_selection import BlockedTimeSeriesSplit, washout_scorer
+from skhyst.records import record_slices, stack_records
+
+
+class Transient(RegressorMixin, BaseEstimator):
+    """Right, but for an error of 1 in the first samples of each record it is asked to predict."""
+
+    def __init__(self, length=5):
+        self.length = length
+
+    def fit(self, X, y):
+        self.fitted_ = True
+        return self
+
+    def predict(self, X):
+        y = np.asarray(X)[:, 0].copy()
+        for record in record_slices(X):
+            y[record.rows.start : record.rows.start + self.length] += 1.0
+        return y
+
+
+@pytest.fixture
+def data():
+    rng = np.random.default_rng(1)
+    return stack_records([(u, u) for u in rng.standard_normal((3, 60))], dt=0.1)
+
+
+def test_the_washout_of_every_record_is_left_out(data):
+    X, y = data
+    model = Transient(5).fit(X, y)
+    assert washout_scorer(r2_score, washout=5)(model, X, y) == 1.0
+    short = washout_scorer(mean_squared_error, washout=4, greater_is_better=False)(model, X, y)
+    assert short == pytest.approx(-3 / (3 * 56))
+
+
+def test_without_washout_it_is_the_metric(data):
+    X, y = data
+    model = Transient().fit(X, y)
+    assert washout_scorer(nrmse, washout=0)(model, X, y) == nrmse(y, model.predict(X))
+
+
+def test_it_composes_with_blocks_on_frames_and_arrays(data):
+    X, y = data
+    cv = BlockedTimeSeriesSplit(3, washout=5)
+    scoring = {
+        "clean": washout_scorer(r2_score, washout=5),
+        "early": washout_scorer(r2_score, washout=4),
+    }
+    scores = cross_validate(Transient(5), X, y, cv=cv, scoring=scoring)
+    np.testing.assert_array_equal(scores["test_clean"], 1.0)
+    assert (scores["test_early"] < 1.0).all()
+    scores = cross_validate(Transient(5), X.to_numpy(), y.to_numpy(), cv=cv, scoring=scoring)
+    np.testing.assert_array_equal(scores["test_clean"], 1.0)
+
+
+def test_it_selects_in_a_grid_search(data):
+    X, y = data
+    scorer = washout_scorer(nrmse, washout=5, greater_is_better=False)
+    cv = BlockedTimeSeriesSplit(3, washout=5)
+    search = GridSearchCV(Transient(), {"length": [9, 2]}, scoring=scorer, cv=cv).fit(X, y)
+    assert search.best_params_ == {"length": 2}
+    assert clone(search).scoring.washout == 5
+
+
+def test_options_reach_the_metric_and_it_pickles(data):
+    X, y = data
+    scorer = washout_scorer(r2_score, washout=5, multioutput="raw_values")
+    assert scorer(Transient().fit(X, y), X, y).shape == (1,)
+    assert repr(pickle.loads(pickle.dumps(scorer))) == (
+        "washout_scorer(r2_score, washout=5, greater_is_better=True, multioutput='raw_values')"
+    )
+
+
+def test_records_shorter_than_the_washout_are_not_scored(data):
+    X, y = data
+    X, y = X.iloc[:63], y.iloc[:63]
+    assert washout_scorer(r2_score, washout=5)(Transient().fit(X, y), X, y) == 1.0
+    with pytest.raises(RecordError, match="leave nothing to score"):
+        washout_scorer(r2_score, washout=60)(Transient().fit(X, y), X, y)
+
+
+@pytest.mark.parametrize("washout", [-1, 1.5, None])
+def test_washout_is_checked(washout):
+    with pytest.raises(ValueError, match="'washout' parameter of washout_scorer"):
+        washout_scorer(r2_score, washout=washout)
