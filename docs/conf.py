@@ -36,7 +36,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "show_memory": False,
     "download_all_examples": False,
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "NumberOfCodeLinesSortKey",
     "doc_module": ("skhyst",),
     "backreferences_dir": "api/generated/backreferences",
     "reset_modules": ("matplotlib",),
@@ -48,3 +48,13 @@ html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False}
 html_show_sourcelink = False
 
 warnings.filterwarnings("error", module="skhyst")
+
+
+def _drop_guide_links(app, what, name, obj, options, lines):
+    """Leave out links of scikit-learn's docstrings to its user guide, which is not here."""
+    if (getattr(obj, "__module__", None) or "").startswith("sklearn."):
+        lines[:] = [line for line in lines if not line.startswith("Read more in the :ref:")]
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", _drop_guide_links)

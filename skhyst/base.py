@@ -62,6 +62,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         "initial_state": [StrOptions({"rest", "zero", "estimate"})],
     }
 
+    _rank = 30  # of the operator, see Operator.rank
+
     @abstractmethod
     def _starts(self, records):
         """Return the starting values: a list of (operator, disturbances), for ``RecordData``."""
@@ -86,9 +88,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self
         """
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
-        data = [
-            RecordData(X[s.rows, 0], y[s.rows], s.dt, start_time=s.start_time) for s in slices
-        ]
+        data = [RecordData(X[s.rows, 0], y[s.rows], s.dt, start_time=s.start_time) for s in slices]
         self.records_ = slices
         return self._fit_records(data)
 

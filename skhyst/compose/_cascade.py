@@ -69,9 +69,10 @@ class Cascade(Composition):
             else:
                 records = [
                     dataclasses.replace(
-                        record, u=result.operator.run(
+                        record,
+                        u=result.operator.run(
                             record.u, record.dt, result.operator.init(record.u[0], state)
-                        )[0]
+                        )[0],
                     )
                     for record in data
                 ]

@@ -157,7 +157,9 @@ def paired_p_value(worse, better, groups):
     variance = centered @ centered
     for lag in range(1, min(lags, n - 1) + 1):
         same = groups[lag:] == groups[:-lag]
-        variance += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum((centered[lag:] * centered[:-lag])[same])
+        variance += (
+            2.0 * (1.0 - lag / (lags + 1.0)) * np.sum((centered[lag:] * centered[:-lag])[same])
+        )
     variance = max(variance, 0.1 * centered @ centered) / n**2
     freedom = max(n / (lags + 1.0) - 1.0, 1.0)
     return float(student.sf(mean / np.sqrt(variance), freedom))

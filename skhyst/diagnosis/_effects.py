@@ -82,7 +82,7 @@ _BUILT_IN = (
     ),
     Effect(
         "static_nonlinearity",
-        lambda: [SmoothCurve(degree) for degree in (2, 3, 5, 7)],
+        lambda: [SmoothCurve(degree) for degree in (2, 3, 5, 7, 9)],
         "The reading is a smooth memoryless curve of the response, as of a nonlinear sensor.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",

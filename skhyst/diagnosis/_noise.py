@@ -47,7 +47,10 @@ def _period(u):
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
     power = np.cumsum(v**2)
     # a period makes the overlap's correlation equal to its power
-    candidates = np.flatnonzero(correlation[2 : n // 2] > 0.99 * power[-1] * (1 - np.arange(2, n // 2) / n)) + 2
+    candidates = (
+        np.flatnonzero(correlation[2 : n // 2] > 0.99 * power[-1] * (1 - np.arange(2, n // 2) / n))
+        + 2
+    )
     for lag in candidates:
         if _same(u[lag:], u[:-lag]):
             return int(lag)
@@ -102,8 +105,12 @@ def black_box_gain(records, residuals, predictions, rng):
         ridge = Ridge(alpha=1e-3 * len(train)).fit(z[train], y[train])
         linear = ridge.predict(z)
         trees = HistGradientBoostingRegressor(
-            max_iter=_TREES, learning_rate=0.1, max_leaf_nodes=15, min_samples_leaf=40,
-            early_stopping=False, random_state=int(rng.integers(2**31)),
+            max_iter=_TREES,
+            learning_rate=0.1,
+            max_leaf_nodes=15,
+            min_samples_leaf=40,
+            early_stopping=False,
+            random_state=int(rng.integers(2**31)),
         ).fit(x[train], (y - linear)[train])
         both = linear + trees.predict(x)
         for b in np.unique(block[test]):

@@ -3,6 +3,7 @@
 import sys
 import time
 from dataclasses import replace
+from itertools import pairwise
 from numbers import Integral, Real
 
 import numpy as np
@@ -29,6 +30,7 @@ _SHORTEST_SEGMENT = 16  # samples
 _CONTESTED = 6  # candidates of a round that are refitted jointly
 _CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
 _SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
+_NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
 _UNEXPLAINED = 0.03  # part of the residual's power that a black box predicts
 
 
@@ -206,9 +208,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 washout = n // 100 if single else 0
             blocks = np.linspace(0, n, (n_folds if single else 1) + 1).astype(int)
             segments = []
-            for block, (first, last) in enumerate(zip(blocks[:-1], blocks[1:], strict=True)):
+            for block, (first, last) in enumerate(pairwise(blocks)):
                 start = min(first + washout, last - 1)
-                count = max(min(_SEGMENTS // (len(blocks) - 1), (last - start) // _SHORTEST_SEGMENT), 1)
+                count = max(
+                    min(_SEGMENTS // (len(blocks) - 1), (last - start) // _SHORTEST_SEGMENT), 1
+                )
                 parts = _stretches(start, last, count)
                 flags = [False] * len(parts)
                 if start > first:
@@ -253,12 +257,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         first = base
         history, ranking = [], []
         groups = problem.segment_record
-        while len(history) < self.max_effects:
+        negligible = _NEGLIGIBLE * np.ptp(self.response_)
+        while len(history) < self.max_effects and base.error > negligible:
             taken = {row["effect"] for row in history}
             candidates = [effect for effect in effects if effect.name not in taken]
-            winner, rows = self._round(
-                base, candidates, records, folds, groups, len(history) + 1
-            )
+            winner, rows = self._round(base, candidates, records, folds, groups, len(history) + 1)
             ranking += rows
             if winner is None:
                 break
@@ -285,16 +288,33 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.best_estimator_.feature_names_in_ = self.feature_names_in_
         self._declared_structure = structure
         self.evidence_ = {
-            row["effect"]: gather_evidence(row["effect"], base.structure, result, records, first, base)
+            row["effect"]: gather_evidence(
+                EFFECTS[row["effect"]], base.structure, result, records, first, base
+            )
             for row in history
         }
         for row in history:
             row["evidence"] = self.evidence_[row["effect"]]
-        columns = ["effect", "error_before", "error_after", "p_value", "ambiguous_with",
-                   "experiment", "evidence"]
+        columns = [
+            "effect",
+            "error_before",
+            "error_after",
+            "p_value",
+            "ambiguous_with",
+            "experiment",
+            "evidence",
+        ]
         self.history_ = pd.DataFrame(history, columns=columns)
-        columns = ["round", "effect", "screen", "error_before", "error_after", "p_value",
-                   "n_parameters", "claimed"]
+        columns = [
+            "round",
+            "effect",
+            "screen",
+            "error_before",
+            "error_after",
+            "p_value",
+            "n_parameters",
+            "claimed",
+        ]
         self.ranking_ = pd.DataFrame(ranking, columns=columns)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
@@ -302,11 +322,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Screen and contest; return the winner with its row of the history, and the ranking."""
         begin = time.perf_counter()
         parallel = Parallel(n_jobs=self.n_jobs, require="sharedmem")
-        screened = parallel(
-            delayed(screen)(effect, base.structure, records) for effect in effects
-        )
+        screened = parallel(delayed(screen)(effect, base.structure, records) for effect in effects)
         least = {
             effect.name: min(starts[0].cost for starts in found)
+            for effect, found in zip(effects, screened, strict=True)
+        }
+        added = {
+            effect.name: min(starts[0].n_parameters for starts in found) - base.n_parameters
             for effect, found in zip(effects, screened, strict=True)
         }
         promising = [
@@ -346,7 +368,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     "error_before": base.error,
                     "error_after": c.error if c else np.nan,
                     "p_value": c.p_value if c else np.nan,
-                    "n_parameters": c.n_parameters - base.n_parameters if c else np.nan,
+                    "n_parameters": c.n_parameters - base.n_parameters if c else added[effect.name],
                     "claimed": winner is not None and winner[0].effect == effect.name,
                 }
             )

@@ -28,8 +28,7 @@ def starting_structures(effect, structure, records):
         return
     signals = {}
     for model in effect.variants():
-        rank = model._starts(records)[0][0].rank
-        at = structure.position(rank)
+        at = structure.position(model._rank)
         if at not in signals:
             signals[at] = structure.run(records, last=at)
         here = [replace(r, u=u) for r, u in zip(records, signals[at], strict=True)]
@@ -40,7 +39,7 @@ def starting_structures(effect, structure, records):
         first = min(at, _first_dynamics(structure))
         if first not in signals:
             signals[first] = structure.run(records, last=first)
-        candidates += _redistributed(candidates, records, signals[first], first)
+        candidates += _redistributed(candidates, at, records, signals[first], first)
         yield _promising(candidates, structure, records, signals[first], first)
 
 
@@ -50,13 +49,15 @@ def _first_dynamics(structure):
     return ranks.index(True) if any(ranks) else len(ranks)
 
 
-def _redistributed(candidates, records, signals, first):
+def _redistributed(candidates, at, records, signals, first):
     """Return candidates whose linear dynamics all start anew, from poles of their total number.
 
     A declared model that lacks a pole bends its own poles to make up for it, and a local search
     would leave them there.
     """
     stages = candidates[0].operators
+    if not isinstance(stages[at], LinearOperator | DelayOperator):
+        return []
     block = [i for i, stage in enumerate(stages) if isinstance(stage, LinearOperator)]
     delayed = isinstance(stages[first], DelayOperator)
     if len(block) + delayed < 2:

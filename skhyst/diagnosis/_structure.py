@@ -85,7 +85,7 @@ class Structure:
 
     def insert(self, name, model, operator):
         """Return the structure with one more stage."""
-        at = self.position(operator.rank)
+        at = self.position(model._rank)
         return replace(
             self,
             names=(*self.names[:at], name, *self.names[at:]),
@@ -131,9 +131,7 @@ class Structure:
             driven = Cascade(list(zip(self.names, models, strict=True)), **options)
         if not self.beside_models:
             return driven
-        beside = [
-            (n, clone(m)) for n, m in zip(self.beside_names, self.beside_models, strict=True)
-        ]
+        beside = [(n, clone(m)) for n, m in zip(self.beside_names, self.beside_models, strict=True)]
         return Sum([(name, driven), *beside], **options)
 
     def fitted(self, declared, records, slices):

@@ -78,6 +78,8 @@ class PrandtlIshlinskii(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
+    _rank = PrandtlIshlinskiiOperator.rank
+
     def __init__(
         self,
         n_operators=20,

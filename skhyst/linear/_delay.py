@@ -36,6 +36,8 @@ class Delay(LinearModel):
     0.125 s
     """
 
+    _rank = DelayOperator.rank
+
     def __init__(self, *, initial_state="rest", dt=1.0):
         self.initial_state = initial_state
         self.dt = dt

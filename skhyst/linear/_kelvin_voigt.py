@@ -14,8 +14,9 @@ _SPREAD = 10.0  # ratio of neighbouring time constants at the start
 
 
 class KelvinVoigt(LinearModel):
-    r"""Creep: the prompt response plus units that relax,
-    :math:`G(s) = g\,(1 + \sum_i c_i / (\tau_i s + 1))`.
+    r"""Creep: the prompt response plus units that relax.
+
+    .. math:: G(s) = g\,\Bigl(1 + \sum_i \frac{c_i}{\tau_i s + 1}\Bigr)
 
     This is (3.7) of the thesis with its names put right: there :math:`c_i` is a stiffness and
     :math:`k_i` a damping; here ``compliances`` are relative to the prompt response.
@@ -90,7 +91,9 @@ class KelvinVoigt(LinearModel):
                 ),
                 (),
             )
-            for tau in log_grid(2.0 * dt, max(0.5 * span / _SPREAD ** (self.n_units - 1), 4 * dt), 1)
+            for tau in log_grid(
+                2.0 * dt, max(0.5 * span / _SPREAD ** (self.n_units - 1), 4 * dt), 1
+            )
         ]
 
 

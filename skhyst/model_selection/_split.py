@@ -184,15 +184,16 @@ def _remedy(n_records):
 
 
 class BlockedTimeSeriesSplit(_RecordSplitter):
-    """K folds of contiguous blocks: the k-th fold tests the k-th block of every record.
+    """K folds of contiguous blocks: the k-th fold tests the k-th block of every long record.
 
-    Every row is in the test rows of exactly one fold. The training rows lie before and after the
-    test block: the question is how well the model describes the device, not the future.
+    Every row of a record that is long enough for blocks of two samples is in the test rows of
+    exactly one fold; shorter records are always trained on. Training rows lie before and after
+    the test block: the question is how well the model describes the device, not the future.
 
     Parameters
     ----------
     n_splits : int, default=5
-        Number of blocks in each record, at least 2. A record must have twice as many samples.
+        Number of blocks in each record, at least 2.
     washout : int, default=0
         Training rows that are left out on either side of each test block, in sampling intervals:
         the memory of the device, so that training and test rows share none of it.
@@ -230,20 +231,20 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
 
     def _folds(self, records, labelled):
         self._check_integer("washout", 0)
-        for record in records:
-            if record.n_samples < 2 * self.n_splits:
-                raise ValueError(
-                    f"The 'n_splits' parameter of BlockedTimeSeriesSplit must leave two samples "
-                    f"in each block. Got n_splits={self.n_splits} and record {record.label!r}, "
-                    f"rows {record.rows.start} to {record.rows.stop - 1}, with "
-                    f"{record.n_samples} samples instead."
-                )
-        return self._blocks(records)
+        long = [record for record in records if record.n_samples >= 2 * self.n_splits]
+        if not long:
+            raise ValueError(
+                f"The 'n_splits' parameter of BlockedTimeSeriesSplit must leave two samples in "
+                f"each block. Got n_splits={self.n_splits} and records of "
+                f"{max(_sizes(records), default=0)} samples at most instead; use RecordKFold for "
+                f"many short records."
+            )
+        return self._blocks(records, long)
 
-    def _blocks(self, records):
+    def _blocks(self, records, long):
         clock = _clock(records, self.washout)
-        first = np.array([record.rows.start for record in records])
-        size, longer = np.divmod(_sizes(records), self.n_splits)
+        first = np.array([record.rows.start for record in long])
+        size, longer = np.divmod(_sizes(long), self.n_splits)
         for k in range(self.n_splits):
             starts = first + k * size + np.minimum(k, longer)
             stops = starts + size + (k < longer)

@@ -50,9 +50,7 @@ class ParameterSpec:
 
 def parameter(*, default=dataclasses.MISSING, **options):
     """Declare a dataclass field as an identifiable parameter; see :class:`ParameterSpec`."""
-    return dataclasses.field(
-        default=default, metadata={"parameter": ParameterSpec(**options)}
-    )
+    return dataclasses.field(default=default, metadata={"parameter": ParameterSpec(**options)})
 
 
 class Operator(ABC):

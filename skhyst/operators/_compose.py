@@ -53,7 +53,9 @@ class _Composition(Operator):
 
     def _split(self, vector):
         ends = np.cumsum([stage.n_parameters for stage in self.stages], dtype=int)
-        return [vector[end - s.n_parameters : end] for s, end in zip(self.stages, ends, strict=True)]
+        return [
+            vector[end - s.n_parameters : end] for s, end in zip(self.stages, ends, strict=True)
+        ]
 
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge."""

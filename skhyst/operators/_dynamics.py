@@ -1,4 +1,4 @@
-"""The linear operators: first-order lag, second-order mode, Kelvin-Voigt chain, rational transfer."""
+"""The linear operators: lag, second-order mode, Kelvin-Voigt chain, transfer function."""
 
 from dataclasses import dataclass, replace
 
@@ -45,9 +45,7 @@ class SecondOrderModeOperator(LinearOperator):
     n_poles = (0, 1)
 
     def with_poles(self, rates, pairs):
-        return replace(
-            self, natural_frequency=float(pairs[0][0]), damping_ratio=float(pairs[0][1])
-        )
+        return replace(self, natural_frequency=float(pairs[0][0]), damping_ratio=float(pairs[0][1]))
 
     def _matrices(self, p):
         w, zeta, gain = p[:3]

@@ -47,9 +47,7 @@ class SaturationOperator(StaticOperator):
     def _evaluate(self, v):
         below, above = v < self.lower, v > self.upper
         own = [
-            mask
-            for mask, level in ((below, self.lower), (above, self.upper))
-            if np.isfinite(level)
+            mask for mask, level in ((below, self.lower), (above, self.upper)) if np.isfinite(level)
         ]
         return (
             np.clip(v, self.lower, self.upper),

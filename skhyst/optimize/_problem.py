@@ -1,6 +1,7 @@
 """An operator and records as a least-squares problem."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -58,6 +59,7 @@ class OperatorProblem:
         entries = operator.entries()
         held = operator.gauge_mask() | np.array([name in fixed for name, _ in entries], dtype=bool)
         self._free = np.flatnonzero(~held)
+        self._runs = _runs(self._free)
         linear = operator.linear_mask()[self._free]
         entries = [entries[i] for i in self._free]
         values = operator.pack()[self._free]
@@ -131,9 +133,7 @@ class OperatorProblem:
         columns = []
         for disturbance in disturbances:
             time = record.dt * np.arange(len(record.u))
-            columns.append(
-                disturbance.basis(time + record.start_time * disturbance.absolute_time)
-            )
+            columns.append(disturbance.basis(time + record.start_time * disturbance.absolute_time))
         return np.concatenate(columns, axis=1)
 
     def evaluate(self, x, *, jacobian=True):
@@ -152,7 +152,8 @@ class OperatorProblem:
                 u, skip = self._with_history(record)
                 y, dy = operator.linearize(u, np.empty((len(u), 0)), record.dt, self.initial_state)
                 y = y[skip:]
-                np.take(dy[skip:], self._free, axis=1, out=columns[:, d : d + driven])
+                for source, target in self._runs:
+                    columns[:, d + target.start : d + target.stop] = dy[skip:, source]
             else:
                 y = self.simulate(operator, record)
             np.subtract(y, record.y, out=columns[:, -1])
@@ -240,6 +241,17 @@ class OperatorProblem:
                     y = y + np.where(part, odd_rows, even_rows)
             found.append(y)
         return found
+
+
+def _runs(index):
+    """Return slices (source, target) that together take the values at ``index``, ascending."""
+    cuts = np.flatnonzero(np.diff(index) != 1) + 1
+    bounds = [0, *cuts.tolist(), len(index)]
+    return [
+        (slice(int(index[a]), int(index[b - 1]) + 1), slice(a, b))
+        for a, b in pairwise(bounds)
+        if b > a
+    ]
 
 
 def _segment_grams(columns, segments):

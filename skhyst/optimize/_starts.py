@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 __all__ = ["distribute_poles", "pole_starts", "sections"]
 
 _ITERATIONS = 5
-_DECIMATIONS = (1, 2, 4, 8, 16, 32)
+_DECIMATIONS = (1, 3, 9, 27)
 _MIN_SAMPLES = 30  # a parameter
 
 
@@ -120,7 +120,10 @@ def distribute_poles(stages, poles):
     missing = n_pairs - len(pairs)
     for chosen in combinations(range(len(rates)), 2 * missing):
         made = [
-            (np.sqrt(rates[i] * rates[j]), 0.5 * (rates[i] + rates[j]) / np.sqrt(rates[i] * rates[j]))
+            (
+                np.sqrt(rates[i] * rates[j]),
+                0.5 * (rates[i] + rates[j]) / np.sqrt(rates[i] * rates[j]),
+            )
             for i, j in zip(chosen[::2], chosen[1::2], strict=True)
         ]
         left = [rate for i, rate in enumerate(rates) if i not in chosen]

@@ -6,8 +6,8 @@ in theta equals that of a Gauss-Newton step in all of x, followed by the exact s
 (Ruhe and Wedin, SIAM Review 22, 1980, algorithm 3). That is what is done here, damped as by
 Levenberg and Marquardt with Nielsen's update, within bounds.
 
-Everything that an iteration needs, and everything that a fold of a cross-validation needs, stands in
-the Gram matrix of the columns ``[J, r]``, summed over stretches of the data. One pass over the
+Everything that an iteration needs, and that a fold of a cross-validation needs, stands in the Gram
+matrix of the columns ``[J, r]``, summed over stretches of the data. One pass over the
 records yields it, so memory does not grow with their length and a fold costs no further pass. This
 is why SciPy's ``least_squares`` is not used here: it wants the Jacobian itself, row by row.
 """
@@ -147,7 +147,10 @@ def predicted_cost(problem, x):
     reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
     hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
     step = bounded_step(
-        hessian, gradient, np.maximum(problem.lower - x, -reach), np.minimum(problem.upper - x, reach)
+        hessian,
+        gradient,
+        np.maximum(problem.lower - x, -reach),
+        np.minimum(problem.upper - x, reach),
     )
     return max(gram[-1, -1] + 2.0 * gradient @ step + step @ hessian @ step, 0.0)
 

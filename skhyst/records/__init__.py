@@ -1,7 +1,7 @@
 """Records: what the index of X says of time, and reading recordings from files."""
 
-from ._frames import iter_records, resample_records, stack_records
-from ._index import RecordSlice, record_slices, sampling_interval
+from ._frames import iter_records, resample_records, sampling_interval, stack_records
+from ._index import RecordSlice, record_slices
 from ._readers import read_records
 
 __all__ = [

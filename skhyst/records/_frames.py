@@ -9,7 +9,9 @@ import pandas as pd
 from scipy.signal import butter, sosfiltfilt
 
 from ..exceptions import RecordError
-from ._index import GAP, describe_rows, record_slices, time_stamps
+from ._index import GAP, describe_rows, record_slices, sampling_interval, time_stamps
+
+__all__ = ["iter_records", "resample_records", "sampling_interval", "stack_records"]
 
 FILTER_ORDER = 8
 PASSED = 0.8  # part of the new Nyquist frequency that the anti-alias filter passes
@@ -329,20 +331,21 @@ def _resampled_pieces(stamps, dt, max_gap):
 
 
 def _regrid(seconds, table, dt, anti_alias):
-    """Interpolate onto multiples of ``dt``, by way of a grid as fine as the source."""
-    source = float(np.median(np.diff(seconds)))
+    """Interpolate onto multiples of ``dt``, and filter before that if they are the coarser ones."""
+    interval = float(np.median(np.diff(seconds)))
+    if anti_alias and dt > (1 + 1e-6) * interval:
+        even = np.linspace(0.0, seconds[-1], max(round(seconds[-1] / interval), 1) + 1)
+        table = _interpolated(even, seconds, table)
+        low_pass = butter(FILTER_ORDER, PASSED * even[1] / dt, output="sos")
+        padding = min(round(10 * dt / even[1]), len(even) - 1)
+        table = sosfiltfilt(low_pass, table, axis=0, padlen=padding)
+        seconds = even
     n_new = int(np.floor(seconds[-1] / dt + 1e-6)) + 1
-    ratio = max(1, int(np.ceil(dt / source - 1e-6)))
-    if ratio == 1 or not anti_alias:
-        grid = dt * np.arange(n_new)
-        return np.column_stack([np.interp(grid, seconds, column) for column in table.T])
-    n_fine = int(np.floor(seconds[-1] / dt * ratio + 1e-6)) + 1
-    fine = np.column_stack(
-        [np.interp(dt / ratio * np.arange(n_fine), seconds, column) for column in table.T]
-    )
-    low_pass = butter(FILTER_ORDER, PASSED / ratio, output="sos")
-    padding = min(10 * ratio, n_fine - 1)
-    return sosfiltfilt(low_pass, fine, axis=0, padlen=padding)[::ratio]
+    return _interpolated(dt * np.arange(n_new), seconds, table)
+
+
+def _interpolated(grid, seconds, table):
+    return np.column_stack([np.interp(grid, seconds, column) for column in table.T])
 
 
 def _labels_of_time(stamps, start, seconds):

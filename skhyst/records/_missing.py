@@ -53,9 +53,18 @@ def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     keep = np.ones(len(values), dtype=bool)
     if on_missing == "drop":
         keep = ~np.logical_or.reduce([*lost.values(), *index.values()])
+        keep &= ~_alone(keep, labels)
     if not keep.any():
         raise RecordError(f"{path.name} has no row without a missing value.")
     return keep
+
+
+def _alone(keep, labels):
+    """Mark the rows of which neither neighbour is kept: they are no record."""
+    pairs = keep[1:] & keep[:-1]
+    if labels is not None:
+        pairs &= np.asarray(labels[1:] == labels[:-1], dtype=bool)
+    return ~(np.append(pairs, False) | np.append(False, pairs))
 
 
 def _rows(mask):

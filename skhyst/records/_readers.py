@@ -29,7 +29,7 @@ def read_records(
     missing_code=None,
     time_unit="s",
 ):
-    """Read recordings from a file into a frame and a series that carry record and time.
+    r"""Read recordings from a file into a frame and a series that carry record and time.
 
     Parameters
     ----------
@@ -59,7 +59,8 @@ def read_records(
     on_missing : {"raise", "drop", "interpolate"}, default="raise"
         What happens to rows in which a value is missing, not finite or equal to
         ``missing_code``. Dropped rows leave a gap in time, which starts a new record where it is
-        longer than 1.5 intervals. Interpolation is linear in time and within a record; rows
+        longer than 1.5 intervals; a row that is left without a neighbour is dropped too.
+        Interpolation is linear in time and within a record; rows
         before the first and after the last reading of a record are dropped.
     missing_code : float or dict of column to float, optional
         Reading that stands for a lost one, in all columns or by column.
@@ -93,7 +94,7 @@ def read_records(
     >>> from skhyst.records import read_records
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder, "stage.csv")
-    ...     _ = path.write_text("t;V;nm\\n0,0;1,5;10\\n0,1;2,5;20\\n")
+    ...     _ = path.write_text("t;V;nm\n0,0;1,5;10\n0,1;2,5;20\n")
     ...     X, y = read_records(path, drive="V", response="nm", time="t")
     >>> X["V"].tolist(), y.loc[0].index.tolist()
     ([1.5, 2.5], [0.0, 0.1])

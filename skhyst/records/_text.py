@@ -54,7 +54,6 @@ def read_table(path):
         header=None,
         decimal="," if delimiter != "," and _decimal_comma(rows[first:]) else ".",
         skipinitialspace=True,
-        float_precision="round_trip",
         low_memory=False,
     )
     names = _names(rows[:first], len(frame.columns))

@@ -11,9 +11,11 @@ from ..operators import DeadZoneOperator, PolynomialCurveOperator, SaturationOpe
 __all__ = ["DeadZones", "Saturation", "SmoothCurve"]
 
 
-def _signal(records):
-    u = np.concatenate([record.u for record in records])
-    return u, float(u.min()), float(u.max())
+def _range(records):
+    return (
+        float(min(record.u.min() for record in records)),
+        float(max(record.u.max() for record in records)),
+    )
 
 
 class Saturation(ParametricModel):
@@ -56,9 +58,12 @@ class Saturation(ParametricModel):
         self.initial_state = initial_state
         self.dt = dt
 
+    @property
+    def _rank(self):
+        return 0 if self.rank == "drive" else 50
+
     def _starts(self, records):
-        u, low, high = _signal(records)
-        rank = 0 if self.rank == "drive" else 50
+        low, high = _range(records)
         starts = []
         for part in (0.03, 0.08, 0.15, 0.25, 0.35):
             levels = {
@@ -66,7 +71,7 @@ class Saturation(ParametricModel):
                 "upper": {"upper": high - part * (high - low)},
             }
             levels["both"] = levels["lower"] | levels["upper"]
-            starts.append((SaturationOperator(**levels[self.sides], rank=rank), ()))
+            starts.append((SaturationOperator(**levels[self.sides], rank=self._rank), ()))
         return starts
 
 
@@ -107,6 +112,8 @@ class DeadZones(ParametricModel):
         "sides": [StrOptions({"both", "lower", "upper"})],
     }
 
+    _rank = DeadZoneOperator.rank
+
     def __init__(self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0):
         self.n_zones = n_zones
         self.sides = sides
@@ -114,7 +121,7 @@ class DeadZones(ParametricModel):
         self.dt = dt
 
     def _starts(self, records):
-        _, low, high = _signal(records)
+        low, high = _range(records)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         parts = half * np.arange(self.n_zones) / self.n_zones
         sides = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}[self.sides]
@@ -155,13 +162,15 @@ class SmoothCurve(ParametricModel):
         "degree": [Interval(Integral, 2, None, closed="left")],
     }
 
+    _rank = PolynomialCurveOperator.rank
+
     def __init__(self, degree=5, *, initial_state="rest", dt=1.0):
         self.degree = degree
         self.initial_state = initial_state
         self.dt = dt
 
     def _starts(self, records):
-        _, low, high = _signal(records)
+        low, high = _range(records)
         scale = 0.5 * (high - low) or 1.0
         operator = PolynomialCurveOperator(
             np.zeros(self.degree - 1), center=0.5 * (low + high), scale=scale

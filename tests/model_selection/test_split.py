@@ -84,33 +84,28 @@ def test_a_time_index_that_restarts_is_split_at_the_restarts():
 
 @pytest.mark.parametrize("X", [np.zeros((50, 1)), pd.DataFrame(np.zeros((50, 1)))])
 def test_one_record_is_referred_to_blocks(X):
-    with pytest.raises(RecordError, match="use BlockedTimeSeriesSplit"):
-        next(RecordKFold(5).split(X))
+    with pytest.raises(ValueError, match=r"1 record\(s\) .* use BlockedTimeSeriesSplit"):
+        RecordKFold(5).split(X)
 
 
 def test_too_few_records_are_refused():
-    with pytest.raises(RecordError, match="at most the number of records, 3. Got 5"):
-        next(RecordKFold(5).split(stacked([5, 5, 5])[0]))
+    with pytest.raises(ValueError, match=r"Got n_splits=5 and 3 record\(s\)"):
+        RecordKFold(5).split(stacked([5, 5, 5])[0])
 
 
 @settings(deadline=None, max_examples=60)
 @given(lengths, st.integers(2, 5), st.integers(0, 6))
 def test_blocks_partition_long_records_and_leave_gaps(sizes, n_splits, washout):
-    X, _ = stacked(sizes)
-    long = [r for r in record_slices(X) if r.n_samples >= n_splits * (washout + 2)]
-    cv = BlockedTimeSeriesSplit(n_splits, washout=washout)
-    if not long:
-        with pytest.raises(RecordError, match="n_splits"):
-            next(cv.split(X))
-        return
+    X, _ = stacked([*sizes, 100])
+    long = [r for r in record_slices(X) if r.n_samples >= 2 * n_splits]
     record = X.index.codes[0]
     tested = []
-    for train, test in cv.split(X):
+    for train, test in BlockedTimeSeriesSplit(n_splits, washout=washout).split(X):
         assert set(train).isdisjoint(test)
         left_out = np.setdiff1d(np.arange(len(X)), np.r_[train, test])
-        for row in left_out:  # the gap lies within the washout of a test row of the same record
+        for row in left_out:  # in the gap, or alone behind it
             near = test[record[test] == record[row]]
-            assert np.abs(near - row).min() <= washout
+            assert np.abs(near - row).min() <= washout + 1
         for row in train:
             near = test[record[test] == record[row]]
             assert near.size == 0 or np.abs(near - row).min() > washout
@@ -119,6 +114,33 @@ def test_blocks_partition_long_records_and_leave_gaps(sizes, n_splits, washout):
         tested.append(test)
     expected = np.concatenate([np.arange(r.rows.start, r.rows.stop) for r in long])
     np.testing.assert_array_equal(np.sort(np.concatenate(tested)), expected)
+
+
+def test_short_records_are_always_trained_on():
+    X, _ = stacked([40, 5, 40])
+    for train, test in BlockedTimeSeriesSplit(4, washout=3).split(X):
+        assert set(range(40, 45)) <= set(train)
+        assert len(test) == 20
+
+
+def test_blocks_refuse_what_leaves_nothing():
+    with pytest.raises(ValueError, match="two samples in each block"):
+        BlockedTimeSeriesSplit(5).split(np.zeros((9, 1)))
+    with pytest.raises(ValueError, match="must leave rows to train on"):
+        list(BlockedTimeSeriesSplit(2, washout=30).split(np.zeros((30, 1))))
+
+
+def test_unlabelled_records_that_would_join_are_refused():
+    times = np.concatenate([np.arange(4), np.arange(2), np.arange(4, 8)]) * 0.1
+    X = pd.DataFrame({"u": np.zeros(10)}, index=times)
+    with pytest.raises(RecordError, match="The records need labels"):
+        list(RecordKFold(3).split(X))
+
+
+def test_groups_are_not_used():
+    X, _ = stacked([30, 30])
+    with pytest.warns(UserWarning, match="groups parameter is ignored"):
+        RecordKFold(2).split(X, groups=np.zeros(60))
 
 
 def test_a_model_sees_the_hole_that_a_test_block_leaves():
@@ -169,10 +191,10 @@ def test_representation_names_the_parameters():
 @pytest.mark.parametrize("splitter", [RecordKFold, BlockedTimeSeriesSplit])
 @pytest.mark.parametrize("n_splits", [1, 2.0, "3", None])
 def test_number_of_splits_is_checked(splitter, n_splits):
-    with pytest.raises(ValueError, match="'n_splits' parameter of .* must be an integer"):
-        next(splitter(n_splits).split(stacked([30, 30])[0]))
+    with pytest.raises(ValueError, match=r"'n_splits' parameter of \w+ must be an int"):
+        splitter(n_splits).split(stacked([30, 30])[0])
 
 
 def test_washout_is_checked():
     with pytest.raises(ValueError, match="'washout' parameter of BlockedTimeSeriesSplit"):
-        next(BlockedTimeSeriesSplit(2, washout=-1).split(np.zeros((50, 1))))
+        BlockedTimeSeriesSplit(2, washout=-1).split(np.zeros((50, 1)))

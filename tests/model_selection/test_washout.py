@@ -8,8 +8,7 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.metrics import mean_squared_error, r2_score
 from sklearn.model_selection import GridSearchCV, cross_validate
 
-from skhyst.exceptions import RecordError
-from skhyst.metrics import nrmse
+from skhyst.metrics import fit_percent, mape, max_error, nrmse, smape
 from skhyst.model_selection import BlockedTimeSeriesSplit, washout_scorer
 from skhyst.records import record_slices, stack_records
 
@@ -45,10 +44,42 @@ def test_the_washout_of_every_record_is_left_out(data):
     assert short == pytest.approx(-3 / (3 * 56))
 
 
+@pytest.mark.parametrize(
+    ("metric", "sign"),
+    [
+        (r2_score, 1),
+        (fit_percent, 1),
+        (nrmse, -1),
+        (smape, -1),
+        (mape, -1),
+        (max_error, -1),
+        (mean_squared_error, -1),
+    ],
+)
+def test_names_of_metrics_tell_what_is_better(metric, sign, data):
+    X, y = data
+    model = Transient(5).fit(X, y)
+    bad = metric(y, model.predict(X))
+    assert washout_scorer(metric, washout=0)(model, X, y) == sign * bad
+    flipped = washout_scorer(metric, washout=0, greater_is_better=sign < 0)
+    assert flipped(model, X, y) == -sign * bad
+
+
+def test_a_metric_of_unknown_direction_must_say_it():
+    def cost(y_true, y_pred):
+        return 0.0
+
+    for metric, options in ((cost, {}), (r2_score, {"greater_is_better": "yes"})):
+        with pytest.raises(ValueError, match="'greater_is_better' parameter of washout_scorer"):
+            washout_scorer(metric, washout=0, **options)
+    with pytest.raises(ValueError, match="'metric' parameter"):
+        washout_scorer("r2", washout=0)
+
+
 def test_without_washout_it_is_the_metric(data):
     X, y = data
     model = Transient().fit(X, y)
-    assert washout_scorer(nrmse, washout=0)(model, X, y) == nrmse(y, model.predict(X))
+    assert washout_scorer(nrmse, washout=0)(model, X, y) == -nrmse(y, model.predict(X))
 
 
 def test_it_composes_with_blocks_on_frames_and_arrays(data):
@@ -87,7 +118,7 @@ def test_records_shorter_than_the_washout_are_not_scored(data):
     X, y = data
     X, y = X.iloc[:63], y.iloc[:63]
     assert washout_scorer(r2_score, washout=5)(Transient().fit(X, y), X, y) == 1.0
-    with pytest.raises(RecordError, match="leave nothing to score"):
+    with pytest.raises(ValueError, match="records of 60 samples at most"):
         washout_scorer(r2_score, washout=60)(Transient().fit(X, y), X, y)
 
 
