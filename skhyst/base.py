@@ -5,16 +5,18 @@ from abc import abstractmethod
 from numbers import Real
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin, _fit_context
-from sklearn.utils._param_validation import Interval, StrOptions
+from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from .exceptions import ConvergenceWarning, DivergenceWarning
+from ._sklearn import Interval, StrOptions, fit_context
+from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from .operators import SumOperator
 from .optimize import RecordData, estimate_histories, identify
 from .records import record_slices
 
-__all__ = ["ParametricModel", "read_data"]
+__all__ = ["ParametricModel", "read_data", "run_records"]
+
+_EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
 
 
 def read_data(estimator, X, y=None, *, reset, dt):
@@ -25,10 +27,22 @@ def read_data(estimator, X, y=None, *, reset, dt):
     options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
     if y is None and not reset:
         array = validate_data(estimator, X, reset=False, **options)
+        _refuse_extreme("X", array[:, 0])
         return record_slices(_indexed(X, array), dt=dt), array, None
     array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
     response = np.asarray(response, dtype=float)
+    _refuse_extreme("X", array[:, 0])
+    _refuse_extreme("y", response)
     return record_slices(_indexed(X, array), y, dt=dt), array, response
+
+
+def _refuse_extreme(name, values):
+    largest = max(values.max(), -values.min())
+    if largest > _EXTREME or 0.0 < largest < 1.0 / _EXTREME:
+        raise RecordError(
+            f"The largest value of {name} is {largest:g}, beyond what floating point can square: "
+            "choose another unit."
+        )
 
 
 def _indexed(X, array):
@@ -72,7 +86,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return the names of entries that are held at their starting values."""
         return frozenset()
 
-    @_fit_context(prefer_skip_nested_validation=True)
+    @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y):
         """Identify the parameters.
 

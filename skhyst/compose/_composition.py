@@ -2,14 +2,13 @@
 
 from abc import abstractmethod
 
-from sklearn.utils.metaestimators import _BaseComposition
-
+from .._sklearn import BaseComposition
 from ..base import ParametricModel
 
 __all__ = ["Composition"]
 
 
-class Composition(ParametricModel, _BaseComposition):
+class Composition(ParametricModel, BaseComposition):
     """Base of the compositions: named steps, whose parameters are ``name__parameter``."""
 
     _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}

@@ -9,12 +9,12 @@ from numbers import Integral, Real
 import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
-from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, _fit_context, clone
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils import check_random_state
-from sklearn.utils._param_validation import HasMethods, Interval
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
+from .._sklearn import HasMethods, Interval, fit_context
 from ..base import ParametricModel, read_data
 from ..optimize import RecordData
 from ._contest import Contestant, contest, held_out, paired_p_value, screen
@@ -150,7 +150,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.verbose = verbose
         self.random_state = random_state
 
-    @_fit_context(prefer_skip_nested_validation=False)
+    @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y):
         """Search.
 
@@ -398,6 +398,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def _judge(self, records, base):
         """Set the noise floor and the verdict."""
         floor = repeatability(records)
+        if base.error <= _NEGLIGIBLE * np.ptp(self.response_):
+            self.noise_floor_ = base.error if floor is None else floor
+            self.verdict_ = "noise"
+            return
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         error, p_value = black_box_gain(records, base.residuals, base.predictions, rng)
         gain = 1.0 - (error / base.error) ** 2 if base.error > 0.0 else 0.0

@@ -3,9 +3,9 @@
 from numbers import Integral, Real
 
 import numpy as np
-from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils.validation import check_array, check_is_fitted
 
+from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, read_data, run_records
 from ..operators import PrandtlIshlinskiiOperator, play_thresholds
 

@@ -1,8 +1,8 @@
 """What the linear models share."""
 
 import numpy as np
-from sklearn.utils._param_validation import StrOptions
 
+from .._sklearn import StrOptions
 from ..base import ParametricModel
 
 __all__ = ["LinearModel", "log_grid", "time_span"]

@@ -3,8 +3,8 @@
 from numbers import Integral
 
 import numpy as np
-from sklearn.utils._param_validation import Interval
 
+from .._sklearn import Interval
 from ..operators import KelvinVoigtOperator
 from ._base import LinearModel, log_grid, time_span
 

@@ -3,8 +3,8 @@
 from numbers import Integral, Real
 
 import numpy as np
-from sklearn.utils._param_validation import Interval, StrOptions
 
+from .._sklearn import Interval, StrOptions
 from ..operators import DelayOperator, SeriesOperator, TransferFunctionOperator
 from ..optimize import pole_starts, sections
 from ._base import LinearModel, log_grid, time_span

@@ -4,9 +4,10 @@ from abc import abstractmethod
 from numbers import Integral
 
 import numpy as np
-from sklearn.base import BaseEstimator, TransformerMixin, _fit_context
-from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
 
+from .._sklearn import check_feature_names_in, fit_context
 from ..records import record_slices
 
 __all__ = ["RecordTransformer"]
@@ -32,7 +33,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
     def _names(self, names):
         """Return the names of the features, given those of all input columns."""
 
-    @_fit_context(prefer_skip_nested_validation=True)
+    @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y=None):
         """Learn what depends on the range of the data.
 
@@ -88,7 +89,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         names : ndarray of str, shape (n_features_out,)
         """
         check_is_fitted(self)
-        names = _check_feature_names_in(self, input_features)
+        names = check_feature_names_in(self, input_features)
         return np.asarray(self._names(names), dtype=object)
 
     def _interval(self):

@@ -2,8 +2,7 @@
 
 from numbers import Integral
 
-from sklearn.utils._param_validation import Interval
-
+from .._sklearn import Interval
 from ._base import RecordTransformer
 
 __all__ = ["LaggedFeatures"]

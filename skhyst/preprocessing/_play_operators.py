@@ -3,10 +3,10 @@
 from numbers import Integral
 
 import numpy as np
-from sklearn.utils._param_validation import Interval, StrOptions
 
 from .._kernels._arrays import as_signal
 from .._kernels._play import play_basis, stop_basis
+from .._sklearn import Interval, StrOptions
 from ..operators import play_thresholds
 from ._base import RecordTransformer
 

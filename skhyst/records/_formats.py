@@ -167,7 +167,7 @@ def _read_npy(path):
 
 def _read_npz(path):
     variables = []
-    with np.load(path, allow_pickle=False) as archive:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for name in archive.files:
             try:
                 values = np.asarray(archive[name])
@@ -291,7 +291,7 @@ def _parquet_values(parquet, path, name, occurrence):
 
 def _read_tdms(path):
     nptdms = _optional("nptdms", path.suffix)
-    with nptdms.TdmsFile.open(path) as file:
+    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         channels = [
             (group.name, channel.name, len(channel))
             for group in file.groups()
@@ -302,7 +302,7 @@ def _read_tdms(path):
 
 
 def _tdms_values(nptdms, path, group, channel):
-    with nptdms.TdmsFile.open(path) as file:
+    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         return np.asarray(file[group][channel][:])
 
 

@@ -63,7 +63,7 @@ def _alone(keep, labels):
     """Mark the rows of which neither neighbour is kept: they are no record."""
     pairs = keep[1:] & keep[:-1]
     if labels is not None:
-        pairs &= np.asarray(labels[1:] == labels[:-1], dtype=bool)
+        pairs &= np.diff(pd.factorize(labels)[0]) == 0
     return ~(np.append(pairs, False) | np.append(False, pairs))
 
 

@@ -60,8 +60,8 @@ def read_records(
         What happens to rows in which a value is missing, not finite or equal to
         ``missing_code``. Dropped rows leave a gap in time, which starts a new record where it is
         longer than 1.5 intervals; a row that is left without a neighbour is dropped too.
-        Interpolation is linear in time and within a record; rows
-        before the first and after the last reading of a record are dropped.
+        Interpolation is linear in time and within a record; rows before the first and after the
+        last reading of a record are dropped.
     missing_code : float or dict of column to float, optional
         Reading that stands for a lost one, in all columns or by column.
     time_unit : {"s", "ms", "us", "ns", "min", "h"}, default="s"
@@ -114,9 +114,10 @@ def read_records(
     labels = None if labels is None else _labels(labels[1])
     codes = _codes(missing_code, wanted, names)
     keep = missing_rows(path, values, names, codes, stamps, labels, on_missing)
-    values, stamps, labels, numbered = _kept(keep, values, stamps, labels)
+    positions = _positions(labels, len(values))[keep]
+    values, stamps, labels = _kept(keep, values, stamps, labels)
     labels, starts = _records(path, labels, stamps, len(values))
-    level = _level(stamps, starts, numbered, sampling_rate)
+    level = _level(stamps, positions, sampling_rate)
     if on_missing == "interpolate":
         clock = _seconds(level)
         values, filled = fill(values, clock, segments(starts, clock))
@@ -220,13 +221,20 @@ def _labels(values):
     return values
 
 
+def _positions(labels, n):
+    """Return the number of each row within its record, from 0."""
+    rows = np.arange(n)
+    if labels is None:
+        return rows
+    starts = np.flatnonzero(np.diff(pd.factorize(labels)[0], prepend=-2))
+    return rows - np.repeat(starts, np.diff([*starts, n]))
+
+
 def _kept(keep, values, stamps, labels):
-    numbered = np.flatnonzero(keep)
     return (
         values[keep],
         None if stamps is None else stamps[keep],
         None if labels is None else np.asarray(labels[keep]),
-        numbered,
     )
 
 
@@ -260,8 +268,7 @@ def _seconds(stamps):
     return np.asarray(stamps, dtype=float)
 
 
-def _level(stamps, starts, numbered, sampling_rate):
+def _level(stamps, positions, sampling_rate):
     if stamps is not None:
         return stamps
-    own = numbered - np.repeat(numbered[starts], np.diff([*starts, len(numbered)]))
-    return own if sampling_rate is None else own / float(sampling_rate)
+    return positions if sampling_rate is None else positions / float(sampling_rate)

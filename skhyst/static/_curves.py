@@ -3,8 +3,8 @@
 from numbers import Integral
 
 import numpy as np
-from sklearn.utils._param_validation import Interval, StrOptions
 
+from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import DeadZoneOperator, PolynomialCurveOperator, SaturationOperator
 

@@ -1,0 +1,271 @@
+"""Broken and hostile files: every one is refused by name, and none is executed."""
+
+import io
+import json
+import os
+import pickle
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+from scipy.io.matlab import MatlabFunction, MatlabOpaque
+
+from skhyst.exceptions import RecordError
+from skhyst.records import read_records
+from skhyst.records._formats import _held
+
+SUFFIXES = [
+    *(".csv", ".txt", ".tsv", ".dat", ".mat", ".npy", ".npz"),
+    *(".json", ".h5", ".hdf5", ".parquet", ".tdms"),
+]
+GARBAGE = np.random.default_rng(0).integers(0, 256, 5000, dtype=np.uint8).tobytes()
+
+
+class Trap:
+    """Creates a file where it is unpickled."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.marker),)
+
+
+def whole_files():
+    """Return a sound file of each binary or structured format, to be cut."""
+    import nptdms
+    import pyarrow
+    import pyarrow.parquet
+
+    values = np.arange(2000.0)
+    files = {
+        suffix: io.BytesIO() for suffix in (".mat", ".npy", ".npz", ".h5", ".parquet", ".tdms")
+    }
+    savemat(files[".mat"], {"u": values})
+    np.save(files[".npy"], values)
+    np.savez(files[".npz"], u=values)
+    with h5py.File(files[".h5"], "w") as file:
+        file["u"] = values
+    pyarrow.parquet.write_table(pyarrow.table({"u": values}), files[".parquet"])
+    with nptdms.TdmsWriter(files[".tdms"]) as writer:
+        writer.write_segment([nptdms.ChannelObject("g", "u", values)])
+    content = {suffix: file.getvalue() for suffix, file in files.items()}
+    return content | {".json": json.dumps({"u": values.tolist()}).encode()}
+
+
+WHOLE = whole_files()
+
+
+def refused(path, drive=0, **options):
+    with pytest.raises(RecordError) as error:
+        read_records(path, drive=drive, **options)
+    assert path.name in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    "content",
+    [b"", GARBAGE, b"\x00" * 300, b"\x80\x04K\x01."],
+    ids=["empty", "random", "zeros", "pickle"],
+)
+def test_what_is_no_recording_is_refused(tmp_path, suffix, content):
+    path = tmp_path / f"rig{suffix}"
+    path.write_bytes(content)
+    refused(path)
+
+
+@pytest.mark.parametrize("suffix", WHOLE)
+def test_sound_files_are_read(tmp_path, suffix):
+    path = tmp_path / f"rig{suffix}"
+    path.write_bytes(WHOLE[suffix])
+    np.testing.assert_array_equal(read_records(path, drive=0)[0].iloc[:, 0], np.arange(2000.0))
+
+
+@pytest.mark.parametrize("part", [0.02, 0.3, 0.9])
+@pytest.mark.parametrize("suffix", set(WHOLE) - {".tdms"})
+def test_truncated_files_are_refused(tmp_path, suffix, part):
+    path = tmp_path / f"rig{suffix}"
+    path.write_bytes(WHOLE[suffix][: int(part * len(WHOLE[suffix]))])
+    refused(path)
+
+
+def test_a_truncated_text_misses_values(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("u,y\n1.0,2.0\n2.0,3.0\n3.0,")
+    assert "y: row 2" in refused(path, "u", response="y")
+
+
+def test_pickles_in_npy_and_npz_are_not_executed(tmp_path):
+    marker = tmp_path / "executed"
+    objects = np.array([Trap(marker), 1.0], dtype=object)
+    np.save(tmp_path / "a.npy", objects, allow_pickle=True)
+    np.savez(tmp_path / "a.npz", allow_pickle=True, u=objects, v=np.arange(3.0))
+    (tmp_path / "raw.npy").write_bytes(pickle.dumps(Trap(marker)))
+    (tmp_path / "raw.npz").write_bytes(pickle.dumps(Trap(marker)))
+    for name, drive in (("a.npy", 0), ("a.npz", "u"), ("raw.npy", 0), ("raw.npz", 0)):
+        message = refused(tmp_path / name, drive)
+        assert "pickle" in message or name.startswith("raw")
+        assert not marker.exists()
+    assert len(read_records(tmp_path / "a.npz", drive="v")[0]) == 3
+    np.load(tmp_path / "a.npy", allow_pickle=True)
+    assert marker.exists()  # the trap does work
+
+
+def test_a_pickle_with_a_false_suffix_is_not_executed(tmp_path):
+    marker = tmp_path / "executed"
+    for suffix in SUFFIXES:
+        path = tmp_path / f"rig{suffix}"
+        path.write_bytes(pickle.dumps(Trap(marker), protocol=0))
+        refused(path, "u")
+    assert not marker.exists()
+
+
+def test_a_huge_shape_in_a_header_is_refused_without_memory(tmp_path):
+    path = tmp_path / "rig.npy"
+    with path.open("wb") as file:
+        header = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+        np.lib.format.write_array_header_1_0(file, header)
+        file.write(b"\x00" * 80)
+    refused(path)
+
+
+def test_matlab_functions_and_objects_are_refused_and_the_rest_is_read(tmp_path):
+    kinds = [(MatlabFunction, "function handle"), (MatlabOpaque, "MATLAB object")]
+    for kind, message in kinds:
+        (variable,) = _held("f", np.zeros((1, 1)).view(kind))
+        assert message in variable.refused
+    path = tmp_path / "rig.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["u"] = np.arange(5.0)[None, :]
+        file["f"] = np.zeros((1, 6), dtype=np.uint32)
+        file["f"].attrs["MATLAB_class"] = np.bytes_("function_handle")
+        file["o"] = np.zeros((1, 6), dtype=np.uint32)
+        file["o"].attrs["MATLAB_object_decode"] = 3
+    assert "a MATLAB function handle" in refused(path, "f")
+    assert "a MATLAB object" in refused(path, "o")
+    assert len(read_records(path, drive="u")[0]) == 5
+
+
+def test_matlab_cells_and_text(tmp_path):
+    path = tmp_path / "rig.mat"
+    cells = np.array([np.arange(3.0), np.arange(4.0)], dtype=object)
+    savemat(path, {"c": cells, "note": "abc"})
+    assert len(read_records(path, drive="c[1]")[0]) == 4
+    refused(path, "c")
+    refused(path, "note")
+
+
+def test_hdf5_does_not_reach_into_other_files(tmp_path):
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["u"] = np.arange(5.0)
+    (tmp_path / "raw.bin").write_bytes(np.arange(5.0).tobytes())
+    path = tmp_path / "rig.h5"
+    with h5py.File(path, "w") as file:
+        file["own"] = np.arange(5.0)
+        file["link"] = h5py.ExternalLink("secret.h5", "u")
+        external = [(str(tmp_path / "raw.bin"), 0, 40)]
+        file.create_dataset("outside", (5,), "f8", external=external)
+        layout = h5py.VirtualLayout((5,), "f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "u", shape=(5,))
+        file.create_virtual_dataset("virtual", layout)
+    for name in ("link", "outside", "virtual"):
+        refused(path, name)
+    assert len(read_records(path, drive="own")[0]) == 5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 200_000,
+        '{"u": [1, 2, [3]]}',
+        '{"u": [1, "x", 3]}',
+        '{"u": [1e999, 2, 3]}',
+        '{"u": [1' + "0" * 400 + ", 2]}",
+        '{"u": [true, null, {}]}',
+        '{"u": "text"}',
+        "3",
+        "null",
+        "[]",
+        "{}",
+        '[{"u": 1}, {"v": 2}]',
+        '{"u": [1, 2}',
+    ],
+    ids=lambda text: text[:12],
+)
+def test_json_that_is_no_recording(tmp_path, text):
+    path = tmp_path / "rig.json"
+    path.write_text(text)
+    refused(path, "u")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("u,y\n1,2\n3,oops\n5,6\n7,8\n9,1\n2,2\n", "Got 'oops' in row 1"),
+        ("only words\nand more words\n", "no row of numbers"),
+        ("\n\n \n", ""),
+        ("u,u\n1,2\n3,4\n", "2 columns that 'u' may mean, at the positions 0, 1"),
+        ('u,y\n1,"2\n3,4\n', ""),
+        ("u,y\n1,2\n3,4,5,6\n5,6\n", ""),
+    ],
+    ids=["word", "words", "blank", "duplicate", "quote", "ragged"],
+)
+def test_texts_that_are_no_table(tmp_path, text, message):
+    path = tmp_path / "rig.csv"
+    path.write_text(text)
+    assert message in refused(path, "u", response=1)
+
+
+def test_duplicate_names_are_told_apart_by_position(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("u,u\n1,2\n3,4\n")
+    X, y = read_records(path, drive=0, response=1)
+    assert (X.iloc[:, 0].tolist(), y.tolist()) == ([1, 3], [2, 4])
+
+
+def test_names_outside_of_utf8(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_bytes("Spannung (V);Weg (µm)\n0,5;1,25\n1,5;2,25\n".encode("latin-1"))
+    X, y = read_records(path, drive="Spannung (V)", response="Weg (µm)")
+    assert (X.iloc[:, 0].tolist(), y.tolist()) == ([0.5, 1.5], [1.25, 2.25])
+
+
+@pytest.mark.parametrize("unit", [5e-324, 1e-300, 1e-12, 1e12, 1e300])
+@pytest.mark.parametrize("suffix", [".csv", ".mat", ".npz", ".json"])
+def test_tiny_and_huge_units_survive(tmp_path, unit, suffix):
+    path = tmp_path / f"rig{suffix}"
+    values = unit * np.array([1.0, -2.0, 3.0, 0.0, 7.0])
+    {
+        ".csv": lambda: np.savetxt(path, values, header="u", fmt="%.17g", comments=""),
+        ".mat": lambda: savemat(path, {"u": values}),
+        ".npz": lambda: np.savez(path, u=values),
+        ".json": lambda: path.write_text(json.dumps({"u": values.tolist()})),
+    }[suffix]()
+    np.testing.assert_allclose(read_records(path, drive="u")[0]["u"], values, rtol=1e-14)
+
+
+def test_complex_and_text_columns_are_refused(tmp_path):
+    path = tmp_path / "rig.npz"
+    np.savez(path, c=np.array([1j, 2.0]), s=np.array(["a", "b"]), none=np.zeros(0))
+    assert "real numbers" in refused(path, "c")
+    assert "Got 'a' in row 0" in refused(path, "s")
+    refused(path, "none")
+
+
+def test_an_archive_of_other_things(tmp_path):
+    path = tmp_path / "rig.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("../../etc/passwd", "root")
+    refused(path)
+
+
+def test_paths_that_are_no_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.csv"):
+        read_records(tmp_path / "none.csv", drive="u")
+    for name in ("rig.xlsx", "rig.pkl", "rig"):
+        (tmp_path / name).write_text("u\n1\n")
+        with pytest.raises(RecordError, match=r"must end in one of \.csv.* Got 'rig"):
+            read_records(tmp_path / name, drive="u")

@@ -1,0 +1,304 @@
+"""Reading: every format gives the same records, columns by every address, lost readings, units."""
+
+import datetime
+import json
+import sys
+
+import h5py
+import nptdms
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from skhyst.exceptions import RecordError
+from skhyst.records import read_records, record_slices, stack_records
+
+N = 40
+T = 0.002 * np.arange(N)
+U = np.sin(np.arange(N) / 5)
+W = np.linspace(20.0, 21.0, N)
+Y = 3e-6 * U + 1e-7
+COLUMNS = {"t": T, "u": U, "w": W, "y": Y}
+TABLE = pd.DataFrame(COLUMNS)
+
+
+def write_tdms(path):
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("run", n, v) for n, v in COLUMNS.items()])
+
+
+def write_hdf5(path):
+    with h5py.File(path, "w") as file:
+        for name, values in COLUMNS.items():
+            file[f"run/{name}"] = values[:, None]
+
+
+def write_mat73(path):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in COLUMNS.items():
+            file[f"run/{name}"] = values[None, :]  # as MATLAB stores a column
+        file["#refs#/a"] = np.zeros(3)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, made for a test")
+
+
+WRITERS = {
+    "comma.csv": lambda p: TABLE.to_csv(p, index=False),
+    "semicolon.csv": lambda p: TABLE.to_csv(p, index=False, sep=";", decimal=","),
+    "tab.tsv": lambda p: TABLE.to_csv(p, index=False, sep="\t"),
+    "spaces.txt": lambda p: np.savetxt(p, TABLE, header="  t   u w  y", comments="", fmt="%25.17g"),
+    "commented.dat": lambda p: np.savetxt(p, TABLE, header="t u w y", fmt="%.17g"),
+    "preamble.csv": lambda p: p.write_text(
+        "Rig 7\nsaved by someone\n\n" + TABLE.to_csv(index=False)
+    ),
+    "utf16.csv": lambda p: p.write_text(TABLE.to_csv(index=False), encoding="utf-16"),
+    "windows.csv": lambda p: p.write_bytes(
+        TABLE.to_csv(index=False, lineterminator="\r\n").encode("utf-8-sig")
+    ),
+    "vectors.mat": lambda p: savemat(p, {"gain": 3.0, **COLUMNS}),
+    "struct.mat": lambda p: savemat(p, {"run": COLUMNS, "note": "a stage"}),
+    "v73.mat": write_mat73,
+    "columns.npz": lambda p: np.savez(p, **COLUMNS),
+    "fields.npy": lambda p: np.save(p, TABLE.to_records(index=False)),
+    "columns.json": lambda p: p.write_text(json.dumps({k: v.tolist() for k, v in COLUMNS.items()})),
+    "records.json": lambda p: p.write_text(json.dumps(TABLE.to_dict("records"))),
+    "groups.h5": write_hdf5,
+    "groups.hdf5": write_hdf5,
+    "table.parquet": lambda p: TABLE.to_parquet(p, index=False),
+    "channels.tdms": write_tdms,
+}
+
+
+@pytest.fixture(params=WRITERS)
+def recording(request, tmp_path):
+    path = tmp_path / request.param
+    WRITERS[request.param](path)
+    return path
+
+
+def table(tmp_path, text, name="rig.csv"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_every_format_gives_the_same_records(recording):
+    X, y = read_records(recording, drive="u", response="y", time="t", auxiliary=["w"])
+    np.testing.assert_allclose(X, np.column_stack([U, W]), rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(y, Y, rtol=1e-9, atol=1e-20)
+    assert X.index.equals(y.index)
+    assert list(X.index.names) == ["record", "time"]
+    (record,) = record_slices(X, y)
+    assert (record.dt, record.start_time, record.n_samples) == (0.002, 0.0, N)
+
+
+def test_a_missing_column_lists_those_of_the_file(recording):
+    with pytest.raises(RecordError, match="has no column 'voltage'") as error:
+        read_records(recording, drive="voltage")
+    assert recording.name in str(error.value)
+    assert str(N) in str(error.value)
+
+
+def test_columns_by_position_and_without_a_header(tmp_path):
+    path = tmp_path / "rows.csv"
+    np.savetxt(path, TABLE, delimiter=",")
+    X, y = read_records(path, drive=1, response=3, time=0, auxiliary=2)
+    np.testing.assert_allclose(X, np.column_stack([U, W]))
+    np.testing.assert_allclose(y, Y)
+    assert all(isinstance(name, str) for name in X.columns)
+    with pytest.raises(RecordError, match="no column at position 4: it has 4 columns"):
+        read_records(path, drive=4)
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("m.mat", lambda p, v: savemat(p, {"data": v})),
+        ("m.npz", lambda p, v: np.savez(p, data=v)),
+        ("m.json", lambda p, v: p.write_text(json.dumps({"data": v.tolist(), "dt": 0.002}))),
+    ],
+)
+def test_columns_of_a_matrix(tmp_path, name, write):
+    path = tmp_path / name
+    write(path, TABLE.to_numpy())
+    X, y = read_records(path, drive="data[1]", response="data[:, 3]", time="data[0]")
+    np.testing.assert_array_equal(X["data[1]"], U)
+    np.testing.assert_array_equal(y, Y)
+    np.testing.assert_array_equal(read_records(path, drive=1)[0].iloc[:, 0], U)
+    with pytest.raises(RecordError, match=r"\(40, 4\)"):
+        read_records(path, drive="data")
+    with pytest.raises(RecordError, match=r"\(40, 4\)"):
+        read_records(path, drive="data[4]")
+
+
+def test_rows_across_and_more_axes(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, TABLE.to_numpy().T)
+    np.testing.assert_array_equal(read_records(path, drive="[1, :]")[0].iloc[:, 0], U)
+    np.save(path, np.stack([TABLE.to_numpy(), 2 * TABLE.to_numpy()], axis=2))
+    np.testing.assert_array_equal(read_records(path, drive="[1, 1]")[0].iloc[:, 0], 2 * U)
+
+
+def test_columns_of_different_lengths_are_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", u=U, y=Y[:-1])
+    with pytest.raises(RecordError, match="differ in length: 'u' 40, 'y' 39"):
+        read_records(tmp_path / "a.npz", drive="u", response="y")
+
+
+def test_a_column_named_twice_is_refused(tmp_path):
+    with pytest.raises(RecordError, match="'u' more than once"):
+        read_records(table(tmp_path, TABLE.to_csv(index=False)), drive="u", auxiliary=["u"])
+
+
+def test_without_times_the_rows_are_counted(tmp_path):
+    path = table(tmp_path, TABLE.to_csv(index=False))
+    X, y = read_records(path, drive="u")
+    assert y is None
+    assert X.index.levels[1].dtype.kind == "i"
+    assert record_slices(X, dt=0.5)[0].dt == 0.5
+    X, _ = read_records(path, drive="u", sampling_rate=500.0)
+    assert record_slices(X)[0].dt == 0.002
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("ms", 1e-3), ("us", 1e-6), ("h", 3600.0)])
+def test_units_of_time(tmp_path, unit, seconds):
+    path = table(tmp_path, TABLE.assign(t=T / seconds).to_csv(index=False))
+    X, _ = read_records(path, drive="u", time="t", time_unit=unit)
+    assert record_slices(X)[0].dt == pytest.approx(0.002)
+
+
+def test_dates_and_clock_times(tmp_path):
+    start = datetime.datetime(2024, 5, 31, 23, 59, 59, 990_000)
+    dates = [(start + datetime.timedelta(seconds=t)).isoformat() for t in T]
+    X, _ = read_records(
+        table(tmp_path, TABLE.assign(t=dates).to_csv(index=False)), drive="u", time="t"
+    )
+    assert X.index.levels[1].dtype.kind == "M"
+    assert record_slices(X)[0].dt == 0.002
+    clock = [f"00:00:0{t:.3f}" for t in T]
+    X, _ = read_records(
+        table(tmp_path, TABLE.assign(t=clock).to_csv(index=False)), drive="u", time="t"
+    )
+    assert X.index.levels[1].dtype.kind == "m"
+    assert record_slices(X)[0].dt == 0.002
+    path = table(tmp_path, TABLE.assign(t="noon").to_csv(index=False))
+    with pytest.raises(RecordError, match="ISO 8601"):
+        read_records(path, drive="u", time="t")
+
+
+@pytest.mark.parametrize("labels", [["a"] * 15 + ["b"] * 25, [3] * 15 + [1] * 25])
+def test_records_by_a_column_and_by_restarts(tmp_path, labels):
+    times = np.concatenate([T[:15], T[:25]])
+    path = table(tmp_path, TABLE.assign(t=times, run=labels).to_csv(index=False))
+    found = record_slices(read_records(path, drive="u", time="t", record="run")[0])
+    assert [(r.label, r.n_samples) for r in found] == [(labels[0], 15), (labels[-1], 25)]
+    found = record_slices(read_records(path, drive="u", time="t")[0])
+    assert [(r.label, r.n_samples) for r in found] == [(0, 15), (1, 25)]
+    found = record_slices(read_records(path, drive="u", record="run", sampling_rate=500)[0])
+    assert [(r.start_time, r.n_samples) for r in found] == [(0.0, 15), (0.0, 25)]
+
+
+def test_files_stack_to_records(tmp_path):
+    path = table(tmp_path, TABLE.to_csv(index=False))
+    runs = [read_records(path, drive="u", response="y", time="t") for _ in range(2)]
+    X, y = stack_records(runs, labels=["slow", "fast"])
+    assert [r.label for r in record_slices(X, y)] == ["slow", "fast"]
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf, -999.0])
+def test_lost_readings_are_named(tmp_path, lost):
+    values = Y.copy()
+    values[[4, 5, 20]] = lost
+    path = table(tmp_path, TABLE.assign(y=values).to_csv(index=False))
+    with pytest.raises(RecordError, match=r"y: rows 4, 5, 20 \(3 of 40\).*'drop' or 'interpolate'"):
+        read_records(path, drive="u", response="y", time="t", missing_code={"y": -999})
+    read_records(path, drive="u", time="t", missing_code=-999)  # nothing lost in what is read
+
+
+def test_lost_readings_are_dropped_and_start_a_record(tmp_path):
+    values = Y.copy()
+    values[[0, 9, 10, 20, 22]] = np.nan
+    path = table(tmp_path, TABLE.assign(y=values).to_csv(index=False))
+    for options in ({"time": "t"}, {"sampling_rate": 500.0}, {}):
+        X, y = read_records(path, drive="u", response="y", on_missing="drop", **options)
+        found = record_slices(X, y, dt=0.002)
+        assert [r.n_samples for r in found] == [8, 9, 17]  # row 21 stood alone
+        assert [r.start_time for r in found] == pytest.approx([0.002, 0.022, 0.046])
+        np.testing.assert_allclose(X["u"], np.delete(U, [0, 9, 10, 20, 21, 22]))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.sets(st.integers(1, N - 2), max_size=20))
+def test_interpolation_restores_a_straight_line(tmp_path_factory, lost):
+    values = 2.0 * T + 1.0
+    values[list(lost)] = -1.0
+    path = table(
+        tmp_path_factory.mktemp("line"), pd.DataFrame({"t": T, "u": values}).to_csv(index=False)
+    )
+    X, _ = read_records(path, drive="u", time="t", missing_code=-1, on_missing="interpolate")
+    np.testing.assert_allclose(X["u"], 2.0 * T + 1.0, rtol=1e-12)
+
+
+def test_interpolation_drops_edges_and_stays_within_records(tmp_path):
+    values = U.copy()
+    values[[0, 19, 20, 39]] = np.nan
+    path = table(tmp_path, TABLE.assign(u=values, run=[0] * 20 + [1] * 20).to_csv(index=False))
+    X, _ = read_records(path, drive="u", time="t", record="run", on_missing="interpolate")
+    assert [r.n_samples for r in record_slices(X)] == [18, 18]
+
+
+def test_a_lost_time_cannot_be_interpolated(tmp_path):
+    times = T.copy()
+    times[7] = np.nan
+    path = table(tmp_path, TABLE.assign(t=times).to_csv(index=False))
+    for policy in ("raise", "interpolate"):
+        with pytest.raises(RecordError, match=r"the time: row 7\. Pass on_missing='drop'"):
+            read_records(path, drive="u", time="t", on_missing=policy)
+    X, _ = read_records(path, drive="u", time="t", on_missing="drop")
+    assert len(X) == N - 1
+
+
+def test_nothing_left(tmp_path):
+    path = table(tmp_path, "u,y\n1,\n2,\n3,\n")
+    for policy in ("drop", "interpolate"):
+        with pytest.raises(RecordError, match=r"rig\.csv"):
+            read_records(path, drive="u", response="y", on_missing=policy)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"time": "t", "sampling_rate": 1.0}, "'sampling_rate' parameter .* must be None"),
+        ({"sampling_rate": 0.0}, "'sampling_rate' parameter .* positive"),
+        ({"on_missing": "ignore"}, "'on_missing' parameter"),
+        ({"time_unit": "days"}, "'time_unit' parameter"),
+        ({"missing_code": {"z": 0}}, "'missing_code' parameter .* Got 'z'"),
+        ({"auxiliary": [2.5]}, "named by a str or by its position"),
+    ],
+)
+def test_parameters_are_checked(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        read_records(table(tmp_path, TABLE.to_csv(index=False)), drive="u", **options)
+
+
+def test_times_too_coarse_or_out_of_order_are_refused(tmp_path):
+    coarse = TABLE.assign(t=np.round(T, 2))
+    with pytest.raises(RecordError, match=r"stands still .*'sampling_rate'"):
+        read_records(table(tmp_path, coarse.to_csv(index=False)), drive="u", time="t")
+    shuffled = TABLE.sample(frac=1.0, random_state=0)
+    with pytest.raises(RecordError, match="shuffled"):
+        read_records(table(tmp_path, shuffled.to_csv(index=False)), drive="u", time="t")
+
+
+@pytest.mark.parametrize(
+    ("name", "package"), [("a.h5", "h5py"), ("a.parquet", "pyarrow"), ("a.tdms", "nptdms")]
+)
+def test_a_package_that_is_not_installed_is_named(tmp_path, monkeypatch, name, package):
+    (tmp_path / name).write_bytes(b"something")
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setitem(sys.modules, f"{package}.parquet", None)
+    with pytest.raises(ImportError, match=rf"{package}: pip install 'skhyst\[io\]'"):
+        read_records(tmp_path / name, drive="u")
