@@ -7,6 +7,7 @@ from numbers import Real
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
+from threadpoolctl import threadpool_limits
 
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
@@ -104,7 +105,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
         data = [RecordData(X[s.rows, 0], y[s.rows], s.dt, start_time=s.start_time) for s in slices]
         self.records_ = slices
-        return self._fit_records(data)
+        # the matrices are tiny: threads that wait for each other cost more than they do
+        with threadpool_limits(limits=1, user_api="blas"):
+            return self._fit_records(data)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

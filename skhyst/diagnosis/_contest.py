@@ -16,7 +16,7 @@ _EVALUATIONS = 60
 _VARIANTS = 4  # variants of one effect that are refitted
 _HOPEFUL = 4.0  # sum of squares, relative to the best variant's, up to which one is refitted
 _FOLD_EVALUATIONS = 4
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-5
 _FOLD_TOLERANCE = 1e-5
 
 
@@ -37,7 +37,9 @@ class Contestant:
 
 
 def screen(effect, structure, records):
-    """Refit an effect briefly; return its variants as lists of contestants, best start first.
+    """Refit an effect briefly; return its variants and the sum of squares that it reached.
+
+    A variant is a list of contestants, best start first.
 
     Each starting value is simulated once: the linear parameters are solved exactly and one
     Gauss-Newton step of all others is predicted. The best start of all is then refitted for a few
@@ -52,9 +54,9 @@ def screen(effect, structure, records):
             n_parameters = len(problem.x0) + candidate.n_coefficients()
             starts.append(Contestant(effect.name, candidate, predicted, n_parameters, problem.x0))
         found.append(sorted(starts, key=lambda c: c.cost))
-    best = min(range(len(found)), key=lambda i: found[i][0].cost)
-    found[best][0] = _refit(found[best][0], records, _TRIAL_EVALUATIONS)[0]
-    return found
+    best = min(found, key=lambda starts: starts[0].cost)
+    best[0] = _refit(best[0], records, _TRIAL_EVALUATIONS)[0]
+    return found, best[0].cost
 
 
 def _refit(contestant, records, max_evaluations):

@@ -27,7 +27,9 @@ __all__ = ["EffectSearchCV"]
 
 _SEGMENTS = 32  # a record
 _SHORTEST_SEGMENT = 16  # samples
-_CONTESTED = 6  # candidates of a round that are refitted jointly
+_CONTESTED = 6  # candidates of a round that are refitted jointly, at the most
+_ALWAYS_CONTESTED = 3
+_HOPEFUL = 16.0  # sum of squares after screening, relative to the best, for the others of these
 _CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
 _SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
 _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
@@ -323,23 +325,25 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         begin = time.perf_counter()
         parallel = Parallel(n_jobs=self.n_jobs, require="sharedmem")
         screened = parallel(delayed(screen)(effect, base.structure, records) for effect in effects)
-        least = {
-            effect.name: min(starts[0].cost for starts in found)
-            for effect, found in zip(effects, screened, strict=True)
-        }
+        least = {e.name: cost for e, (_, cost) in zip(effects, screened, strict=True)}
         added = {
             effect.name: min(starts[0].n_parameters for starts in found) - base.n_parameters
-            for effect, found in zip(effects, screened, strict=True)
+            for effect, (found, _) in zip(effects, screened, strict=True)
         }
         promising = [
-            found
-            for effect, found in zip(effects, screened, strict=True)
-            if least[effect.name] < (1.0 - self.min_improvement) * base.cost
+            (cost, found)
+            for found, cost in screened
+            if cost < (1.0 - self.min_improvement) * base.cost
         ]
-        promising.sort(key=lambda found: min(starts[0].cost for starts in found))
+        promising.sort(key=lambda pair: pair[0])
+        promising = [
+            found
+            for place, (cost, found) in enumerate(promising[:_CONTESTED])
+            if place < _ALWAYS_CONTESTED or cost <= _HOPEFUL * promising[0][0]
+        ]
         self._add_time("screening", begin)
         begin = time.perf_counter()
-        refitted = parallel(delayed(contest)(found, records) for found in promising[:_CONTESTED])
+        refitted = parallel(delayed(contest)(found, records) for found in promising)
         lowest = min((c.cost for c in refitted), default=0.0)
         finalists = parallel(
             delayed(held_out)(c, records, folds) for c in refitted if c.cost <= _CLOSE * lowest

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
+from ._stamps import GAP
 
 __all__ = ["fill", "missing_rows", "segments"]
 
-_GAP = 1.5  # a step longer than so many intervals is no longer bridged
 _SHOWN = 5  # rows that an error message names
 
 
@@ -92,7 +92,7 @@ def segments(starts, clock):
     inside = np.ones(len(step), dtype=bool)
     inside[starts[1:] - 1] = False
     interval = np.median(step[inside]) if inside.any() else np.inf
-    gaps = np.flatnonzero(inside & (step > _GAP * interval)) + 1
+    gaps = np.flatnonzero(inside & (step > GAP * interval)) + 1
     bounds = np.union1d(starts, gaps).tolist()
     return list(zip(bounds, [*bounds[1:], len(clock)], strict=True))
 

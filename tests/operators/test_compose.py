@@ -1,0 +1,174 @@
+"""Series and sums are operators again, with each freedom carried once."""
+
+import numpy as np
+import pytest
+
+from skhyst.operators import (
+    DeadZoneOperator,
+    DelayOperator,
+    FirstOrderLagOperator,
+    KelvinVoigtOperator,
+    OffsetOperator,
+    PrandtlIshlinskiiOperator,
+    SecondOrderModeOperator,
+    SeriesOperator,
+    SumOperator,
+)
+
+DT = 0.01
+U = 0.3 + np.cumsum(np.random.default_rng(0).normal(size=60)) / 4
+EMPTY = np.empty((len(U), 0))
+PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.2]), np.array([1.0, 0.5]), 0.1)
+LAG = FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
+MODE = SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1)
+CREEP = KelvinVoigtOperator(np.array([0.2]), np.array([0.1]), 1.5, 0.3)
+ZONES = DeadZoneOperator(np.array([0.4]), np.array([0.3]), np.array([1]))
+
+
+def series(**stages):
+    return SeriesOperator(tuple(stages), tuple(stages.values()))
+
+
+def parallel(**stages):
+    return SumOperator(tuple(stages), tuple(stages.values()))
+
+
+def held(operator):
+    names = [name for name, _ in operator.entries()]
+    return {names[i] for i in np.flatnonzero(operator.gauge_mask())}
+
+
+def linear(operator):
+    names = [name for name, _ in operator.entries()]
+    return {names[i] for i in np.flatnonzero(operator.linear_mask())}
+
+
+def rank(operator):
+    """Number of independent directions in which the free parameters move the output."""
+    free = ~operator.gauge_mask()
+    tangents = operator.linearize(U, EMPTY, DT)[1][:, free]
+    singular = np.linalg.svd(tangents / np.linalg.norm(tangents, axis=0), compute_uv=False)
+    return int((singular > 1e-9 * singular[0]).sum()), int(free.sum())
+
+
+def test_series_hands_the_output_on():
+    middle, _ = PLAYS.run(U, DT)
+    middle, _ = ZONES.run(middle, DT)
+    expected, _ = LAG.run(middle, DT)
+    chain = series(plays=PLAYS, zones=ZONES, lag=LAG)
+    np.testing.assert_allclose(chain.run(U, DT)[0], expected, rtol=1e-13)
+    zero = chain.run(U, DT, chain.init(U[0], "zero"))[0]
+    middle = ZONES.run(PLAYS.run(U, DT, PLAYS.init(U[0], "zero"))[0], DT)[0]
+    np.testing.assert_allclose(zero, LAG.run(middle, DT, LAG.init(0.0, "zero"))[0], rtol=1e-13)
+
+
+def test_sum_adds():
+    total = parallel(plays=PLAYS, lag=LAG, offset=OffsetOperator(np.array([0.4])))
+    expected = PLAYS.run(U, DT)[0] + LAG.run(U, DT)[0] + 0.4
+    np.testing.assert_allclose(total.run(U, DT)[0], expected, rtol=1e-13)
+    np.testing.assert_array_equal(parallel().run(U, DT)[0], 0.0)
+
+
+def test_linear_stages_commute():
+    one, other = series(lag=LAG, creep=CREEP).normalized(), series(creep=CREEP, lag=LAG).normalized()
+    np.testing.assert_allclose(one.frequency(2.0), other.frequency(2.0)) if hasattr(
+        one, "frequency"
+    ) else None
+    # between samples the output of the first is no straight line, so they agree to second order
+    errors = []
+    for factor in (1, 2, 4):
+        fine = np.interp(np.arange(59 * factor + 1) / factor, np.arange(60), U)
+        y = [s.run(fine, DT / factor)[0] for s in (one, other)]
+        gain = [s.run(np.ones(2), DT)[0][0] for s in (one, other)]
+        errors.append(np.abs(y[0] / gain[0] - y[1] / gain[1]).max())
+    assert np.polyfit(np.log([1, 2, 4]), np.log(errors), 1)[0] == pytest.approx(-2, abs=0.4)
+
+
+def test_hysteresis_carries_the_gain_and_the_intercept():
+    chain = series(plays=PLAYS, lag=LAG, mode=MODE)
+    assert held(chain) == {"lag__gain", "lag__intercept", "mode__gain", "mode__intercept"}
+    assert linear(chain) == {"plays__weights[0]", "plays__weights[1]", "plays__intercept"}
+    assert held(series(lag=LAG, plays=PLAYS)) == {"lag__gain", "lag__intercept"}
+
+
+def test_last_stage_that_can_carries_the_gain_where_there_is_no_hysteresis():
+    assert held(series(lag=LAG, mode=MODE)) == {"lag__gain", "lag__intercept"}
+    assert held(series(mode=MODE, delay=DelayOperator(0.01))) == set()
+    assert held(series(delay=DelayOperator(0.01))) == set()
+
+
+def test_sum_keeps_every_gain_and_one_intercept():
+    assert held(parallel(lag=LAG, mode=MODE)) == {"mode__intercept"}
+    assert held(parallel(plays=PLAYS, creep=CREEP)) == {"creep__intercept"}
+
+
+def test_sum_within_a_series_gives_up_one_gain():
+    modes = parallel(first=MODE, second=SecondOrderModeOperator(40.0, 0.3, gain=0.3))
+    assert held(series(plays=PLAYS, modes=modes)) == {
+        "modes__first__gain",
+        "modes__first__intercept",
+        "modes__second__intercept",
+    }
+
+
+def test_series_within_a_series():
+    inner = series(plays=PLAYS, lag=LAG)
+    assert held(series(delay=DelayOperator(0.01), inner=inner, mode=MODE)) == {
+        "inner__lag__gain",
+        "inner__lag__intercept",
+        "mode__gain",
+        "mode__intercept",
+    }
+
+
+@pytest.mark.parametrize(
+    "operator",
+    [
+        series(plays=PLAYS, lag=LAG),
+        series(plays=PLAYS, mode=MODE, creep=CREEP),
+        series(lag=LAG, mode=MODE),
+        series(plays=PLAYS, zones=ZONES, lag=LAG),
+        series(
+            plays=PLAYS,
+            modes=parallel(first=MODE, second=SecondOrderModeOperator(40.0, 0.3, gain=0.3)),
+        ),
+        parallel(plays=PLAYS, creep=CREEP, mode=MODE),
+        parallel(chain=series(plays=PLAYS, lag=LAG), mode=MODE),
+        series(delay=DelayOperator(0.013), inner=series(plays=PLAYS, lag=LAG), mode=MODE),
+    ],
+    ids=lambda operator: "-".join(operator.names),
+)
+def test_free_parameters_are_independent(operator):
+    """The gauge holds what must be held, and with it the data can determine all the rest."""
+    found, free = rank(operator.normalized())
+    assert found == free
+
+
+def test_normalized_puts_held_values_at_their_gauge():
+    chain = series(plays=PLAYS, lag=LAG, mode=MODE)
+    plain = chain.normalized()
+    assert [(s.gain, s.intercept) for s in plain.stages[1:]] == [(1.0, 0.0)] * 2
+    assert chain.stages[1].gain == 1.4
+    np.testing.assert_array_equal(plain.stages[0].pack(), PLAYS.pack())
+
+
+def test_names_of_nested_entries():
+    names = [name for name, _ in series(a=parallel(b=CREEP, c=LAG)).entries()]
+    assert names == [
+        "a__b__compliances[0]",
+        "a__b__time_constants[0]",
+        "a__b__gain",
+        "a__b__intercept",
+        "a__c__time_constant",
+        "a__c__gain",
+        "a__c__intercept",
+    ]
+
+
+def test_rest_is_that_of_the_whole_chain():
+    chain = series(creep=CREEP, plays=PLAYS, mode=MODE)
+    y, _ = chain.run(np.full(20, 0.8), DT, chain.init(0.8))
+    np.testing.assert_allclose(y, y[0], rtol=1e-12)
+    assert y[0] == pytest.approx(
+        0.8 * (PLAYS.run([0.0, 0.8 * 1.8 + 0.3], DT)[0][1] - 0.0) / 0.8 * 0.8 + 0.1, rel=1e-9
+    )
