@@ -57,7 +57,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Probability of a false claim.
     max_effects : int, default=3
         Number of effects after which the search ends.
-    min_improvement : float, default=0.02
+    min_improvement : float, default=0.05
         Part of the held-out error that an effect must remove to be worth a claim.
     washout : int or None, default=None
         Samples at the start of each block, or of each record, that are simulated but not scored.
@@ -135,7 +135,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         cv=5,
         alpha=0.01,
         max_effects=3,
-        min_improvement=0.02,
+        min_improvement=0.05,
         washout=None,
         n_jobs=None,
         verbose=0,

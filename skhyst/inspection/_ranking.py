@@ -152,7 +152,7 @@ class EffectRankingDisplay:
         style = {"fontsize": "small", "va": "bottom"}
         axes.axvline(baseline, color=INK, linewidth=1.0)
         below = self.noise_floor is None or not self.noise_floor > baseline
-        axes.text(baseline, top, " without " , ha="left" if below else "right", color=INK, **style)
+        axes.text(baseline, top, " without ", ha="left" if below else "right", color=INK, **style)
         if self.noise_floor is not None and np.isfinite(self.noise_floor):
             axes.axvline(self.noise_floor, color=FLOOR, linewidth=1.4, linestyle=":", zorder=3)
             side = "right" if below else "left"

@@ -147,9 +147,7 @@ class ResidualDisplay(SignalDisplay):
         name = self.drive_name if against == "drive" else f"predicted {self.response_name}"
         title = f"Against {against}, by branch"
         tidy(ax, title=title, x_label=name, y_label=self._label)
-        handles = [
-            ax.plot([], [], style, color=INK, linewidth=1.2)[0] for style in ("-", "--")
-        ]
+        handles = [ax.plot([], [], style, color=INK, linewidth=1.2)[0] for style in ("-", "--")]
         ax.legend(
             handles, ("rising drive", "falling drive"), loc="best", fontsize="small", framealpha=0.7
         )

@@ -7,7 +7,9 @@ __all__ = ["Delay"]
 
 
 class Delay(LinearModel):
-    r"""Pure shift in time, :math:`y(t) = u(t - \theta)`, not a whole number of samples.
+    r"""Pure shift in time, by any part of a sample.
+
+    .. math:: y(t) = u(t - \theta)
 
     It has no gain: put a model that has one before or behind it in a
     :class:`~skhyst.compose.Cascade`.

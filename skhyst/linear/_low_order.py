@@ -8,7 +8,9 @@ __all__ = ["FirstOrderLag", "SecondOrderMode"]
 
 
 class FirstOrderLag(LinearModel):
-    r"""First-order low-pass, :math:`G(s) = g / (\tau s + 1)`, stepped exactly.
+    r"""First-order low-pass, stepped exactly.
+
+    .. math:: G(s) = \frac{g}{\tau s + 1}
 
     Parameters
     ----------
@@ -48,7 +50,9 @@ class FirstOrderLag(LinearModel):
 
 
 class SecondOrderMode(LinearModel):
-    r"""Second-order mode, :math:`G(s) = g / (s^2/\omega^2 + 2 \zeta s/\omega + 1)`.
+    r"""Second-order mode: mass, spring and damper.
+
+    .. math:: G(s) = \frac{g}{s^2/\omega^2 + 2 \zeta s/\omega + 1}
 
     Parameters
     ----------

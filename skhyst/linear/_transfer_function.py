@@ -13,7 +13,9 @@ __all__ = ["TransferFunction"]
 
 
 class TransferFunction(LinearModel):
-    r"""Rational transfer function with a delay, :math:`G(s) = e^{-\theta s} N(s) / D(s)`.
+    r"""Rational transfer function with a delay.
+
+    .. math:: G(s) = e^{-\theta s} \frac{N(s)}{D(s)}
 
     The poles are stable by construction, the numerator is solved exactly for given poles.
 

@@ -30,6 +30,8 @@ def bounded_step(hessian, gradient, lower, upper):
     """
     scale = np.sqrt(np.diag(hessian))
     moves = scale > 0.0
+    if not moves.any():
+        return np.zeros(len(scale))
     scale[~moves] = 1.0
     inverse = moves / scale
     h = hessian * np.outer(inverse, inverse)

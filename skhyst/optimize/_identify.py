@@ -12,6 +12,7 @@ __all__ = ["IdentificationResult", "identify", "summarize", "uncertainty"]
 
 _FULL_RUNS = 2  # of many starts, so many are followed to the end
 _TRIAL_EVALUATIONS = 4
+_SILENT = 1e-13  # of the response
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 
@@ -79,7 +80,8 @@ def uncertainty(problem, solution, n_samples):
     if not len(index):
         return std, (), 1.0
     scale = np.sqrt(np.diag(hessian)[index])
-    silent = scale == 0.0
+    # a change by a factor e that leaves the response where it is, but for rounding
+    silent = scale <= np.where(problem.log[index], _SILENT * np.sqrt(problem.scale), 0.0)
     undetermined = {problem.names[i] for i in index[silent]}
     index, scale = index[~silent], scale[~silent]
     if not len(index):
@@ -164,9 +166,10 @@ def identify(
 def summarize(problem, solution, n_evaluations, seconds):
     """Turn a solution into a result in physical units."""
     n_samples = int(problem.segment_length.sum())
-    std, undetermined, condition = uncertainty(problem, solution, n_samples)
     operator, disturbances = problem.unpack(solution.x)
     coefficients = problem.coefficients(problem.evaluate(solution.x, jacobian=False))
+    # the coefficients of the disturbances are unknowns too
+    std, undetermined, condition = uncertainty(problem, solution, n_samples - coefficients.size)
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)

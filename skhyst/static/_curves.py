@@ -19,7 +19,9 @@ def _range(records):
 
 
 class Saturation(ParametricModel):
-    r"""Clipping, :math:`y = \min(\max(u, a), b)`.
+    r"""Clipping at one or two levels.
+
+    .. math:: y = \min(\max(u, a), b)
 
     Parameters
     ----------
@@ -76,7 +78,9 @@ class Saturation(ParametricModel):
 
 
 class DeadZones(ParametricModel):
-    r"""Superposition of one-sided dead zones, :math:`y = u + \sum_j w_j D_j(u)`.
+    r"""Superposition of one-sided dead zones.
+
+    .. math:: y = u + \sum_j w_j D_j(u)
 
     :math:`D_j(u) = \max(u - r_j, 0)` on the upper side, :math:`\min(u - r_j, 0)` on the lower one:
     the part that makes a Prandtl-Ishlinskii model asymmetric (thesis section 3.2; Kuhnen 2003).
@@ -131,7 +135,7 @@ class DeadZones(ParametricModel):
 
 
 class SmoothCurve(ParametricModel):
-    r"""Smooth memoryless curve, the identity plus Legendre polynomials of degree 2 and above.
+    r"""Smooth memoryless curve: Legendre polynomials from degree 2 on, added to the identity.
 
     Outside the range of the fit the curve goes on along its tangent.
 

@@ -46,9 +46,7 @@ def make_operators():
     )
     creep = KelvinVoigtOperator(np.array([0.2, 0.1]), np.array([0.02, 0.3]), 1.5, 0.3)
     drift = DriftOperator(np.array([0.3, -0.5, 0.2]), 0.4)
-    zones = DeadZoneOperator(
-        np.array([0.4, -0.2]), np.array([0.313, -0.207]), np.array([1, -1])
-    )
+    zones = DeadZoneOperator(np.array([0.4, -0.2]), np.array([0.313, -0.207]), np.array([1, -1]))
     return {
         "lag": lag,
         "lag, zero-order hold": dataclasses.replace(lag, hold="zoh"),

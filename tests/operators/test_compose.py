@@ -1,5 +1,7 @@
 """Series and sums are operators again, with each freedom carried once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,7 +47,9 @@ def linear(operator):
 
 def rank(operator):
     """Number of independent directions in which the free parameters move the output."""
-    free = ~operator.gauge_mask()
+    names = [name for name, _ in operator.entries()]
+    # the drive's offset and the intercept are one for a device whose memory is full
+    free = ~operator.gauge_mask() & [not name.endswith("drive_offset") for name in names]
     tangents = operator.linearize(U, EMPTY, DT)[1][:, free]
     singular = np.linalg.svd(tangents / np.linalg.norm(tangents, axis=0), compute_uv=False)
     return int((singular > 1e-9 * singular[0]).sum()), int(free.sum())
@@ -70,18 +74,12 @@ def test_sum_adds():
 
 
 def test_linear_stages_commute():
-    one, other = series(lag=LAG, creep=CREEP).normalized(), series(creep=CREEP, lag=LAG).normalized()
-    np.testing.assert_allclose(one.frequency(2.0), other.frequency(2.0)) if hasattr(
-        one, "frequency"
-    ) else None
-    # between samples the output of the first is no straight line, so they agree to second order
-    errors = []
-    for factor in (1, 2, 4):
-        fine = np.interp(np.arange(59 * factor + 1) / factor, np.arange(60), U)
-        y = [s.run(fine, DT / factor)[0] for s in (one, other)]
-        gain = [s.run(np.ones(2), DT)[0][0] for s in (one, other)]
-        errors.append(np.abs(y[0] / gain[0] - y[1] / gain[1]).max())
-    assert np.polyfit(np.log([1, 2, 4]), np.log(errors), 1)[0] == pytest.approx(-2, abs=0.4)
+    lag, creep = replace(LAG, intercept=0.0), replace(CREEP, intercept=0.0)
+    one, _ = series(lag=lag, creep=creep).run(U, DT)
+    other, _ = series(creep=creep, lag=lag).run(U, DT)
+    np.testing.assert_allclose(one, other, rtol=1e-12)
+    bent, _ = series(lag=lag, plays=PLAYS).run(U, DT)
+    assert np.abs(bent - series(plays=PLAYS, lag=lag).run(U, DT)[0]).max() > 1e-2
 
 
 def test_hysteresis_carries_the_gain_and_the_intercept():
@@ -132,7 +130,7 @@ def test_series_within_a_series():
             plays=PLAYS,
             modes=parallel(first=MODE, second=SecondOrderModeOperator(40.0, 0.3, gain=0.3)),
         ),
-        parallel(plays=PLAYS, creep=CREEP, mode=MODE),
+        parallel(plays=PLAYS, lag=LAG, mode=MODE),
         parallel(chain=series(plays=PLAYS, lag=LAG), mode=MODE),
         series(delay=DelayOperator(0.013), inner=series(plays=PLAYS, lag=LAG), mode=MODE),
     ],
@@ -165,10 +163,15 @@ def test_names_of_nested_entries():
     ]
 
 
+def test_prompt_gain_of_two_branches_is_one_freedom():
+    """The first play is a plain gain, and so is the prompt part of creep."""
+    found, free = rank(parallel(plays=PLAYS, creep=CREEP).normalized())
+    assert found == free - 1
+
+
 def test_rest_is_that_of_the_whole_chain():
     chain = series(creep=CREEP, plays=PLAYS, mode=MODE)
+    level = 1.5 * (1.0 + 0.2) * 0.8 + 0.3
+    level = level + 0.5 * (level - 0.2) + 0.1  # first loading
     y, _ = chain.run(np.full(20, 0.8), DT, chain.init(0.8))
-    np.testing.assert_allclose(y, y[0], rtol=1e-12)
-    assert y[0] == pytest.approx(
-        0.8 * (PLAYS.run([0.0, 0.8 * 1.8 + 0.3], DT)[0][1] - 0.0) / 0.8 * 0.8 + 0.1, rel=1e-9
-    )
+    np.testing.assert_allclose(y, 0.8 * level + 0.1, rtol=1e-12)

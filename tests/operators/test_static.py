@@ -64,9 +64,7 @@ def test_curve_is_legendre_inside_and_its_tangent_outside(coefficients, center, 
         [0.0, 0.0, *coefficients], domain=[center - scale, center + scale]
     )
     inside = np.linspace(center - scale, center + scale, 51)
-    np.testing.assert_allclose(
-        curve(operator, inside), inside + scale * series(inside), atol=1e-12
-    )
+    np.testing.assert_allclose(curve(operator, inside), inside + scale * series(inside), atol=1e-12)
     for side in (-1, 1):
         end = center + side * scale
         beyond = end + side * np.array([0.0, 0.7, 5.0])

@@ -1,0 +1,334 @@
+"""The command line: argparse over the public interface.
+
+Exit codes: 0 done; 1 the data or the options do not fit together; 2 the call is wrong; 130
+interrupted. Results go to the standard output, progress and errors to the standard error stream.
+"""
+
+import argparse
+import ast
+import math
+import os
+import shlex
+import sys
+from pathlib import Path
+
+import joblib
+import numpy as np
+
+from . import __version__
+from ._demo import make_demo_recording
+from .base import ParametricModel
+from .compose import Cascade
+from .diagnosis import EffectSearchCV, effect_names
+from .diagnosis._effects import EFFECTS
+from .diagnosis._report import Report
+from .diagnosis._structure import snake_case
+from .discovery import all_estimators
+from .records import iter_records, read_records, record_slices
+
+__all__ = ["main", "parse_model"]
+
+
+def main(argv=None):
+    """Run the command line; return the exit code.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments, without the name of the program.
+    """
+    argv = sys.argv[1:] if argv is None else list(argv)
+    options = _parser().parse_args(argv)
+    options.command = shlex.join(["skhyst", *argv])
+    try:
+        options.run(options)
+    except KeyboardInterrupt:
+        print("skhyst: interrupted", file=sys.stderr)
+        return 130
+    except (ValueError, TypeError, OSError, ImportError) as error:
+        print(f"skhyst: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="skhyst", description="Find the physical effect that a declared model lacks."
+    )
+    parser.add_argument("--version", action="version", version=f"skhyst {__version__}")
+    commands = parser.add_subparsers(dest="name", required=True, metavar="command")
+    _add_diagnose(commands)
+    demo = commands.add_parser(
+        "demo", help="hide an effect in a simulated actuator, find it, reveal it"
+    )
+    demo.add_argument(
+        "--output", type=Path, default=Path("skhyst_demo"), help="folder for the files"
+    )
+    demo.add_argument("--seed", type=int, default=0, help="chooses the actuator and the effect")
+    demo.add_argument("--jobs", type=int, default=-1, help="threads (default: all processors)")
+    demo.add_argument("--quiet", action="store_true", help="no progress")
+    demo.set_defaults(run=_demo)
+    models = commands.add_parser("models", help="list the models that can be declared")
+    models.set_defaults(run=_list_models)
+    effects = commands.add_parser("effects", help="list the effects that a search tries")
+    effects.set_defaults(run=_list_effects)
+    return parser
+
+
+def _add_diagnose(commands):
+    parser = commands.add_parser("diagnose", help="search a recording for missing effects")
+    add = parser.add_argument
+    add("file", type=Path, help="recording: csv, txt, mat, npy, npz, json, hdf5, parquet, tdms")
+    add("--drive", required=True, metavar="COL", help="column or variable of the drive")
+    add("--response", required=True, metavar="COL", help="column or variable of the response")
+    add("--time", metavar="COL", help="column of the time")
+    add("--time-unit", default="s", help="unit of the time (default: s)")
+    add("--record", metavar="COL", help="column that labels the records")
+    add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
+    add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
+    add("--missing-code", type=float, help="value that marks a lost reading")
+    add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
+    add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
+    add(
+        "--train-fraction",
+        type=float,
+        metavar="F",
+        help="search the first part (of the records, or of the only one), report on the rest",
+    )
+    add(
+        "--model",
+        default="prandtl_ishlinskii",
+        metavar="NAME",
+        help="declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)",
+    )
+    add("--effects", default="all", help="comma-separated names (default: all)")
+    add("--cv", type=int, default=5, help="folds (default: 5)")
+    add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
+    add("--max-effects", type=int, default=3, help="claims at the most (default: 3)")
+    add("--seed", type=int, default=0, help="seed (default: 0)")
+    add("--jobs", type=int, default=-1, help="threads (default: all processors)")
+    add("--report", type=Path, metavar="FILE", help="report, .html or .md")
+    add("--save", type=Path, metavar="FILE", help="augmented model, .joblib")
+    add("--json", type=Path, metavar="FILE", help="numbers")
+    add("--quiet", action="store_true", help="no progress")
+    parser.set_defaults(run=_diagnose)
+
+
+def _diagnose(options):
+    model = parse_model(options.model)
+    outputs = [path for path in (options.report, options.save, options.json) if path]
+    if options.report and options.report.suffix.lower() not in (".html", ".htm", ".md"):
+        raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
+    _prepare(outputs)
+    X, y = read_records(
+        options.file,
+        drive=options.drive,
+        response=options.response,
+        time=options.time,
+        time_unit=options.time_unit,
+        record=options.record,
+        auxiliary=options.auxiliary,
+        sampling_rate=options.sampling_rate,
+        on_missing=options.on_missing,
+        missing_code=options.missing_code,
+    )
+    if options.rows:
+        rows = _rows(options.rows)
+        X, y = X.iloc[rows], y.iloc[rows]
+    held_out = None
+    if options.train_fraction is not None:
+        n = _training_rows(X, options.train_fraction)
+        X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
+    effects = options.effects if options.effects == "all" else options.effects.split(",")
+    search = EffectSearchCV(
+        model,
+        effects=effects,
+        cv=options.cv,
+        alpha=options.alpha,
+        max_effects=options.max_effects,
+        n_jobs=options.jobs,
+        verbose=int(not options.quiet),
+        random_state=options.seed,
+    ).fit(X, y)
+    _conclude(search, options, held_out)
+
+
+def _demo(options):
+    options.output.mkdir(parents=True, exist_ok=True)
+    recording = options.output / "recording.csv"
+    options.report = options.output / "report.html"
+    options.save = options.output / "model.joblib"
+    options.json = options.output / "result.json"
+    _prepare([recording, options.report, options.save, options.json])
+    table, secret, description = make_demo_recording(options.seed)
+    table.to_csv(recording, index=False)
+    print(f"A piezo actuator was simulated and recorded in {recording}.")
+    print(
+        "The declared model is Prandtl-Ishlinskii; the search sees the recording and nothing else."
+    )
+    X, y = read_records(
+        recording, drive="voltage", response="position", time="time", record="record"
+    )
+    search = EffectSearchCV(
+        parse_model("prandtl_ishlinskii"),
+        n_jobs=options.jobs,
+        verbose=int(not options.quiet),
+        random_state=options.seed,
+    ).fit(X, y)
+    _conclude(search, options, None)
+    print(f"What had been put in: {secret}, {description}.")
+
+
+def _conclude(search, options, held_out):
+    """Print the result and write the files."""
+    if options.save:
+        joblib.dump(search.best_estimator_, options.save)
+    span = np.ptp(search.response_) / 100.0 or 1.0
+    print(f"missing: {', '.join(search.effects_) or 'nothing'}")
+    for row in search.history_.itertuples():
+        print(f"  {row.effect}: {row.evidence.statement}")
+        if row.ambiguous_with:
+            print(f"    not told apart from: {', '.join(row.ambiguous_with)}. {row.experiment}")
+    print(
+        f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g} "
+        f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the range), "
+        f"noise floor {search.noise_floor_:.4g}"
+    )
+    left = "noise" if search.verdict_ == "noise" else "structure that no effect explains"
+    print(f"what is left: {left}")
+    if held_out is not None:
+        before = search.held_out_error(*held_out, declared=True)
+        after = search.held_out_error(*held_out)
+        print(f"error on the part kept away from the search: {before:.4g} -> {after:.4g}")
+    if options.report or options.json:
+        report = Report.from_search(search, command=options.command, held_out=held_out)
+        if options.json:
+            report.to_json(options.json)
+        if options.report:
+            is_markdown = options.report.suffix.lower() == ".md"
+            (report.to_markdown if is_markdown else report.to_html)(options.report)
+    for path in (options.report, options.save, options.json):
+        if path:
+            print(f"written: {path}")
+
+
+def parse_model(text):
+    """Return the declared model that a text names.
+
+    Parameters
+    ----------
+    text : str
+        Class name or its snake case, with simple options in parentheses; ``+`` puts models in
+        series. Nothing is evaluated but literals.
+
+    Returns
+    -------
+    estimator
+
+    Raises
+    ------
+    ValueError
+        If the text names no model or an option is no literal.
+
+    Examples
+    --------
+    >>> from skhyst.cli import parse_model
+    >>> parse_model("prandtl_ishlinskii+transfer_function(n_poles=2)").named_steps.keys()
+    dict_keys(['prandtl_ishlinskii', 'transfer_function'])
+    """
+    try:
+        parts = _addends(ast.parse(text, mode="eval").body)
+        models = [_model(part) for part in parts]
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise ValueError(f"The model {text!r} is not understood: {_models_hint()}") from error
+    if len(models) == 1:
+        return models[0]
+    steps = []
+    for model in models:
+        name = snake_case(type(model).__name__)
+        same = sum(step.rstrip("0123456789") == name for step, _ in steps)
+        steps.append((f"{name}{same + 1}" if same else name, model))
+    return Cascade(steps)
+
+
+def _addends(node):
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return [*_addends(node.left), *_addends(node.right)]
+    return [node]
+
+
+def _model(node):
+    call = isinstance(node, ast.Call)
+    name = node.func if call else node
+    models = _models()
+    found = models.get(name.id) if isinstance(name, ast.Name) else None
+    if found is None:
+        raise ValueError(f"There is no model {ast.unparse(name)!r}: {_models_hint()}")
+    if not call:
+        return found()
+    try:
+        positional = [ast.literal_eval(value) for value in node.args]
+        named = {keyword.arg: ast.literal_eval(keyword.value) for keyword in node.keywords}
+        return found(*positional, **named)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"The options of {ast.unparse(node)!r} do not fit: {error}") from error
+
+
+def _models():
+    """Return the models that can be declared, by class name and by snake case."""
+    found = {}
+    for name, model in all_estimators():
+        if issubclass(model, ParametricModel) and not hasattr(model, "named_steps"):
+            found[name] = found[snake_case(name)] = model
+    return found
+
+
+def _models_hint():
+    return f"use {', '.join(sorted(name for name in _models() if name.islower()))}."
+
+
+def _list_models(options):
+    for name, model in sorted(_models().items()):
+        if name.islower():
+            print(f"{name:24s}{model.__doc__.strip().splitlines()[0]}")
+
+
+def _list_effects(options):
+    for name in effect_names():
+        print(f"{name:24s}{EFFECTS[name].law}")
+
+
+def _prepare(paths):
+    """Make the folders of outputs and find out now whether they can be written."""
+    for path in paths:
+        if path.is_dir():
+            raise IsADirectoryError(f"{path} is a folder, a file was expected.")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        target = path if path.exists() else path.parent
+        if not os.access(target, os.W_OK):
+            raise PermissionError(f"{path} cannot be written.")
+
+
+def _rows(text):
+    parts = text.split(":")
+    try:
+        if len(parts) != 2:
+            raise ValueError
+        start, stop = (int(part) if part else None for part in parts)
+    except ValueError:
+        raise ValueError(f"The rows must be given as A:B. Got {text!r} instead.") from None
+    return slice(start, stop)
+
+
+def _training_rows(X, fraction):
+    """Return the number of rows of the first part: whole records, or part of the only one."""
+    if not 0.0 < fraction < 1.0:
+        raise ValueError(f"The train fraction must lie between 0 and 1. Got {fraction:g} instead.")
+    sizes = [len(part) for _, part, _ in iter_records(X)]
+    if len(record_slices(X)) == 1:
+        n = int(fraction * len(X))
+    else:
+        n = sum(sizes[: math.ceil(fraction * len(sizes))])
+    if not 0 < n < len(X):
+        raise ValueError(f"A train fraction of {fraction:g} leaves nothing to hold out.")
+    return n

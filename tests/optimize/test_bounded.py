@@ -1,0 +1,99 @@
+"""Bounded quadratic programs against SciPy."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear, nnls
+
+from skhyst.optimize._bounded import bounded_step
+
+
+def objective(a, r, s):
+    return 0.5 * np.sum((a @ s + r) ** 2)
+
+
+def make_problem(seed, n, degenerate):
+    rng = np.random.default_rng(seed)
+    a, r = rng.normal(size=(n + rng.integers(0, 20), n)), None
+    if "duplicate" in degenerate and n > 1:
+        a[:, -1] = a[:, 0]
+    if "zero" in degenerate:
+        a[:, n // 2] = 0.0
+    if "wide" in degenerate:
+        a = a[: max(n // 2, 1)]
+    if "scales" in degenerate:
+        a = a * 10.0 ** rng.uniform(-6, 6, n)
+    if "collinear" in degenerate and n > 2:
+        a[:, 1] = a[:, 0] * 0.3 - a[:, 2]
+    r = rng.normal(size=len(a))
+    size = 1.0 / np.maximum(np.linalg.norm(a, axis=0), 1e-3)
+    lower = -np.where(rng.random(n) < 0.3, np.inf, size * rng.exponential(size=n))
+    upper = np.where(rng.random(n) < 0.3, np.inf, size * rng.exponential(size=n))
+    lower[rng.random(n) < 0.3] = 0.0
+    return a, r, lower, upper
+
+
+KINDS = ["duplicate", "zero", "wide", "scales", "collinear"]
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 12),
+    degenerate=st.lists(st.sampled_from(KINDS), max_size=2, unique=True),
+)
+def test_reaches_the_minimum_of_lsq_linear(seed, n, degenerate):
+    a, r, lower, upper = make_problem(seed, n, degenerate)
+    step = bounded_step(a.T @ a, a.T @ r, lower, upper)
+    assert np.all(step >= lower * (1 + 1e-12))
+    assert np.all(step <= upper * (1 + 1e-12))
+    scale = np.maximum(np.linalg.norm(a, axis=0), 1e-300)  # SciPy stops early on bad scales
+    reference = lsq_linear(
+        a / scale, -r, bounds=(lower * scale, np.maximum(upper * scale, 1e-300)), method="bvls"
+    )
+    best = 0.5 * np.sum(reference.fun**2)
+    assert objective(a, r, step) <= best + 1e-9 * 0.5 * (r @ r)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 20))
+def test_agrees_with_nnls(seed, n):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2 * n + 5, n)), rng.normal(size=2 * n + 5)
+    step = bounded_step(a.T @ a, -a.T @ b, np.zeros(n), np.full(n, np.inf))
+    np.testing.assert_allclose(step, nnls(a, b)[0], atol=1e-8)
+
+
+@pytest.mark.parametrize("n", [1, 5, 30])
+def test_without_bounds_it_is_least_squares(n):
+    rng = np.random.default_rng(n)
+    a, b = rng.normal(size=(3 * n, n)), rng.normal(size=3 * n)
+    free = np.full(n, np.inf)
+    step = bounded_step(a.T @ a, -a.T @ b, -free, free)
+    np.testing.assert_allclose(step, np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-9)
+
+
+def test_pinned_unknowns_stay():
+    a = np.random.default_rng(0).normal(size=(20, 4))
+    b = np.ones(20)
+    bound = np.array([0.0, np.inf, 0.0, np.inf])
+    step = bounded_step(a.T @ a, -a.T @ b, -bound, bound)
+    np.testing.assert_array_equal(step[[0, 2]], 0.0)
+    np.testing.assert_allclose(step[[1, 3]], np.linalg.lstsq(a[:, [1, 3]], b, rcond=None)[0])
+
+
+def test_nothing_to_do():
+    assert bounded_step(np.empty((0, 0)), np.empty(0), np.empty(0), np.empty(0)).shape == (0,)
+    free = np.full(2, np.inf)
+    np.testing.assert_array_equal(bounded_step(np.zeros((2, 2)), np.zeros(2), -free, free), 0.0)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_units_do_not_matter(unit):
+    a, r, lower, upper = make_problem(3, 6, ["duplicate"])
+    units = np.array([unit, 1.0, 1 / unit, 1.0, unit**0.5, 1.0])
+    step = bounded_step(a.T @ a, a.T @ r, lower, upper)
+    a = a * units
+    other = bounded_step(a.T @ a, a.T @ r, lower / units, upper / units)
+    assert objective(a, r, other) == pytest.approx(objective(a / units, r, step), rel=1e-9)

@@ -1,0 +1,236 @@
+"""Identification: the best of several starts, standard errors, what the data do not determine."""
+
+import numpy as np
+import pytest
+
+from skhyst.operators import (
+    DriftOperator,
+    FirstOrderLagOperator,
+    KelvinVoigtOperator,
+    OffsetOperator,
+    PrandtlIshlinskiiOperator,
+    SecondOrderModeOperator,
+    SeriesOperator,
+    SumOperator,
+    TransferFunctionOperator,
+)
+from skhyst.optimize import RecordData, estimate_histories, identify, pole_starts, sections
+
+DT = 0.02
+
+
+def drive(seed, n):
+    return np.cumsum(np.random.default_rng(seed).normal(size=n)) / 4
+
+
+@pytest.mark.parametrize(
+    ("truth", "disturbances"),
+    [
+        (FirstOrderLagOperator(0.1, gain=2.0, intercept=0.5), ()),
+        (SecondOrderModeOperator(30.0, 0.2, gain=2.0, intercept=0.5), ()),
+        (FirstOrderLagOperator(0.1, gain=2.0), (DriftOperator(np.zeros(3), 0.5),)),
+    ],
+    ids=["lag", "mode", "lag with drift"],
+)
+def test_standard_errors_cover_at_their_rate(truth, disturbances):
+    n_records = 6 if disturbances else 1
+    n = 150 // n_records
+    u = [drive(i, n) for i in range(n_records)]
+    clean = [truth.run(part, DT)[0] for part in u]
+    fixed = ("intercept",) if disturbances else ()
+    rng, hits, count = np.random.default_rng(5), {}, 250
+    for _ in range(count):
+        records = [
+            RecordData(a, b + 0.2 * rng.normal(size=n), DT) for a, b in zip(u, clean, strict=True)
+        ]
+        result = identify([(truth, disturbances)], records, fixed=fixed)
+        for name, value in result.params.items():
+            true = getattr(truth, name)
+            inside = abs(value - true) < 1.96 * result.params_std[name]
+            hits[name] = hits.get(name, 0) + inside
+    assert set(hits) == {name for name, _ in truth.entries()} - set(fixed)
+    for name, hit in hits.items():
+        assert 0.90 <= hit / count <= 0.99, name
+
+
+def test_standard_errors_of_a_straight_line():
+    """Against the textbook formula, disturbances counted among the unknowns."""
+    rng = np.random.default_rng(0)
+    records = [RecordData(rng.normal(size=8), rng.normal(size=8), 1.0) for _ in range(3)]
+    plays = PrandtlIshlinskiiOperator(np.zeros(1), np.zeros(1), non_negative=False)
+    result = identify(
+        [(plays, (OffsetOperator(np.zeros(1)),))], records, fixed=("drive_offset", "intercept")
+    )
+    u = np.concatenate([r.u - r.u.mean() for r in records])
+    y = np.concatenate([r.y - r.y.mean() for r in records])
+    slope = u @ y / (u @ u)
+    variance = np.sum((y - slope * u) ** 2) / (24 - 4)
+    assert result.params["weights[0]"] == pytest.approx(slope)
+    assert result.params_std["weights[0]"] == pytest.approx(np.sqrt(variance / (u @ u)))
+    np.testing.assert_allclose(
+        result.record_coefficients[:, 0], [np.mean(r.y - slope * r.u) for r in records]
+    )
+
+
+def test_best_of_many_starts_wins():
+    truth = SecondOrderModeOperator(40.0, 0.03, gain=2.0)
+    u = drive(0, 600)
+    record = RecordData(u, truth.run(u, DT)[0], DT)
+    starts = [(SecondOrderModeOperator(w, 0.05), ()) for w in (0.3, 1.0, 5.0, 35.0, 70.0)]
+    result = identify(starts, [record])
+    assert result.operator.natural_frequency == pytest.approx(40.0, rel=1e-6)
+    assert result.error < 1e-8
+    assert result.converged
+    assert result.n_evaluations > len(starts)
+
+
+def test_fixed_entries_are_held():
+    truth = FirstOrderLagOperator(0.1, gain=2.0, intercept=0.5)
+    u = drive(0, 300)
+    record = RecordData(u, truth.run(u, DT)[0], DT)
+    start = FirstOrderLagOperator(0.3, gain=1.7, intercept=0.1)
+    result = identify([(start, ())], [record], fixed=("gain", "intercept"))
+    assert (result.operator.gain, result.operator.intercept) == (1.7, 0.1)
+    assert set(result.params) == {"time_constant"}
+
+
+def test_everything_fixed():
+    lag = FirstOrderLagOperator(0.1)
+    u = drive(0, 100)
+    result = identify(
+        [(lag, ())], [RecordData(u, u, DT)], fixed=("gain", "intercept", "time_constant")
+    )
+    assert result.params == {}
+    assert result.undetermined == ()
+    expected = lag.run(u, DT)[0] - u
+    assert result.error == pytest.approx(np.sqrt(np.mean(expected**2)))
+
+
+def test_outputs_have_each_records_own_disturbance():
+    lag = FirstOrderLagOperator(0.1, gain=2.0)
+    records = []
+    for i, offset in enumerate([1.0, -3.0]):
+        u = drive(i, 200)
+        records.append(RecordData(u, lag.run(u, DT)[0] + offset, DT))
+    result = identify(
+        [(FirstOrderLagOperator(0.3), (OffsetOperator(np.zeros(1)),))],
+        records,
+        fixed=("intercept",),
+    )
+    np.testing.assert_allclose(result.record_coefficients[:, 0], [1.0, -3.0], atol=1e-6)
+    np.testing.assert_allclose(result.disturbances[0].coefficients, [-1.0], atol=1e-6)
+    for record, y in zip(records, result.outputs(records), strict=True):
+        np.testing.assert_allclose(y, record.y, atol=1e-5)
+
+
+# ------------------------------------------------------------------------------- not determined
+
+
+@pytest.mark.parametrize(
+    ("operator", "u", "names"),
+    [
+        (FirstOrderLagOperator(0.1), np.ones(100), {"time_constant", "gain", "intercept"}),
+        (
+            PrandtlIshlinskiiOperator(np.array([0.0, 0.1, 5.0]), np.ones(3)),
+            np.sin(np.arange(200) / 9),
+            {"weights[2]"},
+        ),
+        (
+            SumOperator(
+                ("a", "b"), (FirstOrderLagOperator(0.1, 0.5), FirstOrderLagOperator(0.1, 0.5))
+            ),
+            drive(0, 200),
+            {"a__time_constant", "a__gain", "b__time_constant", "b__gain"},
+        ),
+        (
+            SumOperator(
+                ("plays", "creep"),
+                (
+                    PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.ones(2)),
+                    KelvinVoigtOperator(np.array([0.2]), np.array([0.3])),
+                ),
+            ),
+            drive(0, 200),
+            {"plays__weights[0]", "creep__gain", "creep__compliances[0]"},
+        ),
+    ],
+    ids=["constant drive", "threshold beyond the drive", "twice the same", "two prompt gains"],
+)
+def test_undetermined_parameters_are_named(operator, u, names):
+    y, _ = operator.run(u, DT)
+    y = y + 0.01 * np.random.default_rng(0).normal(size=len(u))
+    fixed = {name for name, _ in operator.entries() if name.endswith("drive_offset")}
+    result = identify([(operator, ())], [RecordData(u, y, DT)], fixed=fixed)
+    inside = {name for name, std in result.params_std.items() if not np.isnan(std)}
+    assert set(result.undetermined) == names & inside
+    assert names & inside
+    for name, std in result.params_std.items():
+        assert np.isinf(std) == (name in result.undetermined) or np.isnan(std)
+
+
+def test_determined_parameters_are_not_named():
+    chain = SeriesOperator(
+        ("plays", "lag"),
+        (PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.ones(2)), FirstOrderLagOperator(0.1)),
+    )
+    u = drive(0, 400)
+    y = chain.run(u, DT)[0] + 0.01 * np.random.default_rng(0).normal(size=400)
+    result = identify([(chain, ())], [RecordData(u, y, DT)], fixed=("plays__drive_offset",))
+    assert result.undetermined == ()
+    assert result.condition_number < 1e8
+    assert all(np.isfinite(std) for std in result.params_std.values())
+
+
+# ------------------------------------------------------------------------------------- histories
+
+
+def test_history_before_each_record_is_found():
+    truth = PrandtlIshlinskiiOperator(np.array([0.0, 0.5, 1.0]), np.array([1.0, 0.5, 0.4]), 0.2)
+    histories, records = [2.0, -2.0, 0.0], []
+    for i, before in enumerate(histories):
+        u = 2.0 * np.sin(np.arange(400) / 15 + i) * np.linspace(0.4, 1.0, 400)
+        y = truth.run(np.r_[before, u], DT)[0][1:]
+        records.append(RecordData(u, y + 1e-3 * np.random.default_rng(i).normal(size=400), DT))
+    start = truth.unpack(np.zeros(5))
+    plain = identify([(start, ())], records, fixed=("drive_offset",))
+    result, before = estimate_histories(plain, records, fixed=("drive_offset",))
+    assert result.error < 2e-3 < plain.error
+    assert result.n_evaluations > plain.n_evaluations
+    np.testing.assert_allclose(result.operator.weights, truth.weights, rtol=0.01)
+    # what matters of a history is how the plays stand at the first sample
+    for record, true, found in zip(records, histories, before, strict=True):
+        y = [truth.run(np.r_[value, record.u], DT)[0][1:] for value in (true, found)]
+        np.testing.assert_allclose(y[0], y[1], atol=0.05)
+
+
+# ---------------------------------------------------------------------------------------- starts
+
+
+@pytest.mark.parametrize(
+    "operator",
+    [
+        SecondOrderModeOperator(40.0, 0.05),
+        SecondOrderModeOperator(10.0, 2.0),
+        FirstOrderLagOperator(0.2),
+        TransferFunctionOperator(np.array([0.3]), np.array([30.0]), np.array([0.1]), np.empty(0)),
+    ],
+    ids=["mode", "overdamped", "lag", "lag and mode"],
+)
+def test_pole_starts_hold_the_poles(operator):
+    rng, records = np.random.default_rng(0), []
+    for _ in range(2):
+        u = rng.normal(size=1000)
+        records.append((u, operator.run(u, DT)[0] + 1e-3 * rng.normal(size=1000), DT))
+    truth = np.sort_complex(operator.poles())
+    candidates = pole_starts(records, len(truth), 0)
+    errors = [np.abs(np.sort_complex(p) / truth - 1).max() for p in candidates]
+    assert min(errors) < 0.05
+    assert all((poles.real < 0).all() for poles in candidates)
+
+
+def test_sections_keep_the_poles():
+    poles = np.array([-1 + 5j, -1 - 5j, -2.0, -3.0, -0.5])
+    tau, w, zeta = sections(poles)
+    operator = TransferFunctionOperator(tau, w, zeta, np.empty(0))
+    np.testing.assert_allclose(np.sort_complex(operator.poles()), np.sort_complex(poles), rtol=1e-9)
+    np.testing.assert_allclose(tau, [2.0])  # the slowest real pole is the one left over

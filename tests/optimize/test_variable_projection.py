@@ -1,0 +1,381 @@
+"""Separable least squares from Gram matrices: the truth, SciPy's answer, folds, disturbances."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from skhyst.operators import (
+    DelayOperator,
+    DriftOperator,
+    FirstOrderLagOperator,
+    KelvinVoigtOperator,
+    OffsetOperator,
+    PrandtlIshlinskiiOperator,
+    SecondOrderModeOperator,
+    SeriesOperator,
+    SinusoidOperator,
+    SumOperator,
+)
+from skhyst.optimize import OperatorProblem, RecordData, predicted_cost, variable_projection
+
+DT = 0.01
+
+
+def drive(seed, n=400):
+    rng = np.random.default_rng(seed)
+    time = DT * np.arange(n)
+    phases = rng.uniform(0, 2 * np.pi, 6)
+    frequencies = np.geomspace(0.3, 12.0, 6)
+    return np.sin(2 * np.pi * np.outer(time, frequencies) + phases).sum(axis=1) / 2
+
+
+def records(operator, noise=0.0, n_records=2, n=400):
+    found = []
+    for i in range(n_records):
+        u = drive(i, n)
+        y, _ = operator.run(u, DT)
+        y = y + noise * np.random.default_rng(100 + i).normal(size=n)
+        found.append(RecordData(u, y, DT))
+    return found
+
+
+def chain(time_constant=0.03, natural_frequency=60.0, damping_ratio=0.1, weights=(1.0, 0.4, 0.3)):
+    return SeriesOperator(
+        ("plays", "lag", "mode"),
+        (
+            PrandtlIshlinskiiOperator(np.array([0.0, 0.3, 0.7]), np.array(weights), 0.2),
+            FirstOrderLagOperator(time_constant),
+            SecondOrderModeOperator(natural_frequency, damping_ratio),
+        ),
+    )
+
+
+FIXED = ("plays__drive_offset",)
+CASES = {
+    "lag": (
+        FirstOrderLagOperator(0.04, gain=2.0, intercept=0.3),
+        FirstOrderLagOperator(0.4),
+    ),
+    "mode": (
+        SecondOrderModeOperator(40.0, 0.08, gain=2.0, intercept=0.3),
+        SecondOrderModeOperator(30.0, 0.3),
+    ),
+    "creep": (
+        KelvinVoigtOperator(np.array([0.3, 0.2]), np.array([0.02, 0.4]), 1.5, 0.3),
+        KelvinVoigtOperator(np.array([0.1, 0.1]), np.array([0.04, 1.0]), 1.0),
+    ),
+    "delay": (DelayOperator(0.123), DelayOperator(0.11)),
+    "chain": (chain(), chain(0.1, 45.0, 0.4, (0.0, 0.0, 0.0))),
+    "sum": (
+        SumOperator(
+            ("slow", "fast"), (FirstOrderLagOperator(0.4, 2.0), FirstOrderLagOperator(0.02, -0.5))
+        ),
+        SumOperator(
+            ("slow", "fast"), (FirstOrderLagOperator(0.8), FirstOrderLagOperator(0.01))
+        ),
+    ),
+}
+
+
+@pytest.fixture(params=CASES)
+def case(request):
+    return CASES[request.param]
+
+
+def residuals(problem, x):
+    operator, _ = problem.unpack(x)
+    return np.concatenate([problem.simulate(operator, r) - r.y for r in problem.records])
+
+
+def test_recovers_the_truth(case):
+    truth, start = case
+    problem = OperatorProblem(start, records(truth), fixed=FIXED)
+    solution = variable_projection(problem, problem.x0)
+    assert solution.converged
+    found, _ = problem.unpack(solution.x)
+    np.testing.assert_allclose(found.pack(), truth.pack(), rtol=1e-5, atol=1e-6)
+
+
+def test_agrees_with_scipy(case):
+    truth, start = case
+    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    solution = variable_projection(problem, problem.x0, tolerance=1e-15)
+    scipy = least_squares(
+        lambda x: residuals(problem, x),
+        problem.x0 + 0.9 * (solution.x - problem.x0),
+        bounds=(problem.lower, problem.upper),
+        x_scale="jac",
+        jac="3-point",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+    )
+    assert solution.cost == pytest.approx(2 * scipy.cost, rel=1e-9)
+    np.testing.assert_allclose(solution.x, scipy.x, rtol=1e-6, atol=1e-6)
+
+
+def test_default_tolerance_is_far_below_the_standard_errors(case):
+    truth, start = case
+    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    rough = variable_projection(problem, problem.x0)
+    exact = variable_projection(problem, problem.x0, tolerance=1e-15)
+    curvature = exact.gram[:-1, :-1]
+    miss = rough.x - exact.x
+    # the miss in units of the noise, along its own direction
+    assert miss @ curvature @ miss < 0.05**2 * 0.05**2 * len(miss) * 400
+
+
+def test_gram_holds_cost_gradient_and_curvature(case):
+    truth, start = case
+    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    rng = np.random.default_rng(0)
+    x = problem.x0 + np.where(problem.linear, 0.1, 0.05) * rng.uniform(0.5, 1, len(problem.x0))
+    gram = problem.total(problem.evaluate(x))
+    r = residuals(problem, x)
+    columns = []
+    for j in range(len(x)):
+        h = np.zeros(len(x))
+        h[j] = 1e-6
+        columns.append((residuals(problem, x + h) - residuals(problem, x - h)) / 2e-6)
+    full = np.stack([*columns, r], axis=1)
+    expected = full.T @ full
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(gram / scale, expected / scale, atol=1e-6)
+
+
+# -------------------------------------------------------------------------------------- segments
+
+
+def cut(record, count):
+    edges = np.linspace(0, len(record.u), count + 1).astype(int).tolist()
+    return dataclasses.replace(record, segments=tuple(zip(edges[:-1], edges[1:], strict=True)))
+
+
+@pytest.mark.parametrize("disturbances", [(), (OffsetOperator(np.zeros(1)),)])
+@pytest.mark.parametrize("count", [4, 7])
+def test_fold_equals_a_problem_of_its_rows(disturbances, count):
+    data = [cut(record, count) for record in records(chain(), noise=0.05)]
+    start = CASES["chain"][1]
+    whole = OperatorProblem(start, data, disturbances=disturbances, fixed=FIXED)
+    select = np.random.default_rng(1).random(2 * count) < 0.6
+    kept = [
+        dataclasses.replace(
+            record,
+            segments=tuple(
+                s for s, k in zip(record.segments, select[i * count :], strict=False) if k
+            ),
+        )
+        for i, record in enumerate(data)
+    ]
+    part = OperatorProblem(start, kept, disturbances=disturbances, fixed=FIXED)
+    x = whole.x0 + 0.01
+    one, other = whole.total(whole.evaluate(x), select), part.total(part.evaluate(x))
+    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max())
+    fold = variable_projection(whole, whole.x0, select=select)
+    refit = variable_projection(part, part.x0)
+    assert fold.cost == pytest.approx(refit.cost, rel=1e-9)
+    np.testing.assert_allclose(fold.x, refit.x, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(
+        whole.coefficients(whole.evaluate(fold.x), select),
+        part.coefficients(part.evaluate(fold.x)),
+        rtol=1e-9,
+        atol=1e-12,
+    )
+
+
+def test_segments_add_up_to_the_whole():
+    data = records(chain(), noise=0.05)
+    whole = OperatorProblem(chain(), data)
+    parts = OperatorProblem(chain(), [cut(record, 7) for record in data])
+    a, b = whole.total(whole.evaluate(whole.x0)), parts.total(parts.evaluate(parts.x0))
+    np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10 * np.abs(a).max())
+
+
+def test_rows_outside_the_segments_do_not_count():
+    record = records(chain(), noise=0.05, n_records=1)[0]
+    spoiled = record.y.copy()
+    spoiled[:50] = spoiled[300:] = 1e6
+    problem = OperatorProblem(
+        chain(), [dataclasses.replace(record, y=spoiled, segments=((50, 200), (200, 300)))]
+    )
+    cost = problem.total(problem.evaluate(problem.x0, jacobian=False))[-1, -1]
+    operator, _ = problem.unpack(problem.x0)
+    expected = problem.simulate(operator, record)[50:300] - record.y[50:300]
+    assert cost == pytest.approx(expected @ expected)
+
+
+def test_without_jacobian_only_the_cost():
+    problem = OperatorProblem(chain(), records(chain(), noise=0.1))
+    full = problem.total(problem.evaluate(problem.x0))
+    alone = problem.total(problem.evaluate(problem.x0, jacobian=False))
+    assert alone.shape == (1, 1)
+    assert alone[0, 0] == pytest.approx(full[-1, -1])
+
+
+# ---------------------------------------------------------------------------------- disturbances
+
+
+@pytest.mark.parametrize(
+    "disturbances",
+    [
+        (OffsetOperator(np.zeros(1)),),
+        (DriftOperator(np.zeros(4), 4.0),),
+        (DriftOperator(np.zeros(3), 4.0), SinusoidOperator(np.zeros(2), np.array([5.3]))),
+    ],
+    ids=["offset", "drift", "drift and line"],
+)
+def test_eliminated_disturbances_equal_explicit_columns(disturbances):
+    """All unknowns are linear here, so the answer is one least-squares problem."""
+    plays = PrandtlIshlinskiiOperator(
+        np.array([0.0, 0.3, 0.7]), np.zeros(3), non_negative=False
+    )
+    data = records(chain(), noise=0.05, n_records=3)
+    fixed = ("drive_offset", "intercept", "frequencies[0]")
+    problem = OperatorProblem(plays, data, disturbances=disturbances, fixed=fixed)
+    moving = np.array([name.startswith("disturbance") for name in problem.names])
+    own, blocks, y = [], [], []
+    for record in data:
+        own.append(plays.linearize(record.u, np.empty((400, 0)), DT)[1][:, :3])
+        time = DT * np.arange(400)
+        blocks.append(np.concatenate([d.basis(time) for d in disturbances], axis=1))
+        y.append(record.y)
+    width = blocks[0].shape[1]
+    design = np.zeros((1200, 3 + 3 * width))
+    design[:, :3] = np.concatenate(own)
+    for i, block in enumerate(blocks):
+        design[400 * i : 400 * (i + 1), 3 + width * i : 3 + width * (i + 1)] = block
+    y = np.concatenate(y)
+    expected, cost, *_ = np.linalg.lstsq(design, y, rcond=None)
+    if moving.any():  # the frequency would move: hold it, by solving the linear part only
+        problem.lower = np.where(moving, problem.x0, problem.lower)
+        problem.upper = np.where(moving, problem.x0, problem.upper)
+    solution = variable_projection(problem, problem.x0)
+    np.testing.assert_allclose(solution.x[~moving], expected[:3], rtol=1e-7, atol=1e-9)
+    assert solution.cost == pytest.approx(cost[0], rel=1e-8)
+    coefficients = problem.coefficients(problem.evaluate(solution.x))
+    np.testing.assert_allclose(coefficients, expected[3:].reshape(3, width), rtol=1e-6, atol=1e-8)
+
+
+def test_frequency_of_a_line_is_found_with_its_amplitudes():
+    lag = FirstOrderLagOperator(0.05, gain=2.0)
+    data = []
+    for i, record in enumerate(records(lag, noise=0.02)):
+        line = (0.3 + i) * np.sin(2 * np.pi * 7.31 * DT * np.arange(400) + i)
+        data.append(dataclasses.replace(record, y=record.y + line))
+    start = SinusoidOperator(np.zeros(2), np.array([7.25]))
+    problem = OperatorProblem(FirstOrderLagOperator(0.1), data, disturbances=(start,))
+    solution = variable_projection(problem, problem.x0)
+    operator, (line,) = problem.unpack(solution.x)
+    assert line.frequencies[0] == pytest.approx(7.31, abs=0.005)
+    assert operator.time_constant == pytest.approx(0.05, rel=0.02)
+    coefficients = problem.coefficients(problem.evaluate(solution.x))
+    np.testing.assert_allclose(np.linalg.norm(coefficients, axis=1), [0.3, 1.3], atol=0.01)
+
+
+def test_predictions_do_not_see_what_they_predict():
+    """Offsets of held-out records come from the other half of their segments."""
+    lag = FirstOrderLagOperator(0.05, gain=2.0)
+    data = [cut(record, 8) for record in records(lag)]
+    spoiled = data[1].y + 3.0
+    spoiled[100:150] += 100.0  # segment 2
+    data[1] = dataclasses.replace(data[1], y=spoiled)
+    problem = OperatorProblem(lag, data, disturbances=(OffsetOperator(np.zeros(1)),))
+    select = problem.segment_record == 0
+    known, unknown = problem.predictions(problem.x0, select)
+    np.testing.assert_allclose(known, data[0].y, atol=1e-9)
+    clean, _ = lag.run(data[1].u, DT)
+    np.testing.assert_allclose((unknown - clean)[:50], 3.0, atol=1e-9)  # even: from odd segments
+    np.testing.assert_allclose((unknown - clean)[50:100], 3.0 + 25.0, atol=1e-9)
+    np.testing.assert_allclose((unknown - clean)[100:150], 3.0, atol=1e-9)
+    assert problem.predictions(problem.x0, select, wanted={0})[1] is None
+
+
+# ------------------------------------------------------------------------------------- the solver
+
+
+def test_linear_problem_is_solved_at_once():
+    plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.array([1.0, 0.5]), 0.2)
+    start = plays.unpack(np.zeros(4))
+    problem = OperatorProblem(start, records(plays), fixed=("drive_offset",))
+    solution = variable_projection(problem, problem.x0)
+    assert solution.converged
+    assert solution.n_evaluations <= 2
+    np.testing.assert_allclose(solution.x, [1.0, 0.5, 0.2], rtol=1e-8)
+
+
+def test_bounds_hold_at_every_step():
+    """The best weight is negative, so it ends at zero and the others make up for it."""
+    truth = PrandtlIshlinskiiOperator(
+        np.array([0.0, 0.3]), np.array([1.0, -0.4]), non_negative=False
+    )
+    start = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.zeros(2))
+    problem = OperatorProblem(start, records(truth), fixed=("drive_offset",))
+    x = variable_projection(problem, problem.x0).x
+    assert x[1] == 0.0
+    u = np.concatenate([r.u for r in problem.records])
+    y = np.concatenate([r.y for r in problem.records])
+    slope, intercept = np.polyfit(u, y, 1)
+    assert x[0] == pytest.approx(slope, rel=1e-6)
+    assert x[2] == pytest.approx(intercept, abs=1e-6)
+
+
+def test_history_and_callback_go_down():
+    truth, start = CASES["chain"]
+    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    calls = []
+    solution = variable_projection(problem, problem.x0, callback=lambda *c: calls.append(c))
+    assert solution.history[1:] == calls
+    evaluations, costs = zip(*solution.history, strict=True)
+    assert list(evaluations) == sorted(set(evaluations))
+    assert list(costs) == sorted(costs, reverse=True)
+    assert evaluations[-1] <= solution.n_evaluations
+    assert costs[-1] == solution.cost
+    assert solution.seconds > 0.0
+
+
+@pytest.mark.parametrize("budget", [1, 2, 5])
+def test_budget(budget):
+    truth, start = CASES["chain"]
+    problem = OperatorProblem(start, records(truth), fixed=FIXED)
+    solution = variable_projection(problem, problem.x0, max_evaluations=budget)
+    assert not solution.converged
+    assert "budget" in solution.message
+    assert solution.n_evaluations <= max(budget, 2)
+
+
+def test_known_blocks_cost_no_evaluation():
+    truth, start = CASES["lag"]
+    problem = OperatorProblem(start, records(truth))
+    plain = variable_projection(problem, problem.x0)
+    given = variable_projection(problem, problem.x0, blocks=problem.evaluate(problem.x0))
+    np.testing.assert_allclose(given.x, plain.x, rtol=1e-9)
+    assert given.n_evaluations == plain.n_evaluations - 1
+
+
+def test_start_that_is_not_finite_is_given_up():
+    truth, start = CASES["lag"]
+    problem = OperatorProblem(start, records(truth))
+    problem.evaluate = lambda x: np.full((2, 4, 4), np.nan)
+    solution = variable_projection(problem, problem.x0)
+    assert solution.cost == np.inf
+    assert not solution.converged
+    assert predicted_cost(problem, problem.x0) == np.inf
+
+
+def test_predicted_cost_is_exact_for_linear_parameters():
+    plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.zeros(2), non_negative=False)
+    data = records(chain(), noise=0.1)
+    problem = OperatorProblem(plays, data, fixed=("drive_offset",))
+    solution = variable_projection(problem, problem.x0)
+    assert predicted_cost(problem, problem.x0) == pytest.approx(solution.cost, rel=1e-9)
+
+
+def test_predicted_cost_near_the_minimum():
+    truth, _ = CASES["mode"]
+    problem = OperatorProblem(truth, records(truth, noise=0.05))
+    best = variable_projection(problem, problem.x0)
+    promise = predicted_cost(problem, best.x + 1e-3)
+    assert promise == pytest.approx(best.cost, rel=1e-3)
+    assert promise < problem.total(problem.evaluate(best.x + 1e-3))[-1, -1]

@@ -1,0 +1,195 @@
+"""The command line: the same results as Python, clear errors, nothing lost."""
+
+import json
+import pickle
+import subprocess
+import sys
+
+import joblib
+import numpy as np
+import pandas as pd
+import pytest
+
+from skhyst._demo import SECRETS, make_demo_recording
+from skhyst.cli import main, parse_model
+from skhyst.compose import Cascade
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.records import read_records
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A recording with a clipped sensor, in a CSV file."""
+    rng = np.random.default_rng(7)
+    time = np.arange(3000) * 1e-3
+    drive = 40.0 * np.sin(2 * np.pi * 2.0 * time) * (0.4 + 0.6 * np.sin(2 * np.pi * 0.3 * time) ** 2)
+    position = np.minimum(0.02 * drive, 0.4) + 0.002 * rng.normal(size=time.size)
+    path = tmp_path_factory.mktemp("recordings") / "stage.csv"
+    pd.DataFrame({"t": time, "volt": drive, "um": position}).to_csv(path, index=False)
+    return path
+
+
+def arguments(path, *more):
+    columns = ["--drive", "volt", "--response", "um", "--time", "t"]
+    effects = ["--effects", "output_saturation,offset,lag", "--jobs", "1", "--quiet"]
+    return ["diagnose", str(path), *columns, *effects, *more]
+
+
+def test_diagnose_equals_python(recording, tmp_path, capsys):
+    outputs = {name: tmp_path / name for name in ("out.json", "out.html", "model.joblib")}
+    code = main(
+        arguments(
+            recording,
+            *("--json", str(outputs["out.json"]), "--report", str(outputs["out.html"])),
+            *("--save", str(outputs["model.joblib"])),
+        )
+    )
+    assert code == 0
+    X, y = read_records(recording, drive="volt", response="um", time="t")
+    search = EffectSearchCV(
+        PrandtlIshlinskii(), effects=["output_saturation", "offset", "lag"], random_state=0
+    ).fit(X, y)
+    result = json.loads(outputs["out.json"].read_text())
+    assert result["effects"] == search.effects_ == ["output_saturation"]
+    assert result["error_after"] == search.error_after_
+    assert result["error_before"] == search.error_before_
+    np.testing.assert_array_equal(
+        joblib.load(outputs["model.joblib"]).predict(X), search.predict(X)
+    )
+    assert "<html" in outputs["out.html"].read_text().lower()
+    printed = capsys.readouterr()
+    assert "missing: output_saturation" in printed.out
+    assert printed.err == ""
+
+
+def test_progress_goes_to_standard_error(recording, capsys):
+    assert main([a for a in arguments(recording) if a != "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert "declared model" in printed.err
+    assert "declared model:" not in printed.out
+
+
+def test_train_fraction_is_kept_away(recording, tmp_path):
+    path = tmp_path / "out.json"
+    assert main(arguments(recording, "--train-fraction", "0.6", "--json", str(path))) == 0
+    X, y = read_records(recording, drive="volt", response="um", time="t")
+    n = int(0.6 * len(y))
+    search = EffectSearchCV(
+        PrandtlIshlinskii(), effects=["output_saturation", "offset", "lag"], random_state=0
+    ).fit(X[:n], y[:n])
+    held_out = json.loads(path.read_text())["held_out"]
+    assert search.held_out_error(X[n:], y[n:]) in held_out.values()
+    assert search.held_out_error(X[n:], y[n:], declared=True) in held_out.values()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--drive", "nothing"], "volt"),
+        (["--model", "perpetuum_mobile"], "prandtl_ishlinskii"),
+        (["--model", "prandtl_ishlinskii(n_operators=__import__('os'))"], "do not fit"),
+        (["--model", "1 +"], "not understood"),
+        (["--effects", "magic"], "asymmetry"),
+        (["--rows", "1-2"], "A:B"),
+        (["--train-fraction", "1.5"], "between 0 and 1"),
+        (["--report", "report.pdf"], ".html"),
+    ],
+)
+def test_errors_are_clear(recording, capsys, more, message):
+    assert main(arguments(recording, *more)) == 1
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert "Traceback" not in printed.err
+
+
+def test_missing_and_broken_files(tmp_path, capsys):
+    assert main(arguments(tmp_path / "absent.csv")) == 1
+    assert "absent.csv" in capsys.readouterr().err
+    broken = tmp_path / "broken.mat"
+    broken.write_bytes(b"\x00\x01garbage")
+    assert main(arguments(broken)) == 1
+    assert "broken.mat" in capsys.readouterr().err
+
+
+def test_outputs_are_checked_before_the_search(recording, tmp_path, capsys, monkeypatch):
+    def search_must_not_start(*args, **kwargs):
+        raise AssertionError("the search started")
+
+    monkeypatch.setattr(EffectSearchCV, "fit", search_must_not_start)
+    assert main(arguments(recording, "--save", str(tmp_path))) == 1
+    assert "folder" in capsys.readouterr().err
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert main(arguments(recording, "--json", str(blocked / "below" / "out.json"))) == 1
+
+
+def test_folders_of_outputs_are_made(recording, tmp_path):
+    path = tmp_path / "new" / "folder" / "out.json"
+    assert main(arguments(recording, "--json", str(path))) == 0
+    assert path.exists()
+
+
+def test_interrupt(recording, monkeypatch):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(EffectSearchCV, "fit", interrupted)
+    assert main(arguments(recording)) == 130
+
+
+def test_usage_error():
+    with pytest.raises(SystemExit) as stopped:
+        main(["diagnose"])
+    assert stopped.value.code == 2
+
+
+def test_no_pickle_is_loaded(recording, tmp_path, monkeypatch):
+    def refuse(*args, **kwargs):
+        raise AssertionError("something was unpickled")
+
+    monkeypatch.setattr(pickle, "load", refuse)
+    monkeypatch.setattr(pickle, "loads", refuse)
+    monkeypatch.setattr(joblib, "load", refuse)
+    assert main(arguments(recording)) == 0
+
+
+def test_parse_model():
+    assert isinstance(parse_model("PrandtlIshlinskii"), PrandtlIshlinskii)
+    assert parse_model("prandtl_ishlinskii(n_operators=7)").n_operators == 7
+    cascade = parse_model("prandtl_ishlinskii+second_order_mode+second_order_mode")
+    assert isinstance(cascade, Cascade)
+    assert list(cascade.named_steps) == [
+        "prandtl_ishlinskii",
+        "second_order_mode",
+        "second_order_mode2",
+    ]
+
+
+def test_lists(capsys):
+    assert main(["models"]) == 0
+    assert "prandtl_ishlinskii" in capsys.readouterr().out
+    assert main(["effects"]) == 0
+    assert "creep" in capsys.readouterr().out
+
+
+def test_demo_finds_what_was_hidden(tmp_path, capsys):
+    assert main(["demo", "--output", str(tmp_path / "demo"), "--jobs", "2", "--quiet"]) == 0
+    printed = capsys.readouterr().out
+    _, secret, _ = make_demo_recording(0, n_records=1)
+    assert f"missing: {secret}\n" in printed
+    assert f"What had been put in: {secret}" in printed
+    names = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert names == {"recording.csv", "report.html", "model.joblib", "result.json"}
+
+
+def test_every_secret_comes_up():
+    found = {make_demo_recording(seed, n_records=1)[1] for seed in range(30)}
+    assert found == set(SECRETS)
+
+
+def test_module_runs():
+    done = subprocess.run(
+        [sys.executable, "-m", "skhyst", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("skhyst ")
