@@ -191,8 +191,8 @@ def _conclude(search, options, held_out):
             print(f"    not told apart from: {', '.join(row.ambiguous_with)}. {row.experiment}")
     print(
         f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g} "
-        f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the range), "
-        f"noise floor {search.noise_floor_:.4g}"
+        f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
+        f"range), noise floor {search.noise_floor_:.4g}"
     )
     left = "noise" if search.verdict_ == "noise" else "structure that no effect explains"
     print(f"what is left: {left}")

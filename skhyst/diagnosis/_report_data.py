@@ -4,7 +4,7 @@ import numpy as np
 
 from skhyst.diagnosis._report import package_versions
 from skhyst.inspection._base import search_labels, signal_names
-from skhyst.inspection._signals import log_average, spectrum
+from skhyst.inspection._signals import log_average, spectrum, thin_path
 
 __all__ = ["collect"]
 
@@ -99,8 +99,6 @@ def _claim(row, evidence):
 
 def _curve(label, x, y, style):
     """Return a curve of a picture, by its outline where it is long."""
-    from skhyst.inspection._signals import thin_path
-
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     kept = thin_path(x, y, _MAX_CURVE)
     return {"label": str(label), "style": str(style), "x": x[kept].tolist(), "y": y[kept].tolist()}
@@ -228,9 +226,13 @@ def _spectra(search):
     """Return the amplitude spectral density of the residual before and after."""
     spans = [record.rows for record in search.records_]
     dt = search.records_[0].dt
+    before = np.asarray(search.residual_before_, dtype=float)
+    after = np.asarray(search.residual_after_, dtype=float)
+    unscored = np.isnan(before) | np.isnan(after)
     result = {}
-    for name, values in (("before", search.residual_before_), ("after", search.residual_after_)):
-        frequency, density = log_average(*spectrum(np.asarray(values, dtype=float), spans, dt))
+    for name, values in (("before", before), ("after", after)):
+        density = spectrum(np.where(unscored, np.nan, values), spans, dt)
+        frequency, density = log_average(*density)
         result["frequency"] = frequency.tolist()
         result[name] = density.tolist()
     return result

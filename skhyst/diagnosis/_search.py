@@ -32,6 +32,7 @@ _ALWAYS_CONTESTED = 3
 _HOPEFUL = 16.0  # sum of squares after screening, relative to the best, for the others of these
 _CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
 _SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
+_SIMILAR_ERROR = 0.05  # by so much a simpler candidate may be worse, if the data allow
 _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
 _UNEXPLAINED = 0.03  # part of the residual's power that a black box predicts
 
@@ -151,6 +152,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.n_jobs = n_jobs
         self.verbose = verbose
         self.random_state = random_state
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # on data that no device has produced
+        return tags
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y):
@@ -387,7 +393,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             if c.error <= (1.0 + _SAME_ERROR) * best.error
             or paired_p_value(c.squared_errors, best.squared_errors, groups) > self.alpha
         ]
-        chosen = min(same, key=lambda c: (c.n_parameters, c.error))
+        near = [c for c in same if c.error <= (1.0 + _SIMILAR_ERROR) * best.error]
+        chosen = min(near, key=lambda c: (c.n_parameters, c.error))
         others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
         row = {
             "effect": chosen.effect,

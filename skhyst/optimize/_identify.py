@@ -82,6 +82,7 @@ def uncertainty(problem, solution, n_samples):
     scale = np.sqrt(np.diag(hessian)[index])
     # a change by a factor e that leaves the response where it is, but for rounding
     silent = scale <= np.where(problem.log[index], _SILENT * np.sqrt(problem.scale), 0.0)
+    std[index[silent]] = np.inf
     undetermined = {problem.names[i] for i in index[silent]}
     index, scale = index[~silent], scale[~silent]
     if not len(index):

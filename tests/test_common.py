@@ -1,0 +1,407 @@
+"""What every estimator must do: scikit-learn's checks, and those of a package with memory."""
+
+import inspect
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import BaseEstimator, clone
+from sklearn.compose import ColumnTransformer
+from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_score, cross_validate
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from skhyst.base import ParametricModel
+from skhyst.compose import Cascade, Sum
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.discovery import all_estimators
+from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
+from skhyst.exceptions import RecordError
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode, TransferFunction
+from skhyst.operators import FirstOrderLagOperator, PrandtlIshlinskiiOperator
+from skhyst.records import stack_records
+from skhyst.static import DeadZones, Saturation, SmoothCurve
+
+DT = 0.01
+N = 300
+
+# data from elsewhere do not determine all parameters of a model, and it says so
+pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+
+EXAMPLES = {
+    "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
+    "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
+    "EffectSearchCV": lambda: EffectSearchCV(
+        PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
+    ),
+}
+
+# nothing is remembered from one sample to the next
+MEMORYLESS = {"DeadZones", "Saturation", "SmoothCurve", "Offset"}
+
+MEMORY = {
+    "check_methods_sample_order_invariance": "the output depends on the past",
+    "check_methods_subset_invariance": "the output depends on the past",
+}
+
+
+def make(name, cls):
+    return EXAMPLES.get(name, cls)()
+
+
+def expected_failed_checks(estimator):
+    """Exactly the two checks that contradict memory; strict, as pytest is configured."""
+    return {} if type(estimator).__name__ in {*MEMORYLESS, "Delay"} else MEMORY
+
+
+@parametrize_with_checks(
+    [make(name, cls) for name, cls in all_estimators()],
+    expected_failed_checks=expected_failed_checks,
+)
+def test_scikit_learn(estimator, check):
+    if isinstance(estimator, Delay) and check.func.__name__ in MEMORY:
+        pytest.skip("their data have no delay: the fitted one is next to zero")
+    check(estimator)
+
+
+def test_discovery():
+    found = all_estimators()
+    names = [name for name, _ in found]
+    assert names == sorted(set(names))
+    assert set(EXAMPLES) | MEMORYLESS | {"PlayOperators", "TransferFunction"} < set(names)
+    for name, cls in found:
+        assert issubclass(cls, BaseEstimator)
+        assert cls.__name__ == name
+        assert not inspect.isabstract(cls)
+        assert cls.__module__.startswith("skhyst.")
+    assert "ParametricModel" not in names
+
+
+# --------------------------------------------------------------------------- the models and data
+
+MODELS = {
+    "PrandtlIshlinskii": lambda: PrandtlIshlinskii(6, dt=DT),
+    "PrandtlIshlinskii, quantiles": lambda: PrandtlIshlinskii(4, thresholds="quantile", dt=DT),
+    "FirstOrderLag": lambda: FirstOrderLag(dt=DT),
+    "SecondOrderMode": lambda: SecondOrderMode(dt=DT),
+    "KelvinVoigt": lambda: KelvinVoigt(1, dt=DT),
+    "TransferFunction": lambda: TransferFunction(2, n_zeros=1, dt=DT),
+    "TransferFunction, delay": lambda: TransferFunction(1, delay=2 * DT, dt=DT),
+    "Delay": lambda: Delay(dt=DT),
+    "DeadZones": lambda: DeadZones(1, dt=DT),
+    "Saturation": lambda: Saturation(sides="upper", dt=DT),
+    "SmoothCurve": lambda: SmoothCurve(3, dt=DT),
+    "Offset": lambda: Offset(dt=DT),
+    "Drift": lambda: Drift(2, dt=DT),
+    "PeriodicDisturbance": lambda: PeriodicDisturbance(dt=DT),
+    "Cascade": lambda: Cascade(
+        [("hysteresis", PrandtlIshlinskii(4)), ("lag", FirstOrderLag())], dt=DT
+    ),
+    "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(4)), ("drift", Drift(1))], dt=DT),
+}
+LINEAR_MODELS = {
+    "FirstOrderLag",
+    "SecondOrderMode",
+    "KelvinVoigt",
+    "TransferFunction",
+    "TransferFunction, delay",
+}
+WITH_INTERCEPT = LINEAR_MODELS | {
+    "PrandtlIshlinskii",
+    "PrandtlIshlinskii, quantiles",
+    "Offset",
+    "Drift",
+    "Cascade",
+    "Sum",
+}
+# the response has the unit of the drive, so that it cannot be scaled alone
+NO_GAIN = {"Delay", "DeadZones", "Saturation", "SmoothCurve"}
+# weights that are not negative; one side that is clipped
+ONE_SIGN = {
+    "PrandtlIshlinskii",
+    "PrandtlIshlinskii, quantiles",
+    "Cascade",
+    "Sum",
+    "Saturation",
+}
+
+
+def drive(seed, n=N):
+    rng = np.random.default_rng(seed)
+    time = DT * np.arange(n)
+    frequencies = np.geomspace(0.4, 15.0, 7)
+    waves = np.sin(2 * np.pi * np.outer(time, frequencies) + rng.uniform(0, 6.28, 7))
+    return waves @ (1.0 / np.arange(1, 8))
+
+
+def plant(u, seed):
+    plays = PrandtlIshlinskiiOperator([0.0, 0.2, 0.5], [0.6, 0.3, 0.3])
+    y, _ = FirstOrderLagOperator(0.02).run(plays.run(u, DT)[0], DT)
+    y = np.minimum(y, 0.8) + 0.1 * np.sin(2 * np.pi * 7.0 * DT * np.arange(len(u)))
+    return y + 0.01 * np.random.default_rng(100 + seed).normal(size=len(u))
+
+
+def make_records(labels=("a", "b", "c"), *, n=N):
+    frames = [pd.DataFrame({"drive": drive(i, n)}) for i in range(len(labels))]
+    responses = [plant(frame["drive"].to_numpy(), i) for i, frame in enumerate(frames)]
+    index = pd.MultiIndex.from_tuples(
+        [(label, k * DT) for label in labels for k in range(n)], names=["record", "time"]
+    )
+    X = pd.concat(frames, ignore_index=True).set_index(index)
+    return X, pd.Series(np.concatenate(responses), index, name="response")
+
+
+@pytest.fixture(scope="module")
+def data():
+    return make_records()
+
+
+@pytest.fixture(params=MODELS, scope="module")
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def model(name):
+    return MODELS[name]()
+
+
+@pytest.fixture(scope="module")
+def fitted(model, data):
+    return clone(model).fit(*data)
+
+
+def test_every_model_is_covered():
+    found = {name for name, cls in all_estimators() if issubclass(cls, ParametricModel)}
+    assert found == {name.split(",")[0] for name in MODELS}
+
+
+# --------------------------------------------------------------------------------------- memory
+
+
+def test_future_does_not_change_the_past(fitted, data):
+    X, _ = data
+    whole = fitted.predict(X)
+    for stop in (1, 2, 100, N - 1):
+        changed = X.iloc[:N].copy()
+        changed.iloc[stop:] += 1.0
+        np.testing.assert_array_equal(fitted.predict(changed)[:stop], whole[:stop])
+
+
+def test_state_carried_from_chunk_to_chunk(fitted, data):
+    u = data[0]["drive"].to_numpy()[:N]
+    whole = fitted.predict(data[0])[:N]
+    operator, parts = fitted.operator_, []
+    state = operator.init(u[0])
+    for part in np.split(u, [1, 7, 150, 151]):
+        y, state = operator.run(part, DT, state)
+        parts.append(y)
+    np.testing.assert_allclose(np.concatenate(parts), whole, rtol=1e-9, atol=1e-11)
+    state, y = operator.init(u[0]), np.empty(40)
+    for k in range(40):
+        state, y[k] = operator.step(state, u[k], DT)
+    np.testing.assert_allclose(y, whole[:40], rtol=1e-9, atol=1e-11)
+
+
+def test_order_of_records_does_not_matter(model, fitted, data):
+    X, y = data
+    order = ["c", "a", "b"]
+    other = clone(model).fit(
+        pd.concat([X.loc[[label]] for label in order]),
+        pd.concat([y.loc[[label]] for label in order]),
+    )
+    np.testing.assert_allclose(other.predict(X), fitted.predict(X), rtol=1e-4, atol=1e-4)
+    swapped = pd.concat([X.loc[[label]] for label in order])
+    expected = np.concatenate([fitted.predict(X.loc[[label]]) for label in order])
+    np.testing.assert_array_equal(fitted.predict(swapped), expected)
+
+
+def test_records_do_not_know_each_other(fitted, data):
+    X, _ = data
+    alone = np.concatenate([fitted.predict(X.loc[[label]]) for label in "abc"])
+    np.testing.assert_array_equal(fitted.predict(X), alone)
+
+
+# ---------------------------------------------------------------------------------------- units
+
+
+@pytest.mark.parametrize("scale", [1e-6, -1.0, 250.0])
+def test_scale_of_the_response(name, model, fitted, data, scale):
+    X, y = data
+    if scale < 0 and name in ONE_SIGN:
+        pytest.skip("the response must not be turned around")
+    X_scaled = scale * X if name in NO_GAIN else X
+    other = clone(model).fit(X_scaled, scale * y)
+    np.testing.assert_allclose(
+        other.predict(X_scaled), scale * fitted.predict(X), atol=2e-4 * abs(scale)
+    )
+
+
+@pytest.mark.parametrize("offset", [-3.0, 50.0])
+def test_offset_of_the_response(name, model, fitted, data, offset):
+    if name not in WITH_INTERCEPT:
+        pytest.skip("no constant")
+    X, y = data
+    other = clone(model).fit(X, y + offset)
+    np.testing.assert_allclose(other.predict(X), fitted.predict(X) + offset, atol=2e-4)
+
+
+def test_unit_of_time(model, fitted, data):
+    """The same recording, sampled a thousand times slower."""
+    X, y = data
+    index = X.index.set_levels(X.index.levels[1] * 1000.0, level="time")
+    slow = X.set_axis(index)
+    delay = {"delay": 1000.0 * model.delay} if hasattr(model, "delay") else {}
+    other = clone(model).set_params(**delay).fit(slow, y.set_axis(index))
+    np.testing.assert_allclose(other.predict(slow), fitted.predict(X), atol=2e-4)
+
+
+def test_index_and_dt_say_the_same(model, data):
+    X, y = data[0].loc["a"], data[1].loc["a"]
+    with_index = clone(model).fit(X, y)
+    array = clone(model).set_params(dt=DT).fit(X.to_numpy(), y.to_numpy())
+    np.testing.assert_array_equal(array.predict(X.to_numpy()), with_index.predict(X))
+
+
+# ----------------------------------------------------------------------------- scikit-learn tools
+
+
+def test_results(fitted, data):
+    X, y = data
+    assert set(fitted.params_) == set(fitted.params_std_)
+    assert fitted.n_evaluations_ >= 1
+    assert set(fitted.identifiability_) == {"undetermined", "condition_number"}
+    assert [record.label for record in fitted.records_] == ["a", "b", "c"]
+    assert fitted.fit_error_ <= 1.01 * np.sqrt(np.mean((fitted.predict(X) - y) ** 2))
+    np.testing.assert_array_equal(fitted.feature_names_in_, ["drive"])
+    again = pickle.loads(pickle.dumps(fitted))
+    np.testing.assert_array_equal(again.predict(X), fitted.predict(X))
+
+
+def test_clone_and_parameters(model):
+    params = model.get_params(deep=False)
+    again = clone(model)
+    assert again is not model
+    assert again.get_params(deep=False).keys() == params.keys()
+    for key in set(params) - {"steps"}:
+        assert again.get_params(deep=False)[key] == params[key]
+    again.set_params(initial_state="zero", dt=0.5)
+    assert (again.initial_state, again.dt) == ("zero", 0.5)
+    assert model.initial_state == "rest"
+    signature = inspect.signature(type(model).__init__).parameters
+    kinds = [p.kind for p in signature.values()]
+    assert all(kind is inspect.Parameter.KEYWORD_ONLY for kind in kinds[2:])
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"), [("dt", 0.0), ("dt", "1"), ("initial_state", "asleep")]
+)
+def test_wrong_parameters(model, data, parameter, value):
+    with pytest.raises(ValueError, match=f"The '{parameter}' parameter of"):
+        clone(model).set_params(**{parameter: value}).fit(*data)
+
+
+def test_cross_validate(model, data):
+    X, y = data
+    found = cross_validate(model, X, y, cv=3, scoring="r2", error_score="raise")
+    assert np.isfinite(found["test_score"]).all()
+
+
+@pytest.mark.parametrize("name", ["PrandtlIshlinskii", "FirstOrderLag", "Cascade"])
+def test_folds_of_scikit_learn_keep_the_records(name, data):
+    X, y = data
+    groups = X.index.get_level_values("record")
+    cv = LeaveOneGroupOut()
+    scores = cross_val_score(MODELS[name](), X, y, groups=groups, cv=cv, error_score="raise")
+    by_hand = []
+    for label in "abc":
+        train = groups != label
+        model = MODELS[name]().fit(X[train], y[train])
+        by_hand.append(model.score(X[~train], y[~train]))
+    np.testing.assert_allclose(scores, by_hand)
+    assert min(scores) > 0.8
+
+
+def test_folds_without_a_record_index_are_one_record_each(data):
+    X, y = data[0].to_numpy(), data[1].to_numpy()
+    groups = np.repeat([0, 1, 2], N)
+    scores = cross_val_score(
+        PrandtlIshlinskii(5), X, y, groups=groups, cv=LeaveOneGroupOut(), error_score="raise"
+    )
+    assert min(scores) > 0.8
+
+
+def test_hole_cut_by_a_splitter_starts_a_new_record(data):
+    X, y = data
+    keep = np.r_[0:100, 180:N]
+    model = FirstOrderLag().fit(X.iloc[keep], y.iloc[keep])
+    assert [record.n_samples for record in model.records_] == [100, N - 180]
+    array = model.predict(X.iloc[keep])
+    np.testing.assert_array_equal(array[100:], model.predict(X.iloc[180:N]))
+
+
+def test_grid_search(data):
+    X, y = data
+    search = GridSearchCV(
+        Cascade([("hysteresis", PrandtlIshlinskii()), ("lag", FirstOrderLag())]),
+        {"hysteresis__n_operators": [1, 6], "lag__hold": ["foh", "zoh"]},
+        cv=3,
+        error_score="raise",
+    ).fit(X, y)
+    assert search.best_params_["hysteresis__n_operators"] == 6
+    assert search.best_score_ > 0.9
+    assert len(search.best_estimator_.operators_["hysteresis"].weights) == 6
+
+
+def test_grid_search_over_steps(data):
+    X, y = data
+    search = GridSearchCV(
+        Cascade([("hysteresis", PrandtlIshlinskii(5)), ("dynamics", FirstOrderLag())]),
+        {"dynamics": [FirstOrderLag(), Delay()]},
+        cv=3,
+        error_score="raise",
+    ).fit(X, y)
+    assert isinstance(search.best_estimator_.named_steps["dynamics"], FirstOrderLag)
+
+
+def test_scaler_that_loses_the_index_is_refused(data):
+    X, y = data
+    pipeline = make_pipeline(StandardScaler(), FirstOrderLag())
+    with pytest.raises(RecordError, match=r'set_output\(transform="pandas"\)'):
+        pipeline.fit(X, y)
+    pipeline.set_output(transform="pandas").fit(X, y)
+    plain = FirstOrderLag().fit(X, y)
+    np.testing.assert_allclose(pipeline.predict(X), plain.predict(X), atol=1e-4)
+    scores = cross_val_score(pipeline, X, y, cv=3, error_score="raise")
+    assert np.isfinite(scores).all()
+
+
+def test_column_transformer_in_front(data):
+    X, y = data
+    wide = X.assign(temperature=20.0)
+    columns = ColumnTransformer([("scale", StandardScaler(), ["drive"])], remainder="passthrough")
+    pipeline = make_pipeline(columns, FirstOrderLag())
+    with pytest.raises(RecordError, match="set_output"):
+        pipeline.fit(wide, y)
+    pipeline.set_output(transform="pandas").fit(wide, y)
+    plain = FirstOrderLag().fit(X, y)
+    np.testing.assert_allclose(pipeline.predict(wide), plain.predict(X), atol=1e-4)
+
+
+def test_stacked_records_are_what_models_read():
+    frames = {label: pd.DataFrame({"drive": drive(i)}) for i, label in enumerate("ab")}
+    for frame in frames.values():
+        frame.index = DT * np.arange(N)
+    X = stack_records(list(frames.values()), labels=list(frames))
+    y = np.concatenate([plant(frame["drive"].to_numpy(), 0) for frame in frames.values()])
+    assert len(FirstOrderLag().fit(X, y).records_) == 2
+
+
+def test_metadata_routing_asks_for_nothing(model):
+    request = model.get_metadata_routing()
+    for method in ("fit", "predict", "score"):
+        asked = getattr(request, method).requests
+        assert {key for key, value in asked.items() if value} == set()
