@@ -81,12 +81,35 @@ def contest(variants, records):
         trials = [_refit(start, records, _TRIAL_EVALUATIONS)[0] for start in starts[:_TRIALS]]
         start = min(trials, key=lambda c: c.cost)
         refitted, problem = _refit(start, records, _EVALUATIONS)
-        n = int(problem.segment_length.sum())
-        n_parameters = len(problem.x0) + refitted.structure.n_coefficients() * len(records)
-        criterion = n * np.log(max(refitted.cost, np.finfo(float).tiny)) + n_parameters * np.log(n)
+        criterion = _criterion(refitted, problem, len(records))
         if best is None or criterion < best[0]:
             best = criterion, refitted
     return best[1]
+
+
+def _criterion(contestant, problem, n_records):
+    """Return Schwarz's criterion with the number of parameters that a dependent residual has.
+
+    With independent errors of one variance the trace below is that variance times the number of
+    parameters. Where the residual of a stretch hangs together it is larger (Takeuchi 1976), and
+    counting every sample as evidence would prefer curves that only follow the residual.
+    """
+    n = int(problem.segment_length.sum())
+    cost = max(contestant.cost, np.finfo(float).tiny)
+    n_parameters = contestant.structure.n_coefficients() * n_records
+    x = contestant.x
+    inside = np.flatnonzero((x > problem.lower) & (x < problem.upper))
+    effective = float(len(inside))
+    if not n_parameters:  # else a stretch's gradient depends on its record's coefficients
+        blocks = problem.evaluate(x)
+        slopes = blocks[:, inside, -1]
+        hessian = blocks[:, inside][:, :, inside].sum(axis=0)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
+        slopes = slopes * scale
+        spread = slopes.T @ slopes
+        trace = np.trace(np.linalg.pinv(hessian * np.outer(scale, scale), 1e-10) @ spread)
+        effective = max(effective, trace * n / cost)
+    return n * np.log(cost) + (effective + n_parameters) * np.log(n)
 
 
 def held_out(contestant, records, folds):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skhyst.diagnosis import _report_text as text
+from . import _report_text as text
 
 __all__ = ["Report"]
 
@@ -47,7 +47,8 @@ class Report:
     not_it : list of dict
         For each effect that was not claimed, the round in which it helped most.
     parameters : dict of str to list of dict
-        ``"declared"`` and ``"augmented"``: name, value, standard error.
+        ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where there
+        is none: at a bound, or not determined by the data.
     data : dict
         Records, samples, interval.
     settings : dict
@@ -113,7 +114,7 @@ class Report:
         -------
         Report
         """
-        from skhyst.diagnosis._report_data import collect
+        from ._report_data import collect
 
         return cls(**collect(search, command, held_out))
 
@@ -175,7 +176,7 @@ class Report:
             Where matplotlib or Jinja2 is not installed.
         """
         environment = _environment(autoescape=True)
-        from skhyst.diagnosis._report_figures import report_figures
+        from ._report_figures import report_figures
 
         template = environment.get_template("report.html.j2")
         return _written(template.render(report=self, figures=report_figures(self)), path)
@@ -244,8 +245,7 @@ def _environment(autoescape):
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    helpers = ("number", "percent", "plus_minus", "quantity", "listed", "unit_of", "explain_units")
-    environment.globals.update({name: getattr(text, name) for name in helpers})
+    environment.globals.update({name: getattr(text, name) for name in text.__all__})
     environment.filters["md"] = _markdown_text
     return environment
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from skhyst.diagnosis._report import package_versions
-from skhyst.inspection._base import search_labels, signal_names
-from skhyst.inspection._signals import log_average, spectrum, thin_path
+from ..inspection._base import search_labels, signal_names
+from ..inspection._signals import log_average, spectrum, thin_path
+from ._report import package_versions
 
 __all__ = ["collect"]
 
@@ -165,7 +165,6 @@ def _parameters(estimator):
     """Return the parameters of a model, one row a value, with standard errors where known."""
     values = getattr(estimator, "params_", {})
     errors = getattr(estimator, "params_std_", {})
-    units = getattr(estimator, "params_unit_", {})
     rows = []
     for name, value in values.items():
         value = np.asarray(value, dtype=float)
@@ -176,10 +175,17 @@ def _parameters(estimator):
                     "name": str(name) if value.ndim == 0 else f"{name}[{k}]",
                     "value": float(item),
                     "std": float(error),
-                    "unit": str(units.get(name, "")),
+                    "note": _note(float(error)),
                 }
             )
     return rows
+
+
+def _note(std):
+    """Say why a parameter has no standard error."""
+    if np.isinf(std):
+        return "not determined by the data"
+    return "at a bound" if np.isnan(std) else ""
 
 
 def _data(search, response):

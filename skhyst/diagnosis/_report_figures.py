@@ -12,13 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 
-from skhyst.inspection import (
+from ..inspection import (
     EffectRankingDisplay,
     EvidenceDisplay,
     HysteresisLoopDisplay,
     ResidualDisplay,
 )
-from skhyst.inspection._drawing import INK, import_matplotlib
+from ..inspection._drawing import INK, import_matplotlib
 
 __all__ = ["report_figures"]
 

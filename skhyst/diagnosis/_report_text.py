@@ -3,7 +3,17 @@
 import math
 import re
 
-__all__ = ["explain_units", "number", "percent", "plus_minus", "quantity", "unit_of", "verdict"]
+__all__ = [
+    "change",
+    "explain_units",
+    "listed",
+    "number",
+    "percent",
+    "plus_minus",
+    "quantity",
+    "unit_of",
+    "verdict",
+]
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -60,6 +70,20 @@ def percent(value, whole):
     return f"{number(100.0 * value / whole)} %" if whole else "–"
 
 
+def change(before, after):
+    """Write by how much an error has changed.
+
+    Examples
+    --------
+    >>> change(2.0, 0.5), change(2.0, 2.1), change(2.0, 2.0001), change(0.0, 1.0)
+    ('−75.0 %', '+5.0 %', '0.0 %', '–')
+    """
+    if not before or not math.isfinite(after):
+        return "–"
+    text = f"{100.0 * (after / before - 1.0):+.1f} %"
+    return "0.0 %" if text[1:] == "0.0 %" else text.replace("-", "−")
+
+
 def unit_of(name):
     """Return the unit that a column's name carries in brackets, or "".
 
@@ -99,7 +123,13 @@ def quantity(value, unit, whole):
 
 
 def listed(names):
-    """Join names: "a", "a and b", "a, b and c"."""
+    """Join names.
+
+    Examples
+    --------
+    >>> listed(["a"]), listed("ab"), listed("abc")
+    ('a', 'a and b', 'a, b and c')
+    """
     names = [str(name) for name in names]
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
@@ -130,7 +160,7 @@ def verdict(report):
             f"{before} to {after}"
         )
         if explained:
-            return headline, f"{sentence}, and what is left is noise (floor {floor})."
+            return headline, f"{sentence}. What is left is noise; its floor is {floor}."
         return (
             f"{headline}; and something unexplained",
             f"{sentence}. What is left is still above the noise floor of {floor}, and no effect "
@@ -140,7 +170,7 @@ def verdict(report):
         return (
             "Nothing is missing",
             f"The declared model {report.declared_model} lacks none of the effects that were "
-            f"tried: its held-out error is {before}, and what is left is noise (floor {floor}).",
+            f"tried: its held-out error is {before}. What is left is noise; its floor is {floor}.",
         )
     return (
         "Unexplained",

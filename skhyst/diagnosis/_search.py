@@ -33,6 +33,7 @@ _HOPEFUL = 16.0  # sum of squares after screening, relative to the best, for the
 _CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
 _SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
 _SIMILAR_ERROR = 0.05  # by so much a simpler candidate may be worse, if the data allow
+_WASHOUT = 0.05  # of a block of a single record
 _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
 _UNEXPLAINED = 0.03  # part of the residual's power that a black box predicts
 
@@ -62,7 +63,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Part of the held-out error that an effect must remove to be worth a claim.
     washout : int or None, default=None
         Samples at the start of each block, or of each record, that are simulated but not scored.
-        None: 1 % of a single record; nothing where there are several records.
+        None: 5 % of a block of a single record, whose past is unknown; nothing where there are
+        several records, each from its own start.
     n_jobs : int or None, default=None
         Threads. None is 1, or what joblib's context says; -1 is all processors.
     verbose : int, default=0
@@ -211,10 +213,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         records, fold_of, washed = [], [], []
         for number, s in enumerate(slices):
             n = s.n_samples
-            washout = self.washout
-            if washout is None:
-                washout = n // 100 if single else 0
             blocks = np.linspace(0, n, (n_folds if single else 1) + 1).astype(int)
+            washout = self._washed(n // (len(blocks) - 1), single)
             segments = []
             for block, (first, last) in enumerate(pairwise(blocks)):
                 start = min(first + washout, last - 1)
@@ -242,6 +242,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         # a washed-out stretch belongs to a block: it is fitted with other blocks, never scored
         folds = [(fold_of != k, (fold_of == k) & ~washed) for k in range(n_folds)]
         return records, folds
+
+    def _washed(self, n_samples, single):
+        """Return the number of samples at the start of a block that are not scored."""
+        if self.washout is not None:
+            return self.washout
+        return int(_WASHOUT * n_samples) if single else 0
 
     def _search(self, declared, slices, effects):
         begin = time.perf_counter()
@@ -438,7 +444,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the root mean square error on records that the search has not seen.
 
         Constants that belong to a record (offset, drift, phase) are taken from every other
-        segment of it to predict the segments between, and the other way round.
+        segment of it to predict the segments between, and the other way round. The washout at
+        each record's start is predicted but not scored.
 
         Parameters
         ----------
@@ -456,13 +463,14 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         slices, drive, response = read_data(self, X, y, reset=False, dt=self.estimator.dt)
         records = []
         for s in slices:
-            count = max(min(_SEGMENTS, s.n_samples // _SHORTEST_SEGMENT), 1)
+            start = min(self._washed(s.n_samples, len(self.records_) == 1), s.n_samples - 1)
+            count = max(min(_SEGMENTS, (s.n_samples - start) // _SHORTEST_SEGMENT), 1)
             records.append(
                 RecordData(
                     drive[s.rows, 0],
                     response[s.rows],
                     s.dt,
-                    segments=tuple(_stretches(0, s.n_samples, count)),
+                    segments=tuple(_stretches(start, s.n_samples, count)),
                     start_time=s.start_time,
                 )
             )
@@ -470,7 +478,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         problem = structure.problem(records)
         nothing = np.zeros(len(problem.segment_record), dtype=bool)
         parts = problem.predictions(problem.x0, nothing)
-        errors = np.concatenate([r.y - p for r, p in zip(records, parts, strict=True)])
+        errors = np.concatenate(
+            [(r.y - p)[r.segments[0][0] :] for r, p in zip(records, parts, strict=True)]
+        )
         return float(np.sqrt(np.mean(np.square(errors))))
 
     def report(self, command=None):

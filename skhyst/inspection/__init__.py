@@ -4,9 +4,9 @@ Every display stores data first and draws afterwards. Drawing needs matplotlib, 
 ``skhyst[plot]`` installs; making a display and reading its data does not.
 """
 
-from skhyst.inspection._evidence import EvidenceDisplay
-from skhyst.inspection._loop import HysteresisLoopDisplay
-from skhyst.inspection._ranking import EffectRankingDisplay
-from skhyst.inspection._residual import ResidualDisplay
+from ._evidence import EvidenceDisplay
+from ._loop import HysteresisLoopDisplay
+from ._ranking import EffectRankingDisplay
+from ._residual import ResidualDisplay
 
 __all__ = ["EffectRankingDisplay", "EvidenceDisplay", "HysteresisLoopDisplay", "ResidualDisplay"]

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from skhyst.records import record_slices
+from ..records import record_slices
 
 __all__ = ["SignalDisplay", "search_labels"]
 

@@ -90,9 +90,11 @@ def new_axes(ax, n_rows, n_columns, caller, *, size, **options):
     return host.get_subplotspec().subgridspec(n_rows, n_columns).subplots(squeeze=False, **options)
 
 
-def plain(text):
-    """Return text that matplotlib draws as it stands: a dollar sign starts no formula."""
-    return str(text).replace("$", r"\$")
+def plain(text, width=48):
+    """Return text that matplotlib draws as it stands: no formula, no more than a line."""
+    text = " ".join(str(text).split())
+    text = text if len(text) <= width else text[: width - 1] + "…"
+    return text.replace("$", r"\$")
 
 
 def tidy(ax, *, title=None, x_label=None, y_label=None):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from skhyst.inspection._drawing import COLORS, FLOOR, MEASURED, new_axes, plain, tidy
-from skhyst.inspection._signals import thin_path
+from ._drawing import COLORS, FLOOR, MEASURED, new_axes, plain, tidy
+from ._signals import thin_path
 
 __all__ = ["EvidenceDisplay"]
 

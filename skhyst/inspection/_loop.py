@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from skhyst.inspection._base import SignalDisplay
-from skhyst.inspection._drawing import COLORS, MEASURED, new_axes, plain, tidy
-from skhyst.inspection._signals import loop_spans, thin_path
+from ._base import SignalDisplay
+from ._drawing import COLORS, MEASURED, new_axes, plain, tidy
+from ._signals import loop_spans, thin_path
 
 __all__ = ["HysteresisLoopDisplay"]
 

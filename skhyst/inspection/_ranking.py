@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from skhyst.inspection._base import signal_names
-from skhyst.inspection._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
+from ._base import signal_names
+from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 
 __all__ = ["EffectRankingDisplay"]
 
@@ -149,16 +149,27 @@ class EffectRankingDisplay:
 
     def _draw_references(self, axes, baseline, top):
         """Draw the error without any candidate, and the noise floor."""
-        style = {"fontsize": "small", "va": "bottom"}
+
+        def label(error, text, side, color):
+            shift = 3 if side == "left" else -3
+            axes.annotate(
+                text,
+                (error, top),
+                (shift, 0),
+                textcoords="offset points",
+                ha=side,
+                va="bottom",
+                color=color,
+                fontsize="small",
+            )
+
         axes.axvline(baseline, color=INK, linewidth=1.0)
         below = self.noise_floor is None or not self.noise_floor > baseline
-        axes.text(baseline, top, " without ", ha="left" if below else "right", color=INK, **style)
+        label(baseline, "without", "left" if below else "right", INK)
         if self.noise_floor is not None and np.isfinite(self.noise_floor):
             axes.axvline(self.noise_floor, color=FLOOR, linewidth=1.4, linestyle=":", zorder=3)
-            side = "right" if below else "left"
-            if self.noise_floor < 0.25 * baseline:
-                side = "left"
-            axes.text(self.noise_floor, top, " noise floor ", ha=side, color=FLOOR, **style)
+            beside = "left" if self.noise_floor < 0.25 * baseline or not below else "right"
+            label(self.noise_floor, "noise floor", beside, FLOOR)
 
     def _style_names(self, axes, table):
         """Set claimed effects bold and effects that were not contested grey."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from skhyst.inspection._base import SignalDisplay
-from skhyst.inspection._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
-from skhyst.inspection._signals import (
+from ._base import SignalDisplay
+from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
+from ._signals import (
     binned_statistics,
     branch,
     envelope,
@@ -165,6 +165,5 @@ class ResidualDisplay(SignalDisplay):
             ax.plot(
                 [low, high], [level, level], ":", color=FLOOR, linewidth=1.4, label="noise floor"
             )
-        y_label = f"{self._label} per √Hz"
-        tidy(ax, title="Spectrum", x_label="frequency (Hz)", y_label=y_label)
+        tidy(ax, title="Spectrum", x_label="frequency (Hz)", y_label="residual per √Hz")
         ax.legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)
