@@ -124,7 +124,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Fit validated records."""
         result = self._identify(data)
         if self.initial_state == "estimate":
-            result, self.initial_drive_ = estimate_histories(result, data, fixed=self._fixed())
+            fixed = {name for name, _ in result.operator.entries()} - set(result.params)
+            result, self.initial_drive_ = estimate_histories(result, data, fixed=fixed)
         if result.undetermined:
             warnings.warn(
                 f"The data do not determine these parameters of {type(self).__name__}: "

@@ -8,6 +8,7 @@ from ._composition import Composition
 
 __all__ = ["Cascade"]
 
+_DYNAMICS = 30  # rank of linear dynamics
 _TOLERANCE = 1e-4  # of the fits along the way
 
 
@@ -16,7 +17,8 @@ class Cascade(Composition):
 
     The static gain and the intercept belong to one step, the hysteresis where there is one; all
     others have unit gain, since only the product can be known. Steps are added one by one, each
-    from its own data-driven starting values, then everything is refined together.
+    from its own data-driven starting values, then everything is refined together; several linear
+    dynamics are added in both orders, and the better fit is kept.
 
     Parameters
     ----------
@@ -60,24 +62,42 @@ class Cascade(Composition):
 
     def _identify(self, data):
         self._check_steps()
+        results = [self._add_steps(data, order) for order in self._orders()]
+        best = min(results, key=lambda result: result.error)
+        evaluations = sum(result.n_evaluations for result in results)
+        return dataclasses.replace(best, n_evaluations=evaluations)
+
+    def _orders(self):
+        """Return the orders in which steps are added: as given, and dynamics from the last on.
+
+        Dynamics that come first bend to make up for those that are missing still, and a local
+        search may leave them there.
+        """
+        given = list(range(len(self.steps)))
+        dynamics = [i for i in given if self.steps[i][1]._rank == _DYNAMICS]
+        other = given.copy()
+        for place, i in zip(dynamics, reversed(dynamics), strict=True):
+            other[place] = i
+        return [given] if other == given else [given, other]
+
+    def _add_steps(self, data, order):
+        """Add the steps in an order, each behind those before it; refine all after each."""
         state, fixed = self._free_run_state(), self._fixed()
-        names, stages, evaluations, result = [], [], 0, None
-        for name, step in self.steps:
-            names.append(name)
-            if result is None:
-                records = data
-            else:
+        stages, evaluations, result = {}, 0, None
+        for i in order:
+            name, step = self.steps[i]
+            records = data
+            for _, stage in sorted((j, stage) for j, stage in stages.items() if j < i):
                 records = [
                     dataclasses.replace(
-                        record,
-                        u=result.operator.run(
-                            record.u, record.dt, result.operator.init(record.u[0], state)
-                        )[0],
+                        record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0]
                     )
-                    for record in data
+                    for record in records
                 ]
+            places = sorted([*stages, i])
+            names = [self.steps[j][0] for j in places]
             candidates = [
-                self._compose(names, [*stages, operator])
+                self._compose(names, [(stages | {i: operator})[j] for j in places])
                 for operator, disturbances in step._starts(records)
                 if not disturbances
             ]
@@ -93,6 +113,6 @@ class Cascade(Composition):
                 initial_state=state,
                 tolerance=1e-8 if len(names) == len(self.steps) else _TOLERANCE,
             )
-            stages = list(result.operator.stages)
+            stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from ..operators import SumOperator
+from ..operators import DriftOperator, OffsetOperator, SeriesOperator, SumOperator
 from ..optimize import identify
 from ._composition import Composition
 
@@ -13,7 +13,8 @@ class Sum(Composition):
     """Models in parallel, identified jointly: their outputs are added.
 
     Disturbances (:mod:`skhyst.disturbance`) stand beside the driven models; their coefficients
-    are solved record by record.
+    are solved record by record. Beside an offset or a drift, which have a constant for each record,
+    the driven models have no intercept.
 
     Parameters
     ----------
@@ -72,10 +73,17 @@ class Sum(Composition):
             if not _is_disturbance(step):
                 stages.append(result.operator)
             disturbances += result.disturbances
-        operator = self._compose(self._driven_names(), stages)
-        result = identify(
-            [(operator, tuple(disturbances))], data, fixed=self._fixed(), initial_state=state
-        )
+        operator, fixed = self._compose(self._driven_names(), stages), self._fixed()
+        if any(isinstance(d, OffsetOperator | DriftOperator) for d in disturbances):
+            constants = _constants(operator)
+            operator = operator.unpack(
+                [
+                    0.0 if name in constants else value
+                    for (name, _), value in zip(operator.entries(), operator.pack(), strict=True)
+                ]
+            )
+            fixed |= constants
+        result = identify([(operator, tuple(disturbances))], data, fixed=fixed, initial_state=state)
         return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     @property
@@ -87,6 +95,18 @@ class Sum(Composition):
             driven = found.pop("model")
             found |= dict(zip(driven.names, driven.stages, strict=True))
         return found
+
+
+def _constants(operator):
+    """Return the names of the entries that add a constant to the output, and do nothing else."""
+    if isinstance(operator, SumOperator | SeriesOperator):
+        found = set()
+        for name, stage in zip(operator.names[::-1], operator.stages[::-1], strict=True):
+            found |= {f"{name}__{entry}" for entry in _constants(stage)}
+            if isinstance(operator, SeriesOperator) and not stage.signal_linear:
+                break
+        return found
+    return {name for name, spec in operator.entries() if spec.gauge == 0.0}
 
 
 def _is_disturbance(step):

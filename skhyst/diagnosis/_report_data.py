@@ -21,6 +21,7 @@ def collect(search, command, held_out):
     if search.effects_:
         predictions[label_after] = np.asarray(search.prediction_after_, dtype=float)
     ranking = _ranking(search.ranking_)
+    claims = [_claim(row, search.evidence_) for row in search.history_.itertuples()]
     return {
         "declared_model": _spelled(search.declared_estimator_),
         "augmented_model": _spelled(search.best_estimator_),
@@ -32,9 +33,9 @@ def collect(search, command, held_out):
         "response_range": float(np.ptp(response)),
         "drive_name": names.drive,
         "response_name": names.response,
-        "claims": [_claim(row, search.evidence_) for row in search.history_.itertuples()],
+        "claims": claims,
         "ranking": ranking,
-        "not_it": _not_it(ranking, search.effects_),
+        "not_it": _not_it(ranking, claims),
         "parameters": {
             "declared": _parameters(search.declared_estimator_),
             "augmented": _parameters(search.best_estimator_),
@@ -127,15 +128,16 @@ def _ranking(table):
     ]
 
 
-def _not_it(ranking, effects):
+def _not_it(ranking, claims):
     """Return, for each effect not claimed, the contest in which it helped most, best first.
 
     An effect that was never contested appears with the largest share of the residual's power that
-    it explained in any round.
+    it explained in any round. Effects that fit as well as a claimed one are left out.
     """
+    excluded = {name for claim in claims for name in (claim["effect"], *claim["ambiguous_with"])}
     rows = []
     for effect in dict.fromkeys(row["effect"] for row in ranking):
-        if effect in effects:
+        if effect in excluded:
             continue
         tries = [row for row in ranking if row["effect"] == effect]
         contested = [row for row in tries if np.isfinite(row["error_after"])]

@@ -6,11 +6,13 @@ import re
 __all__ = [
     "change",
     "explain_units",
+    "folded",
     "listed",
     "number",
     "percent",
     "plus_minus",
     "quantity",
+    "share",
     "unit_of",
     "verdict",
 ]
@@ -32,9 +34,9 @@ def number(value, digits=3):
         return "0"
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if -4 <= exponent < 7:
-        return f"{value:.{max(digits - 1 - exponent, 0)}f}"
-    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
-    return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPT)}"
+        return _signed(f"{value:.{max(digits - 1 - exponent, 0)}f}")
+    mantissa, power = f"{value:.{digits - 1}e}".split("e")
+    return f"{_signed(mantissa)} × 10{str(int(power)).translate(_SUPERSCRIPT)}"
 
 
 def plus_minus(value, std):
@@ -53,10 +55,26 @@ def plus_minus(value, std):
         return number(value, 4)
     exponent = math.floor(math.log10(max(abs(value), std)))
     scale = exponent if not -4 <= exponent < 7 else 0
-    value, std = value / 10.0**scale, std / 10.0**scale
-    decimals = max(0, 1 - math.floor(math.log10(std)))
-    text = f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    value, std = float(f"{value:e}") / 10.0**scale, std / 10.0**scale
+    decimals = min(max(0, 1 - math.floor(math.log10(std))), 12)
+    text = f"{_signed(f'{value:.{decimals}f}')} ± {std:.{decimals}f}"
     return f"({text}) × 10{str(scale).translate(_SUPERSCRIPT)}" if scale else text
+
+
+def _signed(text):
+    """Write a minus sign for a hyphen."""
+    return text.replace("-", "−")
+
+
+def share(value):
+    """Write a part of one as a percentage, roughly.
+
+    Examples
+    --------
+    >>> share(0.9234), share(0.0341), share(2e-9), share(0.0)
+    ('92 %', '3.4 %', '< 0.1 %', '< 0.1 %')
+    """
+    return f"{number(100.0 * value, 2)} %" if value >= 0.001 else "< 0.1 %"
 
 
 def percent(value, whole):
@@ -75,13 +93,17 @@ def change(before, after):
 
     Examples
     --------
-    >>> change(2.0, 0.5), change(2.0, 2.1), change(2.0, 2.0001), change(0.0, 1.0)
-    ('−75.0 %', '+5.0 %', '0.0 %', '–')
+    >>> change(2.0, 0.5), change(2.0, 2.1), change(2.0, 2.0001), change(2.0, 30.0)
+    ('−75.0 %', '+5.0 %', '0.0 %', '15 times')
+    >>> change(0.0, 1.0)
+    '–'
     """
     if not before or not math.isfinite(after):
         return "–"
+    if after > 3.0 * before:
+        return f"{number(after / before, 2)} times"
     text = f"{100.0 * (after / before - 1.0):+.1f} %"
-    return "0.0 %" if text[1:] == "0.0 %" else text.replace("-", "−")
+    return "0.0 %" if text[1:] == "0.0 %" else _signed(text)
 
 
 def unit_of(name):
@@ -134,6 +156,42 @@ def listed(names):
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
+def _with_others(claim):
+    """Return a claimed effect with the effects that fit as well."""
+    others = claim["ambiguous_with"]
+    told = f" (these data cannot tell it from {listed(others)})" if others else ""
+    return claim["effect"] + told
+
+
+def folded(rows):
+    """Join rows of parameters that stand next to each other in one vector, all 0 and at a bound.
+
+    Examples
+    --------
+    >>> rows = [{"name": f"weights[{k}]", "value": v, "std": s, "note": n}
+    ...         for k, (v, s, n) in enumerate([(2.0, 0.1, ""), (0.0, None, "at a bound"),
+    ...                                        (0.0, None, "at a bound")])]
+    >>> [row["name"] for row in folded(rows)]
+    ['weights[0]', 'weights[1] to weights[2]']
+    """
+    joined = []
+    for row in rows:
+        last = joined[-1] if joined else None
+        same = (
+            last is not None
+            and row["value"] == last["value"] == 0.0
+            and row["note"] == last["note"] != ""
+            and row["name"].partition("[")[0] == last["name"].partition("[")[0]
+            and "[" in row["name"]
+        )
+        if same:
+            first = last["name"].partition(" to ")[0]
+            joined[-1] = {**row, "name": f"{first} to {row['name']}"}
+        else:
+            joined.append(row)
+    return joined
+
+
 def verdict(report):
     """Return the headline and the sentence that says what a search found.
 
@@ -152,7 +210,7 @@ def verdict(report):
     )
     explained = report.verdict == "noise"
     if report.effects:
-        found = listed(report.effects)
+        found = listed(_with_others(claim) for claim in report.claims)
         headline = f"Missing: {', '.join(report.effects)}"
         sentence = (
             f"The declared model {report.declared_model} lacks {found}: with "

@@ -380,7 +380,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 {
                     "round": number,
                     "effect": effect.name,
-                    "screen": float(np.clip(1.0 - least[effect.name] / base.cost, 0.0, 1.0)),
+                    "screen": round(max(1.0 - least[effect.name] / base.cost, 0.0), 9),
                     "error_before": base.error,
                     "error_after": c.error if c else np.nan,
                     "p_value": c.p_value if c else np.nan,

@@ -102,6 +102,9 @@ def tidy(ax, *, title=None, x_label=None, y_label=None):
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(True, color=MUTED, alpha=0.22, linewidth=0.6)
     ax.set_axisbelow(True)
+    for name, scale in (("x", ax.get_xscale()), ("y", ax.get_yscale())):
+        if scale == "linear":
+            ax.ticklabel_format(axis=name, scilimits=(-4, 5), useMathText=True)
     if title is not None:
         ax.set_title(plain(title), loc="left", fontsize="medium", fontweight="bold")
     if x_label is not None:

@@ -8,6 +8,8 @@ from ._signals import loop_spans, thin_path
 
 __all__ = ["HysteresisLoopDisplay"]
 
+_POINTS = 240  # drawn of a cycle
+
 
 class HysteresisLoopDisplay(SignalDisplay):
     """Hysteresis loops: measured, and as models predict them.
@@ -50,7 +52,7 @@ class HysteresisLoopDisplay(SignalDisplay):
     ('drive', 'response')
     """
 
-    def plot(self, ax=None, *, subtract_line=False, max_points=3000):
+    def plot(self, ax=None, *, subtract_line=False, max_cycles=15):
         """Draw the loops.
 
         Parameters
@@ -61,9 +63,9 @@ class HysteresisLoopDisplay(SignalDisplay):
         subtract_line : bool, default=False
             Subtract the straight line that fits the measured response best, from everything. The
             loop opens, and differences of a percent of the range become visible.
-        max_points : int, default=3000
-            Points to draw for each curve. A longer recording is drawn in whole stretches of
-            cycles, each by its outline.
+        max_cycles : int, default=15
+            Cycles of the drive to draw. Of a longer recording every record gives a stretch of
+            whole cycles around its largest excursion.
 
         Returns
         -------
@@ -81,10 +83,10 @@ class HysteresisLoopDisplay(SignalDisplay):
             sharex=True,
             sharey=True,
         ).ravel()
-        stretches = loop_spans(self.drive, self.spans, max_points)
+        stretches = loop_spans(self.drive, self.spans, max_cycles)
         line = self._straight_line() if subtract_line else np.zeros(len(self.drive))
         for panel in axes:
-            self._draw(panel, self.response - line, stretches, "measured", MEASURED, 2.2)
+            self._draw(panel, self.response - line, stretches, "measured", MEASURED, 2.0)
         panels = axes if n_panels == n_models else np.repeat(axes, n_models)
         for k, (label, prediction) in enumerate(self.predictions.items()):
             color = COLORS[k % len(COLORS)]
@@ -105,9 +107,9 @@ class HysteresisLoopDisplay(SignalDisplay):
 
     def _draw(self, ax, values, stretches, label, color, width):
         """Draw one curve, a line for each stretch, the first of them with the label."""
-        for k, (rows, points) in enumerate(stretches):
+        for k, (rows, cycles) in enumerate(stretches):
             drive, stretch = self.drive[rows], values[rows]
-            kept = thin_path(drive, stretch, points)
+            kept = thin_path(drive, stretch, int(_POINTS * max(cycles, 1.0)))
             ax.plot(
                 drive[kept],
                 stretch[kept],

@@ -46,7 +46,7 @@ class EffectRankingDisplay:
     ...     "claimed": [True, False]})
     >>> display = EffectRankingDisplay(ranking, noise_floor=0.4).plot()
     >>> [label.get_text() for label in display.ax_.get_yticklabels()]
-    ['delay', 'creep']
+    ['creep', 'delay']
     """
 
     def __init__(self, ranking, *, noise_floor=None, ambiguous_with=(), response_name="response"):
@@ -126,11 +126,11 @@ class EffectRankingDisplay:
         for height, row in zip(heights, table.itertuples(), strict=True):
             self._draw_row(axes, height, row, baseline, right)
         self._draw_references(axes, baseline, len(table) - 0.35)
+        tidy(axes, title=title, x_label=f"held-out error of {self.response_name} (RMS)")
         axes.set_yticks(heights, [plain(name) for name in table["effect"]])
         self._style_names(axes, table)
         axes.set_ylim(-0.6, len(table) + 0.25)
         axes.set_xlim(left, right)
-        tidy(axes, title=title, x_label=f"held-out error of {self.response_name} (RMS)")
         axes.grid(False, axis="y")
         axes.tick_params(axis="y", length=0)
         self.ax_, self.figure_ = axes, axes.figure

@@ -98,50 +98,49 @@ def thin_path(x, y, n_points):
     return envelope(np.column_stack([x, y]), max(1, n_points // 4))
 
 
-def loop_spans(drive, spans, n_points):
-    """Choose the stretches of a recording whose loops can be drawn in ``n_points`` points.
+def loop_spans(drive, spans, max_cycles):
+    """Choose the stretches of a recording to draw as loops.
 
-    A loop needs about 60 points. Where the whole recording has more cycles than that allows,
-    whole stretches are taken at even distances over the recording (always the ones with the
-    smallest and the largest drive), never single samples.
+    Few cycles can be told apart in one picture. Where there are more, every record (or, of very
+    many, records at even distances) gives one stretch of whole cycles around its largest
+    excursion, never single samples.
 
     Parameters
     ----------
     drive : ndarray of shape (n_samples,)
     spans : list of slice
         The records.
-    n_points : int
-        Points to spend.
+    max_cycles : int
+        Cycles to draw, all records together.
 
     Returns
     -------
-    list of (slice, int)
-        Stretches in order, and the points for each.
+    list of (slice, float)
+        Stretches in order, and the cycles in each.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> drive = np.sin(np.linspace(0, 2 * np.pi * 100, 100_000))
+    >>> [(rows, cycles)] = loop_spans(drive, [slice(0, 100_000)], 10)
+    >>> round((rows.stop - rows.start) / 1000), round(cycles)
+    (10, 10)
     """
-    lengths = [span.stop - span.start for span in spans]
-    cycles = [
-        length / cycle_length(drive[span]) for span, length in zip(spans, lengths, strict=True)
-    ]
-    needed = 60.0 * np.array(cycles)
-    share = n_points / max(float(needed.sum()), 1.0)
+    if len(spans) > max_cycles:
+        spans = [spans[k] for k in np.linspace(0, len(spans) - 1, max_cycles).astype(int)]
+    lengths = [cycle_length(drive[span]) for span in spans]
+    cycles = [(span.stop - span.start) / n for span, n in zip(spans, lengths, strict=True)]
+    share = min(1.0, max_cycles / sum(cycles))
+    middle = 0.5 * (np.min(drive) + np.max(drive))
     chosen = []
-    for span, length, need in zip(spans, lengths, needed, strict=True):
-        points = max(8, int(need * min(share, 1.0)))
-        if share >= 1.0 or length <= points:
-            points = max(points, int(n_points * length / sum(lengths)))
-            chosen.append((span, points))
-            continue
-        n_stretches = max(1, min(3, int(points / 120)))
-        size = max(2, int(length * share / n_stretches))
-        centres = [
-            span.start + int(np.argmax(drive[span])),
-            span.start + int(np.argmin(drive[span])),
-            span.start + length // 2,
-        ][:n_stretches]
-        for centre in centres:
-            start = min(max(span.start, centre - size // 2), span.stop - size)
-            chosen.append((slice(start, start + size), max(8, points // n_stretches)))
-    return sorted(chosen, key=lambda item: item[0].start)
+    for span, length, count in zip(spans, lengths, cycles, strict=True):
+        size = span.stop - span.start
+        count = count if share == 1.0 else min(count, max(1.0, share * count))
+        kept = min(size, int(np.ceil(count * length)))
+        peak = span.start + int(np.argmax(np.abs(drive[span] - middle)))
+        start = min(max(span.start, peak - kept // 2), span.stop - kept)
+        chosen.append((slice(start, start + kept), count))
+    return chosen
 
 
 def binned_statistics(x, values, n_bins=40, min_count=5):

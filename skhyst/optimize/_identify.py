@@ -70,8 +70,12 @@ class IdentificationResult:
         return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
 
 
-def uncertainty(problem, solution, n_samples):
-    """Return standard errors, names that the data do not determine, and the condition number."""
+def uncertainty(problem, solution, n_samples, powers):
+    """Return standard errors, names that the data do not determine, and the condition number.
+
+    ``powers`` are the sums of squares of the columns of the Jacobian before the disturbances have
+    taken their part.
+    """
     hessian = solution.gram[:-1, :-1]
     x = solution.x
     inside = (x > problem.lower) & (x < problem.upper)
@@ -82,6 +86,7 @@ def uncertainty(problem, solution, n_samples):
     scale = np.sqrt(np.diag(hessian)[index])
     # a change by a factor e that leaves the response where it is, but for rounding
     silent = scale <= np.where(problem.log[index], _SILENT * np.sqrt(problem.scale), 0.0)
+    silent |= scale**2 <= _SINGULAR * powers[index]
     std[index[silent]] = np.inf
     undetermined = {problem.names[i] for i in index[silent]}
     index, scale = index[~silent], scale[~silent]
@@ -168,9 +173,12 @@ def summarize(problem, solution, n_evaluations, seconds):
     """Turn a solution into a result in physical units."""
     n_samples = int(problem.segment_length.sum())
     operator, disturbances = problem.unpack(solution.x)
-    coefficients = problem.coefficients(problem.evaluate(solution.x, jacobian=False))
+    blocks = problem.evaluate(solution.x)
+    coefficients = problem.coefficients(blocks)
     # the coefficients of the disturbances are unknowns too
-    std, undetermined, condition = uncertainty(problem, solution, n_samples - coefficients.size)
+    std, undetermined, condition = uncertainty(
+        problem, solution, n_samples - coefficients.size, problem.powers(blocks)
+    )
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)

@@ -196,6 +196,10 @@ class OperatorProblem:
                 total += gram[d:, d:] - gram[d:, :d] @ _solve_basis(gram[:d, :d], gram[:d, d:])
         return total
 
+    def powers(self, blocks):
+        """Return the sums of squares of the columns of J, disturbances not eliminated, (n,)."""
+        return np.diag(blocks.sum(axis=0))[self._n_eliminated : -1]
+
     def coefficients(self, blocks, select=None):
         """Return each record's coefficients of the disturbances, (n_records, n_eliminated).
 

@@ -1,6 +1,7 @@
 """Separable least squares from Gram matrices: the truth, SciPy's answer, folds, disturbances."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -72,9 +73,7 @@ CASES = {
         SumOperator(
             ("slow", "fast"), (FirstOrderLagOperator(0.4, 2.0), FirstOrderLagOperator(0.02, -0.5))
         ),
-        SumOperator(
-            ("slow", "fast"), (FirstOrderLagOperator(0.8), FirstOrderLagOperator(0.01))
-        ),
+        SumOperator(("slow", "fast"), (FirstOrderLagOperator(0.8), FirstOrderLagOperator(0.01))),
     ),
 }
 
@@ -150,7 +149,7 @@ def test_gram_holds_cost_gradient_and_curvature(case):
 
 def cut(record, count):
     edges = np.linspace(0, len(record.u), count + 1).astype(int).tolist()
-    return dataclasses.replace(record, segments=tuple(zip(edges[:-1], edges[1:], strict=True)))
+    return dataclasses.replace(record, segments=tuple(pairwise(edges)))
 
 
 @pytest.mark.parametrize("disturbances", [(), (OffsetOperator(np.zeros(1)),)])
@@ -228,9 +227,7 @@ def test_without_jacobian_only_the_cost():
 )
 def test_eliminated_disturbances_equal_explicit_columns(disturbances):
     """All unknowns are linear here, so the answer is one least-squares problem."""
-    plays = PrandtlIshlinskiiOperator(
-        np.array([0.0, 0.3, 0.7]), np.zeros(3), non_negative=False
-    )
+    plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3, 0.7]), np.zeros(3), non_negative=False)
     data = records(chain(), noise=0.05, n_records=3)
     fixed = ("drive_offset", "intercept", "frequencies[0]")
     problem = OperatorProblem(plays, data, disturbances=disturbances, fixed=fixed)

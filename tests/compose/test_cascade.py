@@ -1,0 +1,272 @@
+"""Models in series: fitted jointly, with one static gain."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.utils.validation import check_is_fitted
+
+from skhyst.compose import Cascade, Sum
+from skhyst.disturbance import Drift
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode
+from skhyst.operators import (
+    DeadZoneOperator,
+    DelayOperator,
+    FirstOrderLagOperator,
+    KelvinVoigtOperator,
+    PrandtlIshlinskiiOperator,
+    SecondOrderModeOperator,
+    SeriesOperator,
+)
+from skhyst.static import DeadZones, Saturation
+
+DT = 0.005
+THRESHOLDS = (0.0, 0.3, 0.8)
+NOISE = 0.005
+HYSTERESIS = PrandtlIshlinskiiOperator(THRESHOLDS, [1.0, 0.4, 0.3], 0.5)
+LAG = FirstOrderLagOperator(0.02)
+MODE = SecondOrderModeOperator(80.0, 0.05)
+CREEP = KelvinVoigtOperator(np.array([0.2]), np.array([1.5]))
+
+
+def plays(**options):
+    return PrandtlIshlinskii(thresholds=THRESHOLDS, **options)
+
+
+def drive(n=1500):
+    time = DT * np.arange(n)
+    rng = np.random.default_rng(0)
+    fast = sum(np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) / 6 for f in (5.1, 9.3, 14.7, 23.0))
+    steps = np.repeat(rng.uniform(-1, 1, 15), n // 15)
+    return np.sin(2 * np.pi * 0.4 * time) + fast + 0.5 * steps
+
+
+def measure(*operators, noise=NOISE, n=1500):
+    u = drive(n)
+    y = u
+    for operator in operators:
+        y, _ = operator.run(y, DT)
+    return u.reshape(-1, 1), y + noise * np.random.default_rng(1).normal(size=n)
+
+
+def assert_recovered(model, truth):
+    """Every parameter within 3.5 of its standard errors, which are small themselves."""
+    for name, true in truth.items():
+        std = model.params_std_[name]
+        assert abs(model.params_[name] - true) < 3.5 * std, name
+        assert std < 0.1 * abs(true), name
+
+
+PLAYS = {
+    "plays__weights[0]": 1.0,
+    "plays__weights[1]": 0.4,
+    "plays__weights[2]": 0.3,
+    "plays__intercept": 0.5,
+}
+
+
+@pytest.mark.parametrize(
+    ("operators", "steps", "truth"),
+    [
+        (
+            (HYSTERESIS, MODE),
+            [("plays", plays()), ("mode", SecondOrderMode())],
+            {"mode__natural_frequency": 80.0, "mode__damping_ratio": 0.05},
+        ),
+        (
+            (HYSTERESIS, CREEP, LAG),
+            [("plays", plays()), ("creep", KelvinVoigt(1)), ("lag", FirstOrderLag())],
+            {
+                "creep__compliances[0]": 0.2,
+                "creep__time_constants[0]": 1.5,
+                "lag__time_constant": 0.02,
+            },
+        ),
+        (
+            (DelayOperator(0.0163), HYSTERESIS, LAG),
+            [("delay", Delay()), ("plays", plays()), ("lag", FirstOrderLag())],
+            {"delay__delay": 0.0163, "lag__time_constant": 0.02},
+        ),
+        (
+            (HYSTERESIS, DeadZoneOperator(np.array([0.4]), np.array([1.2]), np.array([1])), LAG),
+            [
+                ("plays", plays()),
+                ("asymmetry", DeadZones(1, sides="upper")),
+                ("lag", FirstOrderLag()),
+            ],
+            {
+                "asymmetry__weights[0]": 0.4,
+                "asymmetry__thresholds[0]": 1.2,
+                "lag__time_constant": 0.02,
+            },
+        ),
+    ],
+    ids=["resonance", "creep and lag", "delay and lag", "asymmetry and lag"],
+)
+def test_joint_fit_recovers_the_plant(operators, steps, truth):
+    X, y = measure(*operators)
+    model = Cascade(steps, dt=DT).fit(X, y)
+    assert_recovered(model, PLAYS | truth)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    assert model.identifiability_["undetermined"] == ()
+    clean, _ = SeriesOperator(tuple("abc"[: len(operators)]), operators).run(X[:, 0], DT)
+    assert np.sqrt(np.mean((model.predict(X) - clean) ** 2)) < 0.2 * NOISE
+
+
+def test_clean_data_give_the_exact_plant():
+    X, y = measure(HYSTERESIS, MODE, noise=0.0)
+    model = Cascade([("plays", plays()), ("mode", SecondOrderMode())], dt=DT).fit(X, y)
+    assert model.operators_["mode"].natural_frequency == pytest.approx(80.0, rel=1e-6)
+    np.testing.assert_allclose(model.predict(X), y, atol=1e-6)
+
+
+def test_static_gain_is_carried_by_one_step():
+    X, y = measure(HYSTERESIS, LAG, MODE)
+    steps = [("plays", plays()), ("lag", FirstOrderLag()), ("mode", SecondOrderMode())]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    assert not {name for name in model.params_ if "gain" in name}
+    assert [name for name in model.params_ if "intercept" in name] == ["plays__intercept"]
+    for name in ("lag", "mode"):
+        assert (model.operators_[name].gain, model.operators_[name].intercept) == (1.0, 0.0)
+
+
+def test_static_gain_without_hysteresis_belongs_to_the_last_step():
+    X, y = measure(LAG, SecondOrderModeOperator(80.0, 0.05, gain=3.0, intercept=0.5))
+    model = Cascade([("lag", FirstOrderLag()), ("mode", SecondOrderMode())], dt=DT).fit(X, y)
+    assert {name for name in model.params_ if "gain" in name} == {"mode__gain"}
+    assert_recovered(model, {"mode__gain": 3.0, "mode__intercept": 0.5, "lag__time_constant": 0.02})
+
+
+def test_free_run_is_the_steps_in_series():
+    X, y = measure(HYSTERESIS, LAG)
+    model = Cascade([("plays", plays()), ("lag", FirstOrderLag())], dt=DT).fit(X, y)
+    assert list(model.operators_) == ["plays", "lag"]
+    middle, _ = model.operators_["plays"].run(X[:, 0], DT)
+    expected, _ = model.operators_["lag"].run(middle, DT)
+    np.testing.assert_allclose(model.predict(X), expected, rtol=1e-12)
+
+
+def test_one_step_is_the_model_itself():
+    X, y = measure(HYSTERESIS)
+    alone = plays().fit(X, y)
+    model = Cascade([("plays", plays())]).fit(X, y)
+    np.testing.assert_allclose(model.predict(X), alone.predict(X), rtol=1e-9)
+    assert model.params_ == pytest.approx({f"plays__{k}": v for k, v in alone.params_.items()})
+
+
+def test_nested_cascades_are_one_chain():
+    X, y = measure(HYSTERESIS, LAG, MODE)
+    flat = [("plays", plays()), ("lag", FirstOrderLag()), ("mode", SecondOrderMode())]
+    inner = Cascade(flat[:2])
+    nested = Cascade([("inner", inner), flat[2]], dt=DT).fit(X, y)
+    model = Cascade(flat, dt=DT).fit(X, y)
+    np.testing.assert_allclose(nested.predict(X), model.predict(X), atol=1e-4)
+    renamed = {name.removeprefix("inner__"): value for name, value in nested.params_.items()}
+    assert renamed == pytest.approx(model.params_, rel=1e-2, abs=1e-2)
+
+
+def test_sum_as_a_step():
+    first, second = SecondOrderModeOperator(80.0, 0.05), SecondOrderModeOperator(25.0, 0.1, 0.3)
+    X, _ = measure(HYSTERESIS)
+    middle, _ = HYSTERESIS.run(X[:, 0], DT)
+    y = first.run(middle, DT)[0] + second.run(middle, DT)[0]
+    y += NOISE * np.random.default_rng(1).normal(size=len(y))
+    modes = Sum([("first", SecondOrderMode()), ("second", SecondOrderMode())])
+    model = Cascade([("plays", plays()), ("modes", modes)], dt=DT).fit(X, y)
+    found = {model.params_[f"modes__{name}__natural_frequency"] for name in ("first", "second")}
+    assert sorted(found) == pytest.approx([25.0, 80.0], rel=0.02)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.1)
+
+
+# ------------------------------------------------------------------------------------ parameters
+
+
+def test_steps_are_left_as_they_were():
+    X, y = measure(HYSTERESIS, LAG)
+    steps = [("plays", plays()), ("lag", FirstOrderLag())]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    assert model.steps is steps
+    for step in model.named_steps.values():
+        with pytest.raises(Exception, match="not fitted"):
+            check_is_fitted(step)
+
+
+def test_parameters_reach_into_steps():
+    model = Cascade([("plays", plays()), ("lag", FirstOrderLag())])
+    params = model.get_params()
+    assert params["plays__non_negative"] is True
+    assert params["lag"] is model.steps[1][1]
+    model.set_params(plays__non_negative=False, lag__hold="zoh", dt=0.3)
+    assert model.named_steps["plays"].non_negative is False
+    assert model.named_steps["lag"].hold == "zoh"
+    assert model.dt == 0.3
+    again = clone(model)
+    assert again.named_steps["lag"] is not model.named_steps["lag"]
+    assert again.named_steps["lag"].hold == "zoh"
+    nested = Cascade([("inner", model)]).set_params(inner__lag__hold="foh")
+    assert nested.get_params()["inner__lag__hold"] == "foh"
+    with pytest.raises(ValueError, match="Invalid parameter 'wrong'"):
+        model.set_params(wrong=1)
+
+
+def test_step_is_replaced():
+    X, y = measure(HYSTERESIS, MODE)
+    model = Cascade([("plays", plays()), ("dynamics", FirstOrderLag())], dt=DT)
+    before = model.fit(X, y).fit_error_
+    model.set_params(dynamics=SecondOrderMode()).fit(X, y)
+    assert isinstance(model.operators_["dynamics"], SecondOrderModeOperator)
+    assert model.fit_error_ < 0.2 * before
+
+
+def test_held_parameters_of_a_step_are_held():
+    X, y = measure(HYSTERESIS, LAG)
+    model = Cascade([("plays", plays(fit_intercept=False)), ("lag", FirstOrderLag())], dt=DT)
+    model.fit(X, y)
+    assert model.operators_["plays"].intercept == 0.0
+    assert "plays__intercept" not in model.params_
+
+
+def test_interval_and_state_of_steps_are_not_used():
+    X, y = measure(HYSTERESIS, LAG)
+    plain = Cascade([("plays", plays()), ("lag", FirstOrderLag())], dt=DT).fit(X, y)
+    steps = [("plays", plays(dt=7.0)), ("lag", FirstOrderLag(dt=3.0, initial_state="zero"))]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    np.testing.assert_array_equal(model.predict(X), plain.predict(X))
+
+
+@pytest.mark.parametrize(
+    ("steps", "error", "message"),
+    [
+        ([], ValueError, "The 'steps' parameter of Cascade must not be empty"),
+        ("lag", ValueError, "The 'steps' parameter of Cascade must be"),
+        ([("a", 3)], TypeError, "must be parametric models of skhyst. Got 3 as 'a'"),
+        ([("a", FirstOrderLag), ("b", Delay())], TypeError, "must be parametric models"),
+        ([("a", Delay()), ("a", FirstOrderLag())], ValueError, "unique"),
+        ([("a__b", FirstOrderLag())], ValueError, "__"),
+        ([("dt", FirstOrderLag())], ValueError, "conflict"),
+        (
+            [("plays", PrandtlIshlinskii()), ("drift", Drift())],
+            ValueError,
+            "'drift' of Cascade is a disturbance",
+        ),
+        (
+            [("sum", Sum([("lag", FirstOrderLag()), ("drift", Drift())])), ("delay", Delay())],
+            ValueError,
+            "'sum' of Cascade",
+        ),
+    ],
+)
+def test_wrong_steps(steps, error, message):
+    X, y = measure(HYSTERESIS, n=60)
+    with pytest.raises(error, match=message):
+        Cascade(steps).fit(X, y)
+
+
+def test_saturation_of_the_sensor_is_found_behind_the_dynamics():
+    X, y = measure(HYSTERESIS, LAG, noise=0.0)
+    y = np.minimum(y, 1.4) + NOISE * np.random.default_rng(1).normal(size=len(y))
+    steps = [("plays", plays()), ("lag", FirstOrderLag()), ("limit", Saturation(sides="upper"))]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    assert model.params_["limit__upper"] == pytest.approx(1.4, abs=0.002)
+    assert model.params_["lag__time_constant"] == pytest.approx(0.02, rel=0.02)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)

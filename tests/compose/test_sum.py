@@ -1,0 +1,158 @@
+"""Models in parallel, disturbances beside them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from skhyst.compose import Cascade, Sum
+from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import FirstOrderLag, SecondOrderMode
+from skhyst.operators import (
+    FirstOrderLagOperator,
+    PrandtlIshlinskiiOperator,
+    SecondOrderModeOperator,
+)
+from skhyst.static import Saturation
+
+DT, N, NOISE = 0.01, 500, 0.01
+TIME = DT * np.arange(N)
+THRESHOLDS = (0.0, 0.3, 0.8)
+HYSTERESIS = PrandtlIshlinskiiOperator(THRESHOLDS, [1.0, 0.4, 0.3])
+
+
+def plays(**options):
+    return PrandtlIshlinskii(thresholds=THRESHOLDS, **options)
+
+
+def drive(seed):
+    rng = np.random.default_rng(seed)
+    frequencies = np.geomspace(0.3, 12.0, 6)
+    waves = np.sin(2 * np.pi * np.outer(TIME, frequencies) + rng.uniform(0, 6, 6))
+    return 1.5 * waves @ (1.0 / np.arange(1, 7))
+
+
+def measure(response, beside=None, n_records=3):
+    """Return X and y with the index that tells the records apart."""
+    rng = np.random.default_rng(9)
+    u = [drive(i) for i in range(n_records)]
+    y = [response(part) + NOISE * rng.normal(size=N) for part in u]
+    if beside is not None:
+        y = [part + beside(i) for i, part in enumerate(y)]
+    index = pd.MultiIndex.from_product([range(n_records), TIME], names=["record", "time"])
+    X = pd.DataFrame({"drive": np.concatenate(u)}, index)
+    return X, pd.Series(np.concatenate(y), index)
+
+
+def test_drift_and_offset_beside_hysteresis():
+    z = 2 * TIME / TIME[-1] - 1
+    coefficients = np.array([[1.0, 0.3, -0.2], [-2.0, 0.0, 0.1], [0.5, -0.4, 0.0]])
+    X, y = measure(
+        lambda u: HYSTERESIS.run(u, DT)[0],
+        lambda i: np.polynomial.legendre.legval(z, coefficients[i]),
+    )
+    model = Sum([("plays", plays(fit_intercept=False)), ("drift", Drift(2))]).fit(X, y)
+    np.testing.assert_allclose(model.record_coefficients_, coefficients, atol=0.01)
+    np.testing.assert_allclose(model.operators_["plays"].weights, [1.0, 0.4, 0.3], atol=0.01)
+    np.testing.assert_allclose(
+        model.operators_["drift"].coefficients, coefficients.mean(axis=0), atol=0.01
+    )
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    # the free run of a record knows the mean of the records only
+    error = y - model.predict(X)
+    beside = coefficients - coefficients.mean(axis=0)
+    expected = np.concatenate([np.polynomial.legendre.legval(z, c) for c in beside])
+    assert np.sqrt(np.mean((error - expected) ** 2)) == pytest.approx(NOISE, rel=0.1)
+
+
+def test_offset_of_each_record():
+    X, y = measure(lambda u: HYSTERESIS.run(u, DT)[0], lambda i: [3.0, -1.0, 0.5][i])
+    model = Sum([("plays", plays()), ("offset", Offset())]).fit(X, y)
+    total = model.record_coefficients_[:, 0] + model.operators_["plays"].intercept
+    np.testing.assert_allclose(total, [3.0, -1.0, 0.5], atol=0.005)
+    assert set(model.operators_) == {"plays", "offset"}
+
+
+@pytest.mark.parametrize("initial_state", ["rest", "zero", "estimate"])
+def test_intercept_beside_an_offset_is_held(initial_state):
+    X, y = measure(lambda u: HYSTERESIS.run(u, DT)[0], lambda i: [3.0, -1.0, 0.5][i])
+    steps = [("plays", plays()), ("offset", Offset())]
+    model = Sum(steps, initial_state=initial_state).fit(X, y)
+    assert set(model.params_) == {f"plays__weights[{i}]" for i in range(3)}
+    assert model.operators_["plays"].intercept == 0.0
+    np.testing.assert_allclose(model.record_coefficients_[:, 0], [3.0, -1.0, 0.5], atol=0.005)
+
+
+def test_intercept_before_a_limit_is_a_freedom_of_its_own():
+    X, y = measure(lambda u: np.minimum(HYSTERESIS.run(u, DT)[0] + 0.4, 1.0), lambda i: 2.0 * i)
+    chain = Cascade([("plays", plays()), ("limit", Saturation(sides="upper"))])
+    model = Sum([("chain", chain), ("offset", Offset())]).fit(X, y)
+    assert "chain__plays__intercept" in model.params_
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+
+
+def test_constant_of_drift_and_offset_is_one():
+    X, y = measure(lambda u: HYSTERESIS.run(u, DT)[0], lambda i: i + TIME)
+    model = Sum([("plays", plays()), ("offset", Offset()), ("drift", Drift(1))]).fit(X, y)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    np.testing.assert_allclose(model.record_coefficients_[:, 2], 0.5 * TIME[-1], atol=0.01)
+
+
+def test_line_beside_a_lag():
+    lag = FirstOrderLagOperator(0.05, gain=2.0)
+    X, y = measure(lambda u: lag.run(u, DT)[0], lambda i: 0.2 * np.sin(2 * np.pi * 17.3 * TIME + i))
+    model = Sum([("lag", FirstOrderLag()), ("line", PeriodicDisturbance())]).fit(X, y)
+    assert model.operators_["line"].frequencies[0] == pytest.approx(17.3, abs=0.01)
+    assert model.params_["lag__time_constant"] == pytest.approx(0.05, rel=0.02)
+    amplitudes = np.linalg.norm(model.record_coefficients_, axis=1)
+    np.testing.assert_allclose(amplitudes, 0.2, atol=0.005)
+
+
+def test_two_modes():
+    first, second = SecondOrderModeOperator(60.0, 0.05), SecondOrderModeOperator(20.0, 0.1, 0.3)
+    X, y = measure(lambda u: first.run(u, DT)[0] + second.run(u, DT)[0])
+    steps = [("first", SecondOrderMode()), ("second", SecondOrderMode())]
+    model = Sum(steps).fit(X, y)
+    found = sorted(operator.natural_frequency for operator in model.operators_.values())
+    assert found == pytest.approx([20.0, 60.0], rel=0.02)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    assert sum("intercept" in name for name in model.params_) == 1
+
+
+def test_free_run_is_the_sum_of_the_parts():
+    X, y = measure(lambda u: HYSTERESIS.run(u, DT)[0], lambda i: i * TIME)
+    model = Sum([("plays", plays()), ("drift", Drift(1))]).fit(X, y)
+    u = X.loc[0, "drive"].to_numpy()
+    parts = [operator.run(u, DT)[0] for operator in model.operators_.values()]
+    np.testing.assert_allclose(model.predict(X.loc[[0]]), np.sum(parts, axis=0), rtol=1e-12)
+
+
+def test_cascade_as_a_branch():
+    lag = FirstOrderLagOperator(0.05)
+    X, y = measure(lambda u: lag.run(HYSTERESIS.run(u, DT)[0], DT)[0], lambda i: i * TIME)
+    chain = Cascade([("plays", plays()), ("lag", FirstOrderLag())])
+    model = Sum([("chain", chain), ("drift", Drift(1))]).fit(X, y)
+    assert model.params_["chain__lag__time_constant"] == pytest.approx(0.05, rel=0.03)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    assert set(model.operators_) == {"chain", "drift"}
+
+
+def test_disturbances_alone():
+    X, y = measure(np.zeros_like, lambda i: 1.0 + np.sin(2 * np.pi * 11.0 * TIME))
+    model = Sum([("offset", Offset()), ("line", PeriodicDisturbance())]).fit(X, y)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    np.testing.assert_allclose(model.predict(X), y, atol=5 * NOISE)
+    assert set(model.operators_) == {"offset", "line"}
+
+
+@pytest.mark.parametrize(
+    ("steps", "error", "message"),
+    [
+        ([], ValueError, "The 'steps' parameter of Sum must not be empty"),
+        ([("a", "lag")], TypeError, "must be parametric models of skhyst. Got 'lag' as 'a'"),
+        ([("a", Offset()), ("a", FirstOrderLag())], ValueError, "unique"),
+    ],
+)
+def test_wrong_steps(steps, error, message):
+    with pytest.raises(error, match=message):
+        Sum(steps).fit(np.zeros((5, 1)), np.zeros(5))

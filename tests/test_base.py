@@ -1,0 +1,374 @@
+"""The base of all models: data in every shape, units of every size, states, pickles."""
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+
+from skhyst.base import ParametricModel, run_records
+from skhyst.compose import Cascade
+from skhyst.exceptions import ConvergenceWarning, DivergenceWarning, RecordError
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import FirstOrderLag, SecondOrderMode
+from skhyst.operators import (
+    FirstOrderLagOperator,
+    PrandtlIshlinskiiOperator,
+    SaturationOperator,
+    SecondOrderModeOperator,
+    SeriesOperator,
+)
+from skhyst.records import record_slices
+
+DT, N = 0.01, 300
+TIME = DT * np.arange(N)
+
+
+def drive(seed=0):
+    rng = np.random.default_rng(seed)
+    frequencies = np.geomspace(0.4, 12.0, 6)
+    waves = np.sin(2 * np.pi * np.outer(TIME, frequencies) + rng.uniform(0, 6, 6))
+    return waves @ (1.0 / np.arange(1, 7))
+
+
+PLANT = SeriesOperator(
+    ("plays", "lag"),
+    (PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.4], 0.2), FirstOrderLagOperator(0.04)),
+)
+U = drive()
+Y = PLANT.run(U, DT)[0] + 0.002 * np.random.default_rng(5).normal(size=N)
+X = U.reshape(-1, 1)
+
+MODELS = {
+    "hysteresis": PrandtlIshlinskii(5, dt=DT),
+    "lag": FirstOrderLag(dt=DT),
+    "cascade": Cascade(
+        [("plays", PrandtlIshlinskii(2, thresholds=[0.0, 0.3])), ("lag", FirstOrderLag())], dt=DT
+    ),
+}
+
+
+@pytest.fixture(params=MODELS)
+def model(request):
+    return clone(MODELS[request.param])
+
+
+def frame(u=U, start=0.0, record=None):
+    index = pd.Index(TIME[: len(u)] + start, name="time")
+    if record is not None:
+        index = pd.MultiIndex.from_product([[record], index], names=["record", "time"])
+    return pd.DataFrame({"drive": u}, index)
+
+
+# ----------------------------------------------------------------------------------------- units
+
+
+@pytest.mark.parametrize("drive_unit", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("response_unit", [1e-12, 1.0, 1e12])
+def test_units(model, drive_unit, response_unit):
+    """Nothing but the numbers' size changes."""
+    if isinstance(model, Cascade):
+        model.set_params(plays__thresholds=[0.0, 0.3 * drive_unit])
+    reference = clone(model)
+    if isinstance(model, Cascade):
+        reference.set_params(plays__thresholds=[0.0, 0.3])
+    reference.fit(X, Y)
+    model.fit(X * drive_unit, Y * response_unit)
+    expected = reference.predict(X)
+    found = model.predict(X * drive_unit) / response_unit
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+    assert model.fit_error_ / response_unit == pytest.approx(reference.fit_error_, rel=1e-3)
+    assert model.identifiability_["undetermined"] == reference.identifiability_["undetermined"]
+
+
+@pytest.mark.parametrize("interval", [1e-9, 1e6])
+def test_interval(interval):
+    model = FirstOrderLag(dt=interval).fit(X, Y)
+    expected = FirstOrderLag(dt=DT).fit(X, Y)
+    ratio = model.operator_.time_constant / interval
+    assert ratio == pytest.approx(expected.operator_.time_constant / DT, rel=1e-3)
+
+
+def test_large_offsets(model):
+    model.fit(X, Y + 1e4)
+    np.testing.assert_allclose(model.predict(X) - 1e4, clone(model).fit(X, Y).predict(X), atol=1e-3)
+
+
+@pytest.mark.parametrize("unit", [1e150, 1e-150])
+def test_units_beyond_floating_point_are_refused(model, unit):
+    with pytest.raises(RecordError, match=r"largest value of X.*another unit"):
+        model.fit(X * unit, Y)
+    with pytest.raises(RecordError, match=r"largest value of y.*another unit"):
+        model.fit(X, Y * unit)
+
+
+# ------------------------------------------------------------------------------------ broken data
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_missing_and_infinite_values(model, bad):
+    spoiled = X.copy()
+    spoiled[7] = bad
+    with pytest.raises(ValueError, match=r"(NaN|infinity)"):
+        model.fit(spoiled, Y)
+    with pytest.raises(ValueError, match=r"(NaN|infinity)"):
+        model.fit(X, spoiled[:, 0])
+    with pytest.raises(ValueError, match=r"(NaN|infinity)"):
+        model.fit(X, Y).predict(spoiled)
+
+
+def test_no_and_one_sample(model):
+    with pytest.raises(ValueError, match="minimum of 2 is required"):
+        model.fit(X[:1], Y[:1])
+    with pytest.raises(ValueError, match="0 sample"):
+        model.fit(X[:0], Y[:0])
+    model.fit(X, Y)
+    with pytest.raises(ValueError, match="0 sample"):
+        model.predict(X[:0])
+    assert model.predict(X[:1])[0] == model.predict(X)[0]
+
+
+def test_two_samples(model):
+    with pytest.warns(ConvergenceWarning, match="do not determine"):
+        model.fit(X[:2], Y[:2])
+    assert np.isfinite(model.predict(X)).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 2.5])
+@pytest.mark.parametrize("response", [0.0, -3.0])
+def test_constant_drive(model, level, response):
+    """The response at that drive is learnt, and nothing else is claimed."""
+    with pytest.warns(ConvergenceWarning, match="do not determine"):
+        model.fit(np.full((N, 1), level), np.full(N, response))
+    np.testing.assert_allclose(model.predict(np.full((5, 1), level)), response, atol=1e-6)
+    assert np.isfinite(model.predict(X)).all()
+
+
+def test_constant_response(model):
+    with pytest.warns(ConvergenceWarning, match="do not determine"):
+        model.fit(X, np.full(N, 1.5))
+    np.testing.assert_allclose(model.predict(X), 1.5, atol=1e-6)
+
+
+def test_shuffled_rows(model):
+    order = np.random.default_rng(0).permutation(N)
+    shuffled = frame().iloc[order]
+    with pytest.raises(RecordError, match=r"not in the order of time.*RecordKFold"):
+        model.fit(shuffled, Y[order])
+    with pytest.raises(RecordError, match="not in the order of time"):
+        model.fit(frame(), Y).predict(shuffled)
+
+
+def test_mixed_and_uneven_sampling(model):
+    other = frame(record="b")
+    other.index = pd.MultiIndex.from_product([["b"], 3 * TIME], names=["record", "time"])
+    with pytest.raises(RecordError, match=r"same sampling interval.*resample_records"):
+        model.fit(pd.concat([frame(record="a"), other]), np.tile(Y, 2))
+    uneven = frame()
+    uneven.index = TIME**1.1
+    with pytest.raises(RecordError, match="resample_records"):
+        model.fit(uneven, Y)
+
+
+def test_wrong_columns(model):
+    model.fit(frame(), Y)
+    with pytest.raises(ValueError, match="feature names should match"):
+        model.predict(frame().rename(columns={"drive": "voltage"}))
+    with pytest.raises(ValueError, match="2 features"):
+        clone(model).fit(X, Y).predict(np.hstack([X, X]))
+    with pytest.raises(ValueError, match="2D array"):
+        clone(model).fit(U, Y)
+    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
+        clone(model).fit(X, Y[:-1])
+    with pytest.raises(ValueError, match="requires y to be passed"):
+        clone(model).fit(X, None)
+
+
+def test_lost_index(model):
+    index = frame(record="a").index
+    with pytest.raises(RecordError, match=r'set_output\(transform="pandas"\)'):
+        model.fit(X, pd.Series(Y, index))
+
+
+# ---------------------------------------------------------------------------------- shapes of data
+
+
+def test_further_columns_do_not_matter_yet(model):
+    wide = np.hstack([X, np.random.default_rng(0).normal(size=(N, 2))])
+    assert model.fit(wide, Y).n_features_in_ == 3
+    np.testing.assert_array_equal(model.predict(wide), clone(model).fit(X, Y).predict(X))
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        lambda u: u.tolist(),
+        lambda u: np.asfortranarray(u),
+        lambda u: u[::-1][::-1],
+        lambda u: pd.DataFrame(u),
+        lambda u: pd.DataFrame({"drive": u[:, 0]}, TIME),
+        lambda u: pd.DataFrame({"drive": u[:, 0]}, pd.to_timedelta(TIME, unit="s")),
+        lambda u: pd.DataFrame(
+            {"drive": u[:, 0]}, pd.Timestamp("2024-01-01") + pd.to_timedelta(TIME, unit="s")
+        ),
+    ],
+    ids=["list", "fortran", "strided", "frame", "seconds", "timedelta", "datetime"],
+)
+def test_containers(model, convert):
+    expected = clone(model).fit(X, Y).predict(X)
+    given = convert(X)
+    np.testing.assert_allclose(model.fit(given, Y).predict(given), expected, atol=1e-7)
+
+
+def test_integers_and_single_precision(model):
+    counts = np.round(1000 * X).astype(int)
+    assert model.fit(counts, Y).predict(counts).dtype == np.float64
+    assert clone(model).fit(X.astype(np.float32), Y).predict(X.astype(np.float32)).shape == (N,)
+
+
+def test_inputs_are_left_alone(model):
+    given, response = frame(record="a"), pd.Series(Y, frame(record="a").index)
+    kept = given.copy(deep=True), response.copy(deep=True)
+    model.fit(given, response).predict(given)
+    pd.testing.assert_frame_equal(given, kept[0])
+    pd.testing.assert_series_equal(response, kept[1])
+    frozen, target = X.copy(), Y.copy()
+    frozen.flags.writeable = target.flags.writeable = False
+    clone(model).fit(frozen, target).predict(frozen)
+
+
+def test_records_each_start_at_rest(model):
+    both = pd.concat([frame(record="a"), frame(drive(1), record="b")])
+    y = np.concatenate([Y, PLANT.run(drive(1), DT)[0]])
+    model.fit(both, y)
+    assert [record.label for record in model.records_] == ["a", "b"]
+    expected = [model.predict(part) for part in (both.loc[["a"]], both.loc[["b"]])]
+    np.testing.assert_array_equal(model.predict(both), np.concatenate(expected))
+
+
+def test_index_overrules_the_interval():
+    model = FirstOrderLag(dt=123.0).fit(frame(), Y)
+    plain = FirstOrderLag(dt=DT).fit(X, Y)
+    assert model.operator_.time_constant == pytest.approx(plain.operator_.time_constant)
+    # another interval in the prediction than in the fit
+    finer = pd.DataFrame(
+        {"drive": np.interp(np.arange(2 * N - 1) / 2, np.arange(N), U)},
+        DT / 2 * np.arange(2 * N - 1),
+    )
+    np.testing.assert_allclose(model.predict(finer)[::2], plain.predict(X), atol=1e-9)
+
+
+# --------------------------------------------------------------------------------- initial states
+
+
+def test_rest_and_zero():
+    u = 1.0 + U
+    for state in ("rest", "zero"):
+        y, _ = PLANT.run(u, DT, PLANT.init(u[0], state))
+        model = clone(MODELS["cascade"]).set_params(initial_state=state)
+        model.fit(u.reshape(-1, 1), y)
+        assert model.operators_["lag"].time_constant == pytest.approx(0.04, rel=1e-4)
+        np.testing.assert_allclose(model.predict(u.reshape(-1, 1)), y, atol=1e-5)
+    y, _ = PLANT.run(u, DT, PLANT.init(u[0], "zero"))
+    wrong = clone(MODELS["cascade"]).fit(u.reshape(-1, 1), y)
+    assert wrong.fit_error_ > 0.01
+
+
+def test_estimated_history():
+    """Two records that start after a rest at -2 and at +2."""
+    plays = PrandtlIshlinskiiOperator([0.0, 0.5, 1.0], [1.0, 0.5, 0.4])
+    u = [0.8 * drive(0), 0.8 * drive(1)]
+    parts = [
+        plays.run(np.r_[before, part], DT)[0][1:] for before, part in zip((-2, 2), u, strict=True)
+    ]
+    data = pd.concat([frame(part, record=i) for i, part in enumerate(u)]), np.concatenate(parts)
+    options = {"thresholds": [0.0, 0.5, 1.0]}
+    rest = PrandtlIshlinskii(**options).fit(*data)
+    model = PrandtlIshlinskii(**options, initial_state="estimate").fit(*data)
+    assert model.fit_error_ < 0.2 * rest.fit_error_
+    assert model.initial_drive_.shape == (2,)
+    assert model.initial_drive_[0] < 0 < model.initial_drive_[1]
+    # a new record has no known history
+    operator, first = model.operator_, data[0].iloc[:N]
+    expected, _ = operator.run(first["drive"].to_numpy(), DT)
+    np.testing.assert_array_equal(model.predict(first), expected)
+
+
+# -------------------------------------------------------------------------------------- results
+
+
+def test_error_of_the_fit(model):
+    model.fit(X, Y)
+    assert model.fit_error_ == pytest.approx(np.sqrt(np.mean((model.predict(X) - Y) ** 2)))
+    assert model.score(X, Y) > 0.9
+
+
+def test_refit_forgets(model):
+    first = clone(model).fit(X, -Y[::-1])
+    np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
+
+
+def test_fit_is_deterministic(model):
+    np.testing.assert_array_equal(
+        clone(model).fit(X, Y).operator_.pack(), clone(model).fit(X, Y).operator_.pack()
+    )
+
+
+def test_pickle_runs_in_a_fresh_process(model, tmp_path):
+    model.fit(X, Y)
+    (tmp_path / "model.pickle").write_bytes(pickle.dumps((model, X)))
+    code = (
+        "import pickle, sys, numpy as np\n"
+        "model, X = pickle.load(open('model.pickle', 'rb'))\n"
+        "np.save('found.npy', model.predict(X))\n"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=60)
+    np.testing.assert_array_equal(np.load(tmp_path / "found.npy"), model.predict(X))
+
+
+def test_diverging_run_is_cut_off():
+    class Growing(SaturationOperator):
+        def run(self, u, dt, state=None):
+            return np.where(u > 0, np.inf, np.nan), ()
+
+    u = np.array([1.0, -1.0, 2.0])
+    with pytest.warns(DivergenceWarning, match="diverged"):
+        y = run_records(Growing(), u, record_slices(u))
+    assert np.isfinite(y).all()
+    np.testing.assert_array_equal(y, [np.finfo(float).max, 0.0, np.finfo(float).max])
+
+
+def test_undetermined_parameters_are_reported():
+    with pytest.warns(ConvergenceWarning, match="PrandtlIshlinskii: weights\\[1\\]"):
+        model = PrandtlIshlinskii(thresholds=[0.0, 50.0]).fit(X, Y)
+    assert model.identifiability_["undetermined"] == ("weights[1]",)
+    assert model.params_std_["weights[1]"] == np.inf
+    assert np.isfinite(model.params_std_["weights[0]"])
+
+
+def test_constructors_assign_and_nothing_else():
+    thresholds = [3.0, 1.0, "x"]
+    model = PrandtlIshlinskii("many", thresholds=thresholds, dt=-1.0)
+    assert model.thresholds is thresholds
+    assert model.n_operators == "many"
+    with pytest.raises(ValueError, match="The 'n_operators' parameter of PrandtlIshlinskii must"):
+        model.fit(X, Y)
+
+
+def test_a_model_of_ones_own():
+    """A subclass gives the starting values and nothing else."""
+
+    class Mode(ParametricModel):
+        def __init__(self, *, initial_state="rest", dt=1.0):
+            self.initial_state = initial_state
+            self.dt = dt
+
+        def _starts(self, records):
+            return [(SecondOrderModeOperator(30.0, 0.5), ())]
+
+    y, _ = SecondOrderModeOperator(40.0, 0.2, gain=2.0).run(U, DT)
+    own, ready = Mode(dt=DT).fit(X, y), SecondOrderMode(dt=DT).fit(X, y)
+    assert own.params_ == pytest.approx(ready.params_, rel=1e-4, abs=1e-6)
