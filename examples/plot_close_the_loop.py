@@ -94,7 +94,7 @@ plt.show()
 evidence = search.evidence_[search.effects_[0]]
 print(evidence.statement)
 for name, (value, std, unit) in evidence.numbers.items():
-    print(f"  {name}: {value:.4g} +- {std:.2g} {unit}")
+    print(f"  {name}: {value:.4g}" + (f" +- {std:.2g}" if np.isfinite(std) else ""), unit)
 EvidenceDisplay.from_search(search, effect=search.effects_[0])
 plt.show()
 

@@ -137,18 +137,24 @@ def test_two_samples(model):
     assert np.isfinite(model.predict(X)).all()
 
 
+@pytest.mark.filterwarnings("ignore:The data do not determine")
 @pytest.mark.parametrize("level", [0.0, 2.5])
 @pytest.mark.parametrize("response", [0.0, -3.0])
 def test_constant_drive(model, level, response):
     """The response at that drive is learnt, and nothing else is claimed."""
-    with pytest.warns(ConvergenceWarning, match="do not determine"):
-        model.fit(np.full((N, 1), level), np.full(N, response))
+    model.fit(np.full((N, 1), level), np.full(N, response))
     np.testing.assert_allclose(model.predict(np.full((5, 1), level)), response, atol=1e-6)
     assert np.isfinite(model.predict(X)).all()
+    if response:  # what is zero has no scale to be small against
+        known = {name for name, std in model.params_std_.items() if np.isfinite(std)}
+        assert known <= {"intercept", "plays__intercept"}
 
 
-def test_constant_response(model):
-    with pytest.warns(ConvergenceWarning, match="do not determine"):
+@pytest.mark.parametrize("name", ["lag", "cascade"])
+def test_constant_response(name):
+    """No gain, so there is nothing to see of the time constant."""
+    model = clone(MODELS[name])
+    with pytest.warns(ConvergenceWarning, match=r"do not determine.*time_constant"):
         model.fit(X, np.full(N, 1.5))
     np.testing.assert_allclose(model.predict(X), 1.5, atol=1e-6)
 
@@ -307,7 +313,7 @@ def test_error_of_the_fit(model):
 
 
 def test_refit_forgets(model):
-    first = clone(model).fit(X, -Y[::-1])
+    first = clone(model).fit(X[::-1], 2.0 * Y[::-1])
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
 
 
@@ -317,16 +323,17 @@ def test_fit_is_deterministic(model):
     )
 
 
-def test_pickle_runs_in_a_fresh_process(model, tmp_path):
-    model.fit(X, Y)
-    (tmp_path / "model.pickle").write_bytes(pickle.dumps((model, X)))
+def test_pickles_run_in_a_fresh_process(tmp_path):
+    models = [clone(model).fit(X, Y) for model in MODELS.values()]
+    (tmp_path / "models.pickle").write_bytes(pickle.dumps((models, X)))
     code = (
-        "import pickle, sys, numpy as np\n"
-        "model, X = pickle.load(open('model.pickle', 'rb'))\n"
-        "np.save('found.npy', model.predict(X))\n"
+        "import pickle, numpy as np\n"
+        "models, X = pickle.load(open('models.pickle', 'rb'))\n"
+        "np.save('found.npy', [model.predict(X) for model in models])\n"
     )
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=60)
-    np.testing.assert_array_equal(np.load(tmp_path / "found.npy"), model.predict(X))
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=120)
+    expected = [model.predict(X) for model in models]
+    np.testing.assert_array_equal(np.load(tmp_path / "found.npy"), expected)
 
 
 def test_diverging_run_is_cut_off():
@@ -354,7 +361,7 @@ def test_constructors_assign_and_nothing_else():
     model = PrandtlIshlinskii("many", thresholds=thresholds, dt=-1.0)
     assert model.thresholds is thresholds
     assert model.n_operators == "many"
-    with pytest.raises(ValueError, match="The 'n_operators' parameter of PrandtlIshlinskii must"):
+    with pytest.raises(ValueError, match="parameter of PrandtlIshlinskii must be"):
         model.fit(X, Y)
 
 

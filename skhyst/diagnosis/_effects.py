@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..disturbance import Drift, Offset, PeriodicDisturbance
 from ..linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode, TransferFunction
 from ..static import DeadZones, Saturation, SmoothCurve
@@ -27,6 +29,8 @@ class Effect:
     beside : bool, default=False
         It is added to the response; otherwise it is a step of the series, where its operator's
         ``rank`` says.
+    plausible : callable, optional
+        Tells from the identified operator whether it still is what the name says.
     """
 
     name: str
@@ -34,6 +38,13 @@ class Effect:
     law: str
     experiment: str
     beside: bool = False
+    plausible: Callable | None = None
+
+
+def _rings(operator):
+    """Tell whether a mode has a peak: above this damping ratio there is none."""
+    damping = getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", None))
+    return bool(np.min(damping) < np.sqrt(0.5))
 
 
 def _sides(model, **options):
@@ -73,6 +84,7 @@ _BUILT_IN = (
         lambda: [SecondOrderMode(), TransferFunction(n_poles=2, n_zeros=2)],
         "A second-order mode stores and returns energy.",
         "Apply a step or a sweep through the frequency and watch it ring.",
+        plausible=_rings,
     ),
     Effect(
         "creep",

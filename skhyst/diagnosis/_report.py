@@ -247,6 +247,7 @@ def _environment(autoescape):
     )
     environment.globals.update({name: getattr(text, name) for name in text.__all__})
     environment.filters["md"] = _markdown_text
+    environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
     return environment
 
 

@@ -186,7 +186,7 @@ def _parameters(estimator):
 def _note(std):
     """Say why a parameter has no standard error."""
     if np.isinf(std):
-        return "not determined by the data"
+        return "not determined"
     return "at a bound" if np.isnan(std) else ""
 
 

@@ -37,7 +37,7 @@ def report_figures(report):
     -------
     dict of str to (str or list of str)
         ``"loops"``, ``"residuals"``: one SVG each; ``"rankings"``, ``"evidence"``: lists, one a
-        round and one a claim.
+        round (empty where nothing was contested) and one a claim.
     """
     panels = len(report.signals["predictions"])
 
@@ -61,9 +61,10 @@ def report_figures(report):
 
 
 def _ranking(report, number):
-    """Draw one round of candidates."""
+    """Draw one round of candidates; nothing where none was contested."""
     rows = pd.DataFrame([row for row in report.ranking if row["round"] == number])
-    rows["error_after"] = rows["error_after"].astype(float)
+    if not np.isfinite(rows["error_after"]).any():
+        return ""
     claimed = set(rows.loc[rows["claimed"], "effect"])
     ambiguous = [
         name

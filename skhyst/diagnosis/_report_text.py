@@ -172,7 +172,7 @@ def folded(rows):
     ...         for k, (v, s, n) in enumerate([(2.0, 0.1, ""), (0.0, None, "at a bound"),
     ...                                        (0.0, None, "at a bound")])]
     >>> [row["name"] for row in folded(rows)]
-    ['weights[0]', 'weights[1] to weights[2]']
+    ['weights[0]', 'weights[1–2]']
     """
     joined = []
     for row in rows:
@@ -185,8 +185,8 @@ def folded(rows):
             and "[" in row["name"]
         )
         if same:
-            first = last["name"].partition(" to ")[0]
-            joined[-1] = {**row, "name": f"{first} to {row['name']}"}
+            first = last["name"].rstrip("]").partition("–")[0]
+            joined[-1] = {**row, "name": f"{first}–{row['name'].partition('[')[2]}"}
         else:
             joined.append(row)
     return joined

@@ -368,7 +368,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         claims = [
             c
             for c in tested.values()
-            if c.p_value < self.alpha and c.error < (1.0 - self.min_improvement) * base.error
+            if c.p_value < self.alpha
+            and c.error < (1.0 - self.min_improvement) * base.error
+            and _is_plausible(EFFECTS[c.effect], c.structure)
         ]
         winner = None
         if claims:
@@ -489,6 +491,17 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
         check_is_fitted(self)
         return Report.from_search(self, command=command)
+
+
+def _is_plausible(effect, structure):
+    """Tell whether the identified effect is still what its name says."""
+    if effect.plausible is None:
+        return True
+    if effect.beside:
+        operators = dict(zip(structure.beside_names, structure.disturbances, strict=True))
+    else:
+        operators = dict(zip(structure.names, structure.operators, strict=True))
+    return effect.plausible(operators[effect.name])
 
 
 def _stretches(start, stop, count):

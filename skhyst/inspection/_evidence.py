@@ -1,5 +1,7 @@
 """The picture that supports one claim."""
 
+from itertools import cycle
+
 import numpy as np
 
 from ._drawing import COLORS, FLOOR, MEASURED, new_axes, plain, tidy
@@ -85,11 +87,14 @@ class EvidenceDisplay:
         """
         picture = self.picture
         axes = new_axes(ax, 1, 1, "EvidenceDisplay", size=(6.0, 4.0))[0, 0]
-        colors = iter((MEASURED, *COLORS, FLOOR, *(COLORS * len(picture.curves))))
+        styles = [style for *_, style in picture.curves]
+        lines = cycle((COLORS[1], COLORS[2], COLORS[3], FLOOR))
+        points = cycle((COLORS[0], FLOOR, MEASURED) if styles.count("points") > 1 else (MEASURED,))
         for label, x, y, style in picture.curves:
             x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
             kept = thin_path(x, y, max_points)
-            options = {"color": next(colors), "label": plain(label)}
+            color = next(points if style == "points" else lines)
+            options = {"color": color, "label": plain(label)}
             if style == "points":
                 axes.plot(x[kept], y[kept], "o", markersize=2.6, alpha=0.75, mew=0, **options)
             else:

@@ -52,7 +52,7 @@ class HysteresisLoopDisplay(SignalDisplay):
     ('drive', 'response')
     """
 
-    def plot(self, ax=None, *, subtract_line=False, max_cycles=15):
+    def plot(self, ax=None, *, subtract_line=False, max_cycles=10):
         """Draw the loops.
 
         Parameters
@@ -63,7 +63,7 @@ class HysteresisLoopDisplay(SignalDisplay):
         subtract_line : bool, default=False
             Subtract the straight line that fits the measured response best, from everything. The
             loop opens, and differences of a percent of the range become visible.
-        max_cycles : int, default=15
+        max_cycles : int, default=10
             Cycles of the drive to draw. Of a longer recording every record gives a stretch of
             whole cycles around its largest excursion.
 

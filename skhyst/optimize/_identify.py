@@ -78,20 +78,18 @@ def uncertainty(problem, solution, n_samples, powers):
     """
     hessian = solution.gram[:-1, :-1]
     x = solution.x
-    inside = (x > problem.lower) & (x < problem.upper)
-    std = np.full(len(x), np.nan)
-    index = np.flatnonzero(inside)
-    if not len(index):
-        return std, (), 1.0
-    scale = np.sqrt(np.diag(hessian)[index])
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))
     # a change by a factor e that leaves the response where it is, but for rounding
-    silent = scale <= np.where(problem.log[index], _SILENT * np.sqrt(problem.scale), 0.0)
-    silent |= scale**2 <= _SINGULAR * powers[index]
-    std[index[silent]] = np.inf
-    undetermined = {problem.names[i] for i in index[silent]}
-    index, scale = index[~silent], scale[~silent]
+    silent = scale <= np.where(problem.log, _SILENT * np.sqrt(problem.scale), 0.0)
+    silent |= scale**2 <= _SINGULAR * powers
+    undetermined = {
+        name for name, is_silent in zip(problem.names, silent, strict=True) if is_silent
+    }
+    std = np.where(silent, np.inf, np.nan)
+    index = np.flatnonzero((x > problem.lower) & (x < problem.upper) & ~silent)
     if not len(index):
-        return std, tuple(sorted(undetermined)), np.inf
+        return std, tuple(sorted(undetermined)), np.inf if undetermined else 1.0
+    scale = scale[index]
     scaled = hessian[np.ix_(index, index)] / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
     small = values < _SINGULAR * values[-1]

@@ -5,6 +5,7 @@ listed and refused, HDF5 data that lie in another file too.
 """
 
 import importlib
+import io
 import json
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from ..exceptions import RecordError
+from ._mat_tags import check_tags
 from ._text import read_table
 
 __all__ = ["Variable", "file_variables", "reading"]
@@ -182,12 +184,16 @@ def _read_npz(path):
 
 def _read_mat(path):
     from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
 
     with path.open("rb") as file:
         head = file.read(520)
     if _HDF5 in (head[:8], head[512:]):
         return _read_hdf5(path, matlab=True)
-    content = loadmat(path, struct_as_record=True, chars_as_strings=True)
+    data = path.read_bytes()  # what is looked over is what is read
+    if matfile_version(io.BytesIO(data))[0] == 1:
+        check_tags(data)
+    content = loadmat(io.BytesIO(data), struct_as_record=True, chars_as_strings=True)
     return [
         variable
         for name, values in content.items()

@@ -6,6 +6,7 @@ import pytest
 
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
+from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, SecondOrderMode
 from skhyst.operators import (
@@ -83,12 +84,19 @@ def test_intercept_beside_an_offset_is_held(initial_state):
     np.testing.assert_allclose(model.record_coefficients_[:, 0], [3.0, -1.0, 0.5], atol=0.005)
 
 
-def test_intercept_before_a_limit_is_a_freedom_of_its_own():
+def test_intercept_before_a_limit_is_named():
+    """Intercept, limit and offset can move together, but no model of them is without meaning."""
     X, y = measure(lambda u: np.minimum(HYSTERESIS.run(u, DT)[0] + 0.4, 1.0), lambda i: 2.0 * i)
     chain = Cascade([("plays", plays()), ("limit", Saturation(sides="upper"))])
-    model = Sum([("chain", chain), ("offset", Offset())]).fit(X, y)
-    assert "chain__plays__intercept" in model.params_
+    model = Sum([("offset", Offset()), ("chain", chain)])
+    with pytest.warns(ConvergenceWarning, match="chain__limit__upper, chain__plays__intercept"):
+        model.fit(X, y)
+    assert model.params_std_["chain__limit__upper"] == np.inf
     assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
+    # held, it leaves the limit's distance to be found
+    chain.set_params(plays__fit_intercept=False)
+    model.fit(X, y)
+    assert model.params_["chain__limit__upper"] == pytest.approx(0.6, abs=0.01)
 
 
 def test_constant_of_drift_and_offset_is_one():

@@ -1,0 +1,185 @@
+"""Look over a MATLAB file of version 5 before a parser trusts it.
+
+Such a file is a header of 128 bytes and a sequence of variables. A variable, compressed or not, is
+a sequence of elements: a tag with a type code and a length, the data, and padding to 8 bytes; up to
+4 bytes of data fit into the tag itself. Cells and structs hold variables in turn. scipy looks type
+codes up without a check, so that a wrong one ends the interpreter.
+
+Source: MathWorks, "MAT-File Format", version 5 and later; classes 16 and 17 as scipy reads them.
+"""
+
+import struct
+import zlib
+from math import prod
+
+from ..exceptions import RecordError
+
+__all__ = ["check_tags"]
+
+_HEADER = 128  # bytes
+_LONGEST = 2**31  # bytes of one variable, the limit of the format
+_DEEPEST = 64  # variables inside one another
+_BLANK = 2**20  # elements that may stand for no data: blanks, structs without fields
+_INT32, _UINT32, _MATRIX, _COMPRESSED = 5, 6, 14, 15
+_INTEGERS = {_INT32, _UINT32}
+_NAMES = {1, 16}  # int8, UTF-8
+_NUMBERS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}  # codes of numbers and of characters
+_CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+_NUMERIC = range(6, 16)
+
+
+def check_tags(data):
+    """Refuse a MATLAB file of version 5 in which an element is not what its place asks for.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+
+    Raises
+    ------
+    RecordError
+        If a type or class code is unknown or out of place, a length reaches past the end, or
+        compressed data cannot be decompressed.
+    """
+    order = "<" if data[126:128] == b"IM" else ">"
+    file = _Elements(memoryview(data), order, _HEADER)
+    while file.position < len(data):
+        start = file.position
+        code, content = file.element()
+        if code == _COMPRESSED:
+            code, content = _Elements(_inflated(content, start), order).element()
+        if code != _MATRIX or not content:
+            raise RecordError(f"at byte {start} is no variable (type code {code})")
+        try:
+            _Elements(content, order).variable()
+        except RecordError as error:
+            raise RecordError(f"in the variable at byte {start} {error}") from None
+
+
+def _inflated(content, start):
+    inflater = zlib.decompressobj()
+    try:
+        inflated = inflater.decompress(content, _LONGEST)
+    except zlib.error as error:
+        raise RecordError(f"the variable at byte {start} cannot be decompressed") from error
+    if not inflater.eof:
+        raise RecordError(f"the compressed variable at byte {start} is cut or too long")
+    return memoryview(inflated)
+
+
+class _Elements:
+    """Elements of a variable, or of the file, one after another.
+
+    Parameters
+    ----------
+    data : memoryview
+    order : {"<", ">"}
+        Byte order.
+    position : int, default=0
+    """
+
+    def __init__(self, data, order, position=0):
+        self.data = data
+        self.order = order
+        self.position = position
+
+    def element(self):
+        """Return the type code and the content of a variable."""
+        code, length = self.unpack("II", self.take(8))
+        return code, self.take(length)
+
+    def take(self, length):
+        """Return the next bytes."""
+        start, self.position = self.position, self.position + length
+        if self.position > len(self.data):
+            raise RecordError(f"an element reaches past the end (byte {self.position})")
+        return self.data[start : self.position]
+
+    def unpack(self, layout, data):
+        """Return the integers in ``data``."""
+        return struct.unpack(self.order + layout, data)
+
+    def part(self, codes):
+        """Return the data of an element that is no variable; its type must be in ``codes``."""
+        start = self.position
+        tag = self.take(8)
+        code, length = self.unpack("II", tag)
+        if code >> 16:  # the data lie in the tag
+            code, length = code & 0xFFFF, code >> 16
+            if length > 4:
+                raise RecordError(f"an element in its tag has {length} bytes (byte {start})")
+            data = tag[4 : 4 + length]
+        else:
+            data = self.take(length)
+            self.position += -length % 8
+        if code not in codes:
+            raise RecordError(f"an element has the unknown type code {code} (byte {start})")
+        return data
+
+    def integers(self):
+        """Return an element of non-negative integers."""
+        data = self.part(_INTEGERS)
+        values = self.unpack(f"{len(data) // 4}i", data[: len(data) // 4 * 4])
+        if not values or min(values) < 0:
+            raise RecordError(f"a size is missing or negative (byte {self.position})")
+        return values
+
+    def variable(self, depth=0):
+        """Pass over the parts of a variable, without the tag of the variable."""
+        if depth > _DEEPEST:
+            raise RecordError(f"more than {_DEEPEST} variables lie inside one another")
+        start = self.position
+        code, length, flags, _ = self.unpack("IIII", self.take(16))
+        if (code, length) != (_UINT32, 8):
+            raise RecordError(f"there are no array flags (byte {start})")
+        kind, is_complex = flags & 0xFF, flags >> 11 & 1
+        if kind == _OPAQUE:
+            for _ in range(3):  # name, type system, class
+                self.part(_NAMES)
+            self.variables(1, depth)
+            return
+        size = prod(self.integers())
+        self.part(_NAMES)
+        if kind in _NUMERIC:
+            self.numbers(1 + is_complex)
+        elif kind == _SPARSE:
+            self.numbers(3 + is_complex)  # rows, columns, values
+        elif kind == _CHAR:
+            if not self.part(_NUMBERS) and size > _BLANK:
+                raise RecordError(f"{size} characters have no data")
+        elif kind == _CELL:
+            self.variables(size, depth)
+        elif kind in (_STRUCT, _OBJECT):
+            if kind == _OBJECT:
+                self.part(_NAMES)
+            self.variables(size * self.fields(size), depth)
+        elif kind == _FUNCTION:
+            self.variables(1, depth)
+        else:
+            raise RecordError(f"an array has the unknown class {kind} (byte {start})")
+
+    def numbers(self, count):
+        """Pass over arrays of numbers."""
+        for _ in range(count):
+            self.part(_NUMBERS)
+
+    def fields(self, size):
+        """Return the number of fields of a struct array with ``size`` elements."""
+        (length, *_) = self.integers()
+        names = self.part(_NAMES)
+        if not length:
+            raise RecordError("the names of fields have no length")
+        if len(names) < length and size > _BLANK:
+            raise RecordError(f"{size} structs have no fields")
+        return len(names) // length
+
+    def variables(self, count, depth):
+        """Pass over the variables in a cell or a struct."""
+        for _ in range(count):
+            start = self.position
+            code, length = self.unpack("II", self.take(8))
+            if code != _MATRIX or length > len(self.data) - self.position:
+                raise RecordError(f"a cell or field is no variable (byte {start})")
+            if length:
+                self.variable(depth + 1)
