@@ -6,8 +6,8 @@ interrupted. Results go to the standard output, progress and errors to the stand
 
 import argparse
 import ast
+import importlib.util
 import math
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -27,6 +27,12 @@ from .discovery import all_estimators
 from .records import iter_records, read_records, record_slices
 
 __all__ = ["main", "parse_model"]
+
+_TEMPLATED = {  # suffix of a report: what it takes to write it
+    ".html": ("jinja2", "matplotlib"),
+    ".htm": ("jinja2", "matplotlib"),
+    ".md": ("jinja2",),
+}
 
 
 def main(argv=None):
@@ -117,7 +123,7 @@ def _add_diagnose(commands):
 def _diagnose(options):
     model = parse_model(options.model)
     outputs = [path for path in (options.report, options.save, options.json) if path]
-    if options.report and options.report.suffix.lower() not in (".html", ".htm", ".md"):
+    if options.report and options.report.suffix.lower() not in _TEMPLATED:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     _prepare(outputs)
     X, y = read_records(
@@ -180,9 +186,7 @@ def _demo(options):
 
 
 def _conclude(search, options, held_out):
-    """Print the result and write the files."""
-    if options.save:
-        joblib.dump(search.best_estimator_, options.save)
+    """Print the result and write the files; a file that fails takes no other with it."""
     span = np.ptp(search.response_) / 100.0 or 1.0
     print(f"missing: {', '.join(search.effects_) or 'nothing'}")
     for row in search.history_.itertuples():
@@ -200,16 +204,24 @@ def _conclude(search, options, held_out):
         before = search.held_out_error(*held_out, declared=True)
         after = search.held_out_error(*held_out)
         print(f"error on the part kept away from the search: {before:.4g} -> {after:.4g}")
-    if options.report or options.json:
-        report = Report.from_search(search, command=options.command, held_out=held_out)
-        if options.json:
-            report.to_json(options.json)
-        if options.report:
-            is_markdown = options.report.suffix.lower() == ".md"
-            (report.to_markdown if is_markdown else report.to_html)(options.report)
-    for path in (options.report, options.save, options.json):
+    report = Report.from_search(search, command=options.command, held_out=held_out)
+    is_markdown = options.report and options.report.suffix.lower() == ".md"
+    outputs = (
+        (options.save, lambda path: joblib.dump(search.best_estimator_, path)),
+        (options.json, report.to_json),
+        (options.report, report.to_markdown if is_markdown else report.to_html),
+    )
+    failures = []
+    for path, write in outputs:
         if path:
-            print(f"written: {path}")
+            try:
+                write(path)
+            except OSError as error:
+                failures.append(f"{path} was not written: {error}")
+            else:
+                print(f"written: {path}")
+    if failures:
+        raise OSError("; ".join(failures))
 
 
 def parse_model(text):
@@ -299,14 +311,26 @@ def _list_effects(options):
 
 
 def _prepare(paths):
-    """Make the folders of outputs and find out now whether they can be written."""
+    """Make the folders of outputs and find out now whether all can be written."""
     for path in paths:
         if path.is_dir():
             raise IsADirectoryError(f"{path} is a folder, a file was expected.")
         path.parent.mkdir(parents=True, exist_ok=True)
-        target = path if path.exists() else path.parent
-        if not os.access(target, os.W_OK):
-            raise PermissionError(f"{path} cannot be written.")
+        existed = path.exists()
+        try:
+            path.open("ab").close()
+        except OSError as error:
+            raise type(error)(f"{path} cannot be written: {error}") from error
+        if not existed:
+            path.unlink()
+    drawn = [path for path in paths if path.suffix.lower() in _TEMPLATED]
+    needed = {module for path in drawn for module in _TEMPLATED[path.suffix.lower()]}
+    missing = sorted(module for module in needed if importlib.util.find_spec(module) is None)
+    if missing:
+        raise ImportError(
+            f"{drawn[0]} needs {' and '.join(missing)}. "
+            'Install with: python -m pip install "skhyst[plot]"'
+        )
 
 
 def _rows(text):

@@ -1,5 +1,6 @@
 """The command line: the same results as Python, clear errors, nothing lost."""
 
+import importlib.util
 import json
 import pickle
 import subprocess
@@ -23,7 +24,9 @@ def recording(tmp_path_factory):
     """A recording with a clipped sensor, in a CSV file."""
     rng = np.random.default_rng(7)
     time = np.arange(3000) * 1e-3
-    drive = 40.0 * np.sin(2 * np.pi * 2.0 * time) * (0.4 + 0.6 * np.sin(2 * np.pi * 0.3 * time) ** 2)
+    drive = (
+        40.0 * np.sin(2 * np.pi * 2.0 * time) * (0.4 + 0.6 * np.sin(2 * np.pi * 0.3 * time) ** 2)
+    )
     position = np.minimum(0.02 * drive, 0.4) + 0.002 * rng.normal(size=time.size)
     path = tmp_path_factory.mktemp("recordings") / "stage.csv"
     pd.DataFrame({"t": time, "volt": drive, "um": position}).to_csv(path, index=False)
@@ -122,6 +125,35 @@ def test_outputs_are_checked_before_the_search(recording, tmp_path, capsys, monk
     blocked = tmp_path / "file"
     blocked.write_text("")
     assert main(arguments(recording, "--json", str(blocked / "below" / "out.json"))) == 1
+
+
+def test_missing_extra_is_found_before_the_search(recording, tmp_path, capsys, monkeypatch):
+    def search_must_not_start(*args, **kwargs):
+        raise AssertionError("the search started")
+
+    monkeypatch.setattr(EffectSearchCV, "fit", search_must_not_start)
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "jinja2" else object()
+    )
+    assert main(arguments(recording, "--report", str(tmp_path / "report.md"))) == 1
+    assert "skhyst[plot]" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_one_output_that_fails_loses_no_other(recording, tmp_path, capsys, monkeypatch):
+    def disk_full(*args, **kwargs):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(joblib, "dump", disk_full)
+    paths = {name: tmp_path / name for name in ("model.joblib", "out.json", "report.md")}
+    outputs = zip(("--save", "--json", "--report"), map(str, paths.values()), strict=True)
+    code = main(arguments(recording, *(part for pair in outputs for part in pair)))
+    printed = capsys.readouterr()
+    assert code == 1
+    assert "model.joblib was not written: No space left" in printed.err
+    assert "missing: output_saturation" in printed.out
+    assert paths["out.json"].stat().st_size > 0
+    assert paths["report.md"].stat().st_size > 0
 
 
 def test_folders_of_outputs_are_made(recording, tmp_path):

@@ -7,7 +7,7 @@ from scipy.signal import csd, welch
 
 __all__ = ["Evidence", "Picture", "gather_evidence"]
 
-_COHERENT = 0.5  # squared coherence above which a measured frequency response is drawn
+_COHERENT = 0.8  # squared coherence above which a measured frequency response is drawn
 _BINS = 40
 _DRAWN_RECORDS = 5
 

@@ -55,7 +55,7 @@ def plus_minus(value, std):
         return number(value, 4)
     exponent = math.floor(math.log10(max(abs(value), std)))
     scale = exponent if not -4 <= exponent < 7 else 0
-    value, std = float(f"{value:e}") / 10.0**scale, std / 10.0**scale
+    value, std = value / 10.0**scale, std / 10.0**scale
     decimals = min(max(0, 1 - math.floor(math.log10(std))), 12)
     text = f"{_signed(f'{value:.{decimals}f}')} ± {std:.{decimals}f}"
     return f"({text}) × 10{str(scale).translate(_SUPERSCRIPT)}" if scale else text

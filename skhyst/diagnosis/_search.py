@@ -252,9 +252,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def _search(self, declared, slices, effects):
         begin = time.perf_counter()
         records, folds = self._cut(slices)
-        if len(records[0].segments) < 2 and len(records) < 2:
+        if len(records) == 1 and len(self.response_) < 2 * self.cv:
             raise ValueError(
-                f"EffectSearchCV needs at least {2 * _SHORTEST_SEGMENT} samples to hold any out. "
+                f"EffectSearchCV needs at least {2 * self.cv} samples for {self.cv} folds. "
                 f"Got {len(self.response_)} instead."
             )
         result = declared._identify(records)

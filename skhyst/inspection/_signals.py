@@ -62,7 +62,7 @@ def envelope(values, n_bins):
 
 
 def cycle_length(drive):
-    """Return the mean length of a cycle in samples: two passages through the middle.
+    """Return the mean length of a cycle in samples: two half cycles, each beside a passage.
 
     Only passages that go on to a tenth of the range beyond the middle count, so sensor noise
     makes no cycles. A drive that never returns is one cycle.
@@ -72,7 +72,7 @@ def cycle_length(drive):
     side = np.sign(offset) * (np.abs(offset) > 0.1 * (high - low))
     side = side[side != 0]
     passages = np.count_nonzero(np.diff(side))
-    return 2.0 * len(drive) / max(passages, 2)
+    return 2.0 * len(drive) / max(passages + 1, 2)
 
 
 def branch(drive):
@@ -186,8 +186,8 @@ def finite_runs(values, spans):
 def spectrum(values, spans, dt, max_segment=8192):
     """Return the amplitude spectral density of a signal with gaps, averaged over its runs.
 
-    Welch's method [1]_ with Hann windows, one window length for all runs, every run weighted by
-    its number of samples.
+    Welch's method [1]_ with Hann windows, every run weighted by its number of samples. A run that
+    is shorter than the window is one window, filled up with zeros to the same frequencies.
 
     Parameters
     ----------
@@ -221,9 +221,8 @@ def spectrum(values, spans, dt, max_segment=8192):
     segment = int(min(max_segment, typical))
     power, weight, frequency = 0.0, 0, None
     for run, length in zip(runs, lengths, strict=True):
-        if length < segment:
-            continue
-        frequency, density = welch(values[run], 1.0 / dt, nperseg=segment)
+        window = min(segment, length)
+        frequency, density = welch(values[run], 1.0 / dt, nperseg=window, nfft=segment)
         power, weight = power + length * density, weight + length
     return frequency[1:], np.sqrt(power[1:] / weight)
 

@@ -89,6 +89,12 @@ class OperatorProblem:
         )
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
 
+    def depends_on(self, select):
+        """Whether :meth:`evaluate` depends on which segments are selected, of those selected."""
+        selected = np.bincount(self.segment_record, select, minlength=len(self.records))
+        split = (selected > 0) & (selected < np.bincount(self.segment_record))
+        return any(self._moving) and bool(split.any())
+
     def values(self, x):
         """Return the unknowns in their own units."""
         return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
@@ -136,17 +142,18 @@ class OperatorProblem:
             columns.append(disturbance.basis(time + record.start_time * disturbance.absolute_time))
         return np.concatenate(columns, axis=1)
 
-    def evaluate(self, x, *, jacobian=True):
+    def evaluate(self, x, *, jacobian=True, select=None):
         """Simulate all records; return the Gram matrices of ``[B, J, r]``, one a segment.
 
         B are the columns of the disturbances' coefficients, J the Jacobian by the unknowns, r the
-        prediction minus the response.
+        prediction minus the response. The Jacobian by a disturbance's own unknowns depends on its
+        coefficients in a record; these come from the selected segments alone.
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         blocks = []
         d, n, driven = self._n_eliminated, len(x) * jacobian, len(self._free)
         logs = np.flatnonzero(self.log) if jacobian else ()
-        for record in self.records:
+        for number, record in enumerate(self.records):
             columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
                 u, skip = self._with_history(record)
@@ -160,17 +167,18 @@ class OperatorProblem:
             if disturbances:
                 columns[:, :d] = self._basis(disturbances, record)
                 if n > driven:
-                    columns[:, d + driven : -1] = self._moving_columns(
-                        disturbances, record, columns[:, :d], columns[:, -1]
-                    )
+                    known = np.ones(len(record.segments), dtype=bool)
+                    if select is not None:
+                        known = select[self.segment_record == number]
+                    own = _calibrate(columns[:, :d], -columns[:, -1], record.segments, known)
+                    columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
             for i in logs:
                 columns[:, d + i] *= np.exp(x[i])
             blocks.append(_segment_grams(columns, record.segments))
         return np.concatenate(blocks)
 
-    def _moving_columns(self, disturbances, record, basis, residual):
-        rows = np.concatenate([np.arange(start, stop) for start, stop in record.segments])
-        coefficients = -np.linalg.lstsq(basis[rows], residual[rows], rcond=None)[0]
+    @staticmethod
+    def _moving_columns(disturbances, record, coefficients):
         time, start, columns = record.dt * np.arange(len(record.u)), 0, []
         for disturbance in disturbances:
             size = np.size(disturbance.coefficients)

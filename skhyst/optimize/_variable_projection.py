@@ -47,13 +47,14 @@ def variable_projection(
     Parameters
     ----------
     problem : OperatorProblem
-        Gives ``evaluate(x)``, ``total(blocks, select)``, ``lower``, ``upper``, ``linear``, ``log``.
+        Gives ``evaluate(x, select=select)``, ``total(blocks, select)``, ``lower``, ``upper``,
+        ``linear``, ``log``.
     x0 : ndarray of shape (n,)
         Start; its linear part is immaterial where the problem determines it.
     select : ndarray of bool of shape (n_segments,), optional
         The segments to fit; all by default.
     blocks : ndarray, optional
-        ``problem.evaluate(x0)`` where it is known already.
+        ``problem.evaluate(x0, select=select)`` where it is known already.
     tolerance : float, default=1e-8
         Stops when a step would reduce, or has reduced, the sum of squares by less than this part.
     max_evaluations : int, default=100
@@ -69,7 +70,7 @@ def variable_projection(
     lower, upper, linear = problem.lower, problem.upper, problem.linear
     x = np.clip(np.asarray(x0, dtype=float), lower, upper)
     n_evaluations = int(blocks is None)
-    gram = problem.total(problem.evaluate(x) if blocks is None else blocks, select)
+    gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
     history = []
 
     if not np.isfinite(gram).all():
@@ -80,7 +81,7 @@ def variable_projection(
         x, gram = _solve_linear(problem, x, gram)
         # the other columns were taken at the old linear part
         if gram[-1, -1] < before * (1.0 - _STALE):
-            gram = problem.total(problem.evaluate(x), select)
+            gram = problem.total(problem.evaluate(x, select=select), select)
             n_evaluations += 1
     history.append((n_evaluations, gram[-1, -1]))
     damping, factor = 1e-4, 2.0
@@ -104,7 +105,7 @@ def variable_projection(
             converged, message = True, "No step reduces the sum of squares noticeably."
             break
         trial = np.clip(x + step, lower, upper)
-        trial_gram = problem.total(problem.evaluate(trial), select)
+        trial_gram = problem.total(problem.evaluate(trial, select=select), select)
         n_evaluations += 1
         if np.isfinite(trial_gram).all():
             trial, trial_gram = _solve_linear(problem, trial, trial_gram)

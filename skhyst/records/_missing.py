@@ -53,18 +53,25 @@ def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     keep = np.ones(len(values), dtype=bool)
     if on_missing == "drop":
         keep = ~np.logical_or.reduce([*lost.values(), *index.values()])
-        keep &= ~_alone(keep, labels)
+        keep &= ~_alone(keep, stamps, labels)
     if not keep.any():
-        raise RecordError(f"{path.name} has no row without a missing value.")
+        raise RecordError(f"{path.name} has no two neighbouring rows without a missing value.")
     return keep
 
 
-def _alone(keep, labels):
-    """Mark the rows of which neither neighbour is kept: they are no record."""
-    pairs = keep[1:] & keep[:-1]
+def _alone(keep, stamps, labels):
+    """Mark the rows that lost their last neighbour of the same record to a missing value."""
+    joined = np.ones(len(keep) - 1, dtype=bool)  # whether a row and the next are of one record
+    if stamps is not None:
+        joined &= ~(stamps[1:] < stamps[:-1])  # a row without a time may belong to either side
     if labels is not None:
-        pairs &= np.diff(pd.factorize(labels)[0]) == 0
-    return ~(np.append(pairs, False) | np.append(False, pairs))
+        codes = pd.factorize(labels)[0]
+        joined &= (np.diff(codes) == 0) | (codes[1:] < 0) | (codes[:-1] < 0)
+    before, after = np.append(False, joined), np.append(joined, False)
+    lost_before, lost_after = np.append(False, ~keep[:-1]), np.append(~keep[1:], False)
+    lost = before & lost_before | after & lost_after
+    left = before & ~lost_before | after & ~lost_after
+    return lost & ~left
 
 
 def _rows(mask):

@@ -1,5 +1,6 @@
 """The front door to recordings in files."""
 
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +101,8 @@ def read_records(
     ([1.5, 2.5], [0.0, 0.1])
     """
     path = Path(path).expanduser()
-    inputs = [drive, *([auxiliary] if isinstance(auxiliary, str | int) else auxiliary)]
+    single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
+    inputs = [drive, *([auxiliary] if single else auxiliary)]
     _check(time, sampling_rate, on_missing, time_unit)
     variables = file_variables(path)
     wanted = inputs if response is None else [*inputs, response]
@@ -136,7 +138,9 @@ def _check(time, sampling_rate, on_missing, time_unit):
             "The 'sampling_rate' parameter of read_records must be None where 'time' names a "
             f"column. Got {sampling_rate!r} instead."
         )
-    if sampling_rate is not None and not 0.0 < sampling_rate < np.inf:
+    if sampling_rate is not None and not (
+        isinstance(sampling_rate, Real) and 0.0 < sampling_rate < np.inf
+    ):
         raise ValueError(
             "The 'sampling_rate' parameter of read_records must be a positive number of Hz. Got "
             f"{sampling_rate!r} instead."

@@ -17,6 +17,11 @@ _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _BLANK = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>", "inf", "-inf", "+inf"}
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_SYMBOL = (
+    r"(%|°[CF]?|deg|([YZEPTGMkhdcmuµμnpfazy]|da)?(m|s|g|A|K|V|N|Pa|J|W|Hz|C|F|Ω|[Oo]hm|T|H|L|l|Wb|S"
+    r"|rad|bar|Nm|eV|mol)|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(\^?-?[1-9]|[²³])?"
+)
+_UNIT = re.compile(rf"[(\[<{{].*[)\]>}}]|[-–]+|(1/)?{_SYMBOL}([/*·]{_SYMBOL})*")
 _NEWLINE = re.compile(r"\r\n|\r|\n")
 
 
@@ -149,13 +154,21 @@ def _is_text(field):
 
 
 def _names(head, width):
-    """Return the names of the columns: the first of the lines above the numbers that fit."""
-    names = [str(i) for i in range(width)]
-    for row in reversed(head):
+    """Return the names of the columns: the last line above the numbers, or the one above units."""
+    fitting = []
+    for row in reversed(head[-2:]):
         if row and row[0].startswith(("#", "%")):
             row = [row[0].lstrip("#% "), *row[1:]]
             row = row[1:] if len(row) == width + 1 and not row[0] else row
         if not width - 1 <= len(row) <= width or not any(map(_is_text, row)):
             break
-        names = [*row, ""][:width]
-    return names
+        fitting.append([*row, ""][:width])
+    if not fitting:
+        return [str(i) for i in range(width)]
+    last, above = fitting[0], fitting[-1]
+    return above if _are_units(last) and all(map(_is_text, filter(None, above))) else last
+
+
+def _are_units(row):
+    filled = [field for field in row if field.lower() not in _BLANK]
+    return all(_UNIT.fullmatch(field) for field in filled)

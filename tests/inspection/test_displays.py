@@ -37,9 +37,9 @@ def recording():
 
 @pytest.fixture(scope="module")
 def search(recording):
-    return EffectSearchCV(
-        PrandtlIshlinskii(), effects=["resonance", "lag"], random_state=0
-    ).fit(recording.X_train, recording.y_train)
+    return EffectSearchCV(PrandtlIshlinskii(), effects=["resonance", "lag"], random_state=0).fit(
+        recording.X_train, recording.y_train
+    )
 
 
 @pytest.fixture(scope="module")
@@ -274,6 +274,22 @@ def test_spectrum_finds_a_line():
     )
     (density,) = curves(display.ax_)
     assert density[np.argmax(density[:, 1]), 0] == pytest.approx(50.0, rel=0.05)
+
+
+def test_spectrum_leaves_no_record_out():
+    """What rings in the shortest record is seen, whatever the lengths of the others."""
+    lengths = (745, 769, 788, 839, 859)
+    label = np.repeat(np.arange(5), lengths)
+    time = np.concatenate([1e-3 * np.arange(n) for n in lengths])
+    index = pd.MultiIndex.from_arrays([label, time], names=["record", "time"])
+    drive = np.sin(2 * np.pi * 5.0 * time)
+    residual = (label == 0) * np.sin(2 * np.pi * 100.0 * time)
+    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(drive + residual, index=index)
+    display = ResidualDisplay.from_predictions(X, y, drive, kind="spectrum")
+    (density,) = curves(display.ax_)
+    assert density[np.argmax(density[:, 1]), 0] == pytest.approx(100.0, rel=0.05)
+    power = np.trapezoid(density[:, 1] ** 2, density[:, 0])
+    assert power == pytest.approx(np.var(residual), rel=0.2)
 
 
 @pytest.mark.parametrize("display_class", SIGNALS)

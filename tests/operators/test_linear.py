@@ -11,8 +11,10 @@ from scipy.signal import lsim
 from skhyst.operators import (
     FirstOrderLagOperator,
     KelvinVoigtOperator,
+    LinearOperator,
     SecondOrderModeOperator,
     TransferFunctionOperator,
+    parameter,
 )
 
 DT = 0.01
@@ -216,3 +218,26 @@ def test_what_is_remembered_is_not_pickled(operator, u):
         operator.run(u, dt)
         operator.linearize(u, np.empty((len(u), 0)), dt)
     assert len(pickle.dumps(operator)) == size
+
+
+@dataclasses.dataclass(frozen=True)
+class IntegralLag(LinearOperator):
+    """A lag whose state is the integral of the drive, so that its rest moves with the parameter."""
+
+    time_constant: float = parameter(log=True, lower=0.0)
+    hold: str = "foh"
+
+    def with_poles(self, rates, pairs):
+        return dataclasses.replace(self, time_constant=1.0 / rates[0])
+
+    def _matrices(self, p):
+        return np.array([[-1.0 / p[0]]]), np.array([1.0 + 0.0 * p[0]]), 1.0 / p[:1], 0.0 * p[0]
+
+
+def test_rest_moves_with_the_parameters(u):
+    own, upstream = IntegralLag(0.03), np.ones((len(u), 1))
+    plain = FirstOrderLagOperator(0.03)
+    y, dy = own.linearize(u, upstream, DT)
+    expected, tangents = plain.linearize(u, upstream, DT)
+    np.testing.assert_allclose(y, expected, rtol=1e-12)
+    np.testing.assert_allclose(dy, tangents[:, :2], rtol=1e-9, atol=1e-9)

@@ -38,7 +38,7 @@ def test_standard_errors_cover_at_their_rate(truth, disturbances):
     u = [drive(i, n) for i in range(n_records)]
     clean = [truth.run(part, DT)[0] for part in u]
     fixed = ("intercept",) if disturbances else ()
-    rng, hits, count = np.random.default_rng(5), {}, 250
+    rng, hits, count = np.random.default_rng(5), {}, 160
     for _ in range(count):
         records = [
             RecordData(a, b + 0.2 * rng.normal(size=n), DT) for a, b in zip(u, clean, strict=True)

@@ -354,7 +354,7 @@ def test_known_blocks_cost_no_evaluation():
 def test_start_that_is_not_finite_is_given_up():
     truth, start = CASES["lag"]
     problem = OperatorProblem(start, records(truth))
-    problem.evaluate = lambda x: np.full((2, 4, 4), np.nan)
+    problem.evaluate = lambda x, **options: np.full((2, 4, 4), np.nan)
     solution = variable_projection(problem, problem.x0)
     assert solution.cost == np.inf
     assert not solution.converged

@@ -261,6 +261,84 @@ def test_a_lost_time_cannot_be_interpolated(tmp_path):
     assert len(X) == N - 1
 
 
+def test_nothing_is_dropped_where_nothing_is_missing(tmp_path):
+    single = TABLE.assign(run=["a"] + ["b"] * (N - 2) + ["c"])  # two records of one row
+    for options in ({"record": "run"}, {"record": "run", "time": "t"}, {}):
+        X, _ = read_records(
+            table(tmp_path, single.to_csv(index=False)), drive="u", on_missing="drop", **options
+        )
+        np.testing.assert_allclose(X["u"], U)
+    path = table(tmp_path, "t,u\n0,1\n", "row.csv")
+    assert len(read_records(path, drive="u", on_missing="drop")[0]) == 1
+    with pytest.raises(RecordError, match="at least two samples"):
+        record_slices(read_records(path, drive="u", time="t", on_missing="drop")[0])
+
+
+def test_dropping_does_not_reach_into_another_record(tmp_path):
+    lost = TABLE.assign(run=["a"] * 10 + ["b"] + ["c"] * (N - 11))
+    lost.loc[[9, 11], "y"] = np.nan
+    X, _ = read_records(
+        table(tmp_path, lost.to_csv(index=False)),
+        drive="u",
+        response="y",
+        record="run",
+        on_missing="drop",
+    )
+    np.testing.assert_allclose(X["u"], np.delete(U, [9, 11]))
+
+
+def test_rows_across_a_restart_are_not_neighbours(tmp_path):
+    lost = TABLE.assign(t=np.concatenate([T[:20], T[:20]]))
+    lost.loc[[18, 22], "y"] = np.nan
+    X, y = read_records(
+        table(tmp_path, lost.to_csv(index=False)),
+        drive="u",
+        response="y",
+        time="t",
+        on_missing="drop",
+    )
+    np.testing.assert_allclose(X["u"], np.delete(U, [18, 19, 22]))  # 19 is left alone, 20 is not
+    assert [r.n_samples for r in record_slices(X, y)] == [18, 2, 17]
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "voltage;path\n",
+        "Operator;Smith\nvoltage;path\n",
+        "Operator;Smith\nrig;7\nvoltage;path\n",
+        "voltage;path\nV;nm\n",
+        "voltage;path\n[V];[some unit]\n",
+        "voltage;path\nmV/s;m/s^2\n",
+        "Operator;Smith\nRoom;cellar\nvoltage;path\n(V);-\n",
+        "# Operator;Smith\n# voltage;path\n",
+    ],
+)
+def test_the_header_is_the_last_line_above_the_numbers_or_their_units(tmp_path, head):
+    path = table(tmp_path, head + "0,5;1,5\n1,0;2,5\n1,5;3,5\n")
+    X, y = read_records(path, drive="voltage", response="path")
+    assert (X["voltage"].tolist(), y.tolist()) == ([0.5, 1.0, 1.5], [1.5, 2.5, 3.5])
+
+
+def test_names_that_are_symbols_of_units(tmp_path):
+    path = table(tmp_path, "Saved;2024\nV;m\n0;1\n2;3\n")
+    assert read_records(path, drive="V", response="m")[1].tolist() == [1, 3]
+
+
+@pytest.mark.parametrize("integer", [int, np.int64, np.uint8])
+def test_integers_of_every_type_are_positions_and_rates(tmp_path, integer):
+    path = table(tmp_path, TABLE.to_csv(index=False))
+    X, _ = read_records(
+        path,
+        drive=integer(1),
+        auxiliary=integer(2),
+        sampling_rate=integer(100),
+        response=integer(3),
+    )
+    assert list(X.columns) == ["u", "w"]
+    assert record_slices(X)[0].dt == 0.01
+
+
 def test_nothing_left(tmp_path):
     path = table(tmp_path, "u,y\n1,\n2,\n3,\n")
     for policy in ("drop", "interpolate"):
@@ -273,10 +351,12 @@ def test_nothing_left(tmp_path):
     [
         ({"time": "t", "sampling_rate": 1.0}, "'sampling_rate' parameter .* must be None"),
         ({"sampling_rate": 0.0}, "'sampling_rate' parameter .* positive"),
+        ({"sampling_rate": "100"}, "'sampling_rate' parameter .* positive .* Got '100'"),
         ({"on_missing": "ignore"}, "'on_missing' parameter"),
         ({"time_unit": "days"}, "'time_unit' parameter"),
         ({"missing_code": {"z": 0}}, "'missing_code' parameter .* Got 'z'"),
         ({"auxiliary": [2.5]}, "named by a str or by its position"),
+        ({"auxiliary": 2.5}, "named by a str or by its position .* Got 2.5"),
     ],
 )
 def test_parameters_are_checked(tmp_path, options, message):

@@ -1,0 +1,120 @@
+"""The catalogue of effects, and how users add to it."""
+
+import re
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+from skhyst.base import ParametricModel
+from skhyst.diagnosis import Effect, effect_names, register_effect, unregister_effect
+from skhyst.diagnosis._effects import EFFECTS
+from skhyst.linear import FirstOrderLag
+from skhyst.optimize import RecordData
+
+PROMISED = {
+    "asymmetry",
+    "static_nonlinearity",
+    "lag",
+    "delay",
+    "resonance",
+    "creep",
+    "drift",
+    "offset",
+    "output_saturation",
+    "input_saturation",
+    "periodic_disturbance",
+}
+
+
+def my_effect(name="my_effect"):
+    return Effect(name, lambda: [FirstOrderLag()], "A law.", "An experiment.")
+
+
+@pytest.fixture
+def registered():
+    effect = my_effect()
+    register_effect(effect)
+    yield effect
+    EFFECTS.pop(effect.name, None)
+
+
+@pytest.fixture
+def record():
+    u = np.cumsum(np.random.default_rng(9000).standard_normal(300)) / 10.0
+    return RecordData(u, np.sin(u), 0.01)
+
+
+def test_all_promised_effects_are_there():
+    assert set(effect_names()) >= PROMISED
+
+
+@pytest.mark.parametrize("name", sorted(PROMISED))
+def test_an_effect_says_what_it_is(name):
+    effect = EFFECTS[name]
+    assert effect.name == name
+    for sentence in (effect.law, effect.experiment):
+        assert re.fullmatch(r"[A-Z].*\.", sentence), sentence
+
+
+@pytest.mark.parametrize("name", sorted(PROMISED))
+def test_its_variants_are_unfitted_models_of_growing_size(name, record):
+    effect = EFFECTS[name]
+    models = effect.variants()
+    assert models
+    for model in models:
+        assert isinstance(model, ParametricModel)
+        assert not hasattr(model, "operator_")
+        clone(model)
+        for operator, disturbances in model._starts([record]):
+            assert bool(disturbances) == effect.beside
+            values = [operator, *disturbances][-1].pack()
+            assert np.isfinite(values).all()
+    again = effect.variants()
+    assert all(a is not b for a, b in zip(models, again, strict=True))  # no shared instances
+
+
+@pytest.mark.parametrize("name", sorted(PROMISED))
+def test_all_variants_go_to_the_same_place(name, record):
+    ranks = {model._starts([record])[0][0].rank for model in EFFECTS[name].variants()}
+    assert len(ranks) == 1
+
+
+def test_places_follow_the_signal(record):
+    rank = {
+        name: EFFECTS[name].variants()[0]._starts([record])[0][0].rank
+        for name in PROMISED
+        if not EFFECTS[name].beside
+    }
+    assert rank["input_saturation"] < rank["asymmetry"] < rank["lag"]
+    assert rank["lag"] == rank["resonance"] == rank["creep"]
+    assert rank["creep"] < rank["static_nonlinearity"] < rank["output_saturation"]
+
+
+def test_a_registered_effect_is_known_until_it_is_forgotten(registered):
+    assert effect_names()[-1] == "my_effect"
+    unregister_effect("my_effect")
+    assert "my_effect" not in effect_names()
+
+
+def test_a_name_is_taken_once(registered):
+    with pytest.raises(ValueError, match="'my_effect' is registered already"):
+        register_effect(my_effect())
+    with pytest.raises(ValueError, match="'lag' is registered already"):
+        register_effect(my_effect("lag"))
+    assert EFFECTS["lag"].variants()[0].get_params() == FirstOrderLag().get_params()
+
+
+def test_forgetting_the_unknown_lists_what_there_is():
+    with pytest.raises(ValueError, match="No effect is named 'magic'.*creep"):
+        unregister_effect("magic")
+
+
+def test_the_list_of_names_is_a_copy():
+    effect_names().clear()
+    assert set(effect_names()) >= PROMISED
+
+
+def test_an_effect_is_frozen():
+    with pytest.raises(AttributeError):
+        my_effect().name = "other"
