@@ -2,6 +2,7 @@
 
 from ._effects import Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence, Picture
+from ._report import Report
 from ._search import EffectSearchCV
 
 __all__ = [
@@ -9,6 +10,7 @@ __all__ = [
     "EffectSearchCV",
     "Evidence",
     "Picture",
+    "Report",
     "effect_names",
     "register_effect",
     "unregister_effect",

@@ -11,6 +11,7 @@ __all__ = ["black_box_gain", "repeatability"]
 _ROWS = 6000  # rows that the black box learns from
 _FOLDS = 3
 _TREES = 60
+_LAGS = 2 ** np.arange(9)  # samples
 
 
 def repeatability(records):
@@ -71,25 +72,17 @@ def black_box_gain(records, residuals, predictions, rng):
     p_value : float
         That it predicts nothing.
     """
-    features, target, group, dt_rows = [], [], [], 0
+    finite = np.concatenate([p[np.isfinite(p)] for p in predictions])
+    drives = np.concatenate([record.u for record in records])
+    features, target, group = [], [], []
     for number, (record, r, p) in enumerate(zip(records, residuals, predictions, strict=True)):
         rows = np.flatnonzero(np.isfinite(r))
-        if not len(rows):
-            continue
-        u = (record.u - record.u.mean()) / (np.ptp(record.u) or 1.0)
-        q = np.nan_to_num((p - np.nanmean(p)) / (np.nanmax(p) - np.nanmin(p) or 1.0))
-        columns = [u, q, q**2, q**3, np.arange(len(u)) / len(u)]
-        for signal in (u, q):
-            for lag in (1, 2, 4, 8, 16, 32, 64, 128, 256):
-                if lag < len(u) // 4:
-                    moved = np.concatenate([np.full(lag, signal[0]), signal[:-lag]])
-                    columns.append(signal - moved)
-        width = 5 + 2 * 9
-        columns += [np.zeros(len(u))] * (width - len(columns))
-        features.append(np.stack(columns, axis=1)[rows])
+        # one scale for all records: what depends on the amplitude stays visible
+        u = (record.u - drives.mean()) / (np.ptp(drives) or 1.0)
+        q = np.nan_to_num((p - finite.mean()) / (np.ptp(finite) or 1.0))
+        features.append(_features(u, q)[rows])
         target.append(r[rows])
         group.append(np.full(len(rows), number))
-        dt_rows += len(rows)
     x, y, group = np.concatenate(features), np.concatenate(target), np.concatenate(group)
     n = len(y)
     stretch = max(n // 60, 1)
@@ -128,3 +121,14 @@ def black_box_gain(records, residuals, predictions, rng):
         before[order] + typical, after[order, best] + typical, groups[order]
     )
     return float(np.sqrt(min(after[:, best].sum(), before.sum()) / n)), min(1.0, p_value)
+
+
+def _features(u, q):
+    """Return what the black box sees of a drive and a prediction, (n_samples, n_features)."""
+    n = len(u)
+    columns = [u, q, q**2, q**3, np.arange(n) / n]
+    for signal in (u, q):
+        for lag in _LAGS:
+            moved = np.concatenate([np.full(min(lag, n), signal[0]), signal[:-lag]])
+            columns.append(signal - moved)
+    return np.stack(columns, axis=1)

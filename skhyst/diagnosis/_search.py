@@ -184,6 +184,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         declared = clone(self.estimator)
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
         read_data(declared, X, y, reset=True, dt=declared.dt)
+        self.response_name_ = str(getattr(y, "name", None) or "response")
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs

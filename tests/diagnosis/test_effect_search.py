@@ -90,7 +90,7 @@ def unexplained_recording():
 def test_unknown_structure_is_called_unexplained():
     X, y = unexplained_recording()
     search = EffectSearchCV(
-        PrandtlIshlinskii(), effects=["offset", "drift", "input_saturation"], random_state=0
+        PrandtlIshlinskii(), effects=["offset", "input_saturation"], random_state=0
     ).fit(X, y)
     assert search.effects_ == []
     assert search.verdict_ == "unexplained"

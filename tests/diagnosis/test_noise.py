@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 from skhyst.diagnosis._noise import black_box_gain, repeatability
 from skhyst.optimize import RecordData
@@ -92,18 +93,17 @@ def judged(residual, seed, n_records=4, n=1200):
         records.append(RecordData(u, u + r, 1e-3))
         residuals.append(r)
         predictions.append(u)
-    error, p = black_box_gain(records, residuals, predictions, rng)
+    with threadpool_limits(limits=1):  # as within a search
+        error, p = black_box_gain(records, residuals, predictions, rng)
     return error, p, np.sqrt(np.mean(np.square(residuals)))
 
 
 def test_white_noise_is_not_structure():
-    rejected = 0
-    for seed in range(9000, 9020):
+    for seed in range(9000, 9008):
         error, p, rms = judged(lambda u, rng: NOISE * rng.standard_normal(u.size), seed)
-        assert error <= rms
-        assert error == pytest.approx(rms, rel=0.03)
-        rejected += p < 0.01
-    assert rejected == 0
+        assert p > 0.01
+        assert error == pytest.approx(rms, rel=0.02)
+        assert error <= rms * (1.0 + 1e-12)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_what_the_drive_explains_is_structure(law):
     assert error > 0.95 * NOISE  # nothing predicts noise
 
 
-@settings(deadline=None, max_examples=4)
+@settings(deadline=None, max_examples=3)
 @given(exponent=st.integers(-20, 20))
 def test_units_of_the_response_do_not_matter(exponent):
     scale = 2.0**exponent
@@ -142,6 +142,22 @@ def test_rows_without_a_residual_are_left_out():
     r = NOISE * rng.standard_normal(1500)
     r[:300] = np.nan
     p = np.where(np.isfinite(r), u, np.nan)
-    error, value = black_box_gain([RecordData(u, u, 1e-3)], [r], [p], rng)
+    with threadpool_limits(limits=1):
+        error, value = black_box_gain([RecordData(u, u, 1e-3)], [r], [p], rng)
     assert error == pytest.approx(np.sqrt(np.nanmean(r**2)), rel=0.1)
     assert 0.0 <= value <= 1.0
+
+
+def test_records_of_very_different_length_and_size():
+    """A curve of the drive is one curve, however far a record goes and however long it is."""
+    rng = np.random.default_rng(9003)
+    records, residuals = [], []
+    for n, size in [(3000, 1.0), (200, 0.3), (900, 0.6), (40, 0.1)]:
+        u = size * smooth(n, rng)
+        r = 0.1 * np.sin(u) + 0.01 * rng.standard_normal(n)
+        records.append(RecordData(u, u + r, 1e-3))
+        residuals.append(r)
+    with threadpool_limits(limits=1):
+        error, p = black_box_gain(records, residuals, [record.u for record in records], rng)
+    assert p < 1e-6
+    assert error < 0.02
