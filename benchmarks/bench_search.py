@@ -42,11 +42,13 @@ def main():
                 search.fit(recording.X_train, recording.y_train)
                 if repeat:
                     seconds.append(time.perf_counter() - start)
+            named = ",".join(search.effects_) or "-"
+            runs = ", ".join(f"{value:.2f}" for value in seconds)
             stages = ", ".join(f"{name} {value:.2f}" for name, value in search.seconds_.items())
             print(
-                f"{declared:20s} missing: {effect:20s} named: {','.join(search.effects_) or '-':20s}"
-                f" {len(recording.y_train)} samples, median {statistics.median(seconds):5.2f} s "
-                f"(limit {LIMIT:g} s), all {', '.join(f'{s:.2f}' for s in seconds)}; last: {stages}",
+                f"{declared}, {effect} missing, {named} named, {len(recording.y_train)} samples: "
+                f"median {statistics.median(seconds):.2f} s (limit {LIMIT:g} s), all {runs}; "
+                f"last: {stages}",
                 flush=True,
             )
 

@@ -1,0 +1,149 @@
+"""Starting values: in the right place, of unit gain, and near enough to the truth."""
+
+import numpy as np
+import pytest
+from plants import EFFECTS as KINDS
+from plants import make_recording
+
+from skhyst.compose import Cascade
+from skhyst.diagnosis._effects import EFFECTS
+from skhyst.diagnosis._starts import _distinct, starting_structures
+from skhyst.diagnosis._structure import Structure
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import TransferFunction
+from skhyst.operators import LinearOperator
+from skhyst.optimize import RecordData
+
+SEED = 9000
+
+
+def declared_model(kind):
+    if kind == "prandtl_ishlinskii":
+        return PrandtlIshlinskii(6)
+    return Cascade([("hysteresis", PrandtlIshlinskii(6)), ("dynamics", TransferFunction(2))])
+
+
+def started(effect, kind, name=None, n_samples=3000):
+    """Return the recording, the declared structure and the starts of an effect on its plant."""
+    recording = make_recording(effect, kind, SEED, n_samples=n_samples)
+    y, dt = recording.y_train, recording.sampling_interval
+    records = [
+        RecordData(u.to_numpy(), y.loc[label].to_numpy(), dt)
+        for label, u in recording.X_train["drive"].groupby(level="record")
+    ]
+    model = declared_model(kind)
+    structure = Structure.from_result(model, model._identify(records))
+    found = list(starting_structures(EFFECTS[name or effect], structure, records))
+    return recording, records, structure, found
+
+
+@pytest.mark.parametrize("kind", ["prandtl_ishlinskii", "cascade"])
+@pytest.mark.parametrize("name", KINDS)
+def test_every_variant_has_starts_in_its_place(name, kind):
+    _, records, structure, found = started("none", kind, name, n_samples=1500)
+    effect = EFFECTS[name]
+    assert len(found) == len(effect.variants())
+    for candidates in found:
+        assert candidates
+        for candidate in candidates:
+            ranks = [operator.rank for operator in candidate.operators]
+            assert ranks == sorted(ranks)
+            if effect.beside:
+                assert candidate.operators == structure.operators
+                assert candidate.beside_names == (name,)
+                assert len(candidate.disturbances) == 1
+            else:
+                assert sorted(candidate.names) == sorted([*structure.names, name])
+            problem = candidate.problem(records)
+            assert np.isfinite(problem.x0).all()
+            assert np.isfinite(problem.evaluate(problem.x0)).all()
+
+
+@pytest.mark.parametrize("name", ["lag", "resonance", "creep", "delay"])
+def test_a_stage_behind_a_hysteresis_leaves_the_gain_to_it(name):
+    _, records, structure, found = started("none", "prandtl_ishlinskii", name, n_samples=1500)
+    own = len(structure.problem(records).x0)
+    for candidates in found:
+        for candidate in candidates:
+            stage = candidate.operators[candidate.names.index(name)]
+            settled = stage.run(np.full(50, 3.0), 0.01)[0]
+            prompt = 1.0 + np.sum(getattr(stage, "compliances", 0.0))  # creep counts from prompt
+            np.testing.assert_allclose(settled, 3.0 * prompt, rtol=1e-9)
+            gained = len(candidate.problem(records).x0) - own
+            assert gained < stage.n_parameters + 1
+
+
+def nearest(found, name, parameter, truth):
+    """Return the smallest ratio, above one, between a start's parameter and the truth."""
+    ratios = []
+    for candidates in found:
+        for candidate in candidates:
+            stage = candidate.operators[candidate.names.index(name)]
+            values = np.atleast_1d(getattr(stage, parameter))
+            ratios.append(np.exp(np.min(np.abs(np.log(np.abs(values / truth))))))
+    return min(ratios)
+
+
+@pytest.mark.parametrize("kind", ["prandtl_ishlinskii", "cascade"])
+@pytest.mark.parametrize(
+    ("name", "parameter", "key", "factor"),
+    [
+        ("lag", "time_constant", "tau", 3.0),
+        ("delay", "delay", "delay", 2.0),
+        ("resonance", "natural_frequency", "frequency", 1.3),
+    ],
+)
+def test_a_start_is_near_the_truth(name, parameter, key, factor, kind):
+    recording, _, _, found = started(name, kind)
+    truth = recording.truth["parameters"][key]
+    if name == "resonance":
+        truth *= 2.0 * np.pi
+        found = found[:1]  # the variant that states its natural frequency
+    assert nearest(found, name, parameter, truth) < factor
+
+
+@pytest.mark.parametrize("name", ["input_saturation", "output_saturation"])
+def test_a_starting_level_is_near_the_truth(name):
+    recording, _, _, found = started(name, "prandtl_ishlinskii")
+    signal = recording.X_train["drive"] if name == "input_saturation" else recording.y_train
+    truth = recording.truth["parameters"]
+    for side, level in (("lower", truth["low"]), ("upper", truth["high"])):
+        if np.isfinite(level):
+            levels = [
+                getattr(candidate.operators[candidate.names.index(name)], side)
+                for candidates in found
+                for candidate in candidates
+            ]
+            assert np.min(np.abs(np.array(levels) - level)) < 0.15 * np.ptp(signal)
+
+
+@pytest.mark.parametrize("name", ["lag", "resonance", "creep"])
+def test_dynamics_that_start_anew_keep_their_number_of_poles(name):
+    _, _, structure, found = started(name, "cascade")
+    declared = structure.operators[structure.names.index("dynamics")]
+    for candidates in found:
+        for candidate in candidates:
+            dynamics = candidate.operators[candidate.names.index("dynamics")]
+            assert isinstance(dynamics, LinearOperator)
+            assert dynamics.n_poles == declared.n_poles
+        # a declared model that lacks a pole has bent its own: one start at least is not bent
+        assert any(
+            not np.allclose(
+                candidate.operators[candidate.names.index("dynamics")].pack(), declared.pack()
+            )
+            for candidate in candidates
+        )
+
+
+def test_distinct_pole_sets_are_apart_and_every_other_is_near_one():
+    rng = np.random.default_rng(9000)
+    sets = [-np.exp(rng.uniform(0.0, 0.3, 2)) for _ in range(60)]
+    kept = _distinct(sets)
+    assert 1 < len(kept) < 60
+
+    def apart(a, b):
+        return np.max(np.abs(np.sort_complex(a) / b - 1.0))
+
+    for i, poles in enumerate(kept):
+        assert all(apart(poles, other) > 0.03 for other in kept[:i])
+    assert all(min(apart(poles, other) for other in kept) <= 0.03 for poles in sets)
