@@ -28,7 +28,7 @@ def losses(rng, correlation, advantage=0.0, groups=N_RECORDS, segments=N_SEGMENT
     return worse, better, np.repeat(np.arange(groups), segments)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.6, 0.8])
+@pytest.mark.parametrize("correlation", [0.0, 0.3])
 def test_equal_models_are_told_apart_no_more_often_than_the_level(correlation):
     trials = 2000
     p = [paired_p_value(*losses(np.random.default_rng(i), correlation)) for i in range(trials)]

@@ -428,7 +428,7 @@ def test_readings_that_are_no_numbers_are_refused(value, which):
         X[17] = value
     else:
         y[17] = value
-    with pytest.raises(ValueError, match="NaN|infinity"):
+    with pytest.raises(ValueError, match=r"NaN|infinity"):
         few().fit(X, y)
 
 
