@@ -28,7 +28,7 @@ class Effect:
         The measurement that shows it best and tells it apart from others.
     beside : bool, default=False
         It is added to the response; otherwise it is a step of the series, where its operator's
-        ``rank`` says.
+        ``rank`` says, which a model of your own repeats as ``_rank``.
     plausible : callable, optional
         Tells from the identified operator whether it still is what the name says.
     """

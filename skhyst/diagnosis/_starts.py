@@ -108,6 +108,7 @@ def _promising(candidates, structure, records, signals, first):
     for candidate in candidates:
         output = np.concatenate(candidate.run(records, first=first, signals=signals))[rows]
         columns = np.stack([np.ones_like(y), before, output])
+        columns /= np.linalg.norm(columns, axis=1, keepdims=True) + np.finfo(float).tiny
         gram, right = columns @ columns.T, columns @ y
         gram[np.diag_indices(3)] *= 1.0 + 1e-12
         costs.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])

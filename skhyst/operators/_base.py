@@ -56,8 +56,8 @@ def parameter(*, default=dataclasses.MISSING, **options):
 class Operator(ABC):
     """Base of all operators. Subclasses are frozen dataclasses.
 
-    Class attributes
-    ----------------
+    Attributes
+    ----------
     signal_linear : bool
         The output is an affine function of the input signal, whatever the input.
     carries_scale : bool
