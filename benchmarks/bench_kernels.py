@@ -7,11 +7,13 @@ asv as well.
 """
 
 import time
+from functools import partial
 
 import numpy as np
 
 from skhyst._jit import jit
 from skhyst._kernels._play import play_basis, stop_basis
+from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.operators import PrandtlIshlinskiiOperator
 
 REPEATS = 9
@@ -100,6 +102,25 @@ class Run:
         self.operator.run(self.drive, 1.0)
 
 
+class Predict:
+    """A million samples through the fitted estimator, validation included."""
+
+    n_samples = 1_000_000
+    params = ((10, 1000), ("noise", "triangle", "sweep"))
+    param_names = ("n_plays", "drive")
+
+    def setup(self, n_plays, drive):
+        """Make the drive and fit the estimator to the start of it."""
+        self.X = signals(self.n_samples)[drive].reshape(-1, 1)
+        few = self.X[:5000]
+        self.model = PrandtlIshlinskii(thresholds=np.arange(n_plays) / n_plays).fit(few, few[:, 0])
+        self.model.operator_ = operator(n_plays)
+
+    def time_predict(self, n_plays, drive):
+        """Predict one record."""
+        self.model.predict(self.X)
+
+
 class Linearize:
     """Twenty thousand samples, twenty plays, with tangents from upstream."""
 
@@ -130,18 +151,22 @@ def main():
     for name, rate in rates.items():
         print(f"  {name:<12}{rate:6.2f} GB/s  {rate / machine:5.0%}")
 
-    print("PrandtlIshlinskiiOperator.run, ns a sample")
-    print("  plays " + "".join(f"{drive:>10}" for drive in Run.params[1]))
-    cases = {}
-    for n_plays in Run.params[0]:
-        for drive in Run.params[1]:
-            case = Run()
-            case.setup(n_plays, drive)
-            cases[n_plays, drive] = lambda case=case: case.time_run(None, None)
-    seconds = best(cases)
-    for n_plays in Run.params[0]:
-        row = (seconds[n_plays, drive] / Run.n_samples * 1e9 for drive in Run.params[1])
-        print(f"  {n_plays:<6}" + "".join(f"{value:>10.1f}" for value in row))
+    for kind, name, label in (
+        (Run, "time_run", "PrandtlIshlinskiiOperator.run"),
+        (Predict, "time_predict", "PrandtlIshlinskii.predict"),
+    ):
+        print(f"{label}, ns a sample")
+        print("  plays " + "".join(f"{drive:>10}" for drive in kind.params[1]))
+        cases = {}
+        for n_plays in kind.params[0]:
+            for drive in kind.params[1]:
+                case = kind()
+                case.setup(n_plays, drive)
+                cases[n_plays, drive] = partial(getattr(case, name), None, None)
+        seconds = best(cases)
+        for n_plays in kind.params[0]:
+            row = (seconds[n_plays, drive] / kind.n_samples * 1e9 for drive in kind.params[1])
+            print(f"  {n_plays:<6}" + "".join(f"{value:>10.1f}" for value in row))
 
     print("PrandtlIshlinskiiOperator.linearize, 20000 samples, 20 plays")
     cases = {}

@@ -102,7 +102,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self
         """
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
-        data = [RecordData(X[s.rows, 0], y[s.rows], s.dt, start_time=s.start_time) for s in slices]
+        data = [RecordData(X[s.rows, 0], y[s.rows], s.dt) for s in slices]
         self.records_ = slices
         # the matrices are tiny: threads that wait for each other cost more than they do
         with threadpool_limits(limits=1, user_api="blas"):
@@ -181,10 +181,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 def run_records(operator, signal, slices, initial_state="rest"):
     """Run an operator over the records of a signal (n_samples,); the result is always finite."""
     signal = np.ascontiguousarray(signal)
-    y = np.empty(len(signal))
+    parts = []
     for record in slices:
         u = signal[record.rows]
-        y[record.rows] = operator.run(u, record.dt, operator.init(u[0], initial_state))[0]
+        parts.append(operator.run(u, record.dt, operator.init(u[0], initial_state))[0])
+    y = parts[0] if len(parts) == 1 else np.concatenate(parts)
     # one pass where all is well; a sum may overflow where the values do not
     if not (np.isfinite(y.sum()) or np.isfinite(y).all()):
         warnings.warn(

@@ -71,7 +71,7 @@ def _parser():
         "--output", type=Path, default=Path("skhyst_demo"), help="folder for the files"
     )
     demo.add_argument("--seed", type=int, default=0, help="chooses the actuator and the effect")
-    demo.add_argument("--jobs", type=int, default=-1, help="threads (default: all processors)")
+    demo.add_argument("--jobs", type=int, default=-1, help="processes (default: all processors)")
     demo.add_argument("--quiet", action="store_true", help="no progress")
     demo.set_defaults(run=_demo)
     models = commands.add_parser("models", help="list the models that can be declared")
@@ -112,7 +112,7 @@ def _add_diagnose(commands):
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
     add("--max-effects", type=int, default=3, help="claims at the most (default: 3)")
     add("--seed", type=int, default=0, help="seed (default: 0)")
-    add("--jobs", type=int, default=-1, help="threads (default: all processors)")
+    add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")
     add("--save", type=Path, metavar="FILE", help="augmented model, .joblib")
     add("--json", type=Path, metavar="FILE", help="numbers")

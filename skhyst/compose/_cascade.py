@@ -2,13 +2,12 @@
 
 import dataclasses
 
-from ..operators import SeriesOperator
+from ..operators import LinearOperator, SeriesOperator
 from ..optimize import identify
 from ._composition import Composition
 
 __all__ = ["Cascade"]
 
-_DYNAMICS = 30  # rank of linear dynamics
 _TOLERANCE = 1e-4  # of the fits along the way
 
 
@@ -74,7 +73,7 @@ class Cascade(Composition):
         search may leave them there.
         """
         given = list(range(len(self.steps)))
-        dynamics = [i for i in given if self.steps[i][1]._rank == _DYNAMICS]
+        dynamics = [i for i in given if self.steps[i][1]._rank == LinearOperator.rank]
         other = given.copy()
         for place, i in zip(dynamics, reversed(dynamics), strict=True):
             other[place] = i

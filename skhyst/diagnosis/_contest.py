@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from joblib import delayed
 from scipy.stats import t as student
 
 from ..optimize import predicted_cost, variable_projection
@@ -19,6 +20,8 @@ _FOLD_EVALUATIONS = 4
 _TOLERANCE = 1e-5
 _FOLD_TOLERANCE = 1e-5
 _LARGEST_CORRELATION = 0.95  # of neighbouring segments
+_FEWEST_INDEPENDENT = 2.0  # segments a record, below which the record is the unit
+_LARGEST_LOSS = 0.75  # part of the variance that the records' means may take
 
 
 @dataclass(frozen=True)
@@ -69,23 +72,32 @@ def _refit(contestant, records, max_evaluations):
     return replace(contestant, structure=structure, cost=solution.cost, x=solution.x), problem
 
 
-def contest(variants, records):
-    """Refit the promising variants of an effect; return the one that Schwarz's criterion prefers.
+def contest(candidates, records, parallel):
+    """Refit the promising variants of effects; return those that Schwarz's criterion prefers.
 
-    ``variants`` are lists of contestants as :func:`screen` returns them.
+    ``candidates`` are, for each effect, its variants as :func:`screen` returns them; ``parallel``
+    is a joblib ``Parallel``. One contestant an effect is returned.
     """
-    least = min(starts[0].cost for starts in variants)
-    near = [starts for starts in variants if starts[0].cost <= _HOPEFUL * least]
-    near.sort(key=lambda starts: starts[0].cost)
-    best = None
-    for starts in near[:_VARIANTS]:
-        trials = [_refit(start, records, _TRIAL_EVALUATIONS)[0] for start in starts[:_TRIALS]]
-        start = min(trials, key=lambda c: c.cost)
-        refitted, problem = _refit(start, records, _EVALUATIONS)
-        criterion = _criterion(refitted, problem, len(records))
-        if best is None or criterion < best[0]:
-            best = criterion, refitted
-    return best[1]
+    jobs = []
+    for number, variants in enumerate(candidates):
+        least = min(starts[0].cost for starts in variants)
+        near = [starts for starts in variants if starts[0].cost <= _HOPEFUL * least]
+        near.sort(key=lambda starts: starts[0].cost)
+        jobs += [(number, starts) for starts in near[:_VARIANTS]]
+    refitted = parallel(delayed(_refit_variant)(starts, records) for _, starts in jobs)
+    best = [None] * len(candidates)
+    for (number, _), found in zip(jobs, refitted, strict=True):
+        if best[number] is None or found[0] < best[number][0]:
+            best[number] = found
+    return [contestant for _, contestant in best]
+
+
+def _refit_variant(starts, records):
+    """Return Schwarz's criterion and the contestant that the best of a variant's starts becomes."""
+    trials = [_refit(start, records, _TRIAL_EVALUATIONS)[0] for start in starts[:_TRIALS]]
+    start = min(trials, key=lambda c: c.cost)
+    refitted, problem = _refit(start, records, _EVALUATIONS)
+    return _criterion(refitted, problem, len(records)), refitted
 
 
 def _criterion(contestant, problem, n_records):
@@ -161,13 +173,14 @@ def paired_p_value(worse, better, groups):
     """Return the one-sided p-value against ``better`` predicting better than ``worse``.
 
     A t-test on the relative differences of segments, (worse - better) / (worse + better), which
-    no single segment can dominate. Neighbouring segments of a record share their residual's
-    dependence: the variance of the mean is that of Newey and West (Econometrica 55, 1987), or
-    that of a first-order autoregression where it is larger, since the former reaches over a few
-    segments only; the correlation's bias is removed (Kendall, Biometrika 41, 1954) and the degrees
-    of freedom are those of as many independent segments as the mean has the variance of. The level
-    holds for correlations of neighbouring segments up to about 0.3; at 0.6 it is exceeded, since a
-    stronger guard would take an effect that shows in some records only for dependence.
+    no single segment can dominate. Fluctuations count about each record's own mean: that an effect
+    shows more in one record than in another is no doubt about it. Neighbouring segments of a record
+    share their residual's dependence: the variance of the mean is that of Newey and West
+    (Econometrica 55, 1987), or that of a first-order autoregression where it is larger, since the
+    former reaches over a few segments only; the correlation's bias is removed (Kendall, Biometrika
+    41, 1954) and the degrees of freedom are those of as many independent segments as the mean has
+    the variance of. Where a record hangs together so much that it holds fewer than two of these,
+    the records' means are compared instead, as independent of each other.
 
     Parameters
     ----------
@@ -182,24 +195,28 @@ def paired_p_value(worse, better, groups):
     n = len(gain)
     if n < 3 or not np.any(gain != gain[0]):
         return 1.0
-    mean = gain.mean()
-    centered = gain - mean
-    power = centered @ centered
+    _, record = np.unique(groups, return_inverse=True)
+    count = np.bincount(record)
+    means = np.bincount(record, gain) / count
+    own = gain - means[record]
+    power = own @ own
     lags = int(np.floor(4.0 * (n / 100.0) ** (2.0 / 9.0)))
     variance = power
     for lag in range(1, min(lags, n - 1) + 1):
-        covariance = _covariance(centered, groups, lag)[0]
-        variance += 2.0 * (1.0 - lag / (lags + 1.0)) * covariance
-    # about each record's own mean: that an effect shows more in one record is no dependence
-    _, record = np.unique(groups, return_inverse=True)
-    own = gain - (np.bincount(record, gain) / np.bincount(record))[record]
+        variance += 2.0 * (1.0 - lag / (lags + 1.0)) * _covariance(own, groups, lag)[0]
     covariance, pairs = _covariance(own, groups, 1)
-    rho = covariance / max(own @ own, np.finfo(float).tiny) * n / max(pairs, 1)
-    rho = np.clip(rho + (1.0 + 3.0 * rho) / n, 0.0, _LARGEST_CORRELATION)
+    rho = covariance / max(power, np.finfo(float).tiny) * n / max(pairs, 1)
+    rho = np.clip(rho + (1.0 + 3.0 * rho) / count.mean(), 0.0, _LARGEST_CORRELATION)
     independent = n * (1.0 - rho) / (1.0 + rho)
+    if len(count) > 2 and independent < _FEWEST_INDEPENDENT * len(count):
+        if np.ptp(means) == 0.0:
+            return 0.0 if means[0] > 0.0 else 1.0
+        error = means.std(ddof=1) / np.sqrt(len(count))
+        return float(student.sf(means.mean() / error, len(count) - 1))
     variance = max(variance, power * n / independent) / n**2
-    freedom = max(min(n / (lags + 1.0), independent) - 1.0, 1.0)
-    return float(student.sf(mean / np.sqrt(variance), freedom))
+    variance /= 1.0 - min(len(count) / independent, _LARGEST_LOSS)  # taken by the records' means
+    freedom = max(min(n / (lags + 1.0), independent) - len(count), 1.0)
+    return float(student.sf(gain.mean() / np.sqrt(variance), freedom))
 
 
 def _covariance(values, groups, lag):

@@ -21,6 +21,7 @@ from ._contest import Contestant, contest, held_out, paired_p_value, screen
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
 from ._noise import black_box_gain, repeatability
+from ._report import Report
 from ._structure import Structure
 
 __all__ = ["EffectSearchCV"]
@@ -66,7 +67,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         None: 5 % of a block of a single record, whose past is unknown; nothing where there are
         several records, each from its own start.
     n_jobs : int or None, default=None
-        Threads. None is 1, or what joblib's context says; -1 is all processors.
+        Processes. None is 1, or what joblib's context says; -1 is all processors. A round's steps
+        are many and short, so that threads would wait for each other's interpreter lock; the
+        processes start once, in a second or two, and serve later searches too.
     verbose : int, default=0
         Above 0, progress is written to the standard error stream.
     random_state : int, RandomState instance or None, default=None
@@ -230,15 +233,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 segments += parts
                 washed += flags
                 fold_of += [block if single else number % n_folds] * len(parts)
-            records.append(
-                RecordData(
-                    self.drive_[s.rows],
-                    self.response_[s.rows],
-                    s.dt,
-                    segments=tuple(segments),
-                    start_time=s.start_time,
-                )
-            )
+            records.append(_record_data(s, self.drive_, self.response_, segments))
         fold_of, washed = np.array(fold_of), np.array(washed)
         # a washed-out stretch belongs to a block: it is fitted with other blocks, never scored
         folds = [(fold_of != k, (fold_of == k) & ~washed) for k in range(n_folds)]
@@ -336,7 +331,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def _round(self, base, effects, records, folds, groups, number):
         """Screen and contest; return the winner with its row of the history, and the ranking."""
         begin = time.perf_counter()
-        parallel = Parallel(n_jobs=self.n_jobs, require="sharedmem")
+        parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
         screened = parallel(delayed(screen)(effect, base.structure, records) for effect in effects)
         least = {e.name: cost for e, (_, cost) in zip(effects, screened, strict=True)}
         added = {
@@ -356,7 +351,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ]
         self._add_time("screening", begin)
         begin = time.perf_counter()
-        refitted = parallel(delayed(contest)(found, records) for found in promising)
+        refitted = contest(promising, records, parallel)
         lowest = min((c.cost for c in refitted), default=0.0)
         finalists = parallel(
             delayed(held_out)(c, records, folds) for c in refitted if c.cost <= _CLOSE * lowest
@@ -468,15 +463,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         for s in slices:
             start = min(self._washed(s.n_samples, len(self.records_) == 1), s.n_samples - 1)
             count = max(min(_SEGMENTS, (s.n_samples - start) // _SHORTEST_SEGMENT), 1)
-            records.append(
-                RecordData(
-                    drive[s.rows, 0],
-                    response[s.rows],
-                    s.dt,
-                    segments=tuple(_stretches(start, s.n_samples, count)),
-                    start_time=s.start_time,
-                )
-            )
+            segments = _stretches(start, s.n_samples, count)
+            records.append(_record_data(s, drive[:, 0], response, segments))
         structure = self._declared_structure if declared else self._structure
         problem = structure.problem(records)
         nothing = np.zeros(len(problem.segment_record), dtype=bool)
@@ -488,10 +476,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     def report(self, command=None):
         """Return the :class:`Report`: HTML, Markdown, JSON."""
-        from ._report import Report  # draws, which a search alone does not need
-
         check_is_fitted(self)
         return Report.from_search(self, command=command)
+
+
+def _record_data(s, drive, response, segments):
+    return RecordData(drive[s.rows], response[s.rows], s.dt, segments=tuple(segments))
 
 
 def _is_plausible(effect, structure):

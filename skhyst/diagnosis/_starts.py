@@ -67,7 +67,7 @@ def _redistributed(candidates, at, records, signals, first):
     for candidate in candidates if delayed else candidates[:1]:
         inputs = candidate.run(records, first=first, last=block[0], signals=signals)
         data = [(u, r.y, r.dt) for u, r in zip(inputs, records, strict=True)]
-        for poles in _distinct(pole_starts(data, n_poles, 0)):
+        for poles in _distinct(pole_starts(data, n_poles)):
             for own in distribute_poles([stages[i] for i in block], poles):
                 operators = list(candidate.operators)
                 for i, operator in zip(block, own, strict=True):

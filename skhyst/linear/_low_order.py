@@ -91,7 +91,7 @@ class SecondOrderMode(LinearModel):
             for w in log_grid(6.0 / span, 1.5 / dt, 2)
             for zeta in (0.05, 0.5)
         ]
-        for poles in pole_starts([(r.u, r.y, r.dt) for r in records], 2, 0):
+        for poles in pole_starts([(r.u, r.y, r.dt) for r in records], 2):
             _, frequencies, dampings = sections(poles)
             if len(frequencies):
                 starts.append(

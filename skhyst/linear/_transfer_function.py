@@ -106,7 +106,7 @@ class TransferFunction(LinearModel):
             )
         dt, span = time_span(records)
         data = [(record.u, record.y, record.dt) for record in records]
-        candidates = [sections(p) for p in pole_starts(data, self.n_poles, self.n_zeros)]
+        candidates = [sections(p) for p in pole_starts(data, self.n_poles)]
         n_first, n_second = self.n_poles % 2, self.n_poles // 2
         for w in log_grid(6.0 / span, 1.5 / dt, 2):
             spread = w * 1.5 ** np.arange(n_second)

@@ -14,6 +14,7 @@ samples before ``k``, the last input included, so a signal may be cut anywhere:
 
 import dataclasses
 from abc import ABC, abstractmethod
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -74,11 +75,7 @@ class Operator(ABC):
 
     def parameter_specs(self) -> dict[str, ParameterSpec]:
         """Return the identifiable fields, in the order of declaration."""
-        return {
-            f.name: f.metadata["parameter"]
-            for f in dataclasses.fields(self)
-            if "parameter" in f.metadata
-        }
+        return dict(_declared(type(self)))
 
     def entries(self) -> list[tuple[str, ParameterSpec]]:
         """Return one (name, spec) a value of :meth:`pack`; array fields are numbered."""
@@ -170,3 +167,12 @@ class Operator(ABC):
         """Advance by one sample: return the new state and the output."""
         y, state = self.run(np.array([u], dtype=float), dt, state)
         return state, float(y[0])
+
+
+@cache
+def _declared(kind):
+    return {
+        f.name: f.metadata["parameter"]
+        for f in dataclasses.fields(kind)
+        if "parameter" in f.metadata
+    }

@@ -18,13 +18,11 @@ __all__ = ["DisturbanceOperator", "DriftOperator", "OffsetOperator", "SinusoidOp
 class DisturbanceOperator(Operator):
     """Base: ``y(t) = basis(t) coefficients``; the input is not used.
 
-    Time is counted from the record's start, except for ``absolute_time`` disturbances, whose
-    phase goes on from record to record.
+    Time is counted from the record's start.
     """
 
     signal_linear = True
     rank = 60
-    absolute_time = False
 
     @abstractmethod
     def basis(self, time):

@@ -1,7 +1,7 @@
 """Bounded quadratic programs of a few dozen unknowns."""
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 __all__ = ["bounded_step"]
 
@@ -69,7 +69,6 @@ def bounded_step(hessian, gradient, lower, upper):
 
 
 def _solve(h, g):
-    try:
-        return cho_solve(cho_factor(h, check_finite=False), g, check_finite=False)
-    except LinAlgError:
-        return np.linalg.lstsq(h, g, rcond=None)[0]
+    # LAPACK itself: the checks of scipy.linalg cost more than these few unknowns
+    _, solution, failed = dposv(h, g)
+    return np.linalg.lstsq(h, g, rcond=None)[0] if failed else solution

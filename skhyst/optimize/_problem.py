@@ -10,7 +10,7 @@ __all__ = ["OperatorProblem", "RecordData"]
 
 @dataclass(frozen=True)
 class RecordData:
-    """One record: drive and response (n_samples,), interval and start in s, stretches to fit.
+    """One record: drive and response (n_samples,), interval in s, stretches to fit.
 
     ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
     ``before``, the drive at which the device had rested before the record, the record is simulated
@@ -22,7 +22,6 @@ class RecordData:
     dt: float
     segments: tuple = ()
     before: float | None = None
-    start_time: float = 0.0
 
     def __post_init__(self):
         if not self.segments:
@@ -139,7 +138,7 @@ class OperatorProblem:
         columns = []
         for disturbance in disturbances:
             time = record.dt * np.arange(len(record.u))
-            columns.append(disturbance.basis(time + record.start_time * disturbance.absolute_time))
+            columns.append(disturbance.basis(time))
         return np.concatenate(columns, axis=1)
 
     def evaluate(self, x, *, jacobian=True, select=None):
@@ -182,10 +181,7 @@ class OperatorProblem:
         time, start, columns = record.dt * np.arange(len(record.u)), 0, []
         for disturbance in disturbances:
             size = np.size(disturbance.coefficients)
-            shift = record.start_time * disturbance.absolute_time
-            columns.append(
-                disturbance.basis_tangents(time + shift, coefficients[start : start + size])
-            )
+            columns.append(disturbance.basis_tangents(time, coefficients[start : start + size]))
             start += size
         return np.concatenate(columns, axis=1)
 

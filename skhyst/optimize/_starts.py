@@ -12,7 +12,7 @@ _DECIMATIONS = (1, 3, 9, 27)
 _MIN_SAMPLES = 30  # a parameter
 
 
-def pole_starts(records, n_poles, n_zeros):
+def pole_starts(records, n_poles):
     """Return candidate pole sets (rad/s) of a transfer function from input to response.
 
     The iteration of Steiglitz and McBride (IEEE Trans. Autom. Control 10, 1965) at several
@@ -22,7 +22,7 @@ def pole_starts(records, n_poles, n_zeros):
     ----------
     records : sequence of (u, y, dt)
         Input and response, (n_samples,) each; interval in s.
-    n_poles, n_zeros : int
+    n_poles : int
 
     Returns
     -------

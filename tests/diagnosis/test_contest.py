@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from joblib import Parallel
 from scipy.signal import lfilter
+from scipy.stats import ttest_1samp
 
 from skhyst.diagnosis import effect_names
 from skhyst.diagnosis._contest import Contestant, contest, held_out, paired_p_value, screen
@@ -28,7 +30,7 @@ def losses(rng, correlation, advantage=0.0, groups=N_RECORDS, segments=N_SEGMENT
     return worse, better, np.repeat(np.arange(groups), segments)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.3])
+@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.6, 0.8])
 def test_equal_models_are_told_apart_no_more_often_than_the_level(correlation):
     trials = 2000
     p = [paired_p_value(*losses(np.random.default_rng(i), correlation)) for i in range(trials)]
@@ -76,6 +78,23 @@ def test_p_values_of_both_directions_add_to_one(seed):
     worse, better, groups = losses(np.random.default_rng(seed), 0.5, 0.02)
     both = paired_p_value(worse, better, groups) + paired_p_value(better, worse, groups)
     assert both == pytest.approx(1.0, abs=1e-12)
+
+
+def test_an_effect_that_shows_more_in_one_record_is_found():
+    worse, better, groups = losses(np.random.default_rng(9003), 0.5, advantage=0.1)
+    better[groups > 0] *= 0.1
+    assert paired_p_value(worse, better, groups) < 1e-6
+
+
+def test_records_that_hang_together_are_compared_as_wholes():
+    """Thirty segments of one record are then no more than one observation."""
+    slow = np.repeat([0.9, 0.85, 0.95, 0.8, 0.9], N_SEGMENTS) + np.tile(
+        np.linspace(-0.05, 0.05, N_SEGMENTS), N_RECORDS
+    )
+    groups = np.repeat(np.arange(N_RECORDS), N_SEGMENTS)
+    assert paired_p_value(1.0 + slow, 1.0 - slow, groups) == pytest.approx(
+        ttest_1samp([0.9, 0.85, 0.95, 0.8, 0.9], 0.0, alternative="greater").pvalue
+    )
 
 
 def test_one_segment_cannot_decide():
@@ -230,7 +249,7 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
     base = contestant_of(structure, records)
     cost = variable_projection(structure.problem(records), base.x).cost
     variants, _ = screen(EFFECTS[name], structure, records)
-    refitted = contest(variants, records)
+    refitted = contest([variants], records, Parallel())[0]
     assert refitted.effect == name
     assert refitted.cost <= 1.001 * cost
     assert refitted.n_parameters > base.n_parameters
@@ -258,6 +277,7 @@ def test_the_contest_takes_the_simplest_variant_that_is_true(degree):
         y = v + 10.0 * (0.1 * z**2 if degree == 2 else 0.1 * z**3)
         y += 0.002 * np.ptp(y) * rng.standard_normal(len(y))
         bent.append(RecordData(record.u, y, record.dt, segments=record.segments))
-    chosen = contest(screen(EFFECTS["static_nonlinearity"], structure, bent)[0], bent)
+    variants = screen(EFFECTS["static_nonlinearity"], structure, bent)[0]
+    chosen = contest([variants], bent, Parallel())[0]
     curve = chosen.structure.models[chosen.structure.names.index("static_nonlinearity")]
     assert curve.degree == degree

@@ -222,7 +222,7 @@ def test_pole_starts_hold_the_poles(operator):
         u = rng.normal(size=1000)
         records.append((u, operator.run(u, DT)[0] + 1e-3 * rng.normal(size=1000), DT))
     truth = np.sort_complex(operator.poles())
-    candidates = pole_starts(records, len(truth), 0)
+    candidates = pole_starts(records, len(truth))
     errors = [np.abs(np.sort_complex(p) / truth - 1).max() for p in candidates]
     assert min(errors) < 0.05
     assert all((poles.real < 0).all() for poles in candidates)
