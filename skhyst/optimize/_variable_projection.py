@@ -22,6 +22,7 @@ from ._bounded import bounded_step
 __all__ = ["Solution", "predicted_cost", "variable_projection"]
 
 _LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
+_CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
 _STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
 
 
@@ -108,7 +109,11 @@ def variable_projection(
         trial_gram = problem.total(problem.evaluate(trial, select=select), select)
         n_evaluations += 1
         if np.isfinite(trial_gram).all():
+            before = trial_gram[-1, -1]
             trial, trial_gram = _solve_linear(problem, trial, trial_gram)
+            if trial_gram[-1, -1] < _CANCELLED * before:
+                trial_gram = problem.total(problem.evaluate(trial, select=select), select)
+                n_evaluations += 1
             gain = cost - trial_gram[-1, -1]
         else:
             gain = -np.inf

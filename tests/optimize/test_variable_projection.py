@@ -376,3 +376,31 @@ def test_predicted_cost_near_the_minimum():
     promise = predicted_cost(problem, best.x + 1e-3)
     assert promise == pytest.approx(best.cost, rel=1e-3)
     assert promise < problem.total(problem.evaluate(best.x + 1e-3))[-1, -1]
+
+
+class Growing:
+    """Fit c exp(rate t) to a line: a step of the rate makes c's old value overshoot by far."""
+
+    def __init__(self):
+        self.time = np.linspace(0.0, 40.0, 200)
+        self.y = 1.0 + self.time
+        self.linear, self.log = np.array([True, False]), np.zeros(2, dtype=bool)
+        self.lower, self.upper = np.full(2, -np.inf), np.full(2, np.inf)
+        self.scale = self.y @ self.y
+
+    def evaluate(self, x, select=None):
+        with np.errstate(over="ignore", invalid="ignore"):
+            growth = np.exp(x[1] * self.time)
+            columns = np.stack([growth, x[0] * self.time * growth, x[0] * growth - self.y], axis=1)
+            return (columns.T @ columns)[None]
+
+    def total(self, blocks, select=None):
+        return blocks[0]
+
+
+@pytest.mark.parametrize("rate", np.linspace(-2.0, 2.0, 9))
+def test_the_cost_is_that_of_the_solution(rate):
+    problem = Growing()
+    solution = variable_projection(problem, np.array([1.0, rate]))
+    true = problem.evaluate(solution.x)[0, -1, -1]
+    assert solution.cost == pytest.approx(true, rel=1e-6)
