@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from .operators import SumOperator
-from .optimize import RecordData, estimate_histories, identify
+from .optimize import METHODS, Method, RecordData, estimate_histories, identify
 from .records import record_slices
 
 __all__ = ["ParametricModel", "read_data", "run_records"]
@@ -74,8 +74,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     _parameter_constraints = {
         "dt": [Interval(Real, 0, None, closed="neither")],
         "initial_state": [StrOptions({"rest", "zero", "estimate"})],
+        "method": [StrOptions(set(METHODS)), Method],
     }
 
+    method = "variable_projection"  # of a model of your own that takes no such parameter
     _rank = 30  # of the operator, see Operator.rank
 
     @abstractmethod
@@ -116,7 +118,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _identify(self, data):
         """Identify from ``RecordData``; return an ``IdentificationResult``."""
         return identify(
-            self._starts(data), data, fixed=self._fixed(), initial_state=self._free_run_state()
+            self._starts(data),
+            data,
+            fixed=self._fixed(),
+            initial_state=self._free_run_state(),
+            method=self.method,
         )
 
     def _fit_records(self, data):

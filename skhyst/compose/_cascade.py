@@ -3,12 +3,12 @@
 import dataclasses
 
 from ..operators import LinearOperator, SeriesOperator
-from ..optimize import identify
+from ..optimize import VariableProjection, identify
 from ._composition import Composition
 
 __all__ = ["Cascade"]
 
-_TOLERANCE = 1e-4  # of the fits along the way
+_ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 
 
 class Cascade(Composition):
@@ -27,6 +27,8 @@ class Cascade(Composition):
         State before each record's first sample; that of the steps is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the steps is not used.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -110,7 +112,7 @@ class Cascade(Composition):
                 data,
                 fixed=fixed,
                 initial_state=state,
-                tolerance=1e-8 if len(names) == len(self.steps) else _TOLERANCE,
+                method=self.method if len(names) == len(self.steps) else _ALONG_THE_WAY,
             )
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations

@@ -13,10 +13,11 @@ class Composition(ParametricModel, BaseComposition):
 
     _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
 
-    def __init__(self, steps, *, initial_state="rest", dt=1.0):
+    def __init__(self, steps, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.steps = steps
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     @property
     def named_steps(self):

@@ -24,6 +24,8 @@ class Sum(Composition):
         State before each record's first sample; that of the steps is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the steps is not used.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -83,7 +85,13 @@ class Sum(Composition):
                 ]
             )
             fixed |= constants
-        result = identify([(operator, tuple(disturbances))], data, fixed=fixed, initial_state=state)
+        result = identify(
+            [(operator, tuple(disturbances))],
+            data,
+            fixed=fixed,
+            initial_state=state,
+            method=self.method,
+        )
         return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     @property

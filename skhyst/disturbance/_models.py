@@ -21,9 +21,10 @@ _OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
 class Disturbance(ParametricModel):
     """Base of the disturbances: nothing is driven, all is beside."""
 
-    def __init__(self, *, initial_state="rest", dt=1.0):
+    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     def _starts(self, records):
         return [(SumOperator((), ()), (start,)) for start in self._disturbances(records)]
@@ -37,7 +38,7 @@ class Offset(Disturbance):
 
     Parameters
     ----------
-    initial_state, dt
+    initial_state, dt, method
         As for every model; an offset depends on neither.
 
     Attributes
@@ -64,7 +65,7 @@ class Drift(Disturbance):
     ----------
     degree : int, default=3
         Highest degree.
-    initial_state, dt
+    initial_state, dt, method
         As for every model.
 
     Attributes
@@ -86,8 +87,8 @@ class Drift(Disturbance):
         "degree": [Interval(Integral, 0, None, closed="left")],
     }
 
-    def __init__(self, degree=3, *, initial_state="rest", dt=1.0):
-        super().__init__(initial_state=initial_state, dt=dt)
+    def __init__(self, degree=3, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.degree = degree
 
     def _disturbances(self, records):
@@ -102,7 +103,7 @@ class PeriodicDisturbance(Disturbance):
     ----------
     n_frequencies : int, default=1
         Number of sinusoids.
-    initial_state, dt
+    initial_state, dt, method
         As for every model.
 
     Attributes
@@ -126,8 +127,10 @@ class PeriodicDisturbance(Disturbance):
         "n_frequencies": [Interval(Integral, 1, None, closed="left")],
     }
 
-    def __init__(self, n_frequencies=1, *, initial_state="rest", dt=1.0):
-        super().__init__(initial_state=initial_state, dt=dt)
+    def __init__(
+        self, n_frequencies=1, *, initial_state="rest", dt=1.0, method="variable_projection"
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_frequencies = n_frequencies
 
     def _disturbances(self, records):

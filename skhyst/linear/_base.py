@@ -19,13 +19,21 @@ class LinearModel(ParametricModel):
     }
 
     def __init__(
-        self, *, fit_gain=True, fit_intercept=True, hold="foh", initial_state="rest", dt=1.0
+        self,
+        *,
+        fit_gain=True,
+        fit_intercept=True,
+        hold="foh",
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
     ):
         self.fit_gain = fit_gain
         self.fit_intercept = fit_intercept
         self.hold = hold
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     def _fixed(self):
         free = {"gain": self.fit_gain, "intercept": self.fit_intercept}

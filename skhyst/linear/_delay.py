@@ -20,6 +20,8 @@ class Delay(LinearModel):
         State before each record's first sample.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -40,9 +42,10 @@ class Delay(LinearModel):
 
     _rank = DelayOperator.rank
 
-    def __init__(self, *, initial_state="rest", dt=1.0):
+    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     def _fixed(self):
         return frozenset()

@@ -33,6 +33,8 @@ class KelvinVoigt(LinearModel):
         State before each record's first sample.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -68,6 +70,7 @@ class KelvinVoigt(LinearModel):
         hold="foh",
         initial_state="rest",
         dt=1.0,
+        method="variable_projection",
     ):
         super().__init__(
             fit_gain=fit_gain,
@@ -75,6 +78,7 @@ class KelvinVoigt(LinearModel):
             hold=hold,
             initial_state=initial_state,
             dt=dt,
+            method=method,
         )
         self.n_units = n_units
 

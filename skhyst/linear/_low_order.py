@@ -22,6 +22,8 @@ class FirstOrderLag(LinearModel):
         State before each record's first sample.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -64,6 +66,8 @@ class SecondOrderMode(LinearModel):
         State before each record's first sample.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------

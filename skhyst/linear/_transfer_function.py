@@ -35,6 +35,8 @@ class TransferFunction(LinearModel):
         State before each record's first sample.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -79,6 +81,7 @@ class TransferFunction(LinearModel):
         hold="foh",
         initial_state="rest",
         dt=1.0,
+        method="variable_projection",
     ):
         super().__init__(
             fit_gain=fit_gain,
@@ -86,6 +89,7 @@ class TransferFunction(LinearModel):
             hold=hold,
             initial_state=initial_state,
             dt=dt,
+            method=method,
         )
         self.n_poles = n_poles
         self.n_zeros = n_zeros

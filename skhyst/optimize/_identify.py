@@ -1,17 +1,26 @@
-"""The front door of identification: starts, solver, uncertainties, one result object."""
+"""The front door of identification: starts, method, uncertainties, one result object."""
 
 import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from ._cuckoo_search import CuckooSearch, ModifiedCuckooSearch
+from ._differential_evolution import DifferentialEvolution
+from ._multistart import VariableProjection
+from ._particle_swarm import ParticleSwarm
 from ._problem import OperatorProblem
-from ._variable_projection import variable_projection
 
-__all__ = ["IdentificationResult", "identify", "summarize", "uncertainty"]
+__all__ = ["METHODS", "IdentificationResult", "identify", "summarize", "uncertainty"]
 
-_FULL_RUNS = 2  # of many starts, so many are followed to the end
-_TRIAL_EVALUATIONS = 4
+METHODS = {
+    "variable_projection": VariableProjection,
+    "differential_evolution": DifferentialEvolution,
+    "particle_swarm": ParticleSwarm,
+    "cuckoo_search": CuckooSearch,
+    "modified_cuckoo_search": ModifiedCuckooSearch,
+}
+
 _SILENT = 1e-13  # of the response
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
@@ -107,34 +116,27 @@ def uncertainty(problem, solution, n_samples, powers):
     return std, tuple(sorted(undetermined)), float(condition)
 
 
-def identify(
-    starts,
-    records,
-    *,
-    fixed=(),
-    initial_state="rest",
-    tolerance=1e-8,
-    max_evaluations=100,
-    callback=None,
-):
+def identify(starts, records, *, fixed=(), initial_state="rest", method="variable_projection"):
     """Identify an operator from records, starting from each of several candidates.
 
     Parameters
     ----------
     starts : sequence of (Operator, tuple of DisturbanceOperator)
-        Starting values, all of the same structure or of several; the best solution wins.
+        Starting values of one structure.
     records : sequence of RecordData
     fixed : collection of str
         Names of entries that are held.
     initial_state : {"rest", "zero"}
-    tolerance, max_evaluations, callback
-        See :func:`variable_projection`; the budget holds for each start.
+    method : str or Method, default="variable_projection"
+        A name among those of ``METHODS`` or a configured method.
 
     Returns
     -------
     IdentificationResult
     """
     begin = time.perf_counter()
+    if isinstance(method, str):
+        method = METHODS[method]()
     problems = [
         OperatorProblem(
             operator,
@@ -145,25 +147,7 @@ def identify(
         )
         for operator, disturbances in starts
     ]
-    points = [problem.x0 for problem in problems]
-    evaluations = 0
-    if len(problems) > _FULL_RUNS:
-        trials = [
-            variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS)
-            for problem, x in zip(problems, points, strict=True)
-        ]
-        evaluations = sum(trial.n_evaluations for trial in trials)
-        order = np.argsort([trial.cost for trial in trials], kind="stable")[:_FULL_RUNS]
-        problems, points = [problems[i] for i in order], [trials[i].x for i in order]
-    best = None
-    for problem, x in zip(problems, points, strict=True):
-        solution = variable_projection(
-            problem, x, tolerance=tolerance, max_evaluations=max_evaluations, callback=callback
-        )
-        evaluations += solution.n_evaluations
-        if best is None or solution.cost < best[1].cost:
-            best = problem, solution
-    problem, solution = best
+    problem, solution, evaluations = method.solve(problems)
     return summarize(problem, solution, evaluations, time.perf_counter() - begin)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ._bounded import bounded_step
 
-__all__ = ["Solution", "predicted_cost", "variable_projection"]
+__all__ = ["Solution", "predicted_cost", "solve_linear", "variable_projection"]
 
 _LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
 _CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
@@ -61,7 +61,8 @@ def variable_projection(
     max_evaluations : int, default=100
         Budget of simulations of all records.
     callback : callable, optional
-        Called with the number of evaluations and the cost after each accepted step.
+        Called with the number of evaluations and the cost after each accepted step; a true value
+        ends the search.
 
     Returns
     -------
@@ -79,7 +80,7 @@ def variable_projection(
         return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - start)
     if linear.any():
         before = gram[-1, -1]
-        x, gram = _solve_linear(problem, x, gram)
+        x, gram = solve_linear(problem, x, gram)
         # the other columns were taken at the old linear part
         if gram[-1, -1] < before * (1.0 - _STALE):
             gram = problem.total(problem.evaluate(x, select=select), select)
@@ -110,7 +111,7 @@ def variable_projection(
         n_evaluations += 1
         if np.isfinite(trial_gram).all():
             before = trial_gram[-1, -1]
-            trial, trial_gram = _solve_linear(problem, trial, trial_gram)
+            trial, trial_gram = solve_linear(problem, trial, trial_gram)
             if trial_gram[-1, -1] < _CANCELLED * before:
                 trial_gram = problem.total(problem.evaluate(trial, select=select), select)
                 n_evaluations += 1
@@ -123,8 +124,9 @@ def variable_projection(
             factor = 2.0
             x, gram = trial, trial_gram
             history.append((n_evaluations, gram[-1, -1]))
-            if callback is not None:
-                callback(n_evaluations, gram[-1, -1])
+            if callback is not None and callback(n_evaluations, gram[-1, -1]):
+                message = "The callback has ended the search."
+                break
             if gain <= tolerance * cost + floor:
                 converged, message = True, "The sum of squares no longer changes."
         else:
@@ -147,7 +149,7 @@ def predicted_cost(problem, x):
     if not np.isfinite(gram).all():
         return np.inf
     before = gram[-1, -1]
-    x, gram = _solve_linear(problem, x, gram)
+    x, gram = solve_linear(problem, x, gram)
     if gram[-1, -1] < before * (1.0 - _STALE):
         gram = problem.total(problem.evaluate(x))
     reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
@@ -161,7 +163,7 @@ def predicted_cost(problem, x):
     return max(gram[-1, -1] + 2.0 * gradient @ step + step @ hessian @ step, 0.0)
 
 
-def _solve_linear(problem, x, gram):
+def solve_linear(problem, x, gram):
     """Solve the linear parameters exactly and carry the Gram matrix along."""
     if not problem.linear.any():
         return x, gram

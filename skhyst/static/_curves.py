@@ -32,7 +32,7 @@ class Saturation(ParametricModel):
     rank : {"drive", "sensor"}, default="sensor"
         Where it stands when an effect search has to find its place in a series: before everything
         else, or behind it.
-    initial_state, dt
+    initial_state, dt, method
         As for every model; a memoryless model depends on neither.
 
     Attributes
@@ -56,11 +56,20 @@ class Saturation(ParametricModel):
         "rank": [StrOptions({"drive", "sensor"})],
     }
 
-    def __init__(self, *, sides="both", rank="sensor", initial_state="rest", dt=1.0):
+    def __init__(
+        self,
+        *,
+        sides="both",
+        rank="sensor",
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
         self.sides = sides
         self.rank = rank
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     @property
     def _rank(self):
@@ -93,7 +102,7 @@ class DeadZones(ParametricModel):
         Number of dead zones a side.
     sides : {"both", "lower", "upper"}, default="both"
         Which sides have dead zones.
-    initial_state, dt
+    initial_state, dt, method
         As for every model; a memoryless model depends on neither.
 
     Attributes
@@ -120,11 +129,14 @@ class DeadZones(ParametricModel):
 
     _rank = DeadZoneOperator.rank
 
-    def __init__(self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0):
+    def __init__(
+        self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0, method="variable_projection"
+    ):
         self.n_zones = n_zones
         self.sides = sides
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     def _starts(self, records):
         low, high = _range(records)
@@ -146,7 +158,7 @@ class SmoothCurve(ParametricModel):
     ----------
     degree : int, default=5
         Highest degree, at least 2.
-    initial_state, dt
+    initial_state, dt, method
         As for every model; a memoryless model depends on neither.
 
     Attributes
@@ -172,10 +184,11 @@ class SmoothCurve(ParametricModel):
 
     _rank = PolynomialCurveOperator.rank
 
-    def __init__(self, degree=5, *, initial_state="rest", dt=1.0):
+    def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.degree = degree
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     def _starts(self, records):
         low, high = _range(records)

@@ -1,0 +1,230 @@
+"""Every method behind one front door, on problems whose solution is known."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, KFold
+
+from skhyst.linear import SecondOrderMode
+from skhyst.operators import (
+    FirstOrderLagOperator,
+    OffsetOperator,
+    PrandtlIshlinskiiOperator,
+    SecondOrderModeOperator,
+)
+from skhyst.optimize import (
+    METHODS,
+    CuckooSearch,
+    DifferentialEvolution,
+    Method,
+    ModifiedCuckooSearch,
+    OperatorProblem,
+    ParticleSwarm,
+    PopulationMethod,
+    RecordData,
+    VariableProjection,
+    identify,
+)
+from skhyst.optimize._method import restrict, search_box
+
+DT = 0.01
+TRUTH = SecondOrderModeOperator(60.0, 0.05, gain=2.0, intercept=0.3)
+POPULATIONS = [DifferentialEvolution, ParticleSwarm, CuckooSearch, ModifiedCuckooSearch]
+
+
+def record(noise=0.0, n=300, operator=TRUTH):
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=n)
+    return RecordData(u, operator.run(u, DT)[0] + noise * rng.normal(size=n), DT)
+
+
+def start(frequency=40.0, damping=0.2):
+    return SecondOrderModeOperator(frequency, damping), ()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_finds_the_mode_and_reports_alike(name):
+    options = {} if name == "variable_projection" else {"population": 12, "max_iterations": 15}
+    method = METHODS[name](**options)
+    result = identify([start()], [record()], method=method)
+    assert result.operator.natural_frequency == pytest.approx(60.0, rel=1e-6)
+    assert result.operator.damping_ratio == pytest.approx(0.05, rel=1e-5)
+    assert result.error < 1e-7
+    assert set(result.params) == set(result.params_std)
+    assert result.undetermined == ()
+    assert result.condition_number > 1.0
+    assert result.seconds > 0.0
+    evaluations, costs = zip(*result.history, strict=True)
+    assert list(evaluations) == sorted(evaluations)
+    assert evaluations[-1] <= result.n_evaluations
+    assert costs[-1] == min(costs)
+
+
+@pytest.mark.parametrize("kind", POPULATIONS)
+def test_a_population_alone_comes_close(kind):
+    """All four parameters are searched, as the papers do, and nothing is refined."""
+    bounds = {
+        "natural_frequency": (10.0, 300.0),
+        "damping_ratio": (0.01, 1.0),
+        "gain": (0.0, 5.0),
+        "intercept": (-1.0, 1.0),
+    }
+    method = kind(population=30, max_iterations=150, project=False, polish=False, bounds=bounds)
+    data = record()
+    result = identify([start()], [data], method=method)
+    assert result.error < 0.05 * np.std(data.y)
+    for name, (low, high) in bounds.items():
+        assert low <= result.params[name] <= high
+
+
+@pytest.mark.parametrize("kind", POPULATIONS)
+def test_evaluations_are_counted_and_limited(kind):
+    calls = []
+
+    class Counted(SecondOrderModeOperator):
+        def run(self, u, dt, state=None):
+            calls.append(1)
+            return super().run(u, dt, state)
+
+    problem = [(Counted(40.0, 0.2), ())]
+    options = {"population": 10, "project": False, "polish": False}
+    result = identify(problem, [record()], method=kind(max_evaluations=57, **options))
+    # one for the box, one for the standard errors; summarize and linearize add their own
+    assert result.n_evaluations == 57 + 2
+    assert 57 <= len(calls) <= 57 + 4
+
+
+@pytest.mark.parametrize("kind", POPULATIONS)
+def test_same_seed_same_result_and_another_seed_another(kind):
+    def found(seed):
+        method = kind(population=8, max_iterations=4, polish=False, random_state=seed)
+        return identify([start()], [record(0.1)], method=method).x
+
+    np.testing.assert_array_equal(found(1), found(1))
+    assert np.any(found(1) != found(2))
+
+
+@pytest.mark.parametrize("kind", [VariableProjection, *POPULATIONS])
+def test_a_callback_ends_the_search_and_keeps_the_best(kind, capsys):
+    seen = []
+
+    def stop(n_evaluations, cost):
+        seen.append((n_evaluations, cost))
+        return len(seen) == 2
+
+    method = kind(callback=stop, verbose=1, **({} if kind is VariableProjection else ROUGH))
+    result = identify([start()], [record(0.1)], method=method)
+    assert len(seen) == 2
+    assert result.error**2 * 300 <= seen[-1][1] * (1.0 + 1e-9)
+    assert kind.__name__ in capsys.readouterr().err
+
+
+ROUGH = {"population": 10, "max_iterations": 50, "polish": False}
+
+
+@pytest.mark.parametrize("kind", [VariableProjection, *POPULATIONS])
+def test_bounds_hold(kind):
+    bounds = {"damping_ratio": (0.1, 0.5)}
+    options = {} if kind is VariableProjection else {"population": 8, "max_iterations": 10}
+    result = identify([start()], [record()], method=kind(bounds=bounds, **options))
+    assert result.operator.damping_ratio == pytest.approx(0.1)
+    assert np.isnan(result.params_std["damping_ratio"])
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ({"damping": (0.1, 0.5)}, "'damping', which is not among"),
+        ({"gain": (2.0, 1.0)}, "no value"),
+    ],
+)
+def test_wrong_bounds_are_refused(bounds, message):
+    with pytest.raises(ValueError, match=message):
+        identify([start()], [record()], method=VariableProjection(bounds=bounds))
+
+
+def test_a_far_start_needs_random_ones():
+    """A hundred Hz off, gradients lead to the wrong place; seeded random starts mend it."""
+    lightly = SecondOrderModeOperator(250.0, 0.01, gain=2.0)
+    data = [record(0.01, 600, lightly)]
+    poor = [start(1.0, 0.9)]
+    assert identify(poor, data).error > 0.5 * np.std(data[0].y)
+    method = VariableProjection(n_random_starts=40, bounds={"natural_frequency": (1.0, 300.0)})
+    result = identify(poor, data, method=method)
+    assert result.operator.natural_frequency == pytest.approx(250.0, rel=1e-3)
+    assert result.error == pytest.approx(0.01, rel=0.1)
+
+
+def test_linear_problems_need_no_population():
+    plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.zeros(2))
+    truth = PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.array([1.0, 0.3]))
+    data = [record(operator=truth)]
+    result = identify([(plays, ())], data, fixed=("drive_offset",), method="particle_swarm")
+    np.testing.assert_allclose(result.operator.weights, truth.weights, atol=1e-9)
+    assert result.n_evaluations < 5
+
+
+def test_records_keep_their_own_offsets_in_a_population():
+    lag = FirstOrderLagOperator(0.05, gain=2.0)
+    data = [
+        dataclasses.replace(r, y=r.y + offset)
+        for r, offset in zip([record(operator=lag)] * 2, (1.0, -2.0), strict=True)
+    ]
+    method = DifferentialEvolution(population=8, max_iterations=5)
+    begin = [(FirstOrderLagOperator(0.3), (OffsetOperator(np.zeros(1)),))]
+    result = identify(begin, data, fixed=("intercept",), method=method)
+    np.testing.assert_allclose(result.record_coefficients[:, 0], [1.0, -2.0], atol=1e-5)
+
+
+def test_the_box_holds_the_starts_and_follows_the_unit():
+    data = record()
+    problems = [OperatorProblem(start(w)[0], [data]) for w in (20.0, 90.0)]
+    lower, upper = search_box(problems)
+    for problem in problems:
+        assert np.all((lower <= problem.x0) & (problem.x0 <= upper))
+    scaled = dataclasses.replace(data, y=1e-9 * data.y)
+    tiny = SecondOrderModeOperator(20.0, 0.2, gain=1e-9)
+    low, high = search_box([OperatorProblem(tiny, [scaled])])
+    names = problems[0].names
+    gain = names.index("gain")
+    assert high[gain] - low[gain] < 1e-7
+    restrict(problems[0], {"gain": (0.5, 3.0)})
+    lower, upper = search_box(problems)
+    assert (lower[gain], upper[gain]) == (0.5, 3.0)
+
+
+def test_schedules_of_the_modified_search():
+    """Tanh paper (9), (10) with p in [0, 1] and the step in [0.5, 2]."""
+    schedule = ModifiedCuckooSearch()._schedule
+    np.testing.assert_allclose(schedule(0.0), (1.0, 2.0))
+    np.testing.assert_allclose(schedule(1.0), (np.exp(-5.0), 0.5))
+    np.testing.assert_allclose(schedule(0.5), (np.exp(-0.625), 1.0))
+
+
+def test_methods_are_values():
+    method = ParticleSwarm(population=7)
+    assert method == ParticleSwarm(population=7)
+    assert pickle.loads(pickle.dumps(method)) == method
+    assert issubclass(ParticleSwarm, PopulationMethod)
+    assert issubclass(PopulationMethod, Method)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        method.population = 8
+    model = SecondOrderMode(method=method)
+    assert clone(model).get_params()["method"] == method
+
+
+def test_grid_search_over_methods():
+    data = record(0.01)
+    methods = ["variable_projection", ParticleSwarm(population=8, max_iterations=5)]
+    search = GridSearchCV(SecondOrderMode(dt=DT), {"method": methods}, cv=KFold(2))
+    search.fit(data.u.reshape(-1, 1), data.y)
+    assert np.ptp(search.cv_results_["mean_test_score"]) < 1e-3
+    assert search.best_score_ > 0.9
+
+
+def test_an_unknown_method_is_refused_by_name():
+    with pytest.raises(ValueError, match="'method' parameter of SecondOrderMode"):
+        SecondOrderMode(method="bees").fit(np.zeros((9, 1)), np.zeros(9))
