@@ -2,12 +2,13 @@
 
 import warnings
 from abc import abstractmethod
+from functools import cache
 from numbers import Real
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
@@ -17,6 +18,7 @@ from .records import record_slices
 
 __all__ = ["ParametricModel", "read_data", "run_records"]
 
+_NAMED = 10  # undetermined parameters that a warning lists
 _EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
 
 
@@ -34,6 +36,11 @@ def read_data(estimator, X, y=None, *, reset, dt):
     _refuse_extreme("X", array[:, 0])
     _refuse_extreme("y", response)
     return record_slices(_indexed(X, array), y, dt=dt), array, response
+
+
+@cache
+def _threads():
+    return ThreadpoolController()  # looks through all loaded libraries: once
 
 
 def _refuse_extreme(name, values):
@@ -104,11 +111,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self
         """
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
-        data = [RecordData(X[s.rows, 0], y[s.rows], s.dt) for s in slices]
+        data = self._record_data(slices, X, y)
         self.records_ = slices
         # the matrices are tiny: threads that wait for each other cost more than they do
-        with threadpool_limits(limits=1, user_api="blas"):
+        with _threads().limit(limits=1, user_api="blas"):
             return self._fit_records(data)
+
+    def _record_data(self, slices, X, y):
+        """Return what identification sees of each record."""
+        return [RecordData(X[s.rows, 0], y[s.rows], s.dt) for s in slices]
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -132,9 +143,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             fixed = {name for name, _ in result.operator.entries()} - set(result.params)
             result, self.initial_drive_ = estimate_histories(result, data, fixed=fixed)
         if result.undetermined:
+            named, more = result.undetermined[:_NAMED], len(result.undetermined) - _NAMED
+            rest = f" and {more} more, see identifiability_" if more > 0 else ""
             warnings.warn(
                 f"The data do not determine these parameters of {type(self).__name__}: "
-                f"{', '.join(result.undetermined)}.",
+                f"{', '.join(named)}{rest}.",
                 ConvergenceWarning,
                 stacklevel=3,
             )

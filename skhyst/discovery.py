@@ -23,8 +23,8 @@ def all_estimators():
     Examples
     --------
     >>> from skhyst.discovery import all_estimators
-    >>> all_estimators()[0]
-    ('Cascade', <class 'skhyst.compose._cascade.Cascade'>)
+    >>> dict(all_estimators())["Cascade"]
+    <class 'skhyst.compose._cascade.Cascade'>
     """
     package = importlib.import_module(__package__)
     found = set()

@@ -206,7 +206,7 @@ def test_lists(capsys):
 
 
 def test_demo_finds_what_was_hidden(tmp_path, capsys):
-    assert main(["demo", "--output", str(tmp_path / "demo"), "--jobs", "2", "--quiet"]) == 0
+    assert main(["demo", "--output", str(tmp_path / "demo"), "--jobs", "1", "--quiet"]) == 0
     printed = capsys.readouterr().out
     _, secret, _ = make_demo_recording(0, n_records=1)
     assert f"missing: {secret}\n" in printed

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("matplotlib", reason="the examples draw")
 
 FOLDER = Path(__file__).parents[1] / "examples"
-EXAMPLES = sorted(FOLDER.glob("plot_*.py"))
+EXAMPLES = sorted(FOLDER.rglob("plot_*.py"))
 
 
 def test_there_are_examples():

@@ -418,13 +418,28 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.verdict_ = "noise"
             return
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        error, p_value = black_box_gain(records, base.residuals, base.predictions, rng)
-        gain = 1.0 - (error / base.error) ** 2 if base.error > 0.0 else 0.0
+        # of the fit to everything: a held-out record that goes further than the others shows what
+        # they do not determine, which is no missing structure
+        residuals, predictions = self._fitted(records, base)
+        error, p_value = black_box_gain(records, residuals, predictions, rng)
+        power = np.nanmean(np.square(np.concatenate(residuals)))
+        gain = 1.0 - error**2 / power if power > 0.0 else 0.0
         structured = p_value < self.alpha and gain > _UNEXPLAINED
         if floor is None:
             floor = error if structured else base.error
         self.noise_floor_ = floor
         self.verdict_ = "unexplained" if structured else "noise"
+
+    @staticmethod
+    def _fitted(records, base):
+        """Return residuals and predictions of the fit to all records, NaN where nothing counts."""
+        problem = base.structure.problem(records)
+        fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
+        predictions = [
+            np.where(np.isfinite(held_out), prediction, np.nan)
+            for held_out, prediction in zip(base.predictions, fitted, strict=True)
+        ]
+        return [r.y - p for r, p in zip(records, predictions, strict=True)], predictions
 
     def _add_time(self, stage, begin):
         self.seconds_[stage] = self.seconds_.get(stage, 0.0) + time.perf_counter() - begin

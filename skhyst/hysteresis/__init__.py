@@ -1,5 +1,35 @@
 """Hysteresis models."""
 
+from ._bouc_wen import BoucWen
+from ._dahl import Dahl
+from ._duhem import Duhem
+from ._friction_stage import FrictionStage
+from ._jiles_atherton import JilesAtherton
+from ._krasnoselskii_pokrovskii import KrasnoselskiiPokrovskii
+from ._lugre import LuGre
+from ._maxwell_slip import MaxwellSlip
+from ._modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from ._prandtl_ishlinskii import PrandtlIshlinskii
+from ._preisach import Preisach
+from ._rate_dependent_prandtl_ishlinskii import RateDependentPrandtlIshlinskii
+from ._restoring_force import RestoringForce
+from ._system_level import SystemLevelHysteresis
+from ._tanh import TanhHysteresis
 
-__all__ = ["PrandtlIshlinskii"]
+__all__ = [
+    "BoucWen",
+    "Dahl",
+    "Duhem",
+    "FrictionStage",
+    "JilesAtherton",
+    "KrasnoselskiiPokrovskii",
+    "LuGre",
+    "MaxwellSlip",
+    "ModifiedPrandtlIshlinskii",
+    "PrandtlIshlinskii",
+    "Preisach",
+    "RateDependentPrandtlIshlinskii",
+    "RestoringForce",
+    "SystemLevelHysteresis",
+    "TanhHysteresis",
+]

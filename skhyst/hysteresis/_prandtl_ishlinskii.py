@@ -1,4 +1,4 @@
-"""Prandtl-Ishlinskii model: a weighted superposition of play operators."""
+"""Prandtl-Ishlinskii model: a weighted superposition of play or stop operators."""
 
 from numbers import Integral, Real
 
@@ -18,13 +18,18 @@ class PrandtlIshlinskii(ParametricModel):
     .. math:: y = c + \sum_k w_k F_{r_k}[u - u_0], \quad
        F_r[u](t) = \max(u(t) - r, \min(u(t) + r, F_r[u](t^-)))
 
-    (thesis, (3.1)-(3.6)). The weights and the intercept are solved exactly by (non-negative) least
-    squares; no starting values are needed.
+    (thesis, (3.1)-(3.6)). With ``form="stop"``, stops :math:`E_r[v] = v - F_r[v]`, springs that
+    yield at r, take the place of the plays with a threshold above zero. The weights and the
+    intercept are solved exactly by (non-negative) least squares; no starting values are needed.
 
     Parameters
     ----------
     n_operators : int, default=20
-        Number of play operators; ignored where ``thresholds`` is an array.
+        Number of operators; ignored where ``thresholds`` is an array.
+    form : {"play", "stop"}, default="play"
+        Superposition of plays or of stops. It matters where the weights are not negative: plays
+        then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
+        over displacement).
     thresholds : {"grid", "quantile"} or array-like of shape (n_operators,), default="grid"
         Evenly spaced over the half range of the drive, by quantiles of the drive's swings, or
         given, in units of the drive.
@@ -39,13 +44,15 @@ class PrandtlIshlinskii(ParametricModel):
         zero; or after a rest at a drive value that is fitted for each record.
     dt : float, default=1.0
         Sampling interval in s of data without a time index. The model does not depend on it.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     thresholds_ : ndarray of shape (n_operators,)
         Units of the drive.
     weights_ : ndarray of shape (n_operators,)
-        Units of the response over units of the drive.
+        Of the plays or of the stops, units of the response over units of the drive.
     intercept_ : float
         Units of the response.
     operator_ : PrandtlIshlinskiiOperator
@@ -72,6 +79,7 @@ class PrandtlIshlinskii(ParametricModel):
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "n_operators": [Interval(Integral, 1, None, closed="left")],
+        "form": [StrOptions({"play", "stop"})],
         "thresholds": [StrOptions({"grid", "quantile"}), "array-like"],
         "non_negative": ["boolean"],
         "drive_offset": [Interval(Real, None, None, closed="neither"), StrOptions({"fit"})],
@@ -84,20 +92,24 @@ class PrandtlIshlinskii(ParametricModel):
         self,
         n_operators=20,
         *,
+        form="play",
         thresholds="grid",
         non_negative=True,
         drive_offset=0.0,
         fit_intercept=True,
         initial_state="rest",
         dt=1.0,
+        method="variable_projection",
     ):
         self.n_operators = n_operators
+        self.form = form
         self.thresholds = thresholds
         self.non_negative = non_negative
         self.drive_offset = drive_offset
         self.fit_intercept = fit_intercept
         self.initial_state = initial_state
         self.dt = dt
+        self.method = method
 
     def _starts(self, records):
         if isinstance(self.thresholds, str):
@@ -112,6 +124,7 @@ class PrandtlIshlinskii(ParametricModel):
             np.zeros(len(thresholds)),
             drive_offset=offset,
             non_negative=self.non_negative,
+            form=self.form,
         )
         return [(operator, ())]
 
@@ -144,8 +157,7 @@ class PrandtlIshlinskii(ParametricModel):
         Raises
         ------
         ValueError
-            If the model is not strictly monotone: the play with threshold zero needs a positive
-            weight.
+            If the model is not strictly monotone: the threshold zero needs a positive weight.
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)

@@ -1,40 +1,72 @@
 """Frozen numerics: parameters and a state that map a signal to a signal, with derivatives."""
 
 from ._base import Operator, ParameterSpec, parameter
+from ._bouc_wen import BoucWenOperator, BoucWenState
 from ._compose import SeriesOperator, SumOperator
+from ._dahl import DahlOperator
 from ._delay import DelayOperator
 from ._disturbance import DisturbanceOperator, DriftOperator, OffsetOperator, SinusoidOperator
+from ._duhem import DuhemOperator
 from ._dynamics import (
     FirstOrderLagOperator,
     KelvinVoigtOperator,
     SecondOrderModeOperator,
     TransferFunctionOperator,
 )
+from ._friction_stage import FrictionStageOperator
+from ._jiles_atherton import JilesAthertonOperator
+from ._krasnoselskii_pokrovskii import KrasnoselskiiPokrovskiiOperator
 from ._linear import LinearOperator
+from ._lugre import LuGreOperator
+from ._maxwell_slip import MaxwellSlipOperator
+from ._monotone_dead_zones import MonotoneDeadZoneOperator
 from ._prandtl_ishlinskii import PlayMemory, PrandtlIshlinskiiOperator
+from ._preisach import PreisachMemory, PreisachOperator
+from ._rate_dependent_prandtl_ishlinskii import RateDependentPrandtlIshlinskiiOperator
+from ._restoring_force import RestoringForceOperator
+from ._scheduled import ScheduledOperator
 from ._static import DeadZoneOperator, PolynomialCurveOperator, SaturationOperator, StaticOperator
+from ._system_level import SystemLevelOperator
+from ._tanh import TanhHysteresisOperator
 from ._thresholds import play_thresholds, turning_points
 
 __all__ = [
+    "BoucWenOperator",
+    "BoucWenState",
+    "DahlOperator",
     "DeadZoneOperator",
     "DelayOperator",
     "DisturbanceOperator",
     "DriftOperator",
+    "DuhemOperator",
     "FirstOrderLagOperator",
+    "FrictionStageOperator",
+    "JilesAthertonOperator",
     "KelvinVoigtOperator",
+    "KrasnoselskiiPokrovskiiOperator",
     "LinearOperator",
+    "LuGreOperator",
+    "MaxwellSlipOperator",
+    "MonotoneDeadZoneOperator",
     "OffsetOperator",
     "Operator",
     "ParameterSpec",
     "PlayMemory",
     "PolynomialCurveOperator",
     "PrandtlIshlinskiiOperator",
+    "PreisachMemory",
+    "PreisachOperator",
+    "RateDependentPrandtlIshlinskiiOperator",
+    "RestoringForceOperator",
     "SaturationOperator",
+    "ScheduledOperator",
     "SecondOrderModeOperator",
     "SeriesOperator",
     "SinusoidOperator",
     "StaticOperator",
     "SumOperator",
+    "SystemLevelOperator",
+    "TanhHysteresisOperator",
     "TransferFunctionOperator",
     "parameter",
     "play_thresholds",

@@ -1,4 +1,4 @@
-"""Prandtl-Ishlinskii operator: a weighted sum of plays, with an exact inverse."""
+"""Prandtl-Ishlinskii operator: a weighted sum of plays or stops, with an exact inverse."""
 
 import dataclasses
 from functools import cached_property
@@ -15,14 +15,47 @@ from .._kernels._prandtl_ishlinskii import (
 )
 from ._base import Operator, parameter
 
-__all__ = ["PlayMemory", "PrandtlIshlinskiiOperator"]
+__all__ = ["PlayMemory", "PlaySum", "PrandtlIshlinskiiOperator", "as_constant"]
 
 
-def _as_constant(values):
+def as_constant(values):
     """Return a read-only copy."""
     constant = np.array(values, dtype=float, ndmin=1)
     constant.flags.writeable = False
     return constant
+
+
+class PlaySum(Operator):
+    """Base of the weighted sums of plays: fields ``thresholds``, ``weights``, ``non_negative``."""
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        for name in ("thresholds", "weights"):
+            object.__setattr__(self, name, as_constant(getattr(self, name)))
+        kind, r = type(self).__name__, self.thresholds
+        if r.ndim != 1 or r.size == 0 or not (r[0] >= 0.0 and np.all(r[1:] >= r[:-1])):
+            raise ValueError(
+                f"The 'thresholds' parameter of {kind} must be a list of ascending values that "
+                f"are not negative. Got {r!r} instead."
+            )
+        if self.weights.shape != r.shape:
+            raise ValueError(
+                f"The 'weights' parameter of {kind} must have one value for each of the {r.size} "
+                f"thresholds. Got shape {self.weights.shape} instead."
+            )
+
+    def __reduce__(self):
+        fields = dataclasses.fields(self)
+        return type(self), tuple(getattr(self, field.name) for field in fields)
+
+    def parameter_specs(self):
+        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
+        specs = super().parameter_specs()
+        if not self.non_negative:
+            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
+        return specs
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,22 +76,25 @@ class PlayMemory:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PrandtlIshlinskiiOperator(Operator):
-    r"""Weighted sum of play operators.
+class PrandtlIshlinskiiOperator(PlaySum):
+    r"""Weighted sum of play or stop operators.
 
     .. math::
 
         y = c + \sum_k w_k F_{r_k}[u - d], \qquad
         F_r[v](t) = \max(v - r, \min(v + r, F_r[v](t^-)))
 
-    A play of threshold ``r`` follows its input once the slack ``2 r`` is used up. The output is
-    evaluated from the turning points of the drive and costs the same for any number of plays.
+    A play of threshold ``r`` follows its input once the slack ``2 r`` is used up. In the stop form
+    the :math:`F_{r_k}` are replaced by stops :math:`E_r[v] = v - F_r[v]`, springs that yield at
+    ``r``. The output is evaluated from the turning points of the drive and costs the same for any
+    number of plays.
 
     Parameters
     ----------
     thresholds : array-like of shape (n_plays,)
         Thresholds ``r_k`` in units of the drive, ascending, not negative. Fixed structure. A first
-        threshold of zero is the plain gain, without which there is no inverse.
+        threshold of zero is the plain gain, without which there is no inverse; so it is in the stop
+        form too, where it stands for a spring that never yields.
     weights : array-like of shape (n_plays,)
         Weights ``w_k`` in response/drive.
     intercept : float, default=0.0
@@ -67,11 +103,16 @@ class PrandtlIshlinskiiOperator(Operator):
         Drive ``d`` at which the virgin device rests, in units of the drive.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    form : {"play", "stop"}, default="play"
+        What the weights are those of. Positive weights of plays give loops that run counter-
+        clockwise (response over drive), those of stops clockwise ones, as of a force over a
+        displacement.
 
     Raises
     ------
     ValueError
-        If the thresholds are negative or do not ascend, or there is not one weight for each.
+        If the thresholds are negative or do not ascend, there is not one weight for each, or the
+        form is neither of the two.
 
     Notes
     -----
@@ -79,6 +120,9 @@ class PrandtlIshlinskiiOperator(Operator):
     first sample, where a play stands at ``max(v - r, min(v + r, 0))`` with ``v = u - d``; in
     ``"zero"`` all plays and ``v`` are zero. Both give the same output, since the way to the first
     sample is that first loading. The operator is rate-independent: ``dt`` is not used.
+
+    A sum of stops is a sum of plays, with the gain :math:`\sum_k w_k` and the weights
+    :math:`-w_k`, and is evaluated as such.
 
     References
     ----------
@@ -103,47 +147,35 @@ class PrandtlIshlinskiiOperator(Operator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     drive_offset: float = parameter(default=0.0, unit="drive")
     non_negative: bool = True
-
-    carries_scale = True
-    rank = 10
+    form: str = "play"
 
     def __post_init__(self):
-        for name in ("thresholds", "weights"):
-            object.__setattr__(self, name, _as_constant(getattr(self, name)))
-        r = self.thresholds
-        if r.ndim != 1 or r.size == 0 or not (r[0] >= 0.0 and np.all(r[1:] >= r[:-1])):
+        super().__post_init__()
+        if self.form not in ("play", "stop"):
             raise ValueError(
-                "The 'thresholds' parameter of PrandtlIshlinskiiOperator must be a list of "
-                f"ascending values that are not negative. Got {r!r} instead."
-            )
-        if self.weights.shape != r.shape:
-            raise ValueError(
-                "The 'weights' parameter of PrandtlIshlinskiiOperator must have one value for "
-                f"each of the {r.size} thresholds. Got shape {self.weights.shape} instead."
+                "The 'form' parameter of PrandtlIshlinskiiOperator must be 'play' or 'stop'. "
+                f"Got {self.form!r} instead."
             )
 
-    def __reduce__(self):
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
-
-    def parameter_specs(self):
-        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
-        specs = super().parameter_specs()
-        if not self.non_negative:
-            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
-        return specs
+    @cached_property
+    def _play_form(self):
+        """Thresholds (n,) and weights (n,) as plays, and the sums of the first weights (n + 1,)."""
+        r, w = self.thresholds, self.weights
+        if self.form == "play":
+            return r, w, as_constant(np.concatenate(([0.0], np.cumsum(w))))
+        yielding = np.where(r > 0.0, w, 0.0)
+        # springs that have not yielded: the sums from the end, so that none left is exactly zero
+        left = np.append(np.cumsum(yielding[::-1])[::-1], 0.0)
+        sums = np.concatenate(([0.0], np.sum(w - yielding) + left))
+        return tuple(map(as_constant, (np.append(0.0, r), np.diff(sums), sums)))
 
     @cached_property
     def _tables(self):
-        n_plays = self.thresholds.size
-        table = np.empty((n_plays + 1, 4))
-        bins = np.empty(16 * n_plays + 2, dtype=np.int32)
-        scale = build_table(self.thresholds, self.weights, table, bins)
+        thresholds, weights, _ = self._play_form
+        table = np.empty((thresholds.size + 1, 4))
+        bins = np.empty(16 * thresholds.size + 2, dtype=np.int32)
+        scale = build_table(thresholds, weights, table, bins)
         return table, bins, scale
-
-    @cached_property
-    def _cumulative_weights(self):
-        return _as_constant(np.concatenate(([0.0], np.cumsum(self.weights))))
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
@@ -156,11 +188,11 @@ class PrandtlIshlinskiiOperator(Operator):
         y = np.empty(u.size)
         if state is None:
             state = self.init(u[0] if u.size else self.drive_offset)
-        size = stack_size(self.thresholds.size)
+        table, bins, scale = self._tables
+        size = stack_size(table.shape[0] - 1)
         if state.turning_points.size > size - 2:
             size += state.turning_points.size
         points, values = np.empty((2, size))
-        table, bins, scale = self._tables
         top = restore_stack(as_signal(state.turning_points), points, values, table, bins, scale)
         top, last = turning_point_run(
             u,
@@ -185,16 +217,15 @@ class PrandtlIshlinskiiOperator(Operator):
         """
         u, du = as_signal(u), as_signal(du)
         y, _ = self.run(u, dt, self.init(u[0] if u.size else 0.0, initial_state))
-        n_plays = self.thresholds.size
-        dy = np.empty((u.size, du.shape[1] + n_plays + 2))
-        play_tangents(
-            as_signal(u - self.drive_offset),
-            du,
-            self.thresholds,
-            self._cumulative_weights,
-            np.zeros(n_plays),
-            dy,
-        )
+        thresholds, _, sums = self._play_form
+        m, n_plays = du.shape[1], thresholds.size
+        dy = np.empty((u.size, m + n_plays + 2))
+        v = as_signal(u - self.drive_offset)
+        play_tangents(v, du, thresholds, sums, np.zeros(n_plays), dy)
+        if self.form == "stop":
+            own = dy[:, m + 1 : m + n_plays]
+            np.subtract(v[:, None], own, out=own, where=self.thresholds > 0.0)
+            dy = np.delete(dy, m, axis=1)
         return y, dy
 
     def plays(self, state):
@@ -249,8 +280,8 @@ class PrandtlIshlinskiiOperator(Operator):
         Returns
         -------
         inverse : PrandtlIshlinskiiOperator
-            Thresholds ``sum_j w_j max(r_k - r_j, 0)``, slopes the reciprocals of the slopes of
-            this operator, ``intercept`` and ``drive_offset`` exchanged.
+            In the play form: thresholds ``sum_j w_j max(r_k - r_j, 0)``, slopes the reciprocals of
+            the slopes of this operator, ``intercept`` and ``drive_offset`` exchanged.
 
         Raises
         ------
@@ -258,15 +289,20 @@ class PrandtlIshlinskiiOperator(Operator):
             If the first threshold is not zero (the operator has a dead zone after each reversal)
             or a partial sum of the weights is not positive (the response is not monotone).
         """
-        slopes = self._cumulative_weights[1:]
-        if self.thresholds[0] != 0.0 or not np.all(slopes > 0.0):
-            raise ValueError(
-                "PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and positive sums "
-                "w_0 + ... + w_k of the weights: the response must be strictly monotone. Got "
-                f"thresholds[0]={self.thresholds[0]!r} and the smallest sum {slopes.min()!r} "
-                "instead."
+        thresholds, _, sums = self._play_form
+        slopes = sums[1:]
+        if thresholds[0] != 0.0 or not np.all(slopes > 0.0):
+            needs = (
+                "positive sums w_0 + ... + w_k of the weights"
+                if self.form == "play"
+                else "springs of positive sum left at each threshold"
             )
-        steps = np.diff(self.thresholds) * slopes[:-1]
+            raise ValueError(
+                f"PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and {needs}: the "
+                f"response must be strictly monotone. Got thresholds[0]={self.thresholds[0]!r} and "
+                f"the smallest sum {slopes.min()!r} instead."
+            )
+        steps = np.diff(thresholds) * slopes[:-1]
         return PrandtlIshlinskiiOperator(
             thresholds=np.concatenate(([0.0], np.cumsum(steps))),
             weights=np.diff(1.0 / slopes, prepend=0.0),

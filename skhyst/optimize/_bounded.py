@@ -39,6 +39,9 @@ def bounded_step(hessian, gradient, lower, upper):
     g = gradient * inverse
     low, high = lower * scale, upper * scale
     n = len(g)
+    s = -_solve(h, g)
+    if np.all((low <= s) & (s <= high)):
+        return s * inverse
     s = np.zeros(n)
     free = moves & ~((low >= 0.0) & (g >= 0.0)) & ~((high <= 0.0) & (g <= 0.0))
     for _ in range(10 * n + 10):

@@ -11,6 +11,7 @@ __all__ = ["VariableProjection"]
 
 _FULL_RUNS = 2  # of many starts, so many are followed to the end
 _TRIAL_EVALUATIONS = 4
+_KEPT = 0.5  # part of the unknowns that a random start takes from the best solution so far
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,8 @@ class VariableProjection(Method):
     max_evaluations : int, default=100
         Budget of a run.
     n_random_starts : int, default=0
-        Starts drawn at random within the bounds, beside those that the model takes from the data.
+        Starts drawn at random within the bounds, in about half of the unknowns each, from the best
+        solution that the starts from the data have led to.
     bounds, random_state, callback, verbose
         See :class:`Method`.
 
@@ -51,14 +53,24 @@ class VariableProjection(Method):
     def solve(self, problems):
         for problem in problems:
             restrict(problem, self.bounds)
-        starts = [(problem, problem.x0) for problem in problems]
+        found, evaluations = self._best_of([(problem, problem.x0) for problem in problems])
+        if not self.n_random_starts:
+            return *found, evaluations
+        problem, solution = found
+        rng = np.random.default_rng(self.random_state)
+        lower, upper = search_box([problem, *(p for p in problems if p is not problem)])
+        shape = self.n_random_starts, len(lower)
+        drawn = rng.uniform(lower, upper, shape)
+        # where a part of the solution is right already, a start that keeps it is worth most
+        kept = rng.random(shape) < _KEPT
+        starts = [(problem, x) for x in np.where(kept, solution.x, drawn)]
+        other, more = self._best_of(starts)
+        best = min(found, other, key=lambda pair: pair[1].cost)
+        return *best, evaluations + 1 + more
+
+    def _best_of(self, starts):
+        """Return the best problem and solution, and the number of evaluations."""
         evaluations = 0
-        if self.n_random_starts:
-            rng = np.random.default_rng(self.random_state)
-            lower, upper = search_box(problems)
-            evaluations += 1
-            drawn = rng.uniform(lower, upper, (self.n_random_starts, len(lower)))
-            starts += [(problems[0], x) for x in drawn]
         if len(starts) > _FULL_RUNS:
             trials = []
             for problem, x in starts:
@@ -79,4 +91,4 @@ class VariableProjection(Method):
             evaluations += solution.n_evaluations
             if best is None or solution.cost < best[1].cost:
                 best = problem, solution
-        return *best, evaluations
+        return best, evaluations

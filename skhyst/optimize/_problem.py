@@ -14,7 +14,8 @@ class RecordData:
 
     ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
     ``before``, the drive at which the device had rested before the record, the record is simulated
-    from there instead of from rest at its first value.
+    from there instead of from rest at its first value. ``schedule`` is the number that scheduled
+    parameters depend on.
     """
 
     u: np.ndarray
@@ -22,6 +23,7 @@ class RecordData:
     dt: float
     segments: tuple = ()
     before: float | None = None
+    schedule: float | None = None
 
     def __post_init__(self):
         if not self.segments:
@@ -116,6 +118,7 @@ class OperatorProblem:
     def simulate(self, operator, record):
         """Return the operator's output for a record, (n_samples,)."""
         u, skip = self._with_history(record)
+        operator = _scheduled(operator, record)
         state = operator.init(u[0], self.initial_state)
         return operator.run(u, record.dt, state)[0][skip:]
 
@@ -156,7 +159,9 @@ class OperatorProblem:
             columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
                 u, skip = self._with_history(record)
-                y, dy = operator.linearize(u, np.empty((len(u), 0)), record.dt, self.initial_state)
+                y, dy = _scheduled(operator, record).linearize(
+                    u, np.empty((len(u), 0)), record.dt, self.initial_state
+                )
                 y = y[skip:]
                 for source, target in self._runs:
                     columns[:, d + target.start : d + target.stop] = dy[skip:, source]
@@ -249,6 +254,10 @@ class OperatorProblem:
                     y = y + np.where(part, odd_rows, even_rows)
             found.append(y)
         return found
+
+
+def _scheduled(operator, record):
+    return operator if record.schedule is None else operator.at(record.schedule)
 
 
 def _runs(index):

@@ -41,7 +41,7 @@ def declared_model(name):
 
 
 def search_of(declared="prandtl_ishlinskii", **options):
-    return EffectSearchCV(declared_model(declared), **{"n_jobs": 2, "random_state": 0} | options)
+    return EffectSearchCV(declared_model(declared), **{"random_state": 0} | options)
 
 
 def found(effect, declared):

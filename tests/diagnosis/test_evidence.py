@@ -27,7 +27,7 @@ def found(effect):
     if effect not in _found:
         recording = make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=4000)
         search = EffectSearchCV(
-            PrandtlIshlinskii(), effects=[effect], max_effects=1, n_jobs=2, random_state=0
+            PrandtlIshlinskii(), effects=[effect], max_effects=1, random_state=0
         )
         search.fit(recording.X_train, recording.y_train)
         _found[effect] = recording, search
@@ -183,7 +183,7 @@ def test_evidence_behind_declared_dynamics():
     """The names of parameters in a longer cascade are told apart."""
     recording = make_recording("lag", "cascade", SEED, n_samples=4000)
     model = Cascade([("hysteresis", PrandtlIshlinskii()), ("lag_of_mine", FirstOrderLag())])
-    search = EffectSearchCV(model, effects=["resonance"], max_effects=1, n_jobs=2)
+    search = EffectSearchCV(model, effects=["resonance"], max_effects=1)
     search.fit(recording.X_train, recording.y_train)
     assert search.effects_ == ["resonance"]
     numbers, mode = search.evidence_["resonance"].numbers, recording.truth["mode"]

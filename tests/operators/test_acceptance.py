@@ -11,23 +11,38 @@ from hypothesis import strategies as st
 
 from skhyst import operators
 from skhyst.operators import (
+    BoucWenOperator,
+    DahlOperator,
     DeadZoneOperator,
     DelayOperator,
     DisturbanceOperator,
     DriftOperator,
+    DuhemOperator,
     FirstOrderLagOperator,
+    FrictionStageOperator,
+    JilesAthertonOperator,
     KelvinVoigtOperator,
+    KrasnoselskiiPokrovskiiOperator,
     LinearOperator,
+    LuGreOperator,
+    MaxwellSlipOperator,
+    MonotoneDeadZoneOperator,
     OffsetOperator,
     Operator,
     PolynomialCurveOperator,
     PrandtlIshlinskiiOperator,
+    PreisachOperator,
+    RateDependentPrandtlIshlinskiiOperator,
+    RestoringForceOperator,
     SaturationOperator,
+    ScheduledOperator,
     SecondOrderModeOperator,
     SeriesOperator,
     SinusoidOperator,
     StaticOperator,
     SumOperator,
+    SystemLevelOperator,
+    TanhHysteresisOperator,
     TransferFunctionOperator,
 )
 
@@ -70,10 +85,56 @@ def make_operators():
         "both limits": SaturationOperator(-0.311, 0.413),
         "dead zones": zones,
         "curve": PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
+        "Dahl friction": DahlOperator(0.11, 0.8, stiffness=0.3, damping=0.02, intercept=0.1),
+        "Dahl friction, soft": DahlOperator(0.11, 0.8, damping=0.01, exponent=1.7),
+        "Dahl friction, hard": DahlOperator(0.31, 0.8, exponent=0.6),
+        "LuGre friction": LuGreOperator(0.11, 2.3, 0.6, 0.8, 0.03, 0.3, 0.02, 0.1),
+        "slip elements": MaxwellSlipOperator(
+            np.array([0.11, 0.213, 0.43]), np.array([0.6, 0.4, 0.3]), 0.2, 0.013, 0.1
+        ),
+        "Duhem": DuhemOperator(3.1, np.array([0.9]), np.array([0.4]), 0.1),
+        "Duhem, cubic": DuhemOperator(
+            2.3, np.array([0.9, 0.1, -0.2]), np.array([0.4, 0.1, 0.2]), 0.1, 0.21, 1.3
+        ),
+        "relays": PreisachOperator(
+            np.array([-0.41, -0.1, 0.23, 0.5, 0.83]),
+            np.array([0.3, 0.1, 0.4, 0.2, 0.5, 0.1, 0.3, 0.1, 0.2, 0.6]),
+            np.array([0.2, 0.1, 0.4, 0.3]),
+            0.1,
+            0.117,
+        ),
+        "relays, all down at first": PreisachOperator(
+            np.array([-0.1, 0.23, 0.5]), np.array([0.3, 0.1, 0.4]), center=-np.inf
+        ),
+        "ramps": KrasnoselskiiPokrovskiiOperator(
+            np.array([-0.41, -0.1, 0.23, 0.83]),
+            np.array([0.3, 0.1, 0.4, 0.2, 0.5, 0.1]),
+            0.1,
+            0.117,
+        ),
+        "tanh": TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1),
+        "system level": SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
+        "system level, as printed": SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+        "Jiles-Atherton": JilesAthertonOperator(1.3, 0.11, 0.15, 0.6, 0.2, 0.3, 0.1),
+        "Bouc-Wen": BoucWenOperator(0.4, 0.7, 0.31, 0.6, 1.0, 0.0, 0.1),
+        "Bouc-Wen, asymmetric": BoucWenOperator(0.4, -0.3, 0.47, 1.6, 1.7, 0.3, 0.1),
         "offset": OffsetOperator(np.array([0.7])),
         "drift": drift,
         "sinusoid": SinusoidOperator(np.array([0.5, 0.1, -0.2, 0.3]), np.array([3.0, 11.0])),
         "plays": plays,
+        "plays, stop form": dataclasses.replace(plays, form="stop"),
+        "plays, stop form, no spring left": PrandtlIshlinskiiOperator(
+            np.array([0.21, 0.43]), np.array([1.0, 0.4]), form="stop"
+        ),
+        "monotone dead zones": MonotoneDeadZoneOperator(
+            np.array([0.6, 1.3, 0.4]), np.array([-0.207, 0.313, 0.611]), n_lower=1
+        ),
+        "rate-dependent plays, thresholds": RateDependentPrandtlIshlinskiiOperator(
+            np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), (), 0.1, 0.011
+        ),
+        "rate-dependent plays, weights": RateDependentPrandtlIshlinskiiOperator(
+            np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), np.array([0.01, -0.02, 0.03])
+        ),
         "series": SeriesOperator(
             ("delay", "plays", "zones", "lag"), (DelayOperator(0.013), plays, zones, lag)
         ),
@@ -85,7 +146,22 @@ def make_operators():
         "sum of series": SumOperator(
             ("series", "creep"), (SeriesOperator(("plays", "lag"), (plays, lag)), creep)
         ),
+        "friction stage": FrictionStageOperator(
+            90.0, 0.15, 0.29, 0.7, 3.0, 8.0, 0.1, 0.8, 0.1, n_substeps=4
+        ),
+        "friction stage, stiff bristles": FrictionStageOperator(
+            20.0, 3.0, 0.03, 0.7, 0.3, 1e3, n_substeps=1
+        ),
+        "restoring force": RestoringForceOperator(
+            90.0, 0.15, [0.2, 0.05], [0.1], 2.0, 0.1, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
+        ),
+        "restoring force, no polynomials": RestoringForceOperator(
+            20.0, 3.0, [], [], 1e3, 0.1, n_substeps=1
+        ),
         "empty sum": SumOperator((), ()),
+        "scheduled": ScheduledOperator(
+            mode, (1, 0, 2, 0), np.array([80.0, 95.0, 0.15, 0.8, 0.9, 1.1, 0.1]), 1.0, 5.0, 2.3
+        ),
     }
 
 

@@ -1,0 +1,236 @@
+"""Any model with parameters that depend on the record's amplitude, or on a column."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.utils.validation import check_is_fitted
+
+from .._sklearn import HasMethods, Interval
+from ..base import ParametricModel, read_data, run_records
+from ..exceptions import RecordError
+from ..operators import ScheduledOperator
+from ..optimize import RecordData, VariableProjection, identify
+
+__all__ = ["ScheduledParameters"]
+
+_CONSTANT = 1e-3  # spread of a column within a record, relative to its size
+_LEAST = 1e-3  # of a positive parameter, relative to its constant value
+_ROUGH = VariableProjection(tolerance=1e-4)
+
+
+class ScheduledParameters(ParametricModel):
+    r"""A model whose parameters are polynomials of the record's amplitude or of a column.
+
+    .. math:: p_i(s) = \sum_{k=0}^{d} c_{ik} s^k
+
+    with s the half range of the drive in a record, or the value of a column of X, which is constant
+    in a record (tanh paper (22)-(26)). All coefficients are identified jointly from all records.
+    They are searched as the polynomial's Bernstein coefficients over the range of s, so that a
+    parameter keeps its bounds (non-negative weights, positive time constants) all over that range.
+
+    Parameters
+    ----------
+    estimator : estimator
+        A parametric model of skhyst, a cascade of them too. Scheduled parameters stand outermost.
+    by : str or int, default="amplitude"
+        ``"amplitude"``, or the name or number of a column of X.
+    degree : int, default=1
+        Of the polynomials.
+    parameters : list of str or None, default=None
+        Names of the parameters that depend on the schedule, as in ``params_`` of the model;
+        ``"weights"`` stands for all of ``"weights[0]"``, ... None: all free parameters.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; that of the model is not used.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index; that of the model is not used.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
+
+    Attributes
+    ----------
+    operator_ : ScheduledOperator
+    polynomials_ : dict of str to ndarray of shape (degree + 1,)
+        Coefficients by powers of the schedule, lowest first.
+    schedule_ : ndarray of shape (n_records,)
+        Of the records of the fit.
+    params_, params_std_ : dict
+        Bernstein coefficients ``name[k]`` and their standard errors: with degree 1 the parameter's
+        values at the least and at the largest schedule.
+
+    Raises
+    ------
+    RecordError
+        If the column is not constant in each record.
+
+    References
+    ----------
+    Tanh paper on piezo actuators, (22)-(26).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.compose import ScheduledParameters
+    >>> from skhyst.hysteresis import PrandtlIshlinskii
+    >>> from skhyst.records import stack_records
+    >>> phase = np.linspace(0, 20, 400)
+    >>> records = [(a * np.sin(phase), (1 + 0.1 * a) * a * np.sin(phase)) for a in (1.0, 2.0, 4.0)]
+    >>> X, y = stack_records(records)
+    >>> model = ScheduledParameters(PrandtlIshlinskii(thresholds=[0.0])).fit(X, y)
+    >>> model.polynomials_["weights[0]"].round(3)
+    array([1. , 0.1])
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "estimator": [HasMethods(["fit", "predict"])],
+        "by": [str, Interval(Integral, 0, None, closed="left")],
+        "degree": [Interval(Integral, 0, None, closed="left")],
+        "parameters": ["array-like", None],
+    }
+
+    def __init__(
+        self,
+        estimator,
+        *,
+        by="amplitude",
+        degree=1,
+        parameters=None,
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
+        self.estimator = estimator
+        self.by = by
+        self.degree = degree
+        self.parameters = parameters
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    def _schedules(self, slices, X):
+        """Return the schedule of each record."""
+        if self.by == "amplitude":
+            return np.array([0.5 * np.ptp(X[s.rows, 0]) for s in slices])
+        column = self._column()
+        found = []
+        for s in slices:
+            values = X[s.rows, column]
+            if np.ptp(values) > _CONSTANT * np.abs(X[:, column]).max():
+                raise RecordError(
+                    f"The column {self.by!r} of ScheduledParameters must be constant in each "
+                    f"record. In record {s.label!r} it goes from {values.min():g} to "
+                    f"{values.max():g}: cut the record where it changes."
+                )
+            found.append(values.mean())
+        return np.array(found)
+
+    def _column(self):
+        names = list(getattr(self, "feature_names_in_", range(self.n_features_in_)))
+        if isinstance(self.by, str):
+            if self.by in names:
+                return names.index(self.by)
+        elif self.by < self.n_features_in_:
+            return self.by
+        raise ValueError(
+            "The 'by' parameter of ScheduledParameters must be 'amplitude' or a column of X: "
+            f"{', '.join(map(str, names))}. Got {self.by!r} instead."
+        )
+
+    def _record_data(self, slices, X, y):
+        if not isinstance(self.estimator, ParametricModel):
+            raise TypeError(
+                "The 'estimator' parameter of ScheduledParameters must be a parametric model of "
+                f"skhyst. Got {self.estimator!r} instead."
+            )
+        self.schedule_ = self._schedules(slices, X)
+        return [
+            RecordData(X[s.rows, 0], y[s.rows], s.dt, schedule=float(schedule))
+            for s, schedule in zip(slices, self.schedule_, strict=True)
+        ]
+
+    def _starts(self, records):
+        if any(record.schedule is None for record in records):
+            raise ValueError(
+                "ScheduledParameters stands outermost: put the Cascade or the Sum into it, and "
+                "search effects of the model inside."
+            )
+        base = clone(self.estimator)
+        plain = [RecordData(r.u, r.y, r.dt, r.segments) for r in records]
+        result = base._identify(plain)
+        if result.disturbances:
+            raise ValueError(
+                "ScheduledParameters takes a driven model: a disturbance has coefficients of each "
+                "record's own already."
+            )
+        values = [r.schedule for r in records]
+        scheduled = ScheduledOperator.constant(
+            result.operator, self._degrees(result), min(values), max(values)
+        )
+        return [(scheduled, ()), (_from_each_record(scheduled, records, plain, base._fixed()), ())]
+
+    def _degrees(self, result):
+        """Return the degree of each value of the model's operator."""
+        free = set(result.params)
+        if self.parameters is not None:
+            chosen = {n for n in free if n in self.parameters or n.split("[")[0] in self.parameters}
+            known = chosen | {n.split("[")[0] for n in chosen}
+            unknown = [name for name in self.parameters if name not in known]
+            if unknown:
+                raise ValueError(
+                    "The 'parameters' of ScheduledParameters must be free parameters of the model: "
+                    f"{', '.join(sorted(free))}. Got {', '.join(map(repr, unknown))} instead."
+                )
+            free = chosen
+        return [self.degree if name in free else 0 for name, _ in result.operator.entries()]
+
+    def _fixed(self):
+        return self.estimator._fixed()
+
+    def _adopt(self, result):
+        super()._adopt(result)
+        self.polynomials_ = self.operator_.polynomials()
+        return self
+
+    def predict(self, X):
+        """Return the free run: the response to the drive alone, each record from its own start.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response.
+        """
+        check_is_fitted(self)
+        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        y = np.empty(len(X))
+        for s, schedule in zip(slices, self._schedules(slices, X), strict=True):
+            operator = self.operator_.at(schedule)
+            y[s.rows] = run_records(operator, X[:, 0], [s], self._free_run_state())
+        return y
+
+
+def _from_each_record(scheduled, records, plain, fixed):
+    """Return the operator whose polynomials go through fits of each record alone, about."""
+    values = []
+    for record in plain:
+        alone = identify([(scheduled.base, ())], [record], fixed=fixed, method=_ROUGH)
+        values.append(alone.operator.pack())
+    values = np.array(values)
+    specs = [spec for _, spec in scheduled.entries()]
+    coefficients, start = scheduled.pack(), 0
+    for i, degree in enumerate(scheduled.degrees):
+        own = slice(start, start + degree + 1)
+        design = np.array([scheduled.at(r.schedule)._basis[own] for r in records])
+        coefficients[own] = np.linalg.lstsq(design, values[:, i], rcond=None)[0]
+        start += degree + 1
+    held = np.repeat([name in fixed for name, _ in scheduled.base.entries()], scheduled._counts)
+    lower = [
+        max(spec.lower, _LEAST * abs(value)) if spec.log else spec.lower
+        for spec, value in zip(specs, scheduled.pack(), strict=True)
+    ]
+    coefficients = np.clip(coefficients, lower, [spec.upper for spec in specs])
+    return scheduled.unpack(np.where(held, scheduled.pack(), coefficients))

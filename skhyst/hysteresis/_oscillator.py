@@ -1,0 +1,244 @@
+"""What the stages share that have hysteresis inside their equation of motion."""
+
+import dataclasses
+from abc import abstractmethod
+from numbers import Integral, Real
+
+import numpy as np
+
+from .._sklearn import Interval
+from ..base import ParametricModel
+from ..linear import SecondOrderMode
+from ..operators import SecondOrderModeOperator
+from ..optimize import VariableProjection, identify
+
+__all__ = ["OscillatorModel"]
+
+_COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
+_MOST_COARSE, _MOST_FINE = 16, 64
+_WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
+_SMOOTH = 4  # half length of that which smooths the response for the law
+_FEWEST = 100  # equations
+_N_STARTS = 12
+_LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
+_COUPLINGS = (1.0, 3.0, 10.0)
+_ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
+_FINISH = VariableProjection(max_evaluations=20)
+
+
+class OscillatorModel(ParametricModel):
+    """Base of the stages: mass, substeps, intercept, and starting values in three steps.
+
+    *Balance of forces.* For a given law the hysteretic force follows from the measured displacement
+    up to factors, and with it the equation of motion is linear in everything else. It is weighted
+    with a modulating function, whose derivatives take the place of those of the response (Shinbrot,
+    Trans. ASME 79, 1957), and solved by least squares over a grid of laws.
+
+    *Coupling.* The sum of squares of a free run has many minima, since the stage sticks and slips
+    at moments of its own. A stage that a spring ties to the measured response does so less: it is
+    the same stage driven by ``u + feedback y``, so its parameters follow exactly (Abarbanel,
+    Creveling, Farsian, Kostuk, SIAM J. Appl. Dyn. Syst. 8, 2009).
+
+    *Free run*, from all of these.
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "fit_intercept": ["boolean"],
+        "mass": [Interval(Real, 0, None, closed="neither")],
+        "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
+    }
+
+    _rank = 10
+
+    @abstractmethod
+    def _laws(self, length, speed):
+        """Return lists of laws, one a kind, for the half range and the speed of the response."""
+
+    @abstractmethod
+    def _forces(self, law, y, dt, length):
+        """Return the forces of a response (n_samples,), centred, as columns up to their factors."""
+
+    @abstractmethod
+    def _stage(self, law, mode, factors, length, swing):
+        """Return the operator, or None where there is none.
+
+        ``mode`` is the linear part, ``factors`` belong to the columns of :meth:`_forces` (None:
+        unknown), ``length`` and ``swing`` are the half ranges of response and drive.
+        """
+
+    def _starts(self, records):
+        return [(stage, ()) for stage in self._stages(records)]
+
+    def _stages(self, records):
+        """Return operators with coarse substeps, best first."""
+        swing = 0.5 * max(float(np.ptp(r.u)) for r in records) or 1.0
+        low, high = min(float(r.y.min()) for r in records), max(float(r.y.max()) for r in records)
+        length, middle = 0.5 * (high - low) or 1.0, 0.5 * (high + low)
+        if not self.fit_intercept:
+            middle = 0.0
+        kinds = []
+        for window in _WINDOWS:
+            usable = [r for r in records if len(r.u) > 2 * window]
+            if sum(len(r.u) - 2 * window for r in usable) < _FEWEST:
+                break
+            kinds += self._balanced(usable, window, length, middle, swing)
+        if not kinds:
+            linear = SecondOrderMode(
+                fit_intercept=self.fit_intercept, initial_state=self._free_run_state()
+            )
+            mode = linear._identify(records).operator
+            laws = self._laws(length, mode.natural_frequency * length)
+            kinds = [
+                (kind, self._stage(law, mode, None, length, swing))
+                for kind, group in enumerate(laws)
+                for law in group
+            ]
+        ranked = []
+        for kind, stage in kinds:
+            stage = self._divided(stage, records, _COARSE, _MOST_COARSE)
+            error = self._error(stage, records)
+            if np.isfinite(error):
+                ranked.append((error, kind, stage))
+        ranked.sort(key=lambda entry: entry[0])
+        # the first of each kind, then the second of each, ...
+        turns = {}
+        for i, (_, kind, _) in enumerate(ranked):
+            turns[i] = sum(earlier == kind for _, earlier, _ in ranked[:i])
+        order = sorted(turns, key=lambda i: turns[i])[:_N_STARTS]
+        return [ranked[i][2] for i in sorted(order)]
+
+    def _balanced(self, records, window, length, middle, swing):
+        """Return (kind, stage) of the law of each kind that balances the forces best."""
+        motion = np.concatenate(
+            [
+                np.stack([_weigh(r.y - middle, r.dt, window, order) for order in (2, 1, 0)], axis=1)
+                for r in records
+            ]
+        )
+        drive = np.concatenate([_weigh(r.u, r.dt, window) for r in records])
+        speed = float(np.sqrt(np.mean(motion[:, 1] ** 2))) or length / records[0].dt
+        smooth = [
+            _weigh(np.pad(r.y - middle, _SMOOTH, mode="edge"), r.dt, _SMOOTH) for r in records
+        ]
+        linear = [motion, np.ones(len(drive))] if self.fit_intercept else [motion]
+        n_linear = 3 + self.fit_intercept
+        found = []
+        for kind, laws in enumerate(self._laws(length, speed)):
+            stages = []
+            for law in laws:
+                forces = [
+                    np.apply_along_axis(_weigh, 0, self._forces(law, y, r.dt, length), r.dt, window)
+                    for y, r in zip(smooth, records, strict=True)
+                ]
+                columns = np.column_stack([*linear, np.concatenate(forces)])
+                scale = np.sqrt(np.mean(columns**2, axis=0))
+                scale[scale == 0.0] = 1.0
+                factors = np.linalg.lstsq(columns / scale, drive, rcond=None)[0] / scale
+                mass, damping, stiffness = factors[:3].tolist()
+                if not mass * stiffness > 0.0:
+                    continue
+                frequency = float(np.sqrt(stiffness / mass))
+                ratio = 0.5 * damping * frequency / stiffness
+                mode = SecondOrderModeOperator(
+                    frequency,
+                    float(np.clip(ratio, _LEAST_DAMPING, _MOST_DAMPING)),
+                    1.0 / stiffness,
+                    middle - float(factors[3]) / stiffness if self.fit_intercept else 0.0,
+                )
+                stage = self._stage(law, mode, factors[n_linear:], length, swing)
+                if stage is not None:
+                    error = float(np.sum((columns @ factors - drive) ** 2))
+                    stages.append((error, stage))
+            if stages:
+                found.append((kind, min(stages, key=lambda entry: entry[0])[1]))
+        return found
+
+    def _error(self, stage, records):
+        """Return the sum of squares of the free run, gain and intercept solved."""
+        gram = np.zeros((3, 3))
+        for r in records:
+            y = stage.run(r.u, r.dt, stage.init(r.u[0], self._free_run_state()))[0]
+            columns = np.stack([y, np.full(y.size, float(self.fit_intercept)), r.y])
+            gram += columns @ columns.T
+        if not np.isfinite(gram).all():
+            return np.inf
+        best = np.linalg.lstsq(gram[:2, :2], gram[:2, 2], rcond=None)[0]
+        return float(gram[2, 2] - best @ gram[:2, 2])
+
+    def _coupled(self, stages, records, coupling):
+        """Return the stage that fits best while it is tied to the response, [] without one."""
+        feedback, origin = coupling / stages[0].gain, stages[0].intercept
+        tied = [
+            (stage.with_feedback(feedback, origin), ())
+            for stage in stages
+            if feedback * stage.gain > -0.5
+        ]
+        driven = [
+            dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
+        ]
+        stage = identify(
+            tied,
+            driven,
+            fixed=self._fixed(),
+            initial_state=self._free_run_state(),
+            method=_ROUGHLY,
+        )
+        share = feedback * stage.operator.gain
+        if not share < 1.0:
+            return [], stage.n_evaluations
+        free = stage.operator.with_feedback(-feedback, origin)
+        return [self._divided(free, records, _COARSE, _MOST_COARSE)], stage.n_evaluations
+
+    def _divided(self, stage, records, part, most):
+        """Return the stage with substeps that resolve its fastest motion."""
+        n = self.n_substeps
+        if n is None:
+            longest = max(record.dt for record in records)
+            n = np.clip(np.ceil(longest * stage.fastest_rate() / part), 1, most)
+        return dataclasses.replace(stage, n_substeps=int(n))
+
+    def _identify(self, data):
+        """Identify with coarse substeps, then once more with those that the result asks for."""
+        options = {"fixed": self._fixed(), "initial_state": self._free_run_state()}
+        stages = self._stages(data)
+        starts, evaluations = [], 0
+        if stages[0].gain:
+            for coupling in _COUPLINGS:
+                found, n = self._coupled(stages, data, coupling)
+                starts += found
+                evaluations += n
+        starts = [(stage, ()) for stage in [*starts, *stages]]
+        result = identify(starts, data, **options, method=self.method)
+        evaluations += result.n_evaluations
+        stage = self._divided(result.operator, data, _FINE, _MOST_FINE)
+        if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
+            result = identify([(stage, ())], data, **options, method=_FINISH)
+            evaluations += result.n_evaluations
+        return dataclasses.replace(result, n_evaluations=evaluations)
+
+    def _fixed(self):
+        return frozenset() if self.fit_intercept else frozenset({"intercept"})
+
+    def _adopt(self, result):
+        super()._adopt(result)
+        self.physical_ = result.operator.physical(self.mass)
+        return self
+
+
+def _weigh(values, dt, window, order=0):
+    """Return a derivative of a signal, (n - 2 window,), averaged with the weights (1 - x^2)^3."""
+    k = np.arange(-window, window + 1)
+    x = k / (window + 1.0)
+    bell = 1.0 - x * x
+    if order == 0:
+        weights = bell**3
+        weights /= weights.sum()
+    elif order == 1:
+        weights = -x * bell**2
+        weights /= -dt * (weights @ k)  # a ramp has its slope
+    else:
+        weights = bell * (5.0 * x * x - 1.0)
+        weights -= weights.mean()
+        weights /= 0.5 * dt * dt * (weights @ k**2)  # and a parabola its curvature
+    return np.convolve(values, weights, mode="valid")

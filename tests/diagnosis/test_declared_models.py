@@ -1,0 +1,102 @@
+"""Every hysteresis model can be declared, and an effect beside or behind it is found.
+
+The hysteresis of the recordings is the model's own, so that nothing else is missing; the effect is
+made by NumPy alone.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from skhyst import hysteresis
+from skhyst.compose import Cascade
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.linear import FirstOrderLag
+from skhyst.records import stack_records
+
+DT = 0.01
+N = 500
+OPTIONS = {
+    "PrandtlIshlinskii": {"n_operators": 5},
+    "ModifiedPrandtlIshlinskii": {"n_operators": 5, "n_dead_zones": 1},
+    "RateDependentPrandtlIshlinskii": {"n_operators": 4},
+    "Preisach": {"n_levels": 6},
+    "KrasnoselskiiPokrovskii": {"n_levels": 6},
+    "MaxwellSlip": {"n_elements": 5},
+    "LuGre": {"fit_stiffness": True},
+}
+# in the equation of motion: a position has no limit that would not act back on it
+STAGES = {"FrictionStage", "RestoringForce"}
+MODELS = sorted(set(hysteresis.__all__) - STAGES)
+
+
+def model(name):
+    return getattr(hysteresis, name)(**OPTIONS.get(name, {}))
+
+
+def drives(seed):
+    rng = np.random.default_rng(seed)
+    time = DT * np.arange(N)
+    for _ in range(5):
+        f = rng.uniform(0.3, 3.0, 4)
+        waves = np.sin(2 * np.pi * np.outer(time, f) + rng.uniform(0, 6.28, 4)) / f
+        yield rng.uniform(0.6, 1.0) * waves.sum(axis=1)
+
+
+def recording(name, change, seed=3):
+    """Return records of the model's own response to which an effect has been done."""
+    u = list(drives(seed))
+    loop = [np.tanh(v) + 0.2 * np.sign(np.gradient(v)) * (1 - np.exp(-np.abs(v))) for v in u]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # made-up loops determine few models
+        fitted = model(name).fit(*stack_records(list(zip(u, loop, strict=True)), dt=DT))
+    clean = [fitted.operator_.run(v, DT)[0] for v in u]
+    size = np.ptp(np.concatenate(clean))
+    rng = np.random.default_rng(seed)
+    return stack_records(
+        [
+            (v, change(y, i, size) + 0.002 * size * rng.normal(size=N))
+            for i, (v, y) in enumerate(zip(u, clean, strict=True))
+        ],
+        dt=DT,
+    )
+
+
+def offset(y, i, size):
+    return y + 0.1 * size * (-1.0) ** i
+
+
+def lag(y, i, size):
+    """Integrate ``x' = (y - x) / 0.05`` between samples, in fine steps."""
+    x, out = y[0], np.empty_like(y)
+    fine = 50
+    for k in range(len(y)):
+        start = y[max(k - 1, 0)]
+        for j in range(fine):
+            x += (start + (y[k] - start) * (j + 0.5) / fine - x) * DT / 0.05 / fine
+        out[k] = x
+    return out
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("change", [offset, lag])
+@pytest.mark.parametrize("name", MODELS)
+def test_the_effect_is_found(name, change):
+    X, y = recording(name, change)
+    search = EffectSearchCV(
+        model(name), effects=["offset", "lag", "output_saturation"], max_effects=1, random_state=0
+    ).fit(X, y)
+    assert search.effects_ == [change.__name__]
+    assert search.error_after_ < 0.7 * search.error_before_
+    assert search.evidence_[change.__name__].statement
+    assert np.isfinite(search.predict(X)).all()
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("name", MODELS)
+def test_in_a_cascade(name):
+    X, y = recording(name, lag)
+    cascade = Cascade([("hysteresis", model(name)), ("lag", FirstOrderLag())]).fit(X, y)
+    assert cascade.fit_error_ < 0.01 * np.ptp(y)
+    assert cascade.operators_["lag"].time_constant == pytest.approx(0.05, rel=0.1)
