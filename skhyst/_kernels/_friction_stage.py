@@ -92,7 +92,7 @@ def friction_run(mode, w, law, bristle, h, n_substeps, u, before, q, p, f, out):
 
 
 @jit
-def way_tangents(guess, dguess, reach, dreach, mode, mode_by, f, df, h, w, eta, law, ddelta):
+def way_tangents(guess, dguess, reach, dreach, mode, mode_by, f, step, h, w, eta, law, ddelta):
     """Return D and the derivatives of F and f; write the tangents of D to ``ddelta`` (n_columns,).
 
     ``dguess`` holds the tangents of the guess and then those of the exponent. The derivatives are
@@ -126,7 +126,7 @@ def way_tangents(guess, dguess, reach, dreach, mode, mode_by, f, df, h, w, eta, 
     dguess[FREE + _VS] += a_level * bump * x / vs
     dguess[FREE + _RHO] += abs(guess) / level
     for j in range(_N_COLUMNS):
-        ddelta[j] = one * (dreach[j] - b * (force_f * df[j] + force_a * dguess[j]))
+        ddelta[j] = one * (dreach[j] - b * (force_f * step[2, j] + force_a * dguess[j]))
     ddelta[FREE] -= one * (mode_by[0, 2] * force - b * force_eta * eta / w)
     ddelta[FREE + 1] -= one * mode_by[1, 2] * force
     ddelta[FREE + _RHO] -= one * b * force_rho
@@ -165,17 +165,17 @@ def friction_tangents(
             for j in range(_N_COLUMNS):
                 dguess[j] = h * w * step[1, j]
             dguess[FREE] += h * p
-            df = step[2]
             guess, _, _ = way_tangents(
-                guess, dguess, reach, dreach, mode, mode_by, f, df, h, w, eta, law, ddelta
-            )
-            dguess[:] = ddelta
-            delta, by, hidden_by = way_tangents(
-                guess, dguess, reach, dreach, mode, mode_by, f, df, h, w, eta, law, ddelta
+                guess, dguess, reach, dreach, mode, mode_by, f, step, h, w, eta, law, ddelta
             )
             for j in range(_N_COLUMNS):
-                dforce[j] = by[0] * df[j] + by[1] * ddelta[j] + by[2] * dguess[j]
-                dhidden[j] = hidden_by[0] * df[j] + hidden_by[1] * ddelta[j]
+                dguess[j] = ddelta[j]
+            delta, by, hidden_by = way_tangents(
+                guess, dguess, reach, dreach, mode, mode_by, f, step, h, w, eta, law, ddelta
+            )
+            for j in range(_N_COLUMNS):
+                dforce[j] = by[0] * step[2, j] + by[1] * ddelta[j] + by[2] * dguess[j]
+                dhidden[j] = hidden_by[0] * step[2, j] + hidden_by[1] * ddelta[j]
                 dhidden[j] += hidden_by[2] * dguess[j]
             dforce[FREE] -= by[4] * eta / w
             dforce[FREE + _RHO] += by[3]

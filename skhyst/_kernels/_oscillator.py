@@ -58,9 +58,8 @@ def oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, dstate, dreach
     dreach[4] += mode[2] * start + mode[4] * length
     dspeed[4] += mode[3] * start + mode[5] * length
     for i in range(2):
-        by = mode_by[i]
-        dreach[FREE + i] += by[0] * p + by[2] * pull + by[4] * slope
-        dspeed[FREE + i] += by[1] * p + by[3] * pull + by[5] * slope
+        dreach[FREE + i] += mode_by[i, 0] * p + mode_by[i, 2] * pull + mode_by[i, 4] * slope
+        dspeed[FREE + i] += mode_by[i, 1] * p + mode_by[i, 3] * pull + mode_by[i, 5] * slope
 
 
 @jit

@@ -156,5 +156,5 @@ class RestoringForce(OscillatorModel):
     def _fixed(self):
         fixed = super()._fixed()
         # the preload of a linear spring is an intercept
-        held = not self.fit_preload or (self.stiffness_degree == 1 and self.fit_intercept)
+        held = not self.fit_preload or (self.stiffness_degree < 3 and self.fit_intercept)
         return fixed | {"preload"} if held else fixed
