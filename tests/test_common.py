@@ -52,8 +52,10 @@ EXAMPLES = {
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
     "KelvinVoigt": lambda: KelvinVoigt(1),
-    "FrictionStage": lambda: FrictionStage(False, n_substeps=1),
-    "RestoringForce": lambda: RestoringForce(1, damping_degree=1, n_substeps=1),
+    "FrictionStage": lambda: FrictionStage(False, n_substeps=1, initial_state="zero"),
+    "RestoringForce": lambda: RestoringForce(
+        1, damping_degree=1, n_substeps=1, initial_state="zero"
+    ),
     "EffectSearchCV": lambda: EffectSearchCV(
         PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
     ),

@@ -16,7 +16,7 @@ from skhyst.linear import FirstOrderLag
 from skhyst.records import stack_records
 
 DT = 0.01
-N = 500
+N = 300
 OPTIONS = {
     "PrandtlIshlinskii": {"n_operators": 5},
     "ModifiedPrandtlIshlinskii": {"n_operators": 5, "n_dead_zones": 1},
@@ -80,8 +80,11 @@ def lag(y, i, size):
 
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
-@pytest.mark.parametrize("change", [offset, lag])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [(name, offset) for name in MODELS]
+    + [(name, lag) for name in ("BoucWen", "LuGre", "Preisach")],
+)
 def test_the_effect_is_found(name, change):
     X, y = recording(name, change)
     search = EffectSearchCV(
