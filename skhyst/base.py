@@ -141,7 +141,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         result = self._identify(data)
         if self.initial_state == "estimate":
             fixed = {name for name, _ in result.operator.entries()} - set(result.params)
-            result, self.initial_drive_ = estimate_histories(result, data, fixed=fixed)
+            result, self.initial_drive_ = estimate_histories(
+                result, data, fixed=fixed, method=self.method
+            )
         if result.undetermined:
             named, more = result.undetermined[:_NAMED], len(result.undetermined) - _NAMED
             rest = f" and {more} more, see identifiability_" if more > 0 else ""

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from .._jit import jit
-from ._oscillator import FREE, apply_step, carry, oscillator, oscillator_tangents
+from ._oscillator import FREE, carry, oscillator, oscillator_tangents
 
 __all__ = ["decay", "friction_run", "friction_tangents"]
 
@@ -28,7 +28,6 @@ _LARGEST = 1e100  # exponent
 _SERIES = 0.1  # below, the quotients lose digits and the series is short
 _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = (1.0 / math.factorial(k) for k in range(3, 11))
 _FS, _RATIO, _VS, _RHO, _BRISTLE = 2, 3, 4, 5, 6  # place among the parameters
-_N_COLUMNS = FREE + 7
 
 
 @jit
@@ -92,50 +91,58 @@ def friction_run(mode, w, law, bristle, h, n_substeps, u, before, q, p, f, out):
 
 
 @jit
-def way_tangents(guess, dguess, reach, dreach, mode, mode_by, f, step, h, w, eta, law, ddelta):
-    """Return D and the derivatives of F and f; write the tangents of D to ``ddelta`` (n_columns,).
+def way_derivatives(guess, reach, b, f, h, eta, law):
+    """Return D and the derivatives around :func:`way`.
 
-    ``dguess`` holds the tangents of the guess and then those of the exponent. The derivatives are
-    those of F by f, D, a, rho and eta, and those of the new f by f, D, a and rho.
+    These are those of F by (f, D, a, rho, eta), of the new f by (f, D, a, rho), and of the exponent
+    a by (guess, Fs, c, vs, rho).
     """
     fs, ratio, vs, rho = law
-    b = mode[2]
     a, level, bell = exponent(guess, h, law)
     gone, phi, psi, chi = decay(a)
     left = 1.0 - gone
     force_f = phi - eta * gone / rho
     force_delta = rho * psi + eta * phi
-    one = 1.0 / (1.0 + b * force_delta)
-    delta = (reach - b * force_f * f) * one
-    force = force_f * f + force_delta * delta
+    delta = (reach - b * force_f * f) / (1.0 + b * force_delta)
     force_a = (psi - phi - eta * left / rho) * f
     force_a += (rho * (2.0 * chi - psi) + eta * (psi - phi)) * delta
     force_rho = psi * delta + eta * gone / (rho * rho) * f
     force_eta = phi * delta - gone * f / rho
-    hidden_a = rho * (psi - phi) * delta - left * f
-    # the exponent by the guess and by the parameters; at rest the mean of both directions
+    new_a = rho * (psi - phi) * delta - left * f
+    # at rest the mean of both directions
     sign = 0.0 if guess == 0.0 else (1.0 if guess > 0.0 else -1.0)
     x = guess / (h * vs)
     bump = 2.0 * fs * (1.0 - ratio) * bell * x
     a_level = -a / level
-    a_guess = rho * sign / level - a_level * bump / (h * vs)
-    for j in range(_N_COLUMNS):
-        dguess[j] *= a_guess
-    dguess[FREE + _FS] += a_level * (ratio + (1.0 - ratio) * bell)
-    dguess[FREE + _RATIO] += a_level * fs * (1.0 - bell)
-    dguess[FREE + _VS] += a_level * bump * x / vs
-    dguess[FREE + _RHO] += abs(guess) / level
-    for j in range(_N_COLUMNS):
-        ddelta[j] = one * (dreach[j] - b * (force_f * step[2, j] + force_a * dguess[j]))
-    ddelta[FREE] -= one * (mode_by[0, 2] * force - b * force_eta * eta / w)
-    ddelta[FREE + 1] -= one * mode_by[1, 2] * force
-    ddelta[FREE + _RHO] -= one * b * force_rho
-    ddelta[FREE + _BRISTLE] -= one * b * force_eta * 2.0 / (w * h)
     return (
         delta,
         (force_f, force_delta, force_a, force_rho, force_eta),
-        (left, rho * phi, hidden_a, phi * delta),
+        (left, rho * phi, new_a, phi * delta),
+        (
+            rho * sign / level - a_level * bump / (h * vs),
+            a_level * (ratio + (1.0 - ratio) * bell),
+            a_level * fs * (1.0 - bell),
+            a_level * bump * x / vs,
+            abs(guess) / level,
+        ),
     )
+
+
+@jit
+def parameter_terms(one, b, b_w, b_zeta, f, w, h, eta, delta, force_by, a_by, guess_w, out):
+    """Write the derivatives of D by the parameters, at the guess, to ``out`` (7,).
+
+    ``one`` is the derivative of D by the way without friction, ``guess_w`` that of the guess by w.
+    """
+    force = force_by[0] * f + force_by[1] * delta
+    pull = -one * b * force_by[2]
+    out[0] = pull * a_by[0] * guess_w - one * (b_w * force - b * force_by[4] * eta / w)
+    out[1] = -one * b_zeta * force
+    out[_FS] = pull * a_by[1]
+    out[_RATIO] = pull * a_by[2]
+    out[_VS] = pull * a_by[3]
+    out[_RHO] = pull * a_by[4] - one * b * force_by[3]
+    out[_BRISTLE] = -one * b * force_by[4] * 2.0 / (w * h)
 
 
 @jit
@@ -149,9 +156,10 @@ def friction_tangents(
     before the first sample.
     """
     eta = 2.0 * bristle / (w * h)
-    eta_bristle = 2.0 / (w * h)
-    step = np.empty((3, _N_COLUMNS))
-    dreach, dspeed, dguess, ddelta, dforce, dhidden = np.empty((6, _N_COLUMNS))
+    b, bp = mode[2], mode[3]
+    step = np.empty((3, FREE + 7))
+    dreach, dspeed = np.empty((2, FREE + 7))
+    first, second = np.empty((2, 7))
     for k in range(u.size):
         u0 = before
         step[:] = 0.0
@@ -161,31 +169,76 @@ def friction_tangents(
             u1 = before + (u[k] - before) * stop
             reach, speed = oscillator(mode, q, p, u0, u1)
             oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, step, dreach, dspeed)
-            guess = h * w * p
-            for j in range(_N_COLUMNS):
-                dguess[j] = h * w * step[1, j]
-            dguess[FREE] += h * p
-            guess, _, _ = way_tangents(
-                guess, dguess, reach, dreach, mode, mode_by, f, step, h, w, eta, law, ddelta
+            # D by the way without friction, by p and by f, and by the parameters
+            delta, force_by, _, a_by = way_derivatives(h * w * p, reach, b, f, h, eta, law)
+            one = 1.0 / (1.0 + b * force_by[1])
+            pull = -one * b * force_by[2] * a_by[0]
+            by_reach, by_p, by_f = one, pull * h * w, -one * b * force_by[0]
+            parameter_terms(
+                one,
+                b,
+                mode_by[0, 2],
+                mode_by[1, 2],
+                f,
+                w,
+                h,
+                eta,
+                delta,
+                force_by,
+                a_by,
+                h * p,
+                first,
             )
-            for j in range(_N_COLUMNS):
-                dguess[j] = ddelta[j]
-            delta, by, hidden_by = way_tangents(
-                guess, dguess, reach, dreach, mode, mode_by, f, step, h, w, eta, law, ddelta
+            # the same with this D as the guess, on which only the exponent depends
+            delta, force_by, new_by, a_by = way_derivatives(delta, reach, b, f, h, eta, law)
+            one = 1.0 / (1.0 + b * force_by[1])
+            pull = -one * b * force_by[2] * a_by[0]
+            parameter_terms(
+                one,
+                b,
+                mode_by[0, 2],
+                mode_by[1, 2],
+                f,
+                w,
+                h,
+                eta,
+                delta,
+                force_by,
+                a_by,
+                0.0,
+                second,
             )
-            for j in range(_N_COLUMNS):
-                dforce[j] = by[0] * step[2, j] + by[1] * ddelta[j] + by[2] * dguess[j]
-                dhidden[j] = hidden_by[0] * step[2, j] + hidden_by[1] * ddelta[j]
-                dhidden[j] += hidden_by[2] * dguess[j]
-            dforce[FREE] -= by[4] * eta / w
-            dforce[FREE + _RHO] += by[3]
-            dforce[FREE + _BRISTLE] += by[4] * eta_bristle
-            dhidden[FREE + _RHO] += hidden_by[3]
-            force = by[0] * f + by[1] * delta
-            f = hidden_by[0] * f + hidden_by[1] * delta
-            apply_step(dspeed, dforce, ddelta, dhidden, mode[3], force, mode_by, step)
+            a_reach, a_p, a_f = a_by[0] * by_reach, a_by[0] * by_p, a_by[0] * by_f
+            by_reach, by_p, by_f = one + pull * by_reach, pull * by_p, pull * by_f
+            by_f -= one * b * force_by[0]
+            force_reach = force_by[1] * by_reach + force_by[2] * a_reach
+            force_p = force_by[1] * by_p + force_by[2] * a_p
+            force_f = force_by[1] * by_f + force_by[2] * a_f + force_by[0]
+            new_reach = new_by[1] * by_reach + new_by[2] * a_reach
+            new_p = new_by[1] * by_p + new_by[2] * a_p
+            new_f = new_by[1] * by_f + new_by[2] * a_f + new_by[0]
+            for j in range(dreach.size):
+                moved, dp, df = dreach[j], step[1, j], step[2, j]
+                step[0, j] += by_reach * moved + by_p * dp + by_f * df
+                step[1, j] = dspeed[j] - bp * (force_reach * moved + force_p * dp + force_f * df)
+                step[2, j] = new_reach * moved + new_p * dp + new_f * df
+            force = force_by[0] * f + force_by[1] * delta
+            for j in range(7):
+                da = a_by[0] * first[j]
+                if _FS <= j <= _RHO:
+                    da += a_by[j - 1]
+                ddelta = second[j] + pull * first[j]
+                step[0, FREE + j] += ddelta
+                step[1, FREE + j] -= bp * (force_by[1] * ddelta + force_by[2] * da)
+                step[2, FREE + j] += new_by[1] * ddelta + new_by[2] * da
+            step[1, FREE] -= mode_by[0, 3] * force - bp * force_by[4] * eta / w
+            step[1, FREE + 1] -= mode_by[1, 3] * force
+            step[1, FREE + _RHO] -= bp * force_by[3]
+            step[1, FREE + _BRISTLE] -= bp * force_by[4] * 2.0 / (w * h)
+            step[2, FREE + _RHO] += new_by[3]
             q += delta
-            p = speed - mode[3] * force
+            p = speed - bp * force
+            f = new_by[0] * f + new_by[1] * delta
             u0 = u1
         carry(step, dbefore if k == 0 else du[k - 1], du[k], d)
         before = u[k]

@@ -17,15 +17,13 @@ exponential form. It is of second order, exact where F = 0, and it inherits the 
 work ``F D`` that goes into the hysteresis is what f stores and dissipates, at any substep.
 
 A sample is a map of the state (q, p, f) and of the drive before and now. Its Jacobian, together
-with the derivatives by the parameters, is accumulated over the substeps (:func:`sample_tangents`
-of each model) and applied once a sample to the tangents carried through (:func:`carry`).
+with the derivatives by the parameters, is accumulated over the substeps and applied once a sample
+to the tangents carried through (:func:`carry`).
 """
-
-import numpy as np
 
 from .._jit import jit
 
-__all__ = ["FREE", "apply_step", "carry", "oscillator", "oscillator_tangents"]
+__all__ = ["FREE", "carry", "oscillator", "oscillator_tangents"]
 
 FREE = 5  # first column of the parameters in a Jacobian, behind the state and both drives
 
@@ -63,17 +61,6 @@ def oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, dstate, dreach
 
 
 @jit
-def apply_step(dspeed, dforce, ddelta, dhidden, bp, force, mode_by, dstate):
-    """Move the tangents of the state ``dstate`` (3, n_columns) over a substep."""
-    for j in range(dspeed.size):
-        dstate[0, j] += ddelta[j]
-        dstate[1, j] = dspeed[j] - bp * dforce[j]
-        dstate[2, j] = dhidden[j]
-    dstate[1, FREE] -= mode_by[0, 3] * force
-    dstate[1, FREE + 1] -= mode_by[1, 3] * force
-
-
-@jit
 def carry(step, du0, du1, d):
     """Move the tangents ``d`` (3, m + p) over a sample; the first m are carried through.
 
@@ -81,14 +68,13 @@ def carry(step, du0, du1, d):
     drive before and now.
     """
     m = du0.size
-    new = np.empty(3)
-    for j in range(d.shape[1]):
+    for j in range(m):
+        a, b, c = d[0, j], d[1, j], d[2, j]
         for i in range(3):
-            value = step[i, 0] * d[0, j] + step[i, 1] * d[1, j] + step[i, 2] * d[2, j]
-            if j < m:
-                value += step[i, 3] * du0[j] + step[i, 4] * du1[j]
-            else:
-                value += step[i, FREE + j - m]
-            new[i] = value
+            value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
+            d[i, j] = value + step[i, 3] * du0[j] + step[i, 4] * du1[j]
+    for j in range(m, d.shape[1]):
+        a, b, c = d[0, j], d[1, j], d[2, j]
         for i in range(3):
-            d[i, j] = new[i]
+            value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
+            d[i, j] = value + step[i, FREE + j - m]

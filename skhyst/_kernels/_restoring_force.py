@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from .._jit import jit
-from ._oscillator import FREE, apply_step, carry, oscillator, oscillator_tangents
+from ._oscillator import FREE, carry, oscillator, oscillator_tangents
 
 __all__ = ["restoring_run", "restoring_tangents", "slide"]
 
@@ -114,29 +114,40 @@ def powers(x, scale, out):
 
 @jit
 def slide_tangents(
-    by, slips, delta, z, k, limit, b, dreach, dforce, force, mode_by, dz, first, ddelta, dmean
+    by, slips, delta, z, k, limit, b, dreach, dforce, force, mode_by, step, first, ddelta, dmean
 ):
     """Write the tangents of D and of the mean of z, (n_columns,), behind :func:`slide`.
 
     ``force`` and ``dforce`` are N and its tangents, ``first`` is the column of k.
     """
     for j in range(dreach.size):
-        ddelta[j] = by[0] * (dreach[j] - b * dforce[j]) + by[2] * dz[j]
+        ddelta[j] = by[0] * (dreach[j] - b * dforce[j]) + by[2] * step[2, j]
     for i in range(2):
         ddelta[FREE + i] += (by[1] - by[0] * force) * mode_by[i, 2]
     ddelta[first] += by[3]
     ddelta[first + 1] += by[4]
     if not slips:
         for j in range(dreach.size):
-            dmean[j] = dz[j] + 0.5 * k * ddelta[j]
+            dmean[j] = step[2, j] + 0.5 * k * ddelta[j]
         dmean[first] += 0.5 * delta
     else:
         sign = 1.0 if delta > 0.0 else -1.0
         gap, x = limit - sign * z, abs(delta)
         for j in range(dreach.size):
-            dmean[j] = (gap * dz[j] + 0.5 * gap * gap / x * ddelta[j]) / (k * x)
+            dmean[j] = (gap * step[2, j] + 0.5 * gap * gap / x * ddelta[j]) / (k * x)
         dmean[first] += sign * 0.5 * gap * gap / (k * k * x)
         dmean[first + 1] += sign * (1.0 - gap / (k * x))
+
+
+@jit
+def apply_step(dspeed, dforce, ddelta, dhidden, bp, force, mode_by, dstate):
+    """Move the tangents of the state ``dstate`` (3, n_columns) over a substep."""
+    for j in range(dspeed.size):
+        dstate[0, j] += ddelta[j]
+        dstate[1, j] = dspeed[j] - bp * dforce[j]
+        dstate[2, j] = dhidden[j]
+    dstate[1, FREE] -= mode_by[0, 3] * force
+    dstate[1, FREE + 1] -= mode_by[1, 3] * force
 
 
 @jit
@@ -187,7 +198,6 @@ def restoring_tangents(
             oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, step, dreach, dspeed)
             dreach[first + 2] += b
             dspeed[first + 2] += bp
-            dz = step[2]
             # with the force at the start
             from_q, by_q = odd_terms(q, springs, scale)
             from_p, by_p = odd_terms(p, dampers, scale)
@@ -213,7 +223,7 @@ def restoring_tangents(
                 dforce0,
                 force0,
                 mode_by,
-                dz,
+                step,
                 first,
                 ddelta,
                 dmean,
@@ -249,13 +259,13 @@ def restoring_tangents(
                 dforce,
                 force,
                 mode_by,
-                dz,
+                step,
                 first,
                 ddelta,
                 dmean,
             )
             for j in range(n_columns):
-                dhidden[j] = 0.0 if slips else dz[j] + k_s * ddelta[j]
+                dhidden[j] = 0.0 if slips else step[2, j] + k_s * ddelta[j]
                 dforce[j] += dmean[j]
             if slips:
                 dhidden[first + 1] = 1.0 if delta > 0.0 else -1.0

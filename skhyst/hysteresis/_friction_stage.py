@@ -16,6 +16,9 @@ _WAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _SPEEDS = (0.15, 0.5, 1.7)
 _RATIOS = (0.85, 0.55)
 _LEVEL = 0.1
+# a law has degenerated: a Stribeck velocity so far beyond all starts, or no fall of friction
+_FAR, _FLAT = 5.0, 0.99
+_N_RETRIES = 4
 
 
 class FrictionStage(OscillatorModel):
@@ -156,6 +159,15 @@ class FrictionStage(OscillatorModel):
             gain=gain,
             intercept=mode.intercept,
         )
+
+    def _retries(self, stage, stages):
+        """Without a fall of friction at the speeds of the records nothing leads back to one."""
+        speeds = np.array([start.stribeck_velocity for start in stages])
+        seen = speeds.min() / _FAR < stage.stribeck_velocity < speeds.max() * _FAR
+        if not self.stribeck or (seen and stage.coulomb_ratio < _FLAT):
+            return []
+        fast = np.sort(speeds)[-min(_N_RETRIES, len(speeds))]
+        return [start for start, speed in zip(stages, speeds, strict=True) if speed >= fast]
 
     def _fixed(self):
         fixed = super()._fixed()

@@ -23,7 +23,7 @@ _N_STARTS = 12
 _LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
 _COUPLINGS = (1.0, 3.0, 10.0)
 _ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
-_FINISH = VariableProjection(max_evaluations=20)
+_LAST_EVALUATIONS = 20
 
 
 class OscillatorModel(ParametricModel):
@@ -67,6 +67,10 @@ class OscillatorModel(ParametricModel):
         unknown), ``length`` and ``swing`` are the half ranges of response and drive.
         """
 
+    def _retries(self, stage, stages):
+        """Return those of the stages to follow to the end, because the one found is degenerate."""
+        return []
+
     def _starts(self, records):
         return [(stage, ()) for stage in self._stages(records)]
 
@@ -97,9 +101,7 @@ class OscillatorModel(ParametricModel):
         ranked = []
         for kind, stage in kinds:
             stage = self._divided(stage, records, _COARSE, _MOST_COARSE)
-            error = self._error(stage, records)
-            if np.isfinite(error):
-                ranked.append((error, kind, stage))
+            ranked.append((self._error(stage, records), kind, stage))
         ranked.sort(key=lambda entry: entry[0])
         # the first of each kind, then the second of each, ...
         turns = {}
@@ -211,9 +213,16 @@ class OscillatorModel(ParametricModel):
         starts = [(stage, ()) for stage in [*starts, *stages]]
         result = identify(starts, data, **options, method=self.method)
         evaluations += result.n_evaluations
+        bounds = getattr(self.method, "bounds", None)
+        for stage in self._retries(result.operator, stages):
+            method = VariableProjection(bounds=bounds)
+            other = identify([(stage, ())], data, **options, method=method)
+            evaluations += other.n_evaluations
+            result = other if other.error < result.error else result
         stage = self._divided(result.operator, data, _FINE, _MOST_FINE)
         if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
-            result = identify([(stage, ())], data, **options, method=_FINISH)
+            method = VariableProjection(bounds=bounds, max_evaluations=_LAST_EVALUATIONS)
+            result = identify([(stage, ())], data, **options, method=method)
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
 

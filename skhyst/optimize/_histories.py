@@ -13,7 +13,7 @@ _CANDIDATES = 33  # rest positions tried a record
 _ROUNDS = 3
 
 
-def estimate_histories(result, records, *, fixed=()):
+def estimate_histories(result, records, *, fixed=(), method="variable_projection"):
     """Refit with the drive at which the device had rested before each record as an unknown.
 
     The output depends on it piecewise smoothly at best, so it is searched on a grid over the
@@ -25,6 +25,7 @@ def estimate_histories(result, records, *, fixed=()):
         A fit from rest at each record's first value.
     records : sequence of RecordData
     fixed : collection of str
+    method : str or Method, default="variable_projection"
 
     Returns
     -------
@@ -53,7 +54,8 @@ def estimate_histories(result, records, *, fixed=()):
         evaluations += len(trials)
         same = all(a.before == b.before for a, b in zip(chosen, records, strict=True))
         records = chosen
-        result = identify([(result.operator, result.disturbances)], records, fixed=fixed)
+        start = [(result.operator, result.disturbances)]
+        result = identify(start, records, fixed=fixed, method=method)
         evaluations += result.n_evaluations
         if same:
             break

@@ -10,13 +10,13 @@ TIME = DT * np.arange(1500)
 U = np.sin(0.7 * TIME) + 0.8 * np.sin(2.9 * TIME) + 0.3 * np.sin(11.0 * TIME)
 PLANT = FrictionStageOperator(20.0, 0.5, 0.4, 0.7, 1.5, 10.0, 0.1, 3.0, 0.5, n_substeps=7)
 NAMES = list(PLANT.parameter_specs())
-N_PLANTS, N = 20, 2000
+N_PLANTS, N = 20, 1200
 
 
 def drives(dt, frequency, rng):
     """Return five incommensurate sinusoids for each of the plants, (N, n_plants), from 0 to 1."""
     u = np.zeros((N, len(dt)))
-    for part, amplitude in ((0.02, 1.0), (0.07, 1.0), (0.19, 0.6), (0.41, 0.4), (0.83, 0.25)):
+    for part, amplitude in ((0.03, 1.0), (0.08, 1.0), (0.19, 0.6), (0.41, 0.4), (0.83, 0.25)):
         phase = part * frequency * dt * np.arange(N)[:, None]
         u += amplitude * np.sin(phase + rng.uniform(0.0, 6.28, len(dt)))
     u -= u[0]

@@ -22,7 +22,7 @@ NAMES = (
     "gain",
     "intercept",
 )
-N_PLANTS, N = 20, 2000
+N_PLANTS, N = 20, 1200
 
 
 def plants():
@@ -43,7 +43,7 @@ def plants():
     p = dict(zip(NAMES, values, strict=True))
     dt = 2.0 * np.pi / w / 30.0
     u = np.zeros((N, N_PLANTS))
-    for part, amplitude in ((0.02, 1.0), (0.07, 1.0), (0.19, 0.6), (0.41, 0.4), (0.83, 0.25)):
+    for part, amplitude in ((0.03, 1.0), (0.08, 1.0), (0.19, 0.6), (0.41, 0.4), (0.83, 0.25)):
         phase = part * w * dt * np.arange(N)[:, None]
         u += amplitude * np.sin(phase + rng.uniform(0.0, 6.28, N_PLANTS))
     u -= u[0]
