@@ -26,6 +26,7 @@ SIGNALS = (HysteresisLoopDisplay, ResidualDisplay)
 
 @pytest.fixture(autouse=True)
 def close_figures():
+    pyplot.close("all")  # those of whatever ran before in this process
     yield
     pyplot.close("all")
 
