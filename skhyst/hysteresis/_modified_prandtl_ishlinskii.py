@@ -3,12 +3,12 @@
 from numbers import Integral
 
 import numpy as np
-from sklearn.utils.validation import check_array, check_is_fitted
+from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel, read_data, run_records
 from ..operators import MonotoneDeadZoneOperator, PrandtlIshlinskiiOperator, SeriesOperator
-from ..optimize._bounded import bounded_step
+from ..optimize import bounded_step
+from ._invertible import InvertibleModel
 from ._prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["ModifiedPrandtlIshlinskii"]
@@ -16,7 +16,7 @@ __all__ = ["ModifiedPrandtlIshlinskii"]
 _STEEPEST = 10.0  # slope of the dead zones at the start; noise in the response asks for more
 
 
-class ModifiedPrandtlIshlinskii(ParametricModel):
+class ModifiedPrandtlIshlinskii(InvertibleModel):
     r"""Modified Prandtl-Ishlinskii model: hysteresis that is asymmetric or saturates.
 
     .. math:: y = S[z], \quad z = c + \sum_k w_k F_{r_k}[u - u_0], \quad
@@ -192,29 +192,3 @@ class ModifiedPrandtlIshlinskii(ParametricModel):
         self.dead_zone_thresholds_ = np.array(zones.thresholds)
         self.dead_zone_weights_ = zones.weights
         return self
-
-    def inverse_predict(self, X):
-        """Return the drive that makes the response follow column 0 of ``X``.
-
-        The inverse is exact: that of the dead zones, then that of the plays (Kuhnen 2003).
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Column 0 is the desired response, in its units; the index carries the records.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Drive.
-
-        Raises
-        ------
-        ValueError
-            If the plays are not strictly monotone: the threshold zero needs a positive weight.
-        """
-        check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        plays, zones = self.operator_.stages
-        inverse = SeriesOperator(("zones", "plays"), (zones.inverse(), plays.inverse()))
-        return run_records(inverse, X[:, 0], slices, self._free_run_state())

@@ -3,16 +3,16 @@
 from numbers import Integral, Real
 
 import numpy as np
-from sklearn.utils.validation import check_array, check_is_fitted
+from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel, read_data, run_records
 from ..operators import PrandtlIshlinskiiOperator, play_thresholds
+from ._invertible import InvertibleModel
 
 __all__ = ["PrandtlIshlinskii"]
 
 
-class PrandtlIshlinskii(ParametricModel):
+class PrandtlIshlinskii(InvertibleModel):
     r"""Prandtl-Ishlinskii model of rate-independent hysteresis.
 
     .. math:: y = c + \sum_k w_k F_{r_k}[u - u_0], \quad
@@ -77,7 +77,7 @@ class PrandtlIshlinskii(ParametricModel):
     """
 
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
+        **InvertibleModel._parameter_constraints,
         "n_operators": [Interval(Integral, 1, None, closed="left")],
         "form": [StrOptions({"play", "stop"})],
         "thresholds": [StrOptions({"grid", "quantile"}), "array-like"],
@@ -138,27 +138,3 @@ class PrandtlIshlinskii(ParametricModel):
         self.weights_ = np.array(self.operator_.weights)
         self.intercept_ = float(self.operator_.intercept)
         return self
-
-    def inverse_predict(self, X):
-        """Return the drive that makes the response follow column 0 of ``X``.
-
-        The inverse is exact and again of Prandtl-Ishlinskii type (Kuhnen 2003).
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Column 0 is the desired response, in its units; the index carries the records.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Drive.
-
-        Raises
-        ------
-        ValueError
-            If the model is not strictly monotone: the threshold zero needs a positive weight.
-        """
-        check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return run_records(self.operator_.inverse(), X[:, 0], slices, self._free_run_state())

@@ -1,4 +1,4 @@
-"""Series and sums of operators, which are operators again."""
+"""Series and sums of operators, which are operators again, and operators held in them."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,45 @@ import numpy as np
 
 from ._base import Operator
 
-__all__ = ["SeriesOperator", "SumOperator"]
+__all__ = ["FrozenOperator", "SeriesOperator", "SumOperator"]
+
+
+@dataclass(frozen=True)
+class FrozenOperator(Operator):
+    """An operator whose parameters are known: none of them is identified.
+
+    In a series it keeps its own gain and intercept, and does not carry those of the others.
+
+    Parameters
+    ----------
+    operator : Operator
+
+    Examples
+    --------
+    >>> from skhyst.operators import FirstOrderLagOperator, FrozenOperator
+    >>> lag = FirstOrderLagOperator(0.03, gain=1.4)
+    >>> lag.n_parameters, FrozenOperator(lag).n_parameters
+    (3, 0)
+    """
+
+    operator: Operator
+
+    @property
+    def signal_linear(self):
+        return self.operator.signal_linear
+
+    @property
+    def rank(self):
+        return self.operator.rank
+
+    def init(self, u0, initial_state="rest"):
+        return self.operator.init(u0, initial_state)
+
+    def run(self, u, dt, state=None):
+        return self.operator.run(u, dt, state)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        return self.operator.carry(u, du, dt, initial_state)
 
 
 @dataclass(frozen=True)
@@ -64,6 +102,10 @@ class _Composition(Operator):
             values[i] = self.entries()[i][1].gauge
         return self.unpack(values)
 
+    def released(self):
+        """Return a copy with the operators themselves in place of those that are held."""
+        return type(self)(self.names, tuple(map(_released, self.stages)))
+
     def init(self, u0, initial_state="rest"):
         raise NotImplementedError
 
@@ -114,9 +156,20 @@ class SeriesOperator(_Composition):
             states.append(new)
         return u, tuple(states)
 
+    def inverse(self):
+        """Return the series of the inverses, last stage first."""
+        return SeriesOperator(
+            self.names[::-1], tuple(stage.inverse() for stage in reversed(self.stages))
+        )
+
     def linearize(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
             u, du = stage.linearize(u, du, dt, initial_state)
+        return u, du
+
+    def carry(self, u, du, dt, initial_state="rest"):
+        for stage in self.stages:
+            u, du = stage.carry(u, du, dt, initial_state)
         return u, du
 
 
@@ -163,6 +216,12 @@ class SumOperator(_Composition):
             carried += dy[:, : du.shape[1]]
             own.append(dy[:, du.shape[1] :])
         return total, np.concatenate([carried, *own], axis=1)
+
+
+def _released(operator):
+    if isinstance(operator, FrozenOperator):
+        operator = operator.operator
+    return operator.released() if isinstance(operator, _Composition) else operator
 
 
 def _is_intercept(operator):

@@ -1,5 +1,6 @@
 """Identification: least squares over operators. Knows no estimator."""
 
+from ._bounded import bounded_step
 from ._cuckoo_search import CuckooSearch, ModifiedCuckooSearch
 from ._differential_evolution import DifferentialEvolution
 from ._histories import estimate_histories
@@ -24,6 +25,7 @@ __all__ = [
     "PopulationMethod",
     "RecordData",
     "VariableProjection",
+    "bounded_step",
     "distribute_poles",
     "estimate_histories",
     "identify",

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, nnls
 
-from skhyst.optimize._bounded import bounded_step
+from skhyst.optimize import bounded_step
 
 
 def objective(a, r, s):
