@@ -1,7 +1,8 @@
 """Speed of the play kernels against this machine: ``python benchmarks/bench_kernels.py``.
 
 Prints the write rate of the play basis beside that of plain writes to the same array, the time a
-sample of a Prandtl-Ishlinskii operator for few and many plays, and the time of its linearisation.
+sample of a Prandtl-Ishlinskii operator for few and many plays, the time of its linearisation, and
+the time a sample and state of linear steps with 1 to 28 states, which should be at most 5 ns.
 All numbers are the best of several interleaved runs in one thread. The classes are benchmarks for
 asv as well.
 """
@@ -14,9 +15,14 @@ import numpy as np
 from skhyst._jit import jit
 from skhyst._kernels._play import play_basis, stop_basis
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.operators import PrandtlIshlinskiiOperator
+from skhyst.operators import (
+    LogCreepOperator,
+    PrandtlIshlinskiiOperator,
+    TransferFunctionOperator,
+)
 
 REPEATS = 9
+LINEAR_LIMIT = 5.0  # ns a sample and state
 
 
 @jit
@@ -140,6 +146,62 @@ class Linearize:
         self.operator.linearize(self.drive, self.tangents, 1.0)
 
 
+class LinearRun:
+    """A hundred thousand samples through a transfer function with many poles, ringing ones."""
+
+    n_samples = 100_000
+    params = (1, 2, 3, 4, 8, 16, 28)
+    param_names = ("n_states",)
+
+    def setup(self, n_states):
+        """Make the drive and the operator."""
+        n_first, n_second = n_states % 2, n_states // 2
+        self.drive = np.random.default_rng(0).standard_normal(self.n_samples)
+        self.operator = TransferFunctionOperator(
+            np.full(n_first, 0.1),
+            60.0 * 1.3 ** np.arange(n_second),
+            np.full(n_second, 0.05),
+            np.zeros(0),
+        )
+
+    def time_run(self, n_states):
+        """Run from rest."""
+        self.operator.run(self.drive, 1e-3)
+
+
+class LogCreepRun:
+    """A hundred thousand samples through a bank of relaxing units."""
+
+    n_samples = 100_000
+
+    def setup(self):
+        """Make the drive and the operator: 31 units."""
+        self.drive = np.cumsum(np.random.default_rng(0).standard_normal(self.n_samples))
+        self.operator = LogCreepOperator(0.1, 0.1, shortest=1e-4, longest=1e3)
+        self.n_states = len(self.operator.init(0.0)[0])
+
+    def time_run(self):
+        """Run from rest."""
+        self.operator.run(self.drive, 1e-3)
+
+
+def linear_table():
+    """Print the time a sample and state of linear steps."""
+    print(f"linear steps, ns a sample and state (limit {LINEAR_LIMIT:g})")
+    cases, states = {}, {}
+    for n_states in LinearRun.params:
+        case, name = LinearRun(), f"{n_states} poles"
+        case.setup(n_states)
+        cases[name], states[name] = partial(case.time_run, n_states), n_states
+    creep = LogCreepRun()
+    creep.setup()
+    name = f"LogCreep, {creep.n_states} units"
+    cases[name], states[name] = creep.time_run, creep.n_states
+    for name, value in best(cases).items():
+        cost = value / LinearRun.n_samples * 1e9 / states[name]
+        print(f"  {name:<20}{cost:6.2f}  {'' if cost <= LINEAR_LIMIT else 'above the limit'}")
+
+
 def main():
     basis = PlayBasis()
     basis.setup()
@@ -176,6 +238,7 @@ def main():
         cases[n_tangents] = lambda case=case: case.time_linearize(None)
     for n_tangents, value in best(cases, 3 * REPEATS).items():
         print(f"  {n_tangents} tangents{value * 1e3:8.2f} ms")
+    linear_table()
 
 
 if __name__ == "__main__":

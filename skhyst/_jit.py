@@ -6,28 +6,35 @@ process instead, since a plain ``cache=True`` raises at import in a read-only in
 home folder. Without Numba the same function runs as plain Python: slow, but with equal results.
 """
 
+from functools import partial
+
 __all__ = ["jit"]
 
 
-def jit(function):
+def jit(function=None, *, fastmath=False):
     """Compile a kernel lazily, without the GIL, cached where that is possible.
 
     Parameters
     ----------
     function : callable
         A loop over arrays and scalars, written in the subset of Python that Numba compiles.
+    fastmath : bool or set of str, default=False
+        Liberties that the compiler may take with the order of floating-point operations, as in
+        ``numba.njit``.
 
     Returns
     -------
     callable
         The compiled function; its plain Python original is the attribute ``py_func``.
     """
+    if function is None:
+        return partial(jit, fastmath=fastmath)
     try:
         import numba
     except ImportError:
         function.py_func = function
         return function
-    options = {"nogil": True, "error_model": "numpy"}
+    options = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder to cache in

@@ -16,7 +16,7 @@ from .operators import SumOperator
 from .optimize import METHODS, Method, RecordData, estimate_histories, identify
 from .records import record_slices
 
-__all__ = ["ParametricModel", "read_data", "run_records"]
+__all__ = ["ParametricModel", "one_thread", "read_data", "run_records"]
 
 _NAMED = 10  # undetermined parameters that a warning lists
 _EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
@@ -28,19 +28,25 @@ def read_data(estimator, X, y=None, *, reset, dt):
     The index is read before scikit-learn turns the frame into an array.
     """
     options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
+    sampling = {"dt": dt, "one_interval": getattr(estimator, "_one_interval", True)}
     if y is None and not reset:
         array = validate_data(estimator, X, reset=False, **options)
-        return record_slices(_indexed(X, array), dt=dt), array, None
+        return record_slices(_indexed(X, array), **sampling), array, None
     array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
     response = np.asarray(response, dtype=float)
     _refuse_extreme("X", array[:, 0])
     _refuse_extreme("y", response)
-    return record_slices(_indexed(X, array), y, dt=dt), array, response
+    return record_slices(_indexed(X, array), y, **sampling), array, response
 
 
 @cache
 def _threads():
     return ThreadpoolController()  # looks through all loaded libraries: once
+
+
+def one_thread():
+    """Return a context in which linear algebra takes one thread."""
+    return _threads().limit(limits=1, user_api="blas")
 
 
 def _refuse_extreme(name, values):
@@ -86,6 +92,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     method = "variable_projection"  # of a model of your own that takes no such parameter
     _rank = 30  # of the operator, see Operator.rank
+    _one_interval = False  # an operator runs at the interval of each record
+    _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
     @abstractmethod
     def _starts(self, records):
@@ -114,12 +122,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = self._record_data(slices, X, y)
         self.records_ = slices
         # the matrices are tiny: threads that wait for each other cost more than they do
-        with _threads().limit(limits=1, user_api="blas"):
+        with one_thread():
             return self._fit_records(data)
 
     def _record_data(self, slices, X, y):
         """Return what identification sees of each record."""
-        return [RecordData(X[s.rows, 0], y[s.rows], s.dt) for s in slices]
+        signal = self._signal(X)
+        return [RecordData(signal[s.rows], y[s.rows], s.dt) for s in slices]
+
+    def _signal(self, X):
+        """Return the columns of X that drive the operator: the first one, (n_samples,)."""
+        return X[:, 0]
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -193,14 +206,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return run_records(self.operator_, X[:, 0], slices, self._free_run_state())
+        return run_records(self.operator_, self._signal(X), slices, self._free_run_state())
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"
 
 
 def run_records(operator, signal, slices, initial_state="rest"):
-    """Run an operator over the records of a signal (n_samples,); the result is always finite."""
+    """Run an operator over the records of a signal; the result is always finite.
+
+    The signal is (n_samples,), or (n_samples, n_inputs) for an operator of several inputs.
+    """
     signal = np.ascontiguousarray(signal)
     parts = []
     for record in slices:

@@ -168,11 +168,16 @@ def test_shuffled_rows(model):
         model.fit(frame(), Y).predict(shuffled)
 
 
-def test_mixed_and_uneven_sampling(model):
+def test_each_record_runs_at_its_own_interval(model):
     other = frame(record="b")
     other.index = pd.MultiIndex.from_product([["b"], 3 * TIME], names=["record", "time"])
-    with pytest.raises(RecordError, match=r"same sampling interval.*resample_records"):
-        model.fit(pd.concat([frame(record="a"), other]), np.tile(Y, 2))
+    model.fit(frame(record="a"), Y)
+    both = model.predict(pd.concat([frame(record="a"), other]))
+    parts = [model.predict(frame(record="a")), model.predict(other)]
+    np.testing.assert_array_equal(both, np.concatenate(parts))
+
+
+def test_uneven_sampling(model):
     uneven = frame()
     uneven.index = TIME**1.1
     with pytest.raises(RecordError, match="resample_records"):

@@ -13,6 +13,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
+from skhyst.autoregressive import NARMAXRegressor
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.diagnosis import EffectSearchCV
@@ -20,6 +21,7 @@ from skhyst.discovery import all_estimators
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.exceptions import RecordError
 from skhyst.hysteresis import (
+    Backlash,
     BoucWen,
     Dahl,
     Duhem,
@@ -33,13 +35,23 @@ from skhyst.hysteresis import (
     Preisach,
     RateDependentPrandtlIshlinskii,
     RestoringForce,
+    SlewLimit,
     SystemLevelHysteresis,
     TanhHysteresis,
 )
-from skhyst.linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode, TransferFunction
+from skhyst.linear import (
+    Delay,
+    FirstOrderLag,
+    KelvinVoigt,
+    LogCreep,
+    SecondOrderMode,
+    TransferFunction,
+)
+from skhyst.neural import GrayBoxHysteresis
 from skhyst.operators import FirstOrderLagOperator, PrandtlIshlinskiiOperator
+from skhyst.optimize import LevenbergMarquardt
 from skhyst.records import stack_records
-from skhyst.static import DeadZones, Saturation, SmoothCurve
+from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve
 
 DT = 0.01
 N = 240
@@ -56,13 +68,16 @@ EXAMPLES = {
     "RestoringForce": lambda: RestoringForce(
         1, damping_degree=1, n_substeps=1, initial_state="zero"
     ),
+    # on data without dynamics it would choose no term, or none with memory
+    "NARMAXRegressor": lambda: NARMAXRegressor(1, n_terms=None),
+    "GrayBoxHysteresis": lambda: GrayBoxHysteresis(method=LevenbergMarquardt(max_epochs=20)),
     "EffectSearchCV": lambda: EffectSearchCV(
         PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
     ),
 }
 
 # nothing is remembered from one sample to the next
-MEMORYLESS = {"DeadZones", "Saturation", "SmoothCurve", "Offset"}
+MEMORYLESS = {"DeadBand", "DeadZones", "Saturation", "SCNRegressor", "SmoothCurve", "Offset"}
 
 MEMORY = {
     "check_methods_sample_order_invariance": "the output depends on the past",
@@ -123,6 +138,7 @@ MODELS = {
     "Duhem, degree 3": lambda: Duhem(3, dt=DT),
     "SystemLevelHysteresis": lambda: SystemLevelHysteresis(dt=DT),
     "TanhHysteresis": lambda: TanhHysteresis(dt=DT),
+    "GrayBoxHysteresis": lambda: GrayBoxHysteresis(dt=DT, method=LevenbergMarquardt(max_epochs=60)),
     "JilesAtherton": lambda: JilesAtherton(dt=DT),
     "FrictionStage": lambda: FrictionStage(False, fit_bristle_damping=False, n_substeps=4, dt=DT),
     "RestoringForce": lambda: RestoringForce(
@@ -131,9 +147,13 @@ MODELS = {
     "FirstOrderLag": lambda: FirstOrderLag(dt=DT),
     "SecondOrderMode": lambda: SecondOrderMode(dt=DT),
     "KelvinVoigt": lambda: KelvinVoigt(1, dt=DT),
+    "LogCreep": lambda: LogCreep(dt=DT),
     "TransferFunction": lambda: TransferFunction(2, n_zeros=1, dt=DT),
     "TransferFunction, delay": lambda: TransferFunction(1, delay=2 * DT, dt=DT),
     "Delay": lambda: Delay(dt=DT),
+    "DeadBand": lambda: DeadBand(dt=DT),
+    "Backlash": lambda: Backlash(dt=DT),
+    "SlewLimit": lambda: SlewLimit(dt=DT),
     "DeadZones": lambda: DeadZones(1, dt=DT),
     "Saturation": lambda: Saturation(sides="upper", dt=DT),
     "SmoothCurve": lambda: SmoothCurve(3, dt=DT),
@@ -149,6 +169,7 @@ LINEAR_MODELS = {
     "FirstOrderLag",
     "SecondOrderMode",
     "KelvinVoigt",
+    "LogCreep",
     "TransferFunction",
     "TransferFunction, delay",
 }
@@ -173,6 +194,7 @@ WITH_INTERCEPT = (
         "Duhem",
         "Duhem, degree 3",
         "SystemLevelHysteresis",
+        "GrayBoxHysteresis",
         "JilesAtherton",
         "FrictionStage",
         "RestoringForce",
@@ -183,7 +205,7 @@ WITH_INTERCEPT = (
     }
 )
 # the response has the unit of the drive, so that it cannot be scaled alone
-NO_GAIN = {"Delay", "DeadZones", "Saturation", "SmoothCurve"}
+NO_GAIN = {"Backlash", "DeadBand", "Delay", "DeadZones", "Saturation", "SlewLimit", "SmoothCurve"}
 # weights that are not negative; one side that is clipped
 ONE_SIGN = PLAYS | {
     "JilesAtherton",

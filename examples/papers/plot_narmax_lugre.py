@@ -6,7 +6,7 @@ A stage with LuGre friction, identified as itself and as a restoring force
 (O. Amor, A. Kaddouri, R. Abdessemed) simulates a stage with LuGre friction, equations (1) to (4),
 and identifies it as a polynomial restoring force with bilinear hysteresis, (6) to (8). Here both
 models are identified from the same simulated records and asked for a record that they have not
-seen.
+seen, and so are polynomial NARMAX models (5), whose terms the data choose.
 """
 
 # %%
@@ -22,8 +22,10 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
+from skhyst.autoregressive import NARMAXRegressor
 from skhyst.hysteresis import FrictionStage, RestoringForce
 from skhyst.linear import SecondOrderMode
+from skhyst.preprocessing import PlayOperators
 
 MASS, DAMPING, STIFFNESS = 2.0, 400.0, 5e5
 SIGMA0, SIGMA1, COULOMB, STATIC, STRIBECK = 2e6, 300.0, 2.0, 3.0, 2e-3
@@ -134,4 +136,46 @@ for name in ("linear mode", "restoring force", "friction stage"):
     axes[1].plot(test[0].index[last], 1e6 * errors[name][last], color=color, label=name)
 axes[1].set(xlabel="time (s)", ylabel="held-out error (µm)", ylim=(-6.0, 8.0))
 axes[1].legend(loc="upper center", ncols=2)
+plt.show()
+
+# %%
+# NARMAX models
+# -------------
+# Equation (5) is a polynomial of past forces and displacements. The paper prints neither its lags
+# nor its coefficients, so that there is no table to reproduce: here the terms are chosen out of all
+# candidates, for the error of the free run. Friction remembers the turning points of the motion,
+# and a polynomial of a few past samples cannot. Play operators of the force can.
+
+plays = PlayOperators(thresholds=[0.5, 1.0, 2.0, 3.0, 4.0])  # N
+narmax = {
+    "cubic, rate sign": NARMAXRegressor(
+        3, input_lags=(1, 2), features=["rate_sign"], objective="simulation"
+    ),
+    "linear, plays": NARMAXRegressor(1, features=[plays], objective="simulation"),
+}
+print("largest error (nm)       the sinusoid itself   from the sweep   and after 50 ms")
+for name, model in narmax.items():
+    own = np.abs(test[1] - model.fit(*test).predict(test[0])).max()
+    errors[name] = test[1] - model.fit(*train).predict(test[0])
+    size = np.abs(errors[name])
+    numbers = (own, size.max(), size[100:].max())
+    print(f"{name:24s}" + "".join(f"{1e9 * number:18.0f}" for number in numbers))
+
+# %%
+# The paper identifies and compares on the one sinusoid. Judged that way both look good: they stay
+# below the paper's 458.6 nm. The record that was not seen tells them apart. The sign of the rate
+# stands for the memory of one steady loop and is wrong in the next one; the plays carry over, and
+# their error is largest in the first milliseconds, where the force sets in abruptly. In the root
+# mean square it lies below that of the restoring force.
+
+rms = {name: 1e9 * np.sqrt(np.mean(error**2)) for name, error in errors.items()}
+for name in ("restoring force", *narmax):
+    print(f"{name:24s} held out {rms[name]:7.0f} nm rms")
+print(narmax["linear, plays"].terms_.to_string(index=False, float_format="{:.3g}".format))
+
+figure, ax = plt.subplots(figsize=(9.0, 3.2), layout="constrained")
+for name, color in (("cubic, rate sign", "C3"), ("restoring force", "C0"), ("linear, plays", "C4")):
+    ax.plot(test[0].index, 1e6 * errors[name], color=color, lw=1, label=name)
+ax.set(xlabel="time (s)", ylabel="held-out error (µm)", ylim=(-6.0, 4.0))
+ax.legend(loc="upper right", ncols=3)
 plt.show()

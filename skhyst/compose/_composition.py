@@ -1,11 +1,36 @@
 """What series and sums of models share."""
 
+import dataclasses
 from abc import abstractmethod
+
+from sklearn.frozen import FrozenEstimator
+from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition
 from ..base import ParametricModel
+from ..operators import FrozenOperator
 
-__all__ = ["Composition"]
+__all__ = ["Composition", "HeldStep"]
+
+
+class HeldStep(ParametricModel):
+    """A fitted model as a step, held: it starts and ends as the operator that it has."""
+
+    initial_state = "rest"
+
+    def __init__(self, model):
+        self.model = model
+
+    @property
+    def _rank(self):
+        return self.model._rank
+
+    @property
+    def _any_interval(self):
+        return self.model._any_interval
+
+    def _starts(self, records):
+        return [(FrozenOperator(self.model.operator_), ())]
 
 
 class Composition(ParametricModel, BaseComposition):
@@ -45,11 +70,29 @@ class Composition(ParametricModel, BaseComposition):
             raise ValueError(f"The 'steps' parameter of {kind} must not be empty.")
         self._validate_names([name for name, _ in self.steps])
         for name, step in self.steps:
-            if not isinstance(step, ParametricModel):
+            model = step.estimator if isinstance(step, FrozenEstimator) else step
+            if not isinstance(model, ParametricModel):
                 raise TypeError(
                     f"The steps of {kind} must be parametric models of skhyst. Got {step!r} "
                     f"as '{name}' instead."
                 )
+            if model is not step:
+                check_is_fitted(
+                    model,
+                    msg=f"The step '{name}' of {kind} is frozen but not fitted: fit the model "
+                    "before it goes into the FrozenEstimator.",
+                )
+
+    def _models(self):
+        """Return the steps as models, those in a FrozenEstimator as held ones."""
+        return [
+            HeldStep(step.estimator) if isinstance(step, FrozenEstimator) else step
+            for _, step in self.steps
+        ]
+
+    @property
+    def _any_interval(self):
+        return all(model._any_interval for model in self._models())
 
     @abstractmethod
     def _compose(self, names, stages):
@@ -60,4 +103,11 @@ class Composition(ParametricModel, BaseComposition):
         return [(result.operator, result.disturbances)]
 
     def _fixed(self):
-        return frozenset(f"{name}__{entry}" for name, step in self.steps for entry in step._fixed())
+        return frozenset(
+            f"{name}__{entry}"
+            for (name, _), model in zip(self.steps, self._models(), strict=True)
+            for entry in model._fixed()
+        )
+
+    def _adopt(self, result):
+        return super()._adopt(dataclasses.replace(result, operator=result.operator.released()))

@@ -4,7 +4,7 @@ import dataclasses
 
 from ..operators import DriftOperator, OffsetOperator, SeriesOperator, SumOperator
 from ..optimize import identify
-from ._composition import Composition
+from ._composition import Composition, HeldStep
 
 __all__ = ["Sum"]
 
@@ -14,12 +14,13 @@ class Sum(Composition):
 
     Disturbances (:mod:`skhyst.disturbance`) stand beside the driven models; their coefficients
     are solved record by record. Beside an offset or a drift, which have a constant for each record,
-    the driven models have no intercept.
+    the driven models have no intercept. A step that is known already is held as in a
+    :class:`Cascade`: the fitted model in a :class:`sklearn.frozen.FrozenEstimator`.
 
     Parameters
     ----------
     steps : list of (str, estimator)
-        Names and models.
+        Names and models; fitted models in a FrozenEstimator are held.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample; that of the steps is not used.
     dt : float, default=1.0
@@ -55,26 +56,36 @@ class Sum(Composition):
         return SumOperator(tuple(names), tuple(stages)).normalized()
 
     def _driven_names(self):
-        return [name for name, step in self.steps if not _is_disturbance(step)]
+        return self._names(False)
 
     def _disturbance_names(self, count):
-        return tuple(name for name, step in self.steps if _is_disturbance(step))
+        return self._names(True)
+
+    def _names(self, disturbances):
+        return tuple(
+            name
+            for (name, _), model in zip(self.steps, self._models(), strict=True)
+            if _is_disturbance(model) == disturbances
+        )
 
     def _identify(self, data):
         self._check_steps()
         state = self._free_run_state()
-        stages, disturbances, evaluations = [], [], 0
+        models = self._models()
+        found, disturbances, evaluations = {}, [], 0
         records = data
-        for _, step in self.steps:
-            result = step._identify(records)
+        # what is held is known: it is taken off the response first
+        for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
+            result = models[i]._identify(records)
             evaluations += result.n_evaluations
             records = [
                 dataclasses.replace(record, y=record.y - part)
                 for record, part in zip(records, result.outputs(records, state), strict=True)
             ]
-            if not _is_disturbance(step):
-                stages.append(result.operator)
+            if not _is_disturbance(models[i]):
+                found[i] = result.operator
             disturbances += result.disturbances
+        stages = [found[i] for i in sorted(found)]
         operator, fixed = self._compose(self._driven_names(), stages), self._fixed()
         if any(isinstance(d, OffsetOperator | DriftOperator) for d in disturbances):
             constants = _constants(operator)

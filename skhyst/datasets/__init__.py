@@ -1,5 +1,25 @@
-"""Published parameters, and the recordings that they generate."""
+"""Test signals, published parameters, and the recordings that they generate."""
 
+from ._inchworm_motor import make_inchworm_motor, walking_drive
+from ._scanning_stage import load_scanning_stage_parameters, make_scanning_stage
+from ._signals import decaying_sine, sine, swept_sine, triangle
+from ._signals_levels import first_order_reversal_curves, steps
+from ._signals_random import band_limited_noise, multisine
 from ._tanh_paper import load_tanh_parameters, make_tanh_recording
 
-__all__ = ["load_tanh_parameters", "make_tanh_recording"]
+__all__ = [
+    "band_limited_noise",
+    "decaying_sine",
+    "first_order_reversal_curves",
+    "load_scanning_stage_parameters",
+    "load_tanh_parameters",
+    "make_inchworm_motor",
+    "make_scanning_stage",
+    "make_tanh_recording",
+    "multisine",
+    "sine",
+    "steps",
+    "swept_sine",
+    "triangle",
+    "walking_drive",
+]

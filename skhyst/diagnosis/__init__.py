@@ -1,5 +1,6 @@
 """Find the physical effect that a model lacks."""
 
+from ._data_quality import data_quality
 from ._effects import Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence, Picture
 from ._report import Report
@@ -11,6 +12,7 @@ __all__ = [
     "Evidence",
     "Picture",
     "Report",
+    "data_quality",
     "effect_names",
     "register_effect",
     "unregister_effect",

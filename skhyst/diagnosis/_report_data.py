@@ -213,6 +213,16 @@ def _data(search, response):
         "n_inputs": int(search.n_features_in_),
         "interval": float(search.records_[0].dt),
         "records": records,
+        "faults": [
+            {
+                "fault": row.fault,
+                "record": str(row.record),
+                "n_samples": int(row.n_samples),
+                "rows": [int(i) for i in row.rows],
+                "advice": row.advice,
+            }
+            for row in search.data_quality_.itertuples()
+        ],
     }
 
 

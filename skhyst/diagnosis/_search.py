@@ -18,6 +18,7 @@ from .._sklearn import HasMethods, Interval, fit_context
 from ..base import ParametricModel, read_data
 from ..optimize import RecordData
 from ._contest import Contestant, contest, held_out, paired_p_value, screen
+from ._data_quality import data_quality
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
 from ._noise import black_box_gain, repeatability
@@ -95,6 +96,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
         ``claimed``.
     evidence_ : dict of str to Evidence
+    data_quality_ : DataFrame
+        Faults of the measurement, see :func:`data_quality`; they are reported, not removed.
     declared_estimator_, best_estimator_ : estimator
         Both fitted on all data.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
@@ -189,6 +192,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         read_data(declared, X, y, reset=True, dt=declared.dt)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
+        self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
         with threadpool_limits(limits=1):

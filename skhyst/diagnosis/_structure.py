@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from sklearn.base import clone
+from sklearn.frozen import FrozenEstimator
 
 from ..compose import Cascade, Sum
 from ..operators import SeriesOperator, SumOperator
@@ -116,6 +117,10 @@ class Structure:
         """Number of coefficients that each record has of its own."""
         return sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
 
+    def _stands_alone(self):
+        """Whether the driven part is one model without a Cascade, which one that is held needs."""
+        return len(self.models) == 1 and not isinstance(self.models[0], FrozenEstimator)
+
     def estimator(self, declared):
         """Return the unfitted model: the declared one with what was added."""
         models = [clone(model) for model in self.models]
@@ -124,7 +129,7 @@ class Structure:
                 "A declared Sum with disturbances cannot be searched: declare the driven part."
             )
         options = {"initial_state": declared.initial_state, "dt": declared.dt}
-        if len(models) == 1:
+        if self._stands_alone():
             name, driven = self.names[0], models[0]
         else:
             name = "model"
@@ -137,7 +142,7 @@ class Structure:
     def fitted(self, declared, records, slices):
         """Return the model, fitted on all records from the operators here."""
         estimator = self.estimator(declared)
-        operator = self.operators[0] if len(self.operators) == 1 else self.series()
+        operator = self.operators[0] if self._stands_alone() else self.series()
         if self.beside_models:
             operator = SumOperator((estimator.steps[0][0],), (operator,))
         result = identify(

@@ -1,5 +1,6 @@
 """Hysteresis models."""
 
+from ._backlash import Backlash
 from ._bouc_wen import BoucWen
 from ._dahl import Dahl
 from ._duhem import Duhem
@@ -13,10 +14,12 @@ from ._prandtl_ishlinskii import PrandtlIshlinskii
 from ._preisach import Preisach
 from ._rate_dependent_prandtl_ishlinskii import RateDependentPrandtlIshlinskii
 from ._restoring_force import RestoringForce
+from ._slew_limit import SlewLimit
 from ._system_level import SystemLevelHysteresis
 from ._tanh import TanhHysteresis
 
 __all__ = [
+    "Backlash",
     "BoucWen",
     "Dahl",
     "Duhem",
@@ -30,6 +33,7 @@ __all__ = [
     "Preisach",
     "RateDependentPrandtlIshlinskii",
     "RestoringForce",
+    "SlewLimit",
     "SystemLevelHysteresis",
     "TanhHysteresis",
 ]

@@ -87,6 +87,7 @@ class PrandtlIshlinskii(InvertibleModel):
     }
 
     _rank = PrandtlIshlinskiiOperator.rank
+    _any_interval = True
 
     def __init__(
         self,

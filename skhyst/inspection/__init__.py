@@ -4,9 +4,18 @@ Every display stores data first and draws afterwards. Drawing needs matplotlib, 
 ``skhyst[plot]`` installs; making a display and reading its data does not.
 """
 
+from ._bode import FrequencyResponseDisplay
 from ._evidence import EvidenceDisplay
 from ._loop import HysteresisLoopDisplay
+from ._pole_zero import PoleZeroDisplay
 from ._ranking import EffectRankingDisplay
 from ._residual import ResidualDisplay
 
-__all__ = ["EffectRankingDisplay", "EvidenceDisplay", "HysteresisLoopDisplay", "ResidualDisplay"]
+__all__ = [
+    "EffectRankingDisplay",
+    "EvidenceDisplay",
+    "FrequencyResponseDisplay",
+    "HysteresisLoopDisplay",
+    "PoleZeroDisplay",
+    "ResidualDisplay",
+]

@@ -1,8 +1,22 @@
 """Linear dynamics."""
 
 from ._delay import Delay
+from ._estimate_response import frequency_response
+from ._frequency_response import FrequencyResponse
 from ._kelvin_voigt import KelvinVoigt
+from ._log_creep import LogCreep
 from ._low_order import FirstOrderLag, SecondOrderMode
+from ._modal import ModalModel
 from ._transfer_function import TransferFunction
 
-__all__ = ["Delay", "FirstOrderLag", "KelvinVoigt", "SecondOrderMode", "TransferFunction"]
+__all__ = [
+    "Delay",
+    "FirstOrderLag",
+    "FrequencyResponse",
+    "KelvinVoigt",
+    "LogCreep",
+    "ModalModel",
+    "SecondOrderMode",
+    "TransferFunction",
+    "frequency_response",
+]

@@ -1,16 +1,21 @@
 """Creep as a chain of Kelvin-Voigt units."""
 
+import warnings
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
 
 from .._sklearn import Interval
+from ..exceptions import ConvergenceWarning
 from ..operators import KelvinVoigtOperator
-from ._base import LinearModel, log_grid, time_span
+from ._base import LinearModel, log_grid, slope, time_span
+from ._static_gain import static_gain_error
 
 __all__ = ["KelvinVoigt"]
 
 _SPREAD = 10.0  # ratio of neighbouring time constants at the start
+_KNOWN = 0.01  # largest relative standard error of a static gain that counts as determined
 
 
 class KelvinVoigt(LinearModel):
@@ -20,6 +25,16 @@ class KelvinVoigt(LinearModel):
 
     This is (3.7) of the thesis with its names put right: there :math:`c_i` is a stiffness and
     :math:`k_i` a damping; here ``compliances`` are relative to the prompt response.
+
+    **Which experiment.** The gain at rest, :math:`g\,(1 + \sum_i c_i)`, is what the drive has after
+    all creep. Records whose drive never stops, however many their periods, do not show it: a unit
+    slower than their period moves the mean of the response only, and a chain fitted to them may put
+    a false offset behind every step. Record steps with rests at least as long as the creep that is
+    to be described. ``static_gain_std_`` therefore includes a unit that is ten times slower than
+    the longest record and may have been missed, and where it exceeds 1 % of the gain, "static_gain"
+    stands in ``identifiability_["undetermined"]`` and a
+    :class:`~skhyst.exceptions.ConvergenceWarning` says so. :class:`LogCreep` is the alternative
+    where creep goes on over many decades of time.
 
     Parameters
     ----------
@@ -42,6 +57,8 @@ class KelvinVoigt(LinearModel):
         ``compliances`` (n_units,), ``time_constants`` (n_units,) in s, ``gain``.
     params_, params_std_ : dict
         Parameters and their standard errors.
+    static_gain_, static_gain_std_ : float
+        Gain at rest and its standard error, units of the response over those of the drive.
 
     Examples
     --------
@@ -84,13 +101,13 @@ class KelvinVoigt(LinearModel):
 
     def _starts(self, records):
         dt, span = time_span(records)
-        slope = _slope(records)
+        gain = slope(records) if self.fit_gain else 1.0
         return [
             (
                 KelvinVoigtOperator(
                     np.full(self.n_units, 0.1 / self.n_units),
                     tau * _SPREAD ** np.arange(self.n_units),
-                    gain=slope,
+                    gain=gain,
                     hold=self.hold,
                 ),
                 (),
@@ -100,11 +117,25 @@ class KelvinVoigt(LinearModel):
             )
         ]
 
-
-def _slope(records):
-    """Return the least-squares slope of the response over the drive."""
-    u = np.concatenate([record.u for record in records])
-    y = np.concatenate([record.y for record in records])
-    u, y = u - u.mean(), y - y.mean()
-    power = u @ u
-    return float(u @ y / power) if power > 0.0 else 1.0
+    def _fit_records(self, data):
+        super()._fit_records(data)
+        operator, state = self.operator_, self._free_run_state()
+        if self.initial_state == "estimate":
+            drives = zip(data, self.initial_drive_, strict=True)
+            data = [replace(record, before=float(drive)) for record, drive in drives]
+        self.static_gain_ = float(operator.gain * (1.0 + np.sum(operator.compliances)))
+        self.static_gain_std_ = static_gain_error(
+            operator, data, fixed=self._fixed(), initial_state=state, error=self.fit_error_
+        )
+        if not self.static_gain_std_ <= _KNOWN * abs(self.static_gain_):
+            undetermined = self.identifiability_["undetermined"]
+            self.identifiability_["undetermined"] = (*undetermined, "static_gain")
+            warnings.warn(
+                "The data do not determine the static gain of KelvinVoigt: it is "
+                f"{self.static_gain_:.3g} with a standard error of {self.static_gain_std_:.2g}, "
+                "since a slow unit would not have shown. Add a record with steps and rests as long "
+                "as the creep.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+        return self

@@ -1,38 +1,66 @@
 """Rational transfer function."""
 
+import warnings
 from numbers import Integral, Real
 
 import numpy as np
+from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
-from ..operators import DelayOperator, SeriesOperator, TransferFunctionOperator
-from ..optimize import pole_starts, sections
-from ._base import LinearModel, log_grid, time_span
+from ..base import one_thread, run_records
+from ..exceptions import DivergenceWarning
+from ..operators import TransferFunctionOperator
+from ..operators._conversion import (
+    control_system,
+    operator_of_system,
+    refuse_delay,
+    scipy_system,
+)
+from ..optimize import identify
+from ..records import record_slices
+from ._base import LinearModel
+from ._modes import ModesMixin, section_poles
+from ._transfer_function_fit import choose_orders, fit_response, held_names, record_starts
 
 __all__ = ["TransferFunction"]
 
 
-class TransferFunction(LinearModel):
-    r"""Rational transfer function with a delay.
+class TransferFunction(ModesMixin, LinearModel):
+    r"""Rational transfer functions of one input or several, with a delay.
 
-    .. math:: G(s) = e^{-\theta s} \frac{N(s)}{D(s)}
+    .. math:: y = \sum_i G_i\, u_i, \qquad G_i(s) = e^{-\theta_i s} \frac{N_i(s)}{D(s)}
 
-    The poles are stable by construction, the numerator is solved exactly for given poles.
+    All inputs share the denominator: as many states as poles. The poles are stable by
+    construction, the numerators are solved exactly for given poles.
+
+    :meth:`fit` identifies the free run over records, starting from the iteration of Steiglitz and
+    McBride [1]_ and from vector fitting [2]_ of the records' transforms;
+    :meth:`fit_frequency_response` identifies :math:`G(j \omega)` itself, weighted by its
+    uncertainty.
 
     Parameters
     ----------
-    n_poles : int, default=2
-        Degree of the denominator.
-    n_zeros : int, default=0
-        Degree of the numerator, at most ``n_poles``.
-    delay : float or "fit", default=0.0
-        Delay in s, fixed, or fitted.
+    n_poles : int or "auto", default=2
+        Degree of the denominator. ``"auto"`` tries 1, 2, ... ``max_poles`` and takes the one with
+        the smallest BIC of the residual, which counts as white: what is left of other effects
+        raises the order.
+    n_zeros : int or None, default=0
+        Degree of the numerators, at most ``n_poles``; None chooses it by the same criterion.
+    max_poles : int, default=8
+        Largest degree that ``"auto"`` tries.
+    inputs : {"drive", "all"} or list of int or str, default="drive"
+        The columns of X that act: the first, all, or those with these positions or names. A model
+        of several inputs stands alone: it enters no composition.
+    delay : float, array-like of shape (n_inputs,) or "fit", default=0.0
+        Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
+    stable : bool, default=True
+        False lets :meth:`fit_frequency_response` keep poles of the right half plane.
     fit_gain, fit_intercept : bool, default=True
-        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
+        Whether the static gains (1 otherwise) and a constant response (0 otherwise) are fitted.
     hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
+        Inputs between samples: a straight line, or constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample.
+        State before each record's first sample; ``"estimate"`` is for the drive alone.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
     method : str or Method, default="variable_projection"
@@ -42,14 +70,38 @@ class TransferFunction(LinearModel):
     ----------
     operator_ : TransferFunctionOperator, behind a DelayOperator where there is a delay
         ``time_constants`` (s), ``natural_frequencies`` (rad/s), ``damping_ratios``, ``numerator``,
-        ``gain``, ``intercept``; ``poles()``, ``frequency_response(frequency)``.
+        ``gain``, ``intercept``; ``poles()``, ``frequency_response(frequency)``. With ``inputs``
+        other than "drive" a MultiInputTransferFunctionOperator.
     params_, params_std_ : dict
         Parameters and their standard errors.
+    poles_ : ndarray of shape (n_poles,), complex
+        rad/s, slowest first.
+    poles_covariance_ : ndarray of shape (n_poles, 2, 2)
+        Of real and imaginary part, (rad/s)^2.
+    zeros_ : ndarray of shape (n_zeros,), complex, or list of such
+        rad/s; a list, one array an input, unless ``inputs="drive"``.
+    natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
+        rad/s; a mode is a real pole or a pair. :meth:`poles_table` gives Hz.
+    damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
+    n_states_ : int
+        As many as poles, for any number of inputs; delays remember their input besides.
+    fit_error_ : float
+        Root mean square of the residual; after :meth:`fit_frequency_response` that of real and
+        imaginary parts in units of their standard deviation.
 
     Raises
     ------
     ValueError
-        If ``n_zeros`` exceeds ``n_poles``.
+        If ``n_zeros`` exceeds ``n_poles``, or an input does not exist.
+
+    References
+    ----------
+    .. [1] K. Steiglitz, L. E. McBride, "A technique for the identification of linear systems",
+       IEEE Transactions on Automatic Control 10 (1965) 461-464.
+    .. [2] B. Gustavsen, A. Semlyen, "Rational approximation of frequency domain responses by
+       vector fitting", IEEE Transactions on Power Delivery 14(3) (1999) 1052-1061.
+    .. [3] R. Pintelon, J. Schoukens, "System Identification: A Frequency Domain Approach", 2nd ed.,
+       Wiley, 2012, ch. 6, 9 and 11.
 
     Examples
     --------
@@ -65,9 +117,12 @@ class TransferFunction(LinearModel):
 
     _parameter_constraints = {
         **LinearModel._parameter_constraints,
-        "n_poles": [Interval(Integral, 1, None, closed="left")],
-        "n_zeros": [Interval(Integral, 0, None, closed="left")],
-        "delay": [Interval(Real, 0, None, closed="left"), StrOptions({"fit"})],
+        "n_poles": [Interval(Integral, 1, None, closed="left"), StrOptions({"auto"})],
+        "n_zeros": [Interval(Integral, 0, None, closed="left"), None],
+        "max_poles": [Interval(Integral, 1, None, closed="left")],
+        "inputs": [StrOptions({"drive", "all"}), list, tuple],
+        "delay": [Interval(Real, 0, None, closed="left"), StrOptions({"fit"}), "array-like"],
+        "stable": ["boolean"],
     }
 
     def __init__(
@@ -75,7 +130,10 @@ class TransferFunction(LinearModel):
         n_poles=2,
         *,
         n_zeros=0,
+        max_poles=8,
+        inputs="drive",
         delay=0.0,
+        stable=True,
         fit_gain=True,
         fit_intercept=True,
         hold="foh",
@@ -93,37 +151,332 @@ class TransferFunction(LinearModel):
         )
         self.n_poles = n_poles
         self.n_zeros = n_zeros
+        self.max_poles = max_poles
+        self.inputs = inputs
         self.delay = delay
+        self.stable = stable
+
+    # ------------------------------------------------------------------------------- its inputs
+
+    def _one(self):
+        return isinstance(self.inputs, str) and self.inputs == "drive"
+
+    def _signal(self, X):
+        return X[:, 0] if self._one() else X[:, list(self._columns(X.shape[1]))]
+
+    def _columns(self, n_columns, names=None):
+        """Return the positions of the inputs among the columns of X."""
+        if isinstance(self.inputs, str):
+            return tuple(range(n_columns if self.inputs == "all" else 1))
+        if names is None:
+            names = getattr(self, "feature_names_in_", None)
+        names = [] if names is None else list(names)
+        columns = []
+        for wanted in self.inputs:
+            if isinstance(wanted, str) and wanted in names:
+                columns.append(names.index(wanted))
+            elif isinstance(wanted, Integral) and 0 <= wanted < n_columns:
+                columns.append(int(wanted))
+            else:
+                raise ValueError(
+                    "The 'inputs' parameter of TransferFunction must be columns of X, by position "
+                    f"(below {n_columns}) or name{f' ({names})' if names else ''}. Got {wanted!r} "
+                    "instead."
+                )
+        if not columns or len(set(columns)) < len(columns):
+            raise ValueError(
+                "The 'inputs' parameter of TransferFunction must name at least one column, and "
+                f"none twice. Got {self.inputs!r} instead."
+            )
+        return tuple(columns)
+
+    def _delay_of(self, n_inputs):
+        """Return "fit", or the delays in s: one an input, or none at all."""
+        if isinstance(self.delay, str):
+            return self.delay
+        delays = np.asarray(self.delay, dtype=float)
+        if delays.ndim > 1 or delays.size not in (1, n_inputs) or not np.all(delays >= 0.0):
+            raise ValueError(
+                "The 'delay' parameter of TransferFunction must be a number that is not negative, "
+                f"or one for each of {n_inputs} input(s). Got {self.delay!r} instead."
+            )
+        delays = np.broadcast_to(delays, n_inputs).astype(float)
+        return delays if delays.any() else np.empty(0)
+
+    # ------------------------------------------------------------------------- what is identified
 
     def _fixed(self):
         fixed = super()._fixed()
-        if self.delay == 0.0:
+        if not self._one():
+            n_inputs = getattr(self, "_n_inputs", 1)
+            held = held_names(n_inputs, self._delay_of(n_inputs), self.fit_gain)
+            return frozenset(held | (fixed & {"intercept"}))
+        delay = self._delay_of(1)
+        if not np.size(delay):
             return fixed
         fixed = {f"transfer_function__{name}" for name in fixed}
-        return frozenset(fixed if self.delay == "fit" else fixed | {"delay__delay"})
+        return frozenset(fixed if isinstance(delay, str) else fixed | {"delay__delay"})
+
+    def _check_orders(self):
+        n_poles = self.max_poles if self.n_poles == "auto" else self.n_poles
+        if self.n_zeros is not None and self.n_zeros > n_poles:
+            name = "max_poles" if self.n_poles == "auto" else "n_poles"
+            raise ValueError(
+                f"The 'n_zeros' parameter of TransferFunction must be at most '{name}' = "
+                f"{n_poles}. Got {self.n_zeros} instead."
+            )
+
+    def _chooses(self):
+        return self.n_poles == "auto" or self.n_zeros is None
+
+    def _record_data(self, slices, X, y):
+        self.__dict__.pop("_response_inputs", None)  # of an earlier fit to a response
+        records = super()._record_data(slices, X, y)
+        if not self._one():
+            self._n_inputs = records[0].u.shape[1]
+            if self.initial_state == "estimate":
+                raise ValueError(
+                    "The 'initial_state' parameter of TransferFunction must be 'rest' or 'zero' "
+                    "unless 'inputs' is 'drive'. Got 'estimate' instead."
+                )
+        return records
 
     def _starts(self, records):
-        if self.n_zeros > self.n_poles:
+        self._check_orders()
+        if not self._one() and records[0].u.ndim == 1:
             raise ValueError(
-                "The 'n_zeros' parameter of TransferFunction must be at most 'n_poles' = "
-                f"{self.n_poles}. Got {self.n_zeros} instead."
+                "The 'inputs' parameter of TransferFunction must be 'drive' for a step of a "
+                f"composition. Got {self.inputs!r} instead."
             )
-        dt, span = time_span(records)
-        data = [(record.u, record.y, record.dt) for record in records]
-        candidates = [sections(p) for p in pole_starts(data, self.n_poles)]
-        n_first, n_second = self.n_poles % 2, self.n_poles // 2
-        for w in log_grid(6.0 / span, 1.5 / dt, 2):
-            spread = w * 1.5 ** np.arange(n_second)
-            candidates.append((np.full(n_first, 1.0 / w), spread, np.full(n_second, 0.2)))
-        starts = []
-        for constants, frequencies, dampings in candidates:
-            operator = TransferFunctionOperator(
-                constants, frequencies, dampings, np.zeros(self.n_zeros), hold=self.hold
+        if self._chooses():
+            return [(self._choose(records).operator, ())]
+        return self._starts_of(records, self.n_poles, self.n_zeros)
+
+    def _starts_of(self, records, n_poles, n_zeros):
+        n_inputs = 1 if self._one() else records[0].u.shape[1]
+        operators = record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
+        return [(operator, ()) for operator in operators]
+
+    def _identify(self, data):
+        self._check_orders()
+        return self._choose(data) if self._chooses() else super()._identify(data)
+
+    def _choose(self, records):
+        n_samples = sum(len(record.y) for record in records)
+        power = sum(float(np.sum(np.square(record.y))) for record in records)
+
+        def fit(n_poles, n_zeros):
+            result = identify(
+                self._starts_of(records, n_poles, n_zeros),
+                records,
+                fixed=self._fixed(),
+                initial_state=self._free_run_state(),
+                method=self.method,
             )
-            if self.delay != 0.0:
-                delay = dt if self.delay == "fit" else float(self.delay)
-                operator = SeriesOperator(
-                    ("delay", "transfer_function"), (DelayOperator(delay), operator)
-                )
-            starts.append((operator, ()))
-        return starts
+            return result, n_samples, power
+
+        return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
+
+    def fit_frequency_response(self, response):
+        r"""Identify the model from a frequency response.
+
+        Minimises :math:`\sum_{k,i} |\hat G_i(f_k) - G_i(f_k)|^2 / \sigma_i(f_k)^2` over
+        continuous-time G, which takes inputs as band-limited between samples. No intercept.
+
+        Parameters
+        ----------
+        response : FrequencyResponse
+            With ``std``, the lines are weighted by it.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there are fewer lines than the parameters need, or several inputs while ``inputs``
+            is "drive".
+        """
+        self._validate_params()
+        self._check_orders()
+        g, std = response.response, response.std
+        if not self._one():
+            columns = list(self._columns(g.shape[1], response.input_names))
+            g, std = g[:, columns], None if std is None else std[:, columns]
+        elif g.shape[1] > 1:
+            raise ValueError(
+                "The 'inputs' parameter of TransferFunction must be 'all' or a list for a "
+                f"frequency response of {g.shape[1]} inputs. Got 'drive' instead."
+            )
+        else:
+            columns = [0]
+        used = response.frequency > 0.0
+        frequency, g, std = response.frequency[used], g[used], None if std is None else std[used]
+        fewest = (self.n_zeros or 1) if self.n_poles == "auto" else self.n_poles
+        n_unknowns = fewest + len(columns) * ((self.n_zeros or 0) + 1)
+        if 2 * g.size <= n_unknowns or not np.any(g):
+            raise ValueError(
+                f"The 'response' must have more than {n_unknowns // (2 * len(columns)) + 1} lines "
+                f"above zero, and not vanish. Got {len(frequency)} lines instead."
+            )
+
+        def fit(n_poles, n_zeros):
+            return fit_response(
+                frequency,
+                g,
+                std,
+                n_poles,
+                n_zeros,
+                delay=self._delay_of(len(columns)),
+                hold=self.hold,
+                stable=self.stable,
+                single=self._one(),
+                fit_gain=self.fit_gain,
+                method=self.method,
+            )
+
+        with one_thread():
+            if self._chooses():
+                result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
+            else:
+                result, *_ = fit(self.n_poles, self.n_zeros)
+        self._response_inputs = tuple(response.input_names[i] for i in columns)
+        self._n_inputs = self.n_features_in_ = len(columns)
+        self.records_ = ()
+        return self._adopt(result)
+
+    def _adopt(self, result):
+        super()._adopt(result)
+        names = list(result.params)
+        wanted = [
+            i
+            for field in ("time_constants", "natural_frequencies", "damping_ratios")
+            for i, name in enumerate(names)
+            if name.removeprefix("transfer_function__").startswith(f"{field}[")
+        ]
+        self._adopt_poles(result.covariance[np.ix_(wanted, wanted)])
+        return self
+
+    def _adopt_poles(self, covariance):
+        tf = self._rational()
+        parts = tf.time_constants, tf.natural_frequencies, tf.damping_ratios
+        self._set_modes(*section_poles(*parts), covariance)
+        self.zeros_ = tf.zeros()
+
+    def _rational(self):
+        """Return the fitted operator without the delay of a single input."""
+        operator = self.operator_
+        return operator.stages[1] if hasattr(operator, "stages") else operator
+
+    @classmethod
+    def from_system(cls, system, **params):
+        """Make a fitted model of a continuous-time system, such as one of a data sheet.
+
+        Parameters
+        ----------
+        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
+            One response, no pole at zero.
+        **params
+            Parameters of the model, such as ``dt``, ``hold`` and ``initial_state``.
+
+        Returns
+        -------
+        TransferFunction
+            With ``operator_``, poles and zeros; standard errors are zero.
+
+        Examples
+        --------
+        >>> from scipy.signal import lti
+        >>> from skhyst.linear import TransferFunction
+        >>> model = TransferFunction.from_system(lti([2.0], [0.5, 1.0]), dt=0.1)
+        >>> model.predict([[1.0], [1.0]]).round(6)
+        array([2., 2.])
+        """
+        model = cls(**params)
+        operator = operator_of_system(system, model.hold)
+        single = isinstance(operator, TransferFunctionOperator)
+        shape = np.shape(operator.numerator if single else operator.numerators)
+        model.set_params(
+            n_poles=len(operator.poles()), n_zeros=shape[-1], inputs="drive" if single else "all"
+        )
+        model._validate_params()
+        entries = [name for name, _ in operator.entries()]
+        n_inputs = 1 if single else operator.n_inputs
+        model._n_inputs = model.n_features_in_ = n_inputs
+        model._response_inputs = tuple(f"input{i}" for i in range(n_inputs))
+        model.operator_, model.records_ = operator, ()
+        model.params_ = dict(zip(entries, operator.pack().tolist(), strict=True))
+        model.params_std_ = dict.fromkeys(entries, 0.0)
+        model._adopt_poles(np.zeros((model.n_poles, model.n_poles)))
+        return model
+
+    def to_scipy(self):
+        """Return the fitted model as a continuous-time ``scipy.signal.StateSpace``.
+
+        The intercept is left out.
+
+        Raises
+        ------
+        ValueError
+            If the model has a delay, which no finite state space has.
+        """
+        check_is_fitted(self)
+        return scipy_system(self._without_delay())
+
+    def to_control(self):
+        """Return the fitted model as a ``control.StateSpace`` of python-control.
+
+        The intercept is left out.
+
+        Raises
+        ------
+        ImportError
+            If the package ``control`` is not installed.
+        ValueError
+            If the model has a delay, which no finite state space has.
+        """
+        check_is_fitted(self)
+        return control_system(self._without_delay())
+
+    def _without_delay(self):
+        if hasattr(self.operator_, "stages"):
+            refuse_delay(self.operator_.stages[0].delay)
+        return self._rational()
+
+    def predict(self, X):
+        """Return the free run: the response to the inputs alone, each record from its own start.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_columns)
+            After :meth:`fit_frequency_response` a frame gives the inputs by their names, if it has
+            them, and an array by position.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response, finite always. An unstable model warns, with a
+            :class:`~skhyst.exceptions.DivergenceWarning`.
+        """
+        check_is_fitted(self)
+        if np.any(self.poles_.real > 0.0):
+            warnings.warn(
+                "The model is unstable: its free run grows without bound.",
+                DivergenceWarning,
+                stacklevel=2,
+            )
+        if not hasattr(self, "_response_inputs"):
+            return super().predict(X)
+        names = list(getattr(X, "columns", ()))
+        if set(self._response_inputs) <= set(names):
+            X = X[list(self._response_inputs)]
+        array = check_array(X, dtype=np.float64)
+        if array.shape[1] < self._n_inputs:
+            raise ValueError(
+                f"X must have the {self._n_inputs} input(s) {list(self._response_inputs)}. Got "
+                f"{array.shape[1]} column(s) instead."
+            )
+        signal = array[:, 0] if self._one() else array[:, : self._n_inputs]
+        slices = record_slices(X if hasattr(X, "iloc") else array, dt=self.dt)
+        return run_records(self.operator_, signal, slices, self._free_run_state())

@@ -163,6 +163,18 @@ class Operator(ABC):
             operator's own parameters in the order of :meth:`pack`.
         """
 
+    def carry(self, u, du, dt: float, initial_state: str = "rest"):
+        """Return the output and the tangents carried through, (n_samples, m), of no own parameter.
+
+        The first columns of :meth:`linearize`, which they are taken from unless an operator knows
+        a shorter way.
+        """
+        m = du.shape[1]
+        if m == 0:
+            return self.run(u, dt, self.init(u[0], initial_state))[0], du
+        y, dy = self.linearize(u, du, dt, initial_state)
+        return y, np.ascontiguousarray(dy[:, :m])
+
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
         """Advance by one sample: return the new state and the output."""
         y, state = self.run(np.array([u], dtype=float), dt, state)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import eig
 
 from ._base import parameter
 from ._linear import LinearOperator
@@ -100,6 +101,48 @@ class TransferFunctionOperator(LinearOperator):
     gain: float = parameter(linear=True, gauge=1.0, unit="response/drive", default=1.0)
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+
+    @classmethod
+    def from_scipy(cls, system, *, hold="foh"):
+        """Make one of a continuous-time system of SciPy or python-control.
+
+        Parameters
+        ----------
+        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
+            Continuous time, one response, one input or several, no pole at zero.
+        hold : {"foh", "zoh"}, default="foh"
+            Input between samples.
+
+        Returns
+        -------
+        TransferFunctionOperator
+            For several inputs a :class:`MultiInputTransferFunctionOperator`.
+
+        Raises
+        ------
+        ValueError
+            If the system is in discrete time, has several responses, no pole, or a pole at zero.
+        """
+        from ._conversion import operator_of_system
+
+        return operator_of_system(system, hold)
+
+    def to_scipy(self):
+        """Return the continuous-time ``scipy.signal.StateSpace``, without the intercept."""
+        from ._conversion import scipy_system
+
+        return scipy_system(self)
+
+    def zeros(self):
+        """Return the zeros in rad/s, complex, shape (n_zeros,)."""
+        n = np.size(self.numerator)
+        a, b, c, d = self.state_space()
+        unit = float(np.abs(self.poles()).max())
+        pencil = np.block([[a / unit, b[:, None] / unit], [c[None, :], np.array([[d]])]])
+        found = eig(pencil, np.diag(np.r_[np.ones(len(b)), 0.0]), right=False)
+        found = found[np.isfinite(found)]
+        # those at infinity come out as large as rounding lets them
+        return unit * found[np.argsort(np.abs(found))[:n]]
 
     @property
     def n_poles(self):

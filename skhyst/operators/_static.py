@@ -1,4 +1,4 @@
-"""Memoryless operators: clipping, one-sided dead zones, a smooth curve."""
+"""Memoryless operators: clipping, a dead band, one-sided dead zones, a smooth curve."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,13 @@ import numpy as np
 
 from ._base import Operator, parameter
 
-__all__ = ["DeadZoneOperator", "PolynomialCurveOperator", "SaturationOperator", "StaticOperator"]
+__all__ = [
+    "DeadBandOperator",
+    "DeadZoneOperator",
+    "PolynomialCurveOperator",
+    "SaturationOperator",
+    "StaticOperator",
+]
 
 
 class StaticOperator(Operator):
@@ -54,6 +60,21 @@ class SaturationOperator(StaticOperator):
             (~(below | above)).astype(float),
             np.stack(own, axis=1).astype(float) if own else np.empty((len(v), 0)),
         )
+
+
+@dataclass(frozen=True)
+class DeadBandOperator(StaticOperator):
+    """No response within a band: ``y = v - clip(v, center - half_width, center + half_width)``."""
+
+    half_width: float = parameter(log=True, lower=0.0, unit="drive")
+    center: float = parameter(unit="drive", default=0.0)
+    rank: int = 0
+
+    def _evaluate(self, v):
+        distance = v - self.center
+        side = np.sign(distance) * (np.abs(distance) > self.half_width)
+        slope = np.abs(side)
+        return slope * distance - side * self.half_width, slope, np.stack([-side, -slope], axis=1)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 
 from ._cuckoo_search import CuckooSearch, ModifiedCuckooSearch
 from ._differential_evolution import DifferentialEvolution
+from ._levenberg_marquardt import LevenbergMarquardt
 from ._multistart import VariableProjection
 from ._particle_swarm import ParticleSwarm
 from ._problem import OperatorProblem
@@ -19,6 +20,7 @@ METHODS = {
     "particle_swarm": ParticleSwarm,
     "cuckoo_search": CuckooSearch,
     "modified_cuckoo_search": ModifiedCuckooSearch,
+    "levenberg_marquardt": LevenbergMarquardt,
 }
 
 _SILENT = 1e-13  # of the response
@@ -51,6 +53,11 @@ class IdentificationResult:
         Evaluations and sum of squares after each accepted step.
     x : ndarray
         The solution in the coordinates of the problem.
+    covariance : ndarray of shape (n_parameters, n_parameters) or None
+        Of the values of ``params``, in that order and in their own units; NaN where the data do
+        not determine a value or it is at a bound. None where it was not computed.
+    damping : tuple of float
+        One value an entry of ``history``, of methods whose damping is a number; else empty.
     """
 
     operator: object
@@ -67,6 +74,8 @@ class IdentificationResult:
     message: str
     history: list
     x: np.ndarray
+    covariance: np.ndarray | None = None
+    damping: tuple = ()
 
     def outputs(self, records, initial_state="rest"):
         """Return the fitted response of each record, its own disturbance coefficients included."""
@@ -80,7 +89,7 @@ class IdentificationResult:
 
 
 def uncertainty(problem, solution, n_samples, powers):
-    """Return standard errors, names that the data do not determine, and the condition number.
+    """Return standard errors, undetermined names, the condition number and the covariance.
 
     ``powers`` are the sums of squares of the columns of the Jacobian before the disturbances have
     taken their part.
@@ -95,9 +104,10 @@ def uncertainty(problem, solution, n_samples, powers):
         name for name, is_silent in zip(problem.names, silent, strict=True) if is_silent
     }
     std = np.where(silent, np.inf, np.nan)
+    covariance = np.full_like(hessian, np.nan)
     index = np.flatnonzero((x > problem.lower) & (x < problem.upper) & ~silent)
     if not len(index):
-        return std, tuple(sorted(undetermined)), np.inf if undetermined else 1.0
+        return std, tuple(sorted(undetermined)), np.inf if undetermined else 1.0, covariance
     scale = scale[index]
     scaled = hessian[np.ix_(index, index)] / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
@@ -107,13 +117,17 @@ def uncertainty(problem, solution, n_samples, powers):
     variance = solution.cost / max(n_samples - len(index), 1)
     inverse = np.where(small, 0.0, 1.0 / np.where(small, 1.0, values))
     std[index] = np.sqrt(variance * (vectors**2 @ inverse)) / scale
-    std *= np.where(problem.log, problem.values(x), 1.0)
+    chain = np.where(problem.log, problem.values(x), 1.0)
+    std *= np.abs(chain)
+    covariance[np.ix_(index, index)] = variance * (vectors * inverse) @ vectors.T
+    covariance[np.ix_(index, index)] *= np.outer(chain[index] / scale, chain[index] / scale)
     for i, name in enumerate(problem.names):
         if name in undetermined:
             std[i] = np.inf
+            covariance[i] = covariance[:, i] = np.nan
     reciprocal = values[0] / values[-1]
     condition = 1.0 / reciprocal if reciprocal > np.finfo(float).tiny else np.inf
-    return std, tuple(sorted(undetermined)), float(condition)
+    return std, tuple(sorted(undetermined)), float(condition), covariance
 
 
 def identify(starts, records, *, fixed=(), initial_state="rest", method="variable_projection"):
@@ -158,7 +172,7 @@ def summarize(problem, solution, n_evaluations, seconds):
     blocks = problem.evaluate(solution.x)
     coefficients = problem.coefficients(blocks)
     # the coefficients of the disturbances are unknowns too
-    std, undetermined, condition = uncertainty(
+    std, undetermined, condition, covariance = uncertainty(
         problem, solution, n_samples - coefficients.size, problem.powers(blocks)
     )
     start, filled = 0, []
@@ -183,4 +197,6 @@ def summarize(problem, solution, n_evaluations, seconds):
         message=solution.message,
         history=solution.history,
         x=solution.x,
+        covariance=covariance,
+        damping=tuple(solution.damping),
     )

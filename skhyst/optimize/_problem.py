@@ -12,6 +12,7 @@ __all__ = ["OperatorProblem", "RecordData"]
 class RecordData:
     """One record: drive and response (n_samples,), interval in s, stretches to fit.
 
+    The drive is (n_samples, n_inputs) for an operator of several inputs.
     ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
     ``before``, the drive at which the device had rested before the record, the record is simulated
     from there instead of from rest at its first value. ``schedule`` is the number that scheduled

@@ -5,11 +5,17 @@ from itertools import combinations, permutations, product
 import numpy as np
 from scipy.signal import lfilter
 
-__all__ = ["distribute_poles", "pole_starts", "sections"]
+from ..operators._sections import sections
+from ._vector_fitting import RationalBlock, vector_fit
+
+__all__ = ["distribute_poles", "pole_starts", "record_poles", "sections", "warp"]
 
 _ITERATIONS = 5
 _DECIMATIONS = (1, 3, 9, 27)
 _MIN_SAMPLES = 30  # a parameter
+_MOST_LINES = 3000  # that vector fitting of records looks at
+_MOST_RECORDS = 4
+_FASTEST = 3.0  # rate of a pole that the sampling does not resolve, over the sampling rate
 
 
 def pole_starts(records, n_poles):
@@ -21,7 +27,8 @@ def pole_starts(records, n_poles):
     Parameters
     ----------
     records : sequence of (u, y, dt)
-        Input and response, (n_samples,) each; interval in s.
+        Input and response, (n_samples,) each; interval in s. Of several intervals only the records
+        at the shortest are used.
     n_poles : int
 
     Returns
@@ -29,7 +36,8 @@ def pole_starts(records, n_poles):
     list of ndarray of shape (n_poles,)
         Stable poles, complex.
     """
-    found = []
+    found, shortest = [], min(dt for _, _, dt in records)
+    records = [record for record in records if record[2] == shortest]
     for q in _DECIMATIONS:
         parts = [(u[::q], y[::q]) for u, y, _ in records]
         if sum(len(u) for u, _ in parts) < _MIN_SAMPLES * (2 * n_poles + 2):
@@ -62,33 +70,71 @@ def pole_starts(records, n_poles):
             roots[outside] = 1.0 / np.conj(roots[outside])
             roots = np.where(np.abs(roots) > 0.9999, roots * 0.9999, roots)
             denominator = np.real(np.poly(roots))
-            dt = records[0][2] * q
+            dt = shortest * q
             # a pole near zero or on the negative axis is faster than the sampling resolves
             fast = (np.abs(roots) < 1e-3) | ((np.abs(roots.imag) < 1e-12) & (roots.real <= 0.0))
-            poles = np.where(fast, -3.0 / dt, np.log(np.where(fast, 0.5, roots)) / dt)
+            poles = np.where(fast, -_FASTEST / dt, np.log(np.where(fast, 0.5, roots)) / dt)
             if iteration in (1, _ITERATIONS - 1):
                 found.append(poles)
     return found
 
 
-def sections(poles):
-    """Split poles (rad/s) into time constants, natural frequencies and damping ratios.
+def warp(s, dt):
+    """Return poles (rad/s) of a sampled system from those in the variable of Tustin.
 
-    Complex poles and pairs of real ones make second-order sections; a real pole that is left over,
-    the slowest, makes a first-order one.
+    With ``z = exp(s dt)``, a rational function of ``z`` is one of ``2 / dt (z - 1) / (z + 1)`` of
+    the same degree, whose values on the unit circle lie on the imaginary axis.
     """
-    poles = np.asarray(poles, dtype=complex)
-    upper = poles[poles.imag > 1e-9 * np.abs(poles)]
-    real = np.sort(-poles[np.abs(poles.imag) <= 1e-9 * np.abs(poles)].real)
-    frequencies, dampings = list(np.abs(upper)), list(-upper.real / np.abs(upper))
-    constants = []
-    if len(real) % 2:
-        constants.append(1.0 / real[0])
-        real = real[1:]
-    for a, b in zip(real[::2], real[1::2], strict=True):
-        frequencies.append(np.sqrt(a * b))
-        dampings.append((a + b) / (2.0 * np.sqrt(a * b)))
-    return np.array(constants), np.array(frequencies), np.array(dampings)
+    half = 0.5 * dt * np.asarray(s, dtype=complex)
+    beyond = (np.abs(half.imag) < 1e-12) & (half.real <= -1.0)
+    z = np.where(beyond, 0.5, (1.0 + half) / np.where(beyond, 1.0, 1.0 - half))
+    return np.where(beyond, -_FASTEST / dt, np.log(z) / dt)
+
+
+def record_poles(records, n_poles):
+    """Return poles (rad/s) that fit the transforms of records, of any number of inputs.
+
+    The transform of a record of a sampled system obeys ``Y = sum_i N_i / D U_i + T / D`` exactly,
+    where T is a polynomial that its ends leave (Pintelon and Schoukens, System Identification, 2nd
+    ed., 2012, section 6.3): vector fitting finds D.
+
+    Parameters
+    ----------
+    records : sequence of (u, y, dt)
+        Inputs (n_samples,) or (n_samples, n_inputs), response (n_samples,), interval in s.
+    n_poles : int
+
+    Returns
+    -------
+    ndarray of shape (n_poles,) or None
+        Stable poles, complex; None where the records are too short.
+    """
+    records = sorted(records, key=lambda record: -len(record[1]))
+    dt = records[0][2]
+    records = [record for record in records if record[2] == dt][:_MOST_RECORDS]
+    lines, targets, inputs, ends = [], [], [], []
+    for number, (u, y, _) in enumerate(records):
+        n = len(y)
+        k = np.arange(1, (n + 1) // 2)
+        u = u.reshape(n, -1)
+        lines.append(2j / dt * np.tan(np.pi * k / n))
+        targets.append(np.fft.rfft(y - y[0])[k] / np.sqrt(n))
+        inputs.append(np.fft.rfft(u - u[0], axis=0)[k] / np.sqrt(n))
+        ends.append(np.full(len(k), number))
+    s, target, drives = np.concatenate(lines), np.concatenate(targets), np.concatenate(inputs)
+    size = np.linalg.norm(drives, axis=0)
+    drives = drives[:, size > 0.0] / size[size > 0.0]
+    ends = (np.concatenate(ends)[:, None] == np.arange(len(records))) * (1.0 / np.sqrt(len(s)))
+    if 2 * len(s) < 2 * (n_poles + 1) * (drives.shape[1] + len(records) + 1):
+        return None
+    if len(s) > _MOST_LINES:  # those with the largest drive
+        kept = np.sort(np.argsort(-np.sum(np.abs(drives) ** 2, axis=1))[:_MOST_LINES])
+        s, target, drives, ends = s[kept], target[kept], drives[kept], ends[kept]
+    regressors = np.concatenate([drives, ends], axis=1)
+    block = RationalBlock(target, regressors, np.ones(len(s)))
+    if not (np.isfinite(regressors).all() and np.abs(target).max() > 0.0):
+        return None
+    return warp(vector_fit(s, [block], n_poles)[0], dt)
 
 
 def distribute_poles(stages, poles):

@@ -19,9 +19,9 @@ import numpy as np
 
 from ._bounded import bounded_step
 
-__all__ = ["Solution", "predicted_cost", "solve_linear", "variable_projection"]
+__all__ = ["LARGEST_LOG_STEP", "Solution", "predicted_cost", "solve_linear", "variable_projection"]
 
-_LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
+LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
 _CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
 _STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
 
@@ -38,6 +38,7 @@ class Solution:
     message: str
     seconds: float
     history: list = field(default_factory=list)
+    damping: list = field(default_factory=list)  # one value an entry of the history, if known
 
 
 def variable_projection(
@@ -95,7 +96,7 @@ def variable_projection(
             break
         cost = gram[-1, -1]
         hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
-        reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
+        reach = np.where(problem.log, LARGEST_LOG_STEP, np.inf)
         step = bounded_step(
             hessian + damping * np.diag(np.diag(hessian)),
             gradient,
@@ -152,7 +153,7 @@ def predicted_cost(problem, x):
     x, gram = solve_linear(problem, x, gram)
     if gram[-1, -1] < before * (1.0 - _STALE):
         gram = problem.total(problem.evaluate(x))
-    reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
+    reach = np.where(problem.log, LARGEST_LOG_STEP, np.inf)
     hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
     step = bounded_step(
         hessian,

@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from .._sklearn import check_feature_names_in, fit_context
 from ..records import record_slices
 
-__all__ = ["RecordTransformer"]
+__all__ = ["RecordTransformer", "find_column"]
 
 
 class RecordTransformer(TransformerMixin, BaseEstimator):
@@ -98,24 +98,29 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
     def _find_columns(self, columns):
         """Return the positions of columns given by position or name."""
         single = isinstance(columns, str | Integral)
-        found = tuple(self._find_column(column) for column in ([columns] if single else columns))
+        given = [columns] if single else columns
+        found = tuple(find_column(self, column, "columns") for column in given)
         if not found:
             raise ValueError(
                 f"The 'columns' parameter of {type(self).__name__} must name at least one column."
             )
         return found
 
-    def _find_column(self, column):
-        if isinstance(column, str):
-            names = list(getattr(self, "feature_names_in_", ()))
-            if column in names:
-                return names.index(column)
-        elif isinstance(column, Integral) and -self.n_features_in_ <= column < self.n_features_in_:
-            return int(column) % self.n_features_in_
-        raise ValueError(
-            f"The 'columns' parameter of {type(self).__name__} must be positions or names of "
-            f"columns of X, which has {self.n_features_in_} features. Got {column!r} instead."
-        )
+
+def find_column(estimator, column, parameter):
+    """Return the position of a column given by position or name; ``parameter`` named it."""
+    if isinstance(column, str):
+        names = list(getattr(estimator, "feature_names_in_", ()))
+        if column in names:
+            return names.index(column)
+    else:
+        n_features = estimator.n_features_in_
+        if isinstance(column, Integral) and -n_features <= column < n_features:
+            return int(column) % n_features
+    raise ValueError(
+        f"The '{parameter}' parameter of {type(estimator).__name__} must be positions or names of "
+        f"columns of X, which has {estimator.n_features_in_} features. Got {column!r} instead."
+    )
 
 
 def _indexed(X, array):

@@ -1,6 +1,6 @@
 """Generalised input gradient: the moving tendency of the drive as a feature."""
 
-from numbers import Real
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -29,9 +29,15 @@ class GeneralizedInputGradient(RecordTransformer):
         one sample ahead.
     include_drive : bool, default=True
         Whether the drive itself comes first.
-    turning_points : bool, default=False
-        Whether to add the last extreme of the drive and the distance from it. Each record begins
-        with a first loading from zero: until the drive turns, the last extreme is 0.
+    include_rate : bool, default=True
+        Whether the rate comes next.
+    direction : bool, default=False
+        Whether to add the sign of the last move: 1 or -1, also while the drive rests, and 0 before
+        the drive of a record has moved. It has no unit and tells the branches apart at any rate.
+    turning_points : bool or int, default=False
+        Whether to add the last extreme of the drive and the distance from it, or of how many of the
+        last extremes to add the values, the latest first and followed by the distance. Each record
+        begins with a first loading from zero: until the drive turns, the last extreme is 0.
     columns : int, str or list of such, default=0
         Columns of ``X``, by position or name. All others are dropped.
     dt : float, default=1.0
@@ -70,36 +76,56 @@ class GeneralizedInputGradient(RecordTransformer):
         **RecordTransformer._parameter_constraints,
         "method": [StrOptions({"backward", "forward"})],
         "include_drive": ["boolean"],
-        "turning_points": ["boolean"],
+        "include_rate": ["boolean"],
+        "direction": ["boolean"],
+        "turning_points": ["boolean", Interval(Integral, 0, None, closed="left")],
         "dt": [Interval(Real, 0, None, closed="neither")],
     }
 
     def __init__(
-        self, method="backward", *, include_drive=True, turning_points=False, columns=0, dt=1.0
+        self,
+        method="backward",
+        *,
+        include_drive=True,
+        include_rate=True,
+        direction=False,
+        turning_points=False,
+        columns=0,
+        dt=1.0,
     ):
         self.method = method
         self.include_drive = include_drive
+        self.include_rate = include_rate
+        self.direction = direction
         self.turning_points = turning_points
         self.columns = columns
         self.dt = dt
 
     def _fit_records(self, X, records):
-        pass
+        if not (self.include_drive or self.include_rate or self.direction or self.turning_points):
+            raise ValueError(
+                "One of the parameters 'include_drive', 'include_rate', 'direction' and "
+                "'turning_points' of GeneralizedInputGradient must be true. Got none instead."
+            )
 
     def _transform_record(self, X, dt, out):
         features = []
         for column in self.columns_:
             drive = X[:, column]
             features += [drive] if self.include_drive else []
-            features.append(_rate(drive, self.method) / dt)
+            features += [_rate(drive, self.method) / dt] if self.include_rate else []
+            features += [_direction(drive)] if self.direction else []
             if self.turning_points:
-                extreme = _last_extreme(drive)
-                features += [extreme, drive - extreme]
+                extremes = _last_extremes(drive, int(self.turning_points))
+                features += [extremes[0], drive - extremes[0], *extremes[1:]]
         np.stack(features, axis=1, out=out)
 
     def _names(self, names):
-        suffixes = ["_gradient"] + ["_last_extreme", "_distance"] * self.turning_points
-        suffixes = [""] * self.include_drive + suffixes
+        suffixes = [""] * self.include_drive + ["_gradient"] * self.include_rate
+        suffixes += ["_direction"] * self.direction
+        if self.turning_points:
+            suffixes += ["_last_extreme", "_distance"]
+            suffixes += [f"_extreme{count}" for count in range(2, int(self.turning_points) + 1)]
         return [names[column] + suffix for column in self.columns_ for suffix in suffixes]
 
 
@@ -112,14 +138,24 @@ def _rate(drive, method):
     return np.where(backward * forward < 0.0, backward, forward)
 
 
-def _last_extreme(drive):
-    """Return the value from which each sample's branch started; 0 on the first loading."""
+def _held(sign):
+    """Return the last sign that was not zero up to each sample, 0 before any."""
+    moves = np.arange(sign.size)
+    return sign[np.maximum.accumulate(np.where(sign != 0.0, moves, 0))]
+
+
+def _direction(drive):
+    return _held(np.sign(np.diff(drive, prepend=drive[0])))
+
+
+def _last_extremes(drive, count):
+    """Return the values of the last turning points (count, n_samples), the latest first.
+
+    The latest is where each sample's branch started: 0 on the first loading, and for all before.
+    """
     before = np.append(0.0, drive[:-1])
-    direction = np.sign(drive - before)
-    moves = np.arange(drive.size)
-    # The last sample that moved, up to each sample; before any, the drive rests at zero.
-    moved = np.maximum.accumulate(np.where(direction != 0.0, moves, 0))
-    direction = direction[moved]
+    direction = _held(np.sign(drive - before))
     turned = np.append(False, direction[1:] * direction[:-1] < 0.0)
-    start = np.maximum.accumulate(np.where(turned, moves, 0))
-    return np.where(start > 0, before[start], 0.0)
+    values = np.append(np.zeros(count), before[turned])
+    seen = np.cumsum(turned)
+    return np.stack([values[seen + count - 1 - k] for k in range(count)])

@@ -2,23 +2,29 @@
 
 from numbers import Integral
 
-from .._sklearn import Interval
-from ._base import RecordTransformer
+import numpy as np
 
-__all__ = ["LaggedFeatures"]
+from .._sklearn import Interval, StrOptions
+from ._base import RecordTransformer, find_column
+
+__all__ = ["LaggedFeatures", "read_lag_table", "read_lags", "write_lags"]
 
 
 class LaggedFeatures(RecordTransformer):
     """Past values of the inputs, causal and within each record.
 
     Before a record the inputs are taken to have rested at their first values, so the first rows
-    repeat these; no row is dropped. Score such rows apart (washout) where the device was moving.
+    repeat these unless `before` says otherwise; no row is dropped. Score such rows apart (washout)
+    where the device was moving.
 
     Parameters
     ----------
     lags : int, array-like of int, or dict, default=2
         Lags in samples. A number ``n`` stands for ``0, 1, ..., n``. A dict maps columns, by
         position or name, to their lags, and takes the place of ``columns``.
+    before : {"rest", "zero", "nan"}, default="rest"
+        What stands for inputs before a record: the first value of the record, 0, or NaN, for a
+        regressor that knows missing values or for steps that drop such rows.
     columns : int, str or list of such, default=0
         Columns of ``X``, by position or name. All others are dropped.
 
@@ -44,40 +50,64 @@ class LaggedFeatures(RecordTransformer):
     _parameter_constraints = {
         **RecordTransformer._parameter_constraints,
         "lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],
+        "before": [StrOptions({"rest", "zero", "nan"})],
     }
 
-    def __init__(self, lags=2, *, columns=0):
+    def __init__(self, lags=2, *, before="rest", columns=0):
         self.lags = lags
+        self.before = before
         self.columns = columns
 
     def _fit_records(self, X, records):
+        self.lags_ = read_lag_table(self, "lags", self.columns_)
         if isinstance(self.lags, dict):
-            self.columns_ = self._find_columns(list(self.lags))
-            table = list(self.lags.values())
-        else:
-            table = [self.lags] * len(self.columns_)
-        self.lags_ = tuple(
-            (column, lag)
-            for column, lags in zip(self.columns_, table, strict=True)
-            for lag in self._read_lags(lags)
-        )
-
-    def _read_lags(self, lags):
-        if isinstance(lags, Integral):
-            lags = range(lags + 1)
-        lags = list(lags)
-        if not lags or not all(isinstance(lag, Integral) and lag >= 0 for lag in lags):
-            raise ValueError(
-                "The 'lags' parameter of LaggedFeatures must be whole numbers of samples that are "
-                f"not negative. Got {self.lags!r} instead."
-            )
-        return [int(lag) for lag in lags]
+            self.columns_ = tuple(dict.fromkeys(column for column, _ in self.lags_))
 
     def _transform_record(self, X, dt, out):
-        for feature, (column, lag) in enumerate(self.lags_):
-            lag = min(lag, len(X))
-            out[:lag, feature] = X[0, column]
-            out[lag:, feature] = X[: len(X) - lag, column]
+        write_lags(X, self.lags_, out)
+        if self.before != "rest":
+            for feature, (_, lag) in enumerate(self.lags_):
+                out[:lag, feature] = 0.0 if self.before == "zero" else np.nan
 
     def _names(self, names):
         return [f"{names[column]}_lag{lag}" for column, lag in self.lags_]
+
+
+def read_lag_table(estimator, parameter, columns):
+    """Return (column, lag) of each lagged input from a number, lags or a dict of these."""
+    given = getattr(estimator, parameter)
+    if not isinstance(given, dict):
+        given = dict.fromkeys(columns, given)
+    return tuple(
+        (find_column(estimator, column, "columns" if parameter == "lags" else parameter), lag)
+        for column, lags in given.items()
+        for lag in read_lags(estimator, parameter, lags, 0)
+    )
+
+
+def read_lags(estimator, parameter, lags, first):
+    """Return lags as a list of int; a number stands for all lags from ``first`` up to it."""
+    if isinstance(lags, Integral):
+        lags = range(first, lags + 1)
+    lags = list(lags)
+    whole = all(isinstance(lag, Integral) and lag >= first for lag in lags)
+    if not whole or (first == 0 and not lags):
+        least = "not negative" if first == 0 else "at least 1"
+        raise ValueError(
+            f"The '{parameter}' parameter of {type(estimator).__name__} must be whole numbers of "
+            f"samples that are {least}. Got {getattr(estimator, parameter)!r} instead."
+        )
+    return [int(lag) for lag in lags]
+
+
+def write_lags(X, table, out, first=0):
+    """Write rows ``first`` and on of the lagged inputs of one record to ``out``.
+
+    Before the record its inputs have rested at their first values.
+    """
+    n_rows = len(out)
+    for feature, (column, lag) in enumerate(table):
+        missing = min(max(lag - first, 0), n_rows)
+        out[:missing, feature] = X[0, column]
+        start = first + missing - lag
+        out[missing:, feature] = X[start : start + n_rows - missing, column]

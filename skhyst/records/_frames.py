@@ -46,7 +46,7 @@ def iter_records(X, y=None, *, dt=1.0):
     """
     X, y = _rowed(X), _rowed(y)
     refuse_lengths(X, y, "iter_records")
-    for record in record_slices(X, y, dt=dt):
+    for record in record_slices(X, y, dt=dt, one_interval=False):
         part = None if y is None else _take(y, record.rows)
         yield record.label, _take(X, record.rows), part
 

@@ -65,7 +65,7 @@ def refuse_interval(dt, caller):
         )
 
 
-def record_slices(X, y=None, *, dt=1.0) -> tuple[RecordSlice, ...]:
+def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice, ...]:
     """Find the records in ``X``.
 
     A new record starts where the record level changes, where time steps back, or after a gap of
@@ -82,17 +82,20 @@ def record_slices(X, y=None, *, dt=1.0) -> tuple[RecordSlice, ...]:
         Response. Its index must not say more than that of ``X``.
     dt : float, default=1.0
         Sampling interval in s where the index counts samples or is absent.
+    one_interval : bool, default=True
+        Whether all records must share one sampling interval.
 
     Returns
     -------
     tuple of RecordSlice
-        In the order of the rows, with one sampling interval for all.
+        In the order of the rows.
 
     Raises
     ------
     RecordError
         If rows are shuffled or repeated, a record is sampled unevenly or has a single sample, the
-        records differ in their interval, or ``y`` has an index with records that ``X`` lacks.
+        records differ in their interval where they must not, or ``y`` has an index with records
+        that ``X`` lacks.
 
     Examples
     --------
@@ -114,16 +117,16 @@ def record_slices(X, y=None, *, dt=1.0) -> tuple[RecordSlice, ...]:
     if stamps.values.size == 0:
         return ()
     pieces = _pieces(stamps)
-    common = _common_interval(stamps, pieces)
+    intervals = _sampling_intervals(stamps, pieces, one_interval)
     return tuple(
         RecordSlice(
             stamps.label(start, run),
             slice(start, stop),
-            common,
+            interval,
             float(stamps.values[start] * stamps.unit),
             stop - start,
         )
-        for run, start, stop in pieces
+        for (run, start, stop), interval in zip(pieces, intervals, strict=True)
     )
 
 
@@ -213,10 +216,10 @@ def _pieces(stamps):
     return pieces
 
 
-def _common_interval(stamps, pieces):
-    """Return the sampling interval in s that all pieces share."""
+def _sampling_intervals(stamps, pieces, one_interval):
+    """Return the sampling interval of each piece in s, equal for pieces of about one interval."""
     if stamps.counts:
-        return stamps.unit
+        return [stamps.unit] * len(pieces)
     spans = np.array([float(stamps.values[b - 1] - stamps.values[a]) for _, a, b in pieces])
     intervals = np.array([b - a - 1 for _, a, b in pieces])
     means = spans / intervals
@@ -232,16 +235,20 @@ def _common_interval(stamps, pieces):
                 f"{stray * stamps.unit:.3g} s instead; call skhyst.records.resample_records. If "
                 f"the rows are a random subset: {SPLITTERS}."
             )
-    common = spans.sum() / intervals.sum()
     allowed = MISMATCH + JITTER / intervals
-    reference = means[np.argmax(intervals)]
-    differs = np.flatnonzero(np.abs(means - reference) > allowed * reference)
-    if differs.size:
-        run, a, _ = pieces[differs[0]]
-        raise RecordError(
-            f"All records must have the same sampling interval. Got {reference * stamps.unit:.6g} "
-            f"s, and {means[differs[0]] * stamps.unit:.6g} s in record {stamps.label(a, run)!r} "
-            f"instead; call skhyst.records.resample_records."
-        )
-    # Nine digits: 0.001 s stays 0.001 s whatever rows a splitter picks.
-    return float(f"{common * stamps.unit:.9g}")
+    found = np.zeros(len(pieces))
+    while not found.all():
+        left = found == 0.0
+        reference = means[np.argmax(np.where(left, intervals, 0))]
+        same = left & (np.abs(means - reference) <= allowed * reference)
+        differs = np.flatnonzero(~same)
+        if one_interval and differs.size:
+            run, a, _ = pieces[differs[0]]
+            raise RecordError(
+                f"All records must have the same sampling interval. Got "
+                f"{reference * stamps.unit:.6g} s, and {means[differs[0]] * stamps.unit:.6g} s in "
+                f"record {stamps.label(a, run)!r} instead; call skhyst.records.resample_records."
+            )
+        # Nine digits: 0.001 s stays 0.001 s whatever rows a splitter picks.
+        found[same] = float(f"{spans[same].sum() / intervals[same].sum() * stamps.unit:.9g}")
+    return found.tolist()

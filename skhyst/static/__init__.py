@@ -1,5 +1,5 @@
 """Memoryless curves, to stand in a cascade."""
 
-from ._curves import DeadZones, Saturation, SmoothCurve
+from ._curves import DeadBand, DeadZones, Saturation, SmoothCurve
 
-__all__ = ["DeadZones", "Saturation", "SmoothCurve"]
+__all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve"]

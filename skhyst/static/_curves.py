@@ -1,4 +1,4 @@
-"""Clipping, one-sided dead zones and smooth curves."""
+"""Clipping, a dead band, one-sided dead zones and smooth curves."""
 
 from numbers import Integral
 
@@ -6,9 +6,14 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import DeadZoneOperator, PolynomialCurveOperator, SaturationOperator
+from ..operators import (
+    DeadBandOperator,
+    DeadZoneOperator,
+    PolynomialCurveOperator,
+    SaturationOperator,
+)
 
-__all__ = ["DeadZones", "Saturation", "SmoothCurve"]
+__all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve"]
 
 _MARGIN = 1.2  # half width of a smooth curve over that of the data
 
@@ -88,6 +93,52 @@ class Saturation(ParametricModel):
         return starts
 
 
+class DeadBand(ParametricModel):
+    r"""No response within a band around a level: the dead zone of a valve or of a stage.
+
+    .. math:: y = \max(u - b, 0) + \min(u - a, 0)
+
+    It has no gain: put a model that has one behind it in a :class:`~skhyst.compose.Cascade`.
+
+    Parameters
+    ----------
+    initial_state, dt, method
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : DeadBandOperator
+        ``center`` (a + b) / 2 and ``half_width`` (b - a) / 2, units of the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import DeadBand
+    >>> u = np.linspace(-1, 1, 201)
+    >>> y = np.maximum(u - 0.3, 0.0) + np.minimum(u + 0.1, 0.0)
+    >>> model = DeadBand().fit(u.reshape(-1, 1), y)
+    >>> round(model.operator_.center, 6), round(model.operator_.half_width, 6)
+    (0.1, 0.2)
+    """
+
+    _rank = DeadBandOperator.rank
+    _any_interval = True
+
+    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    def _starts(self, records):
+        low, high = _range(records)
+        centers = {0.0, 0.5 * (low + high)} if low < 0.0 < high else {0.5 * (low + high)}
+        return [
+            (DeadBandOperator(part * (high - low) or 1.0, center), ())
+            for center in sorted(centers)
+            for part in (0.01, 0.03, 0.08, 0.2)
+        ]
+
+
 class DeadZones(ParametricModel):
     r"""Superposition of one-sided dead zones.
 
@@ -128,6 +179,7 @@ class DeadZones(ParametricModel):
     }
 
     _rank = DeadZoneOperator.rank
+    _any_interval = True
 
     def __init__(
         self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0, method="variable_projection"
@@ -183,6 +235,7 @@ class SmoothCurve(ParametricModel):
     }
 
     _rank = PolynomialCurveOperator.rank
+    _any_interval = True
 
     def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.degree = degree

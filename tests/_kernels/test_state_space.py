@@ -5,7 +5,16 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from skhyst._kernels._state_space import state_space_run, state_space_tangents, tangent_loop
+from skhyst._kernels._state_space import (
+    block_run,
+    block_table,
+    first_order_run,
+    second_order_run,
+    second_order_tangents,
+    state_space_run,
+    state_space_tangents,
+    tangent_loop,
+)
 
 
 def make_system(n_states, p, m, seed):
@@ -35,7 +44,8 @@ def test_compiled_equals_python(n_states, p, m):
     for a, b in zip(compiled, plain, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13)
     compiled = state_space_tangents(*discrete, *steps, u, du, x, dx, u0, du0)
-    with patch("skhyst._kernels._state_space.tangent_loop", tangent_loop.py_func):
+    kernel = second_order_tangents if n_states == 2 else tangent_loop
+    with patch(f"skhyst._kernels._state_space.{kernel.__name__}", kernel.py_func):
         plain = state_space_tangents(*discrete, *steps, u, du, x, dx, u0, du0)
     for a, b in zip(compiled, plain, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
@@ -55,8 +65,37 @@ def test_recursion(n_states, p, m):
     np.testing.assert_allclose(last, x, atol=1e-12)
 
 
-def test_tangents_by_central_differences():
-    discrete, steps, u, du, x, dx, u0, du0 = make_system(3, 2, 2, seed=2)
+@pytest.mark.parametrize(("n_states", "run"), [(1, first_order_run), (2, second_order_run)])
+def test_one_and_two_states_in_registers(n_states, run):
+    discrete, _, u, _, x, *_ = make_system(n_states, 1, 0, seed=5)
+    kept = x.copy()
+    expected = state_space_run(*discrete, u, x, 0.7)
+    for kernel in (run, run.py_func):
+        for found, wanted in zip(kernel(*discrete, u, x, 0.7), expected, strict=True):
+            np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-13)
+    np.testing.assert_array_equal(x, kept)
+
+
+@pytest.mark.parametrize("length", [1, 3, 16])
+@pytest.mark.parametrize("n_states", [1, 3, 4, 9])
+def test_blocks_are_the_recursion(n_states, length):
+    discrete, _, u, _, x, *_ = make_system(n_states, 1, 0, seed=6)
+    kept, whole = x.copy(), len(u) // length * length
+    expected, last = state_space_run(*discrete, u[:whole], x, 0.7)
+    table = block_table(*discrete, length)
+    for kernel in (block_run, block_run.py_func):
+        y, state = kernel(table, u, x, 0.7)
+        np.testing.assert_allclose(y, expected, rtol=1e-11, atol=1e-12)
+        np.testing.assert_allclose(state, last, rtol=1e-11, atol=1e-12)
+    np.testing.assert_array_equal(x, kept)
+    # the input of a sample reaches no output before it
+    for k in range(length):
+        assert not table[1 + k, :k].any()
+
+
+@pytest.mark.parametrize("n_states", [2, 3])
+def test_tangents_by_central_differences(n_states):
+    discrete, steps, u, du, x, dx, u0, du0 = make_system(n_states, 2, 2, seed=2)
     y, dy = state_space_tangents(*discrete, *steps, u, du, x, dx, u0, du0)
     np.testing.assert_allclose(y, state_space_run(*discrete, u, x, u0)[0], rtol=1e-12)
     h = 1e-6

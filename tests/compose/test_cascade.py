@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.frozen import FrozenEstimator
+from sklearn.linear_model import Ridge
 from sklearn.utils.validation import check_is_fitted
 
 from skhyst.compose import Cascade, Sum
+from skhyst.compose._thinning import thin_records
 from skhyst.disturbance import Drift
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode
@@ -18,6 +22,7 @@ from skhyst.operators import (
     SecondOrderModeOperator,
     SeriesOperator,
 )
+from skhyst.optimize import RecordData
 from skhyst.static import DeadZones, Saturation
 
 DT = 0.005
@@ -178,6 +183,109 @@ def test_sum_as_a_step():
     assert model.fit_error_ == pytest.approx(NOISE, rel=0.1)
 
 
+# ------------------------------------------------------------------------------- held steps, speed
+
+
+def small_signal(operator):
+    """A recording in which the hysteresis is a gain of one: the plays beyond zero never move."""
+    u = 0.1 * np.random.default_rng(5).uniform(-1, 1, 1500)
+    y, _ = operator.run(u, DT)
+    return u.reshape(-1, 1), y + 1e-4 * np.random.default_rng(6).normal(size=len(u))
+
+
+def test_a_held_step_stays_and_the_others_are_found_around_it():
+    mode = SecondOrderModeOperator(80.0, 0.05, gain=3.0, intercept=0.2)
+    known = SecondOrderMode(dt=DT).fit(*small_signal(mode))
+    X, y = measure(HYSTERESIS, CREEP, mode)
+    steps = [("plays", plays()), ("creep", KelvinVoigt(1)), ("mode", FrozenEstimator(known))]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    assert model.operators_["mode"] is known.operator_
+    assert not any(name.startswith("mode") for name in model.params_)
+    # its gain is its own, so the plays have theirs, up to what the small signal knew of it
+    ratio = 3.0 / known.operator_.gain
+    np.testing.assert_allclose(model.operators_["plays"].weights, ratio * HYSTERESIS.weights, 0.02)
+    assert model.operators_["creep"].gain == 1.0
+    assert model.params_["creep__time_constants[0]"] == pytest.approx(1.5, rel=0.1)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.1)
+    free = Cascade([*steps[:2], ("mode", SecondOrderMode())], dt=DT).fit(X, y)
+    assert model.n_evaluations_ < free.n_evaluations_
+
+
+def test_what_is_left_free_carries_the_gain_of_a_held_hysteresis():
+    known = plays().fit(*measure(HYSTERESIS, noise=0.0))
+    X, y = measure(HYSTERESIS, FirstOrderLagOperator(0.02, gain=2.5, intercept=0.1))
+    steps = [("plays", FrozenEstimator(known)), ("lag", FirstOrderLag())]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    assert_recovered(model, {"lag__gain": 2.5, "lag__time_constant": 0.02})
+    again = clone(model).fit(X, y)  # a frozen model survives cloning
+    np.testing.assert_array_equal(again.predict(X), model.predict(X))
+
+
+@pytest.mark.parametrize("initial_state", ["rest", "zero", "estimate"])
+def test_everything_held_is_the_operators_in_series(initial_state):
+    lag, mode = FirstOrderLag(dt=DT), SecondOrderMode(dt=DT)
+    lag.fit(*small_signal(LAG))
+    mode.fit(*small_signal(MODE))
+    X, y = measure(LAG, MODE)
+    steps = [("lag", FrozenEstimator(lag)), ("mode", FrozenEstimator(mode))]
+    model = Cascade(steps, dt=DT, initial_state=initial_state).fit(X, y)
+    assert model.params_ == {}
+    series = SeriesOperator(("lag", "mode"), (lag.operator_, mode.operator_))
+    state = series.init(X[0, 0], "zero" if initial_state == "zero" else "rest")
+    np.testing.assert_array_equal(model.predict(X), series.run(X[:, 0], DT, state)[0])
+
+
+def test_a_cascade_is_held_as_one_step():
+    inner = Cascade([("lag", FirstOrderLag()), ("mode", SecondOrderMode())], dt=DT)
+    inner.fit(*small_signal(SeriesOperator(("lag", "mode"), (LAG, MODE))))
+    X, y = measure(HYSTERESIS, LAG, MODE)
+    model = Cascade([("plays", plays()), ("dynamics", FrozenEstimator(inner))], dt=DT).fit(X, y)
+    assert_recovered(model, {name: value for name, value in PLAYS.items() if "weights" in name})
+    assert set(model.params_) == set(PLAYS)
+
+
+def test_warm_start_sets_free_what_was_held():
+    mode = SecondOrderModeOperator(80.0, 0.05, gain=3.0)
+    known = SecondOrderMode(dt=DT).fit(*small_signal(mode))
+    X, y = measure(HYSTERESIS, CREEP, mode)
+    steps = [("plays", plays()), ("creep", KelvinVoigt(1)), ("mode", FrozenEstimator(known))]
+    model = Cascade(steps, dt=DT, warm_start=True).fit(X, y)
+    model.set_params(mode=SecondOrderMode()).fit(X, y)
+    assert model.n_evaluations_ < 15
+    assert_recovered(model, {"mode__natural_frequency": 80.0, "mode__damping_ratio": 0.05})
+    np.testing.assert_allclose(model.operators_["plays"].weights, 3.0 * HYSTERESIS.weights, 0.02)
+    # other steps than before: from the beginning
+    model.set_params(creep=FirstOrderLag()).fit(X, y)
+    fresh = Cascade(model.steps, dt=DT).fit(X, y)
+    assert model.params_ == fresh.params_
+
+
+def test_long_records_are_thinned_on_the_way_only():
+    """Slow creep and a fast mode, of which every second sample would suffice."""
+    time = DT * np.arange(20_000)
+    u = np.sin(2 * np.pi * 0.05 * time) + 0.3 * np.sin(2 * np.pi * 1.3 * time)
+    clean, _ = SeriesOperator(tuple("abc"), (HYSTERESIS, CREEP, MODE)).run(u, DT)
+    y = clean + NOISE * np.random.default_rng(1).normal(size=len(u))
+    steps = [("plays", plays()), ("creep", KelvinVoigt(1)), ("mode", SecondOrderMode())]
+    model = Cascade(steps, dt=DT).fit(u.reshape(-1, 1), y)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.02)
+    assert np.sqrt(np.mean((model.predict(u.reshape(-1, 1)) - clean) ** 2)) < 0.05 * NOISE
+
+
+@pytest.mark.parametrize("n", [20_000, 50_001])
+def test_thinning_keeps_the_samples_and_the_drive(n):
+    time = np.arange(n) / n
+    record = RecordData(np.sin(9 * time), np.cos(999 * time), 1e-3)
+    (thinned,) = thin_records([record])
+    step = round(thinned.dt / record.dt)
+    assert step == n // 5_000
+    np.testing.assert_array_equal(thinned.y, record.y[::step])
+    assert thinned.segments == ((0, len(thinned.u)),)
+    noise = np.random.default_rng(0).normal(size=n)
+    assert thin_records([RecordData(noise, noise, 1e-3)]) is None
+    assert thin_records([RecordData(time[:19_999], time[:19_999], 1e-3)]) is None
+
+
 # ------------------------------------------------------------------------------------ parameters
 
 
@@ -239,6 +347,8 @@ def test_interval_and_state_of_steps_are_not_used():
     [
         ([], ValueError, "The 'steps' parameter of Cascade must not be empty"),
         ("lag", ValueError, "The 'steps' parameter of Cascade must be"),
+        ([("a", FrozenEstimator(FirstOrderLag()))], NotFittedError, "'a' of Cascade is frozen"),
+        ([("a", FrozenEstimator(Ridge()))], TypeError, "must be parametric models of skhyst"),
         ([("a", 3)], TypeError, "must be parametric models of skhyst. Got 3 as 'a'"),
         ([("a", FirstOrderLag), ("b", Delay())], TypeError, "must be parametric models"),
         ([("a", Delay()), ("a", FirstOrderLag())], ValueError, "unique"),

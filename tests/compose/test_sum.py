@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.frozen import FrozenEstimator
 
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
@@ -143,6 +144,24 @@ def test_cascade_as_a_branch():
     assert model.params_["chain__lag__time_constant"] == pytest.approx(0.05, rel=0.03)
     assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
     assert set(model.operators_) == {"chain", "drift"}
+
+
+def test_a_held_branch_stays():
+    first, second = SecondOrderModeOperator(60.0, 0.05), SecondOrderModeOperator(20.0, 0.1, 0.3)
+    known = SecondOrderMode().fit(*measure(lambda u: first.run(u, DT)[0]))
+    X, y = measure(lambda u: first.run(u, DT)[0] + second.run(u, DT)[0], lambda i: i + 0 * TIME)
+    steps = [
+        ("offset", Offset()),
+        ("second", SecondOrderMode()),
+        ("first", FrozenEstimator(known)),
+    ]
+    model = Sum(steps).fit(X, y)
+    assert model.operators_["first"] is known.operator_
+    assert set(model.params_) == {
+        f"second__{n}" for n in ("natural_frequency", "damping_ratio", "gain")
+    }
+    assert model.params_["second__gain"] == pytest.approx(0.3, rel=0.02)
+    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
 
 
 def test_disturbances_alone():

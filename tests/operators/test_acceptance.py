@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from skhyst import operators
 from skhyst.operators import (
+    BacklashOperator,
     BoucWenOperator,
     DahlOperator,
+    DeadBandOperator,
     DeadZoneOperator,
     DelayOperator,
     DisturbanceOperator,
@@ -20,13 +22,17 @@ from skhyst.operators import (
     DuhemOperator,
     FirstOrderLagOperator,
     FrictionStageOperator,
+    FrozenOperator,
+    GrayBoxOperator,
     JilesAthertonOperator,
     KelvinVoigtOperator,
     KrasnoselskiiPokrovskiiOperator,
     LinearOperator,
+    LogCreepOperator,
     LuGreOperator,
     MaxwellSlipOperator,
     MonotoneDeadZoneOperator,
+    MultiInputTransferFunctionOperator,
     OffsetOperator,
     Operator,
     PolynomialCurveOperator,
@@ -39,6 +45,7 @@ from skhyst.operators import (
     SecondOrderModeOperator,
     SeriesOperator,
     SinusoidOperator,
+    SlewLimitOperator,
     StaticOperator,
     SumOperator,
     SystemLevelOperator,
@@ -70,6 +77,8 @@ def make_operators():
         "mode, zero-order hold": dataclasses.replace(mode, hold="zoh"),
         "creep": creep,
         "creep, zero-order hold": dataclasses.replace(creep, hold="zoh"),
+        "creep, logarithmic": LogCreepOperator(0.3, 0.05, 1.5, 0.3, longest=10.0),
+        "creep, logarithmic, zero-order hold": LogCreepOperator(0.3, 0.05, 1.5, 0.3, hold="zoh"),
         "transfer function": transfer,
         "transfer function, feed-through": TransferFunctionOperator(
             np.empty(0), np.array([70.0]), np.array([0.3]), np.array([0.2, -0.1]), hold="zoh"
@@ -83,6 +92,10 @@ def make_operators():
         "no limit": SaturationOperator(),
         "upper limit": SaturationOperator(upper=0.413),
         "both limits": SaturationOperator(-0.311, 0.413),
+        "dead band": DeadBandOperator(0.213, 0.037),
+        "backlash": BacklashOperator(0.137),
+        "slew limit": SlewLimitOperator(13.7),
+        "slew limit, always": SlewLimitOperator(0.37),
         "dead zones": zones,
         "curve": PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
         "Dahl friction": DahlOperator(0.11, 0.8, stiffness=0.3, damping=0.02, intercept=0.1),
@@ -115,6 +128,22 @@ def make_operators():
         "tanh": TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1),
         "system level": SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
         "system level, as printed": SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+        "gray box": GrayBoxOperator(
+            SystemLevelOperator(1.1, 0.4, 0.7, 0.1), np.array([0.3, -0.1, 0.4, -0.3])
+        ),
+        "gray box, products": GrayBoxOperator(
+            SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+            np.r_[0.3, 0.4, -0.3, 0.02 * np.cos(np.arange(9))],
+            1,
+            2,
+            2,
+        ),
+        "gray box, as printed": GrayBoxOperator(
+            SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
+            np.r_[0.3, -0.1, 0.4, -0.3, 0.02 * np.cos(np.arange(10))],
+            degree=2,
+            dynamics="printed",
+        ),
         "Jiles-Atherton": JilesAthertonOperator(1.3, 0.11, 0.15, 0.6, 0.2, 0.3, 0.1),
         "Bouc-Wen": BoucWenOperator(0.4, 0.7, 0.31, 0.6, 1.0, 0.0, 0.1),
         "Bouc-Wen, asymmetric": BoucWenOperator(0.4, -0.3, 0.47, 1.6, 1.7, 0.3, 0.1),
@@ -159,6 +188,12 @@ def make_operators():
             20.0, 3.0, [], [], 1e3, 0.1, n_substeps=1
         ),
         "empty sum": SumOperator((), ()),
+        "held": FrozenOperator(plays),
+        "series with a held series": SeriesOperator(
+            ("delay", "held", "lag"),
+            (DelayOperator(0.013), FrozenOperator(SeriesOperator(("p", "z"), (plays, zones))), lag),
+        ),
+        "sum with a held one": SumOperator(("lag", "creep"), (lag, FrozenOperator(creep))),
         "scheduled": ScheduledOperator(
             mode, (1, 0, 2, 0), np.array([80.0, 95.0, 0.15, 0.8, 0.9, 1.1, 0.1]), 1.0, 5.0, 2.3
         ),
@@ -167,6 +202,7 @@ def make_operators():
 
 OPERATORS = make_operators()
 ABSTRACT = {Operator, LinearOperator, StaticOperator, DisturbanceOperator}
+SEVERAL_INPUTS = {MultiInputTransferFunctionOperator}  # in test_multi_input.py
 UNDRIVEN = {"drift", "sinusoid", "sum"}  # they go on by themselves
 
 
@@ -198,7 +234,7 @@ def flatten(state):
 def test_every_operator_is_covered():
     public = {getattr(operators, name) for name in operators.__all__}
     classes = {c for c in public if isinstance(c, type) and issubclass(c, Operator)}
-    assert classes - ABSTRACT == {type(operator) for operator in OPERATORS.values()}
+    assert classes - ABSTRACT - SEVERAL_INPUTS == {type(op) for op in OPERATORS.values()}
 
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])

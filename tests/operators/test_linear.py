@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
+from skhyst._kernels._state_space import state_space_run
 from skhyst.operators import (
     FirstOrderLagOperator,
     KelvinVoigtOperator,
@@ -218,6 +219,39 @@ def test_what_is_remembered_is_not_pickled(operator, u):
         operator.run(u, dt)
         operator.linearize(u, np.empty((len(u), 0)), dt)
     assert len(pickle.dumps(operator)) == size
+
+
+@pytest.mark.parametrize("n_second", [2, 14])
+def test_long_records_run_in_blocks_as_sample_by_sample(n_second):
+    """Ringing, slow and fast poles together: the shortest way changes rounding only."""
+    operator = TransferFunctionOperator(
+        np.array([1e-3 * DT, 300.0]),
+        20.0 * 1.3 ** np.arange(n_second),
+        np.geomspace(1e-4, 3.0, n_second),
+        np.array([0.3, -0.2, 0.1]),
+    )
+    u = np.cumsum(np.random.default_rng(1).normal(size=2007))
+    expected, last = state_space_run(*operator._discrete(DT), u, *operator.init(u[0]))
+    y, (x, previous) = operator.run(u, DT)
+    assert previous == u[-1]
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(x, last, rtol=0, atol=1e-11 * np.abs(last).max())
+    # cut anywhere
+    state, parts = operator.init(u[0]), []
+    for part in np.split(u, [1, 700, 1300, 1999]):
+        piece, state = operator.run(part, DT, state)
+        parts.append(piece)
+    np.testing.assert_allclose(
+        np.concatenate(parts), expected, rtol=0, atol=1e-11 * np.abs(expected).max()
+    )
+
+
+def test_a_drive_that_overflows_does_not_reach_the_past():
+    operator = OPERATORS["transfer function"]
+    u = np.random.default_rng(1).normal(size=1000)
+    expected = operator.run(u, DT)[0]
+    u[790] = np.inf
+    np.testing.assert_allclose(operator.run(u, DT)[0][:790], expected[:790], rtol=1e-9, atol=1e-12)
 
 
 @dataclasses.dataclass(frozen=True)

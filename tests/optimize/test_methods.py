@@ -19,6 +19,7 @@ from skhyst.optimize import (
     METHODS,
     CuckooSearch,
     DifferentialEvolution,
+    LevenbergMarquardt,
     Method,
     ModifiedCuckooSearch,
     OperatorProblem,
@@ -32,6 +33,7 @@ from skhyst.optimize._method import restrict, search_box
 
 DT = 0.01
 TRUTH = SecondOrderModeOperator(60.0, 0.05, gain=2.0, intercept=0.3)
+LOCAL = [VariableProjection, LevenbergMarquardt]
 POPULATIONS = [DifferentialEvolution, ParticleSwarm, CuckooSearch, ModifiedCuckooSearch]
 
 
@@ -47,7 +49,7 @@ def start(frequency=40.0, damping=0.2):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_finds_the_mode_and_reports_alike(name):
-    options = {} if name == "variable_projection" else {"population": 12, "max_iterations": 15}
+    options = {} if METHODS[name] in LOCAL else {"population": 12, "max_iterations": 15}
     method = METHODS[name](**options)
     result = identify([start()], [record()], method=method)
     assert result.operator.natural_frequency == pytest.approx(60.0, rel=1e-6)
@@ -107,7 +109,7 @@ def test_same_seed_same_result_and_another_seed_another(kind):
     assert np.any(found(1) != found(2))
 
 
-@pytest.mark.parametrize("kind", [VariableProjection, *POPULATIONS])
+@pytest.mark.parametrize("kind", [*LOCAL, *POPULATIONS])
 def test_a_callback_ends_the_search_and_keeps_the_best(kind, capsys):
     seen = []
 
@@ -115,7 +117,7 @@ def test_a_callback_ends_the_search_and_keeps_the_best(kind, capsys):
         seen.append((n_evaluations, cost))
         return len(seen) == 2
 
-    method = kind(callback=stop, verbose=1, **({} if kind is VariableProjection else ROUGH))
+    method = kind(callback=stop, verbose=1, **({} if kind in LOCAL else ROUGH))
     result = identify([start()], [record(0.1)], method=method)
     assert len(seen) == 2
     assert result.error**2 * 300 <= seen[-1][1] * (1.0 + 1e-9)
@@ -125,10 +127,10 @@ def test_a_callback_ends_the_search_and_keeps_the_best(kind, capsys):
 ROUGH = {"population": 10, "max_iterations": 50, "polish": False}
 
 
-@pytest.mark.parametrize("kind", [VariableProjection, *POPULATIONS])
+@pytest.mark.parametrize("kind", [*LOCAL, *POPULATIONS])
 def test_bounds_hold(kind):
     bounds = {"damping_ratio": (0.1, 0.5)}
-    options = {} if kind is VariableProjection else {"population": 8, "max_iterations": 10}
+    options = {} if kind in LOCAL else {"population": 8, "max_iterations": 10}
     result = identify([start()], [record()], method=kind(bounds=bounds, **options))
     assert result.operator.damping_ratio == pytest.approx(0.1)
     assert np.isnan(result.params_std["damping_ratio"])
@@ -228,3 +230,19 @@ def test_grid_search_over_methods():
 def test_an_unknown_method_is_refused_by_name():
     with pytest.raises(ValueError, match="'method' parameter of SecondOrderMode"):
         SecondOrderMode(method="bees").fit(np.zeros((9, 1)), np.zeros(9))
+
+
+def test_levenberg_marquardt_counts_epochs_and_moves_its_damping():
+    """The damping falls by a tenth after each epoch, and rises tenfold for each step refused."""
+    result = identify([start()], [record(0.1)], method="levenberg_marquardt")
+    mu, costs = np.array(result.damping), np.array([cost for _, cost in result.history])
+    assert len(mu) == len(costs)
+    assert mu[0] == LevenbergMarquardt().mu
+    assert np.all(np.diff(costs) < 0.0)
+    refused = np.diff([n for n, _ in result.history]) - 1
+    np.testing.assert_allclose(mu[1:] / mu[:-1], 0.1 * 10.0**refused, rtol=1e-12)
+    few = identify([start()], [record()], method=LevenbergMarquardt(max_epochs=2))
+    assert len(few.history) == 3
+    goal = identify([start()], [record()], method=LevenbergMarquardt(goal=1e-3))
+    power = np.sum(record().y ** 2)
+    assert goal.history[-1][1] <= 1e-3 * power < goal.history[-2][1]

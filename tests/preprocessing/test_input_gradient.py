@@ -59,6 +59,34 @@ def test_drive_that_rests():
     )
 
 
+def test_direction_is_that_of_the_last_move():
+    u = [1.0, 1.0, 2.0, 2.0, 1.5, 1.5, 1.6]
+    Z = features(u, include_drive=False, include_rate=False, direction=True, dt=1e-9)
+    np.testing.assert_array_equal(Z[:, 0], [0, 0, 1, 1, -1, -1, 1])
+
+
+def test_last_extremes_are_those_of_a_plain_loop():
+    u = np.round(np.cumsum(np.random.default_rng(0).standard_normal(200)), 1)
+    found = [0.0] * 3
+    moving, before, expected = 0.0, 0.0, []
+    for value in u:
+        if (value - before) * moving < 0.0:
+            found = [before, *found[:2]]
+        moving = np.sign(value - before) or moving
+        before = value
+        expected.append([found[0], value - found[0], found[1], found[2]])
+    Z = features(u, include_drive=False, include_rate=False, turning_points=3)
+    np.testing.assert_array_equal(Z, expected)
+
+
+def test_names_and_nothing_chosen():
+    transformer = GeneralizedInputGradient(direction=True, turning_points=2).fit(np.ones((3, 1)))
+    names = ["", "_gradient", "_direction", "_last_extreme", "_distance", "_extreme2"]
+    assert list(transformer.get_feature_names_out(["u"])) == ["u" + name for name in names]
+    with pytest.raises(ValueError, match="must be true"):
+        features([0.0, 1.0], include_drive=False, include_rate=False)
+
+
 def test_drive_and_rate_are_not_the_whole_memory():
     # Two histories end with the same drive and rate and differ in the response; the last
     # extreme tells them apart.

@@ -33,6 +33,13 @@ def test_lags_stay_within_a_record():
     np.testing.assert_array_equal(Z, [1, 1, 1, 2, 3, 11, 11, 11, 12, 13])
 
 
+@pytest.mark.parametrize(("before", "value"), [("zero", 0.0), ("nan", np.nan)])
+def test_what_stands_before_a_record(before, value):
+    Z = LaggedFeatures([0, 2, 9], before=before).fit_transform(RAMP)
+    expected = np.transpose([[1, 2, 3, 4, 5], [value] * 2 + [1, 2, 3], [value] * 5])
+    np.testing.assert_array_equal(Z, expected)
+
+
 @pytest.mark.parametrize("lags", [[], [-1], [0.5], {0: []}, {0: [-2]}])
 def test_lags_are_checked(lags):
     with pytest.raises(ValueError, match="'lags' parameter of LaggedFeatures"):

@@ -28,7 +28,8 @@ TRANSFORMERS = [
     StopOperators(thresholds=[0.5, 1.0], include_drive=False),
     LaggedFeatures(),
     LaggedFeatures([0, 3, 7]),
-    GeneralizedInputGradient(turning_points=True),
+    LaggedFeatures([0, 3], before="zero"),
+    GeneralizedInputGradient(turning_points=3),
     GeneralizedInputGradient("forward", include_drive=False),
 ]
 REASON = "an output depends on the samples before it"

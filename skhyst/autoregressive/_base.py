@@ -1,0 +1,300 @@
+"""What the autoregressive models share: lags, records, initial outputs, free run, steps ahead."""
+
+import warnings
+from abc import abstractmethod
+from numbers import Integral, Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.metrics import r2_score
+from sklearn.utils.validation import check_is_fitted
+
+from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
+from ..base import read_data
+from ..exceptions import DivergenceWarning, RecordError
+from ..preprocessing._lagged_features import read_lag_table, read_lags
+from ._runs import Start, free_runs, lagged, runs_ahead
+from ._starts import estimate_history, fit_line, rest_outputs
+
+__all__ = ["AutoregressiveRegressor"]
+
+_BOUND = 100.0  # ranges of the outputs beyond the largest one: what lies there has diverged
+
+
+class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
+    """Base of the models that predict an output from past inputs and past outputs.
+
+    A subclass gives :meth:`_fit_records` and :meth:`_one_step`, and where it has a faster free run
+    than calls of :meth:`_one_step`, :meth:`_run`.
+    """
+
+    _parameter_constraints = {
+        "input_lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],
+        "output_lags": [Interval(Integral, 0, None, closed="left"), "array-like"],
+        "initial_output": [
+            StrOptions({"rest", "measured", "estimate"}),
+            Interval(Real, None, None, closed="neither"),
+            "array-like",
+        ],
+        "dt": [Interval(Real, 0, None, closed="neither")],
+    }
+
+    @abstractmethod
+    def _fit_records(self, X, y, records):
+        """Fit validated data; lags and ``bound_`` are known."""
+
+    @abstractmethod
+    def _one_step(self, Z):
+        """Return the next outputs (n,) for rows of lagged inputs and lagged outputs."""
+
+    def _widen(self, X, records, *, reset=False):
+        """Return the inputs and the names of all columns.
+
+        A model that adds columns of its own adds their lags to ``input_lags_`` when ``reset``.
+        """
+        return X, check_feature_names_in(self, None)
+
+    def _run(self, start):
+        """Return the free run from a start and the samples before the first that was cut off."""
+        raise NotImplementedError
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Fit the model.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Inputs; the index carries records and time.
+        y : array-like of shape (n_samples,)
+            Response.
+
+        Returns
+        -------
+        self
+        """
+        records, X, y = read_data(self, X, y, reset=True, dt=self.dt)
+        self.input_lags_ = read_lag_table(self, "input_lags", range(X.shape[1]))
+        self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
+        X, names = self._widen(X, records, reset=True)
+        self.lag_names_ = [_shifted(names[column], lag) for column, lag in self.input_lags_]
+        self.lag_names_ += [_shifted("y", lag) for lag in self.output_lags_]
+        self.records_ = records
+        self.output_range_ = (float(y.min()), float(y.max()))
+        largest = max(abs(value) for value in self.output_range_)
+        self.bound_ = largest + _BOUND * (self._span() or largest or 1.0)
+        self._line = fit_line(X, y)
+        self._given_history()
+        self._fit_records(X, y, records)
+        if self.initial_output == "estimate":
+            starts = self._starts(X, records, y)
+            self.initial_outputs_ = np.array([start.history for start in starts])
+        return self
+
+    def predict(self, X, y=None, horizon=None):
+        """Return the free run, or the prediction some steps ahead.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,), optional
+            Measured response: for the initial outputs, if `initial_output` asks for it, and for a
+            `horizon`.
+        horizon : int, optional
+            Steps ahead: sample ``k`` is predicted from the response measured up to
+            ``k - horizon``. By default the free run, which sees the inputs alone.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response. Finite always; outputs that are more than 100 times the range of
+            the response in ``fit`` beyond its largest magnitude are cut off there, with a
+            :class:`~skhyst.exceptions.DivergenceWarning`.
+        """
+        check_is_fitted(self)
+        if horizon is not None:
+            if not isinstance(horizon, Integral) or horizon < 1:
+                raise ValueError(
+                    f"The 'horizon' parameter of {type(self).__name__}.predict must be a whole "
+                    f"number of samples, at least 1. Got {horizon!r} instead."
+                )
+            if y is None:
+                raise ValueError(
+                    f"The 'y' parameter of {type(self).__name__}.predict must be the measured "
+                    "response where 'horizon' is given. Got None instead."
+                )
+        records, X, y = read_data(self, X, y, reset=False, dt=self.dt)
+        X, _ = self._widen(X, records)
+        starts = self._starts(X, records, y)
+        if horizon is None:
+            parts, good = self._free_runs(starts)
+        else:
+            measured = [y[r.rows][start.n_past :] for r, start in zip(records, starts, strict=True)]
+            parts, good = self._runs_ahead(starts, measured, int(horizon))
+        if not good:
+            warnings.warn(
+                "The simulation diverged; outputs far beyond the range of the response in fit were "
+                "cut off.",
+                DivergenceWarning,
+                stacklevel=2,
+            )
+        result = np.empty(len(X))
+        for record, start, part in zip(records, starts, parts, strict=True):
+            values = result[record.rows]
+            if start.n_past:
+                values[: start.n_past] = y[record.rows][: start.n_past]
+            values[start.n_past :] = part
+        return result
+
+    def predict_one_step(self, X, y):
+        """Return the prediction one step ahead, from the measured past.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,)
+            Measured response.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+        """
+        return self.predict(X, y, horizon=1)
+
+    def score(self, X, y, sample_weight=None):
+        """Return R2 of the free run.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,)
+            Measured response; the initial outputs come from it if `initial_output` says so, which
+            is not the case in a scorer given by name.
+        sample_weight : array-like of shape (n_samples,), optional
+            Weights.
+
+        Returns
+        -------
+        float
+        """
+        return r2_score(y, self.predict(X, y), sample_weight=sample_weight)
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # the free run on data without dynamics
+        return tags
+
+    # ------------------------------------------------------------------ for the models themselves
+
+    def _span(self):
+        return self.output_range_[1] - self.output_range_[0]
+
+    def _n_outputs(self):
+        """Return the number of outputs before a record that a run needs."""
+        return max(self.output_lags_, default=0)
+
+    def _n_skipped(self):
+        """Return the number of samples of a record whose lags reach beyond its beginning."""
+        return max(self._n_outputs(), *(lag for _, lag in self.input_lags_))
+
+    def _regression(self, X, y, records):
+        """Return lagged signals and outputs of all samples whose past lies in their record."""
+        skip = self._n_skipped()
+        parts, targets = [], []
+        for record in records:
+            if record.n_samples <= skip:
+                continue
+            inputs, response = X[record.rows], y[record.rows]
+            past = [response[skip - lag : len(response) - lag] for lag in self.output_lags_]
+            parts.append(np.column_stack([lagged(inputs, self.input_lags_, skip), *past]))
+            targets.append(response[skip:])
+        if not parts:
+            raise RecordError(
+                f"A record must be longer than the longest lag, which is {skip} samples. Got at "
+                f"most {max(record.n_samples for record in records)} samples a record instead."
+            )
+        return np.concatenate(parts), np.concatenate(targets)
+
+    def _starts(self, X, records, y=None):
+        """Return where the run over each record begins; ``y`` may be None."""
+        n_outputs, kind = self._n_outputs(), self.initial_output
+        if isinstance(kind, str) and kind == "measured" and y is not None:
+            starts = []
+            for record in records:
+                n_past = min(self._n_skipped(), record.n_samples)
+                history = np.zeros(n_outputs)
+                if n_past >= n_outputs:
+                    history = y[record.rows][n_past - n_outputs : n_past]
+                starts.append(Start(X[record.rows], n_past, history))
+            return starts
+        if isinstance(kind, str) and kind == "estimate" and y is not None:
+            return [
+                Start(X[r.rows], 0, self._estimate(X[r.rows], y[r.rows]) if n_outputs else y[:0])
+                for r in records
+            ]
+        history = self._given_history()
+        if history is not None:
+            return [Start(X[record.rows], 0, history) for record in records]
+        firsts = X[[record.rows.start for record in records]]
+        levels = np.zeros(len(records))
+        if n_outputs:
+            levels = rest_outputs(
+                self._one_step,
+                firsts[:, [column for column, _ in self.input_lags_]],
+                len(self.output_lags_),
+                self._line[0] + firsts @ self._line[1:],
+                *self.output_range_,
+            )
+        return [
+            Start(X[record.rows], 0, np.full(n_outputs, level))
+            for record, level in zip(records, levels, strict=True)
+        ]
+
+    def _given_history(self):
+        """Return the initial outputs that the user gave, the latest last, or None."""
+        if isinstance(self.initial_output, str):
+            return None
+        given = np.asarray(self.initial_output, dtype=float)
+        n_outputs = self._n_outputs()
+        if given.ndim == 0:
+            return np.full(n_outputs, float(given))
+        if given.shape != (n_outputs,) or not np.isfinite(given).all():
+            raise ValueError(
+                f"The 'initial_output' parameter of {type(self).__name__} must be one finite value "
+                f"or {n_outputs} of them, y(-1), y(-2), ... Got {self.initial_output!r} instead."
+            )
+        return given[::-1].copy()
+
+    def _estimate(self, inputs, y):
+        span = self._span() or 1.0
+        return estimate_history(
+            lambda starts: self._free_runs(starts)[0], inputs, (y, self._n_outputs()), span
+        )
+
+    def _free_runs(self, starts):
+        """Return the free run from each start, and whether all stayed within ``bound_``."""
+        if type(self)._run is AutoregressiveRegressor._run:
+            return free_runs(
+                self._one_step, starts, self.input_lags_, self.output_lags_, self.bound_
+            )
+        runs = [self._run(start) for start in starts]
+        return [y for y, _ in runs], all(n_good == len(y) for y, n_good in runs)
+
+    def _runs_ahead(self, starts, measured, horizon):
+        """Return the prediction some steps ahead, and whether all of it stayed within bounds."""
+        return runs_ahead(
+            self._one_step,
+            starts,
+            measured,
+            horizon,
+            self.input_lags_,
+            self.output_lags_,
+            self.bound_,
+        )
+
+
+def _shifted(name, lag):
+    return f"{name}(k-{lag})" if lag else f"{name}(k)"

@@ -1,0 +1,186 @@
+"""NARX model around any regressor of scikit-learn."""
+
+from inspect import signature
+
+import numpy as np
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from threadpoolctl import threadpool_limits
+
+from .._sklearn import HasMethods
+from ._base import AutoregressiveRegressor
+from ._extract import extract_step
+from ._runs import free_runs
+from ._steps import Lags, LinearStep
+
+__all__ = ["NARXRegressor"]
+
+_COMPARED = 64  # rows on which the compiled form must agree with the estimator
+
+
+class NARXRegressor(AutoregressiveRegressor):
+    r"""Nonlinear autoregressive model with exogenous inputs, around any regressor.
+
+    .. math:: y(k) = f\bigl(u(k - l_1), \dots, u(k - l_p),\, y(k - m_1), \dots, y(k - m_q)\bigr)
+
+    The regressor :math:`f` is fitted one step ahead, to the measured past. `predict` is the free
+    run: the model sees its own past outputs instead. A model that is good one step ahead may be
+    poor, or diverge, in the free run, so compare models by `score`, which is R2 of the free run.
+
+    Parameters
+    ----------
+    estimator : estimator, default=None
+        Any regressor or pipeline, of which a clone is fitted; by default linear regression of the
+        standardised signals (ARX).
+    input_lags : int, array-like of int, or dict, default=(0, 1)
+        Lags of the inputs in samples, of all columns of ``X``. A number ``n`` stands for
+        ``0, 1, ..., n``. A dict maps columns, by position or name, to lags of their own.
+    output_lags : int or array-like of int, default=(1,)
+        Lags of the output in samples. A number ``n`` stands for ``1, ..., n``; with none the model
+        is a static function of the lagged inputs.
+    initial_output : {"rest", "measured", "estimate"}, float or array-like, default="rest"
+        Outputs before a record, before which its inputs have rested at their first values.
+
+        - ``"rest"``: the output at which the model rests under the record's first inputs.
+        - ``"measured"``: where `predict` or `score` is given ``y``, the first samples, as many as
+          the longest lag, are the measured ones, and the run starts behind them.
+        - ``"estimate"``: where it is given ``y``, those with which the free run fits the first
+          samples of the record best.
+        - numbers in units of the response: the output before each record, or one number a lag:
+          ``y(-1), y(-2), ...``.
+
+        Where there is no ``y``, ``"measured"`` and ``"estimate"`` start from rest.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index. The model counts samples: it is right
+        for the sampling interval that it was fitted at.
+
+    Attributes
+    ----------
+    estimator_ : estimator
+        The fitted regressor. Its columns are named by ``lag_names_``.
+    input_lags_ : tuple of (int, int)
+        Column and lag of each lagged input.
+    output_lags_ : tuple of int
+        Lags of the output.
+    lag_names_ : list of str
+        Names of the signals that the regressor sees, such as ``drive(k-1)``.
+    coef_, intercept_ : ndarray of shape (n_signals,), float
+        Weights of the signals in ``lag_names_`` and constant, in the user's units; of linear
+        regressors only.
+    compiled_ : bool
+        Whether the free run is a compiled loop.
+    initial_outputs_ : ndarray of shape (n_records, longest output lag)
+        Outputs before the records of the fit, the latest last; with ``"estimate"`` only.
+    bound_ : float
+        Magnitude at which outputs are cut off: the largest in the fit and 100 times their range.
+    output_range_ : tuple of (float, float)
+        Range of the response in the fit.
+    records_ : tuple of RecordSlice
+        The records of the fit.
+    n_features_in_ : int
+        Number of columns of ``X``.
+
+    See Also
+    --------
+    skhyst.preprocessing.PlayOperators : Gives the regressor a rate-independent memory.
+
+    Notes
+    -----
+    Lags do not cross the limits of records: in `fit`, samples whose past lies before their record
+    are left out.
+
+    Trees, networks and neighbours expect signals of order one: scale them in a pipeline, and the
+    response with a ``TransformedTargetRegressor``.
+
+    The free run is compiled for linear models, for those behind ``PolynomialFeatures``, for
+    ``MLPRegressor``, ``SCNRegressor``, decision trees, random forests, extra trees and gradient
+    boosting (both kinds), also in a pipeline behind scalers, in a search, or in a
+    ``TransformedTargetRegressor`` with a scaler. Any other regressor is called once a time step for
+    all records together, which costs little more than for one record.
+
+    The resting output solves ``y = f(u, ..., u, y, ..., y)``. It is looked for within the range of
+    the response and as far again on both sides. Where there are several solutions, those that can
+    be stable go first, then the one nearest to the linear regression of the response on the
+    inputs; where there is none, as for an integrator, that regression is the resting output.
+
+    References
+    ----------
+    Leontaritis and Billings, "Input-output parametric models for non-linear systems. Part I",
+    International Journal of Control 41, 1985; "Inchworm piezo stage, stochastic configuration
+    network", equation (8), where the lags are the defaults.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.autoregressive import NARXRegressor
+    >>> u = np.sin(np.arange(200) / 5.0) + np.sin(np.arange(200) / 17.0)
+    >>> y = np.zeros(200)
+    >>> for k in range(1, 200):
+    ...     y[k] = 0.8 * y[k - 1] + 0.2 * u[k - 1]
+    >>> model = NARXRegressor(input_lags=[1]).fit(u[:, None], y)
+    >>> model.coef_.round(6)
+    array([0.2, 0.8])
+    >>> bool(np.allclose(model.predict(u[:, None]), y))
+    True
+    """
+
+    _parameter_constraints = {
+        "estimator": [HasMethods(["fit", "predict"]), None],
+        **AutoregressiveRegressor._parameter_constraints,
+    }
+
+    def __init__(
+        self,
+        estimator=None,
+        *,
+        input_lags=(0, 1),
+        output_lags=(1,),
+        initial_output="rest",
+        dt=1.0,
+    ):
+        self.estimator = estimator
+        self.input_lags = input_lags
+        self.output_lags = output_lags
+        self.initial_output = initial_output
+        self.dt = dt
+
+    def _fit_records(self, X, y, records):
+        Z, target = self._regression(X, y, records)
+        estimator = _default() if self.estimator is None else clone(self.estimator)
+        self.estimator_ = estimator.fit(Z, target)
+        lags = Lags(self.input_lags_, self.output_lags_, self.n_features_in_)
+        rows = np.linspace(0, len(Z) - 1, min(_COMPARED, len(Z))).astype(int)
+        self._step = extract_step(self.estimator_, lags, Z[rows])
+        self.compiled_ = self._step is not None
+        for name in ("coef_", "intercept_"):  # of an earlier fit
+            self.__dict__.pop(name, None)
+        if isinstance(self._step, LinearStep):
+            self.coef_, self.intercept_ = self._step.weights, self._step.intercept
+
+    def _one_step(self, Z):
+        if self._step is not None:
+            return self._step.rows(Z)
+        # the signals are finite: the fit has seen to it, and outputs are bounded
+        with config_context(assume_finite=True):
+            return self.estimator_.predict(Z)
+
+    def _free_runs(self, starts):
+        if self._step is None:
+            # a batch has one row a record: threads that wait for each other cost more than they do
+            with threadpool_limits(1):
+                return free_runs(
+                    self._one_step, starts, self.input_lags_, self.output_lags_, self.bound_
+                )
+        runs = [self._step.run(start, self.bound_) for start in starts]
+        return [y for y, _ in runs], all(n_good == len(y) for y, n_good in runs)
+
+
+def _default():
+    """Return a linear regression that neither units nor fast sampling mislead."""
+    # since scikit-learn 1.7 singular values below 1e-6 are dropped: neighbours differ by less
+    known = "tol" in signature(LinearRegression).parameters
+    options = {"tol": np.finfo(float).eps} if known else {}
+    return make_pipeline(StandardScaler(), LinearRegression(**options))

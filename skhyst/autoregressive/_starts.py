@@ -1,0 +1,117 @@
+"""Outputs before a record: where a model rests, and what fits the first measured samples."""
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ._runs import Start
+
+__all__ = ["estimate_history", "fit_line", "rest_outputs"]
+
+_GRID = 33  # outputs at which a resting point is looked for
+_ITERATIONS = 60  # halvings at the most: to the last digit
+_SAMPLES = 20  # that initial outputs are fitted to, or ten an output
+
+
+def fit_line(X, y):
+    """Return the linear regression of y on the columns of X: intercept and slopes."""
+    mean, spread = X.mean(axis=0), X.std(axis=0)
+    spread[spread == 0.0] = 1.0
+    slopes = np.linalg.lstsq((X - mean) / spread, y - y.mean(), rcond=1e-9)[0] / spread
+    return np.append(y.mean() - mean @ slopes, slopes)
+
+
+def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
+    """Return the output at which a model rests under constant inputs, one for each row of them.
+
+    The resting point solves ``f(y) = one_step(inputs, y, ..., y) - y = 0``. It is looked for within
+    the range of the outputs and as far again on both sides. Where ``f`` falls the point can be
+    stable, where it rises it cannot; among several of the better kind the one nearest to the guess
+    is taken, and the guess itself where there is none (an integrator).
+    """
+
+    def excess(rows, y):
+        Z = np.empty((len(y), inputs.shape[1] + n_outputs))
+        Z[:, : inputs.shape[1]] = inputs[rows]
+        Z[:, inputs.shape[1] :] = y[:, None]
+        return np.asarray(one_step(Z), dtype=float).reshape(-1) - y
+
+    span = high - low
+    n_rows = len(inputs)
+    steps = np.linspace(0.0, 1.0, _GRID)
+    bottom = np.minimum(low - span, guesses - span)
+    top = np.maximum(high + span, guesses + span)
+    grid = bottom[:, None] + (top - bottom)[:, None] * steps
+    values = excess(np.repeat(np.arange(n_rows), _GRID), grid.ravel()).reshape(grid.shape)
+    falls = (values[:, :-1] >= 0.0) & (values[:, 1:] <= 0.0)
+    rises = (values[:, :-1] <= 0.0) & (values[:, 1:] >= 0.0)
+    centres = 0.5 * (grid[:, :-1] + grid[:, 1:])
+    distance = np.abs(centres - guesses[:, None])
+    distance = np.where(
+        falls, distance, np.where(rises, distance + (top - bottom)[:, None], np.inf)
+    )
+    best = np.argmin(distance, axis=1)
+    found = np.flatnonzero(np.isfinite(distance[np.arange(n_rows), best]))
+    result = np.array(guesses, dtype=float)
+    if found.size:
+        cells = best[found]
+        result[found] = _root(
+            lambda y, which: excess(found[which], y),
+            (grid[found, cells], grid[found, cells + 1]),
+            (values[found, cells], values[found, cells + 1]),
+        )
+    return result
+
+
+def _root(f, ends, values):
+    """Return a root of each of several functions by regula falsi, where that stalls by halving."""
+    (a, b), (fa, fb) = (np.array(pair) for pair in (ends, values))
+    width = np.abs(b - a)
+    todo = np.arange(len(a))
+    for iteration in range(2 * _ITERATIONS):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            c = (a[todo] * fb[todo] - b[todo] * fa[todo]) / (fb[todo] - fa[todo])
+        # a secant that lands next to an end leaves the other where it is: every second time halve
+        halve = ~np.isfinite(c) | (iteration % 2 == 1)
+        c[halve] = 0.5 * (a[todo] + b[todo])[halve]
+        fc = f(c, todo)
+        left = fa[todo] * fc <= 0.0
+        b[todo], fb[todo] = np.where(left, c, b[todo]), np.where(left, fc, fb[todo])
+        a[todo], fa[todo] = np.where(left, a[todo], c), np.where(left, fa[todo], fc)
+        tiny = 4.0 * np.finfo(float).eps * np.maximum(width, np.abs(a) + np.abs(b))
+        close = (np.abs(b - a) <= tiny) | (fa == 0.0) | (fb == 0.0) | (np.abs(fb) <= tiny)
+        todo = todo[~close[todo]]
+        if not todo.size:
+            break
+    return np.where(np.abs(fa) < np.abs(fb), a, b)
+
+
+def estimate_history(free_runs, inputs, measured, span):
+    """Return the outputs before a record whose free run fits its first samples best.
+
+    Parameters
+    ----------
+    free_runs : callable
+        Maps a list of starts to a list of runs.
+    inputs : ndarray of shape (n_samples, n_columns)
+        Inputs of the record.
+    measured : tuple of (ndarray of shape (n_samples,), int)
+        Outputs, and how many before the record are wanted.
+    span : float
+        Range of the outputs.
+    """
+    y, n_outputs = measured
+    n_samples = min(len(y), max(_SAMPLES, 10 * n_outputs))
+    inputs, y = inputs[:n_samples], y[:n_samples]
+    step = 1e-6 * span
+
+    def residuals(parts):
+        histories = y[0] + span * np.atleast_2d(parts)
+        runs = free_runs([Start(inputs, 0, history) for history in histories])
+        return (np.array(runs) - y) / span
+
+    def jacobian(part):
+        values = residuals(np.vstack([part, part + step / span * np.eye(n_outputs)]))
+        return (values[1:] - values[0]).T * (span / step)
+
+    found = least_squares(lambda part: residuals(part)[0], np.zeros(n_outputs), jac=jacobian)
+    return y[0] + span * found.x

@@ -1,0 +1,78 @@
+"""Polynomial terms: their enumeration, their values, their names."""
+
+from collections import Counter
+from itertools import combinations_with_replacement
+from math import comb
+
+import numpy as np
+
+__all__ = ["candidate_terms", "count_terms", "term_name", "term_products", "unit_scale"]
+
+
+def count_terms(n_signals, degree):
+    """Return the number of products of at most ``degree`` of the signals, the empty one too."""
+    return comb(n_signals + degree, degree)
+
+
+def candidate_terms(groups, width, include_bias):
+    """Return the table of all products of lagged signals.
+
+    Parameters
+    ----------
+    groups : sequence of (sequence of int, int)
+        Signals, by position, and the highest degree of their products. Each group extends the one
+        before: products with at least one signal of its own, up to its degree.
+    width : int
+        Number of factors in a row of the table; absent ones are -1.
+    include_bias : bool
+        Whether the empty product is among them.
+
+    Returns
+    -------
+    ndarray of int, shape (n_terms, width)
+        By degree within each group.
+    """
+    rows = [()] if include_bias else []
+    known = []
+    for own, degree in groups:
+        signals = [*known, *own]
+        fresh = set(own)
+        for size in range(1, degree + 1):
+            rows += [
+                product
+                for product in combinations_with_replacement(signals, size)
+                if fresh.intersection(product)
+            ]
+        known = signals
+    table = np.full((len(rows), max(width, 1)), -1, dtype=np.int64)
+    for row, product in zip(table, rows, strict=True):
+        row[: len(product)] = product
+    return table
+
+
+def term_products(Z, terms):
+    """Return the values (n_samples, n_terms) of terms from lagged signals."""
+    # terms first: each product is one contiguous row
+    columns = np.ascontiguousarray(Z.T)
+    out = np.ones((len(terms), len(Z)), dtype=columns.dtype)
+    for row, factors in zip(out, terms, strict=True):
+        for factor in factors[factors >= 0]:
+            row *= columns[factor]
+    return out.T
+
+
+def term_name(factors, names, n_inputs, n_outputs):
+    """Return a term as text, such as ``y(k-1) u(k-2)^2``: outputs, then inputs, then noise."""
+    counts = Counter(int(factor) for factor in factors if factor >= 0)
+    ends = (n_inputs, n_inputs + n_outputs)
+    ranked = sorted(counts, key=lambda f: (1 if f < ends[0] else 0 if f < ends[1] else 2, f))
+    powers = [names[f] + (f"^{counts[f]}" if counts[f] > 1 else "") for f in ranked]
+    return " ".join(powers) or "1"
+
+
+def unit_scale(values):
+    """Return a power of two next to the largest magnitude: dividing by it rounds nothing."""
+    largest = np.abs(values).max(axis=0)
+    return np.where(
+        largest > 0.0, 2.0 ** np.round(np.log2(np.where(largest > 0, largest, 1.0))), 1.0
+    )

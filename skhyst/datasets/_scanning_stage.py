@@ -1,0 +1,357 @@
+"""The scanning stage of the thesis on Prandtl-Ishlinskii cascades, simulated."""
+
+import warnings
+from numbers import Real
+
+import numpy as np
+import pandas as pd
+from scipy.signal import lfilter
+from sklearn.utils import Bunch
+
+from ..exceptions import RecordError
+from ..records import record_slices, stack_records
+from ._effects import EffectPath, first_order, plays, refine
+from ._motion import oscillate
+from ._signals import triangle
+
+__all__ = ["load_scanning_stage_parameters", "make_scanning_stage"]
+
+_RATE = 250e3  # Hz, of the data acquisition
+_SPAN = 40.0  # V, half of the largest peak-to-peak drive
+_SUBSTEPS = 8
+_STEPS_A_PERIOD = 80  # of the first mode, where forces or velocities are computed
+# sensor: range to either side and noise; displacement in um, velocity in um/s
+_SENSORS = {"displacement": (5.0, 5e-4), "velocity": (2e5, 20.0)}
+_BITS = 16
+
+
+def load_scanning_stage_parameters():
+    r"""Return the published parameters of the high-speed scanning stage.
+
+    .. math:: \hat u = a_0 V + \sum_{i=1}^5 a_i F_{r_i}[V], \quad
+       G_{SD} = \frac{1}{k_0} + \sum_{i=1}^3 \frac{1}{k_i s + c_i}, \quad
+       G_v = \frac{N(s)}{D(s)}, \quad \hat y = G_v G_{SD} \hat u
+
+    Returns
+    -------
+    Bunch
+        ``weights`` (6,), a_0 to a_5, and ``thresholds`` (6,) in V, by (3.6) for drives of 80 V
+        peak to peak about zero, that of a_0 being zero; ``stiffnesses`` c_i and ``dampings`` k_i
+        in s, (3,) each, with their ``compliances`` 1/c_i and ``time_constants`` k_i/c_i in s;
+        ``numerator`` N and ``denominator`` D, highest power first, from V to um; the
+        ``natural_frequencies`` in Hz and ``damping_ratios`` of its two resonances, (2,) each.
+
+    Notes
+    -----
+    What the thesis calls stiffness k_i and damping c_i is the other way round. The static gain of
+    (4.1) is 0.0243: in um/V, 80 V make a stroke of about 3.5 um, which fits the piezo element
+    (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and a_1 multiply the same
+    signal, and only their sum can be identified.
+
+    References
+    ----------
+    A. Steinbusch, Hysteresis and dynamics compensation for accurate positioning in high speed
+    piezo scanning stages, TU Eindhoven, 2020: Tables 4.2 and 4.3, (3.5) to (3.7), (4.1).
+
+    Examples
+    --------
+    >>> from skhyst.datasets import load_scanning_stage_parameters
+    >>> stage = load_scanning_stage_parameters()
+    >>> stage.natural_frequencies.round(), stage.damping_ratios.round(4)
+    (array([24392., 37255.]), array([0.0221, 0.0113]))
+    """
+    weights = np.array([1.1193, 0.0730, 0.1229, 0.0756, 0.10227, 0.0004])
+    stiffnesses = np.array([12.0411, 6.4210, 25.6608])
+    dampings = np.array([1.9502, 0.0016, 0.2244])
+    numerator = np.array([2.43e29, 8.06e33, 9.10e39])
+    denominator = np.array(
+        [1.0, 5.19e5, 2.10e11, 5.31e16, 1.18e22, 1.61e27, 1.90e32, 1.48e37, 3.74e41]
+    )
+    poles = _poles(denominator)
+    modes = poles[(poles.imag > 0.0) & (-poles.real < 0.1 * np.abs(poles))]
+    modes = modes[np.argsort(np.abs(modes))]
+    return Bunch(
+        weights=weights,
+        thresholds=_SPAN * np.array([0.0, 0.0, 0.2, 0.4, 0.6, 0.8]),
+        stiffnesses=stiffnesses,
+        dampings=dampings,
+        compliances=1.0 / stiffnesses,
+        time_constants=dampings / stiffnesses,
+        numerator=numerator,
+        denominator=denominator,
+        natural_frequencies=np.abs(modes) / (2.0 * np.pi),
+        damping_ratios=-modes.real / np.abs(modes),
+    )
+
+
+def make_scanning_stage(
+    drive="identification",
+    *,
+    effects=None,
+    measured="displacement",
+    noise=None,
+    quantize=True,
+    dt=1.0 / _RATE,
+    random_state=None,
+):
+    """Return a recording of the simulated scanning stage, and the truth about it.
+
+    The signals are computed between the samples too, without the operators of skhyst: plays by
+    their recursion, linear dynamics exactly for a drive that is a straight line from sample to
+    sample. Each record starts at rest, after a first loading from zero.
+
+    Parameters
+    ----------
+    drive : {"identification", "validation", "small_signal"}, DataFrame, or array-like of shape \
+            (n_samples,), default="identification"
+        Voltage at the piezo element about its bias, V. ``"identification"``: triangles of 80 V
+        peak to peak at 1, 10, 100 and 1000 Hz (section 4.3). ``"validation"``: the six experiments
+        of chapter 5. ``"small_signal"``: white noise of 2 V peak to peak (section 4.1). A frame
+        has the voltage in column 0, and its index carries records and time.
+    effects : mapping, iterable of str, or str, optional
+        Effects that the published model does not have, each with its parameters, its strength
+        as a number, or by name alone: ``{"creep": {"strength": 0.1, "time_constants": [30.0]}}``.
+        Strengths are shares of full scale (40 V and the response to it). The roll-off of a weaker
+        amplifier is ``"lag"``, the delay of the signal processing ``{"delay": {"time": 2.5e-5}}``.
+        An ``"auxiliary_input"`` is a second column of X, ``temperature``.
+    measured : {"displacement", "velocity"}, default="displacement"
+        What the vibrometer gives: um, or um/s.
+    noise : float, optional
+        Standard deviation of the sensor's noise; 0.5 nm or 20 um/s by default.
+    quantize : bool, default=True
+        Whether the sensor has 16 bits over 10 um, or over 0.4 m/s, and ends there.
+    dt : float, default=4e-6
+        Interval in s of a drive without times.
+    random_state : int or None, default=None
+        Seed of the noise, of the white drive, and of what is random in the effects.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, 1) or (n_samples, 2)
+        Column ``drive`` in V; index with the levels ``record`` and ``time`` in s.
+    y : Series of shape (n_samples,)
+        Response.
+    truth : Bunch
+        ``response`` without noise, ``hysteresis`` (output of the plays, V) and ``creep`` (that of
+        the spring-dampers, V), Series each; ``noise_std``; ``resolution`` (step of the sensor, 0
+        without); ``parameters``, of :func:`load_scanning_stage_parameters`; ``effects``, a dict
+        with all parameters of each.
+
+    Raises
+    ------
+    ValueError
+        If an effect, one of its parameters or another argument is none of those offered.
+    RecordError
+        If the drive is empty or not finite, or its index does not form records.
+
+    Notes
+    -----
+    The recordings that a name asks for are kept short: a record is sampled as fast as its content
+    needs, 1 Hz at 500 Hz up to 1000 Hz at 250 kHz. They hold every n-th sample of 250 kHz, with no
+    filter in between, so that a model of the stage is a model of each of them.
+
+    References
+    ----------
+    See :func:`load_scanning_stage_parameters`.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import make_scanning_stage
+    >>> X, y, truth = make_scanning_stage(effects={"creep": 0.1}, random_state=0)
+    >>> X.index.get_level_values("record").unique().tolist()
+    ['1 Hz', '10 Hz', '100 Hz', '1000 Hz']
+    >>> print(f"stroke {y['10 Hz'].max() - y['10 Hz'].min():.1f} um, {truth.noise_std} um of noise")
+    stroke 3.4 um, 0.0005 um of noise
+    """
+    if measured not in _SENSORS:
+        raise ValueError(
+            "The 'measured' parameter of make_scanning_stage must be 'displacement' or 'velocity'. "
+            f"Got {measured!r} instead."
+        )
+    limit, default_noise = _SENSORS[measured]
+    noise = default_noise if noise is None else noise
+    if not isinstance(noise, Real) or not 0.0 <= noise < np.inf:
+        raise ValueError(
+            "The 'noise' parameter of make_scanning_stage must be a finite number, not negative. "
+            f"Got {noise!r} instead."
+        )
+    rng = np.random.default_rng(random_state)
+    X = _drive(drive, dt, rng)
+    stage = load_scanning_stage_parameters()
+    path = EffectPath.resolve(
+        effects,
+        drive=_SPAN,
+        response=_full_scale(stage),
+        period=1.0 / stage.natural_frequencies[0],
+        caller="make_scanning_stage",
+        seed=int(rng.integers(2**31)),
+    )
+    voltage = X.iloc[:, 0].to_numpy(dtype=float)
+    signals = {name: np.empty(len(X)) for name in ("hysteresis", "creep", "response")}
+    auxiliary = np.zeros(len(X))
+    for number, record in enumerate(record_slices(X, one_interval=False)):
+        u = voltage[record.rows]
+        parts = _simulate(stage, path, u, record.dt, measured)
+        added, column = path.beside(len(u), record.dt, number)
+        if column is not None:
+            auxiliary[record.rows] = column
+        if measured == "velocity":
+            added = np.gradient(added, record.dt) if len(u) > 1 else np.zeros(1)
+        parts["response"] = parts["response"] + added
+        for name, values in parts.items():
+            signals[name][record.rows] = values
+    if "auxiliary_input" in path.settings:
+        X = X.assign(temperature=auxiliary)
+    y = signals["response"] + noise * rng.normal(size=len(X))
+    resolution = 2.0 * limit / 2**_BITS if quantize else 0.0
+    if quantize:
+        if np.abs(y).max() > limit:
+            warnings.warn(
+                f"The response leaves the range of the sensor, {limit:g} to either side; it ends "
+                "there. With quantize=False the range has no end.",
+                UserWarning,
+                stacklevel=2,
+            )
+        y = np.clip(resolution * np.round(y / resolution), -limit, limit)
+    series = {name: pd.Series(v, X.index, name=name) for name, v in signals.items()}
+    truth = Bunch(
+        **series,
+        noise_std=float(noise),
+        resolution=resolution,
+        parameters=stage,
+        effects=path.settings,
+    )
+    return X, pd.Series(y, X.index, name="response"), truth
+
+
+# ---------------------------------------------------------------------------------------- drives
+
+
+def _drive(drive, dt, rng):
+    """Return the frame of the drive, index of record and time."""
+    if isinstance(drive, str):
+        if drive not in _EXPERIMENTS:
+            raise ValueError(
+                "The 'drive' parameter of make_scanning_stage must be a frame, an array or one of "
+                f"{', '.join(map(repr, _EXPERIMENTS))}. Got {drive!r} instead."
+            )
+        return _EXPERIMENTS[drive](rng)
+    if not hasattr(drive, "iloc"):
+        drive = np.asarray(drive, dtype=float)
+    X = stack_records([drive], dt=dt)
+    if not len(X) or not np.isfinite(X.iloc[:, 0].to_numpy(dtype=float)).all():
+        raise RecordError("The drive of make_scanning_stage must have samples, all of them finite.")
+    return X.iloc[:, :1].set_axis(["drive"], axis=1)
+
+
+def _stack(records):
+    return stack_records(list(records.values()), labels=list(records))
+
+
+def _loop(frequency, rate, n_samples=2000):
+    cycles = round(n_samples * frequency / rate)
+    return triangle(_SPAN, frequency, n_cycles=cycles, dt=1.0 / rate)
+
+
+def _identification(rng):
+    rates = {1: 500.0, 10: 5e3, 100: 50e3, 1000: _RATE}
+    return _stack({f"{f} Hz": _loop(f, rate) for f, rate in rates.items()})
+
+
+def _validation(rng):
+    amplitudes = _SPAN * np.array([1.0, 0.25, 0.5, 0.75, 1.0, 0.6, 0.35, 0.9])
+    up = [10.0, 30.0, 100.0, 300.0, 1000.0]
+    mixed = [1000.0, 10.0, 500.0, 50.0, 200.0, 1000.0]
+    return _stack(
+        {
+            "30 Hz": _loop(30, 15e3),
+            "300 Hz": _loop(300, 150e3),
+            "100 Hz, amplitudes": triangle(amplitudes, 100.0, dt=2e-5),
+            "1000 Hz, amplitudes": triangle(amplitudes, 1000.0, dt=1.0 / _RATE),
+            "rising frequency": triangle(_SPAN, up, dt=1.0 / _RATE),
+            "mixed frequencies": triangle(_SPAN, mixed, dt=1.0 / _RATE),
+        }
+    )
+
+
+def _small_signal(rng):
+    noise = rng.uniform(-1.0, 1.0, 2**17)
+    return stack_records([noise], labels=["white noise"], dt=1.0 / _RATE)
+
+
+_EXPERIMENTS = {
+    "identification": _identification,
+    "validation": _validation,
+    "small_signal": _small_signal,
+}
+
+
+# --------------------------------------------------------------------------------------- physics
+
+
+def _poles(denominator):
+    """Return the roots; the coefficients span forty decades, so s is counted in 1e5 rad/s."""
+    powers = np.arange(len(denominator))
+    return 1e5 * np.roots(denominator / 1e5**powers)
+
+
+def _full_scale(stage):
+    """Return the settled response to the largest drive, um."""
+    settled = stage.weights @ (_SPAN - stage.thresholds) * (1.0 + stage.compliances.sum())
+    return float(settled * stage.numerator[-1] / stage.denominator[-1])
+
+
+def _simulate(stage, path, drive, dt, measured):
+    """Return the signals of one record at its samples."""
+    forces = path.forces()
+    substeps = _SUBSTEPS
+    if forces is not None or measured == "velocity":
+        fine = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
+        substeps = max(substeps, int(np.ceil(dt / fine)))
+    h = dt / substeps
+    signal = path.before(refine(drive, substeps), h)
+    signal = path.gain(drive) * plays(
+        signal, stage.thresholds, stage.weights, path.growth(signal, h)
+    )
+    hysteresis = signal = path.after(signal)
+    units = zip(stage.compliances, stage.time_constants, strict=True)
+    creep = signal = signal + sum(c * first_order(signal, h, tau) for c, tau in units)
+    signal = _vibrate(stage, path.dynamics(signal, h), h, forces)
+    response = path.sensor(signal)
+    if measured == "velocity":
+        response = _slope(response, h)
+    named = {"hysteresis": hysteresis, "creep": creep, "response": response}
+    return {name: values[::substeps] for name, values in named.items()}
+
+
+def _vibrate(stage, signal, h, forces):
+    """Send a signal through (4.1), a sum of r / (s - p) over its poles p, from rest.
+
+    Each term is advanced exactly for an input that is a straight line within a step. With forces
+    in the equation of motion the first mode is a mass of its own, behind the other poles.
+    """
+    frequency, damping = stage.natural_frequencies[0], stage.damping_ratios[0]
+    poles, gain = _poles(stage.denominator), 1.0
+    if forces is not None:
+        w = 2.0 * np.pi * frequency
+        poles, gain = poles[np.abs(np.abs(poles) - w) > 1e-6 * w], 1.0 / w**2
+    start = signal[0]
+    total = np.full(signal.size, start * stage.numerator[-1] / stage.denominator[-1])
+    for p in poles[poles.imag >= 0.0]:
+        residue = gain * np.polyval(stage.numerator, p) / np.prod(p - poles[poles != p])
+        residue *= 1.0 if p.imag == 0.0 else 2.0  # its conjugate gives the same real part
+        q = p * h
+        gone = np.expm1(q)
+        ramp = gone / q - 1.0
+        weights = residue / p * np.array([ramp, gone - ramp])
+        total += np.real(lfilter(weights, [1.0, -1.0 - gone], signal - start))
+    return total if forces is None else oscillate(total, h, frequency, damping, forces=forces)
+
+
+def _slope(signal, h):
+    """Return the derivative by differences of the fourth order, of the second at the ends."""
+    slope = np.gradient(signal, h, edge_order=2) if signal.size > 2 else np.zeros(signal.size)
+    if signal.size > 4:
+        wide = (signal[4:] - signal[:-4]) / (4.0 * h)
+        slope[2:-2] = (4.0 * slope[2:-2] - wide) / 3.0
+    return slope

@@ -1,0 +1,170 @@
+"""Faults of the measurement, kept apart from physics: what no model should be fitted to.
+
+A physical effect acts before the noise of the sensor; a fault of the converter or of the recorder
+acts behind it, and leaves readings that are equal to the last digit. That tells clipping at the
+converter's range from a saturation of the device, and a stuck sensor from a rest.
+"""
+
+import numpy as np
+import pandas as pd
+
+__all__ = ["FAULTS", "data_quality"]
+
+FAULTS = ("outlier", "lost_reading", "stuck_sensor", "clipped_range", "clock_jitter")
+
+_SPIKE = 12.0  # robust standard deviations of the second difference that a spike stands out by
+_PART = 0.02  # and part of the response's range
+_RARE = 0.02  # part of the samples that spikes may take; more of them are the signal
+_LONGEST = 20  # samples of a gap in the readings
+_STUCK = 10  # equal readings in a row, at the least
+_MOVES = 0.03  # part of the drive's range by which it moves meanwhile
+_AT_THE_END = 5  # readings equal to the largest or smallest one, at the least, in runs of 3
+_JITTER = 0.05  # standard deviation of the interval over its mean; rounding by a tenth gives 0.04
+
+
+def data_quality(X, y, records):
+    """Return the faults found in a recording.
+
+    Parameters
+    ----------
+    X : DataFrame or array-like of shape (n_samples, n_inputs)
+        Column 0 is the drive; a time index tells the jitter of the clock.
+    y : ndarray of shape (n_samples,)
+        Response.
+    records : sequence of RecordSlice
+
+    Returns
+    -------
+    DataFrame
+        One row a fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
+        ``stuck_sensor``, ``clipped_range``, ``clock_jitter``), ``record``, ``n_samples``, ``rows``
+        (the first few), ``value`` (reading at which it stuck or was clipped or lost; relative
+        standard deviation of the interval), ``advice``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.diagnosis import data_quality
+    >>> from skhyst.records import record_slices
+    >>> drive = np.sin(np.linspace(0, 20, 1000))
+    >>> y = drive + 0.01 * np.random.default_rng(0).normal(size=1000)
+    >>> y[400] = 9.0
+    >>> X = drive.reshape(-1, 1)
+    >>> data_quality(X, y, record_slices(X))[["fault", "rows"]].to_numpy().tolist()
+    [['outlier', (400,)]]
+    """
+    drive = np.asarray(X, dtype=float)[:, 0]
+    y = np.asarray(y, dtype=float)
+    found = []
+    for record in records:
+        u, own = drive[record.rows], y[record.rows]
+        faults = list(_spikes(u, own))
+        codes = [value for fault, _, value in faults if fault == "lost_reading"]
+        faults += [*_stuck(u, own), *_clipped(own, codes)]
+        for fault, rows, value in faults:
+            found.append((fault, record.label, rows + record.rows.start, value))
+        jitter = _jitter(X, record)
+        if jitter > _JITTER:
+            found.append(("clock_jitter", record.label, np.arange(record.n_samples), jitter))
+    rows = [
+        (fault, label, len(at), tuple(at[:5].tolist()), float(value), _ADVICE[fault])
+        for fault, label, at, value in found
+    ]
+    return pd.DataFrame(rows, columns=["fault", "record", "n_samples", "rows", "value", "advice"])
+
+
+_ADVICE = {
+    "outlier": "take the rows out as missing readings, or use a robust loss",
+    "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
+    "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
+    "clipped_range": "choose a larger range of the converter, or leave these samples out",
+    "clock_jitter": "resample with skhyst.records.resample_records",
+}
+
+
+def _runs(y):
+    """Return starts and lengths of stretches of equal readings."""
+    starts = np.flatnonzero(np.r_[True, np.diff(y) != 0.0])
+    return starts, np.diff(np.r_[starts, len(y)])
+
+
+def _spikes(u, y):
+    """Yield readings off both neighbours, to one side: one value again and again is a code."""
+    if len(y) < 5 or not np.ptp(y) > 0.0:
+        return
+    bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
+    center = np.median(bend)
+    least = max(_SPIKE * 1.4826 * np.median(np.abs(bend - center)), _PART * np.ptp(y))
+    starts, lengths = _runs(y)
+    inner = slice(1, -1)
+    before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
+    into, back = value - before, value - after
+    height = np.minimum(np.abs(into), np.abs(back))
+    off = (into * back > 0.0) & (height > least) & (lengths[inner] <= _LONGEST)
+    off &= np.abs(after - before) < 0.5 * height
+    # a drive that jumps there and back explains it
+    first, last = starts[inner], (starts + lengths)[inner]
+    moved = np.minimum(np.abs(u[first] - u[first - 1]), np.abs(u[last] - u[last - 1]))
+    off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
+    if not off.any() or lengths[inner][off].sum() > _RARE * len(y):
+        return
+    codes, index, count = np.unique(value[off], return_inverse=True, return_counts=True)
+    longest = np.zeros(len(codes), dtype=int)
+    np.maximum.at(longest, index, lengths[inner][off])
+    single = (count == 1) & (longest == 1)
+    stretches = [np.arange(a, b) for a, b in zip(first[off], last[off], strict=True)]
+    if single.any():
+        chosen = [s for s, i in zip(stretches, index, strict=True) if single[i]]
+        yield "outlier", np.concatenate(chosen), np.nan
+    for i in np.flatnonzero(~single):
+        chosen = [s for s, j in zip(stretches, index, strict=True) if j == i]
+        yield "lost_reading", np.concatenate(chosen), codes[i]
+
+
+def _noisy(lengths):
+    """Whether readings hardly ever repeat, so that repetitions mean something."""
+    return np.median(lengths) == 1.0 and np.mean(lengths == 1) > 0.5
+
+
+def _stuck(u, y):
+    """Yield stretches of one reading while the drive moves, away from the ends of the range."""
+    starts, lengths = _runs(y)
+    if not _noisy(lengths):
+        return
+    ends = (y.min(), y.max())
+    for start, length in zip(starts, lengths, strict=True):
+        rows = np.arange(start, start + length)
+        if (
+            length >= _STUCK
+            and y[start] not in ends
+            and np.ptp(u[rows]) > _MOVES * (np.ptp(u) or np.inf)
+        ):
+            yield "stuck_sensor", rows, y[start]
+
+
+def _clipped(y, codes):
+    """Yield the readings at the largest or smallest value that is no code, if there are runs."""
+    starts, lengths = _runs(y)
+    if not _noisy(lengths) or not np.ptp(y) > 0.0:
+        return
+    real = y[~np.isin(y, codes)]
+    for end in (real.min(), real.max()):
+        long = (y[starts] == end) & (lengths >= 3)
+        rows = np.flatnonzero(y == end)
+        if long.any() and len(rows) >= _AT_THE_END:
+            yield "clipped_range", rows, end
+
+
+def _jitter(X, record):
+    """Return the relative standard deviation of the interval, 0 without times."""
+    index = getattr(X, "index", None)
+    if isinstance(index, pd.MultiIndex):
+        index = index.get_level_values("time")
+    if index is None or index.dtype.kind not in "fmM":
+        return 0.0
+    times = index[record.rows].to_numpy()
+    seconds = times / np.timedelta64(1, "s") if times.dtype.kind == "m" else times
+    if times.dtype.kind == "M":
+        seconds = (times - times[0]) / np.timedelta64(1, "s")
+    steps = np.diff(seconds.astype(float))
+    return float(steps.std() / steps.mean()) if len(steps) > 1 else 0.0

@@ -1,0 +1,309 @@
+"""The frequency response of a recording, without a model."""
+
+from numbers import Integral, Real
+
+import numpy as np
+from scipy.signal import get_window
+from sklearn.utils import check_X_y
+
+from .._sklearn import Interval, StrOptions, validate_params
+from ..exceptions import RecordError
+from ..records import record_slices
+from ._frequency_response import FrequencyResponse
+from ._periodic import find_period, period_mismatch, periodic_estimate
+from ._spectra import cross_spectra
+
+__all__ = ["frequency_response"]
+
+_MISMATCH = 0.05  # power of a period's change beyond which a given period is none
+_SEGMENTS = 8  # that the default segment_length makes of the recording, overlaps not counted
+
+
+@validate_params(
+    {
+        "method": [StrOptions({"auto", "h1", "h2", "hv", "periodic"})],
+        "inputs": [StrOptions({"all"}), str, Integral, "array-like"],
+        "segment_length": [Interval(Integral, 4, None, closed="left"), None],
+        "overlap": [Interval(Real, 0, 1, closed="left")],
+        "window": [str, tuple, "array-like"],
+        "detrend": [StrOptions({"constant", "linear"}), None],
+        "period": [Interval(Integral, 3, None, closed="left"), None],
+        "transient_periods": [Interval(Integral, 0, None, closed="left")],
+        "min_excitation": [Interval(Real, 0, 1, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither")],
+    },
+    prefer_skip_nested_validation=True,
+)
+def frequency_response(
+    X,
+    y,
+    *,
+    method="auto",
+    inputs="all",
+    segment_length=None,
+    overlap=0.5,
+    window="hann",
+    detrend="constant",
+    period=None,
+    transient_periods=1,
+    min_excitation=1e-3,
+    dt=1.0,
+):
+    r"""Estimate the frequency response of a recording, without a model, and its uncertainty.
+
+    **Noise and sweeps: "h1", "h2", "hv".** The spectra are averaged over segments of all records
+    (Welch's method). With the spectra :math:`S_{uu}, S_{uy}, S_{yy}`,
+
+    .. math:: H_1 = S_{uu}^{-1} S_{uy}, \quad H_2 = S_{yy} / S_{yu}, \quad
+        H_v = \sqrt{S_{yy} / S_{uu}}\; S_{uy} / |S_{uy}|
+
+    ``h1`` is right when noise is in the response, ``h2`` when it is in the measured drive, ``hv``
+    when both have the same ratio of signal to noise (this one does not depend on units). With the
+    coherence :math:`\gamma^2` and :math:`n` averages (overlapping segments count for what they
+    are worth), the variance of ``h1`` and ``h2`` is :math:`|G|^2 (1 - \gamma^2) / (\gamma^2 n)`
+    for one input, half of that times :math:`1 + \gamma^2` for ``hv``. Segments must be long
+    beside the ringing of the device: what an earlier drive still does to them biases the estimate.
+
+    **Repeated periods: "periodic".** At the excited lines, by exact transforms of whole periods:
+    no leakage. Each drive is a realisation (records with the same drive are one), all of the same
+    amplitude. The estimate is the best linear approximation: least squares over realisations, for
+    one input their mean. Then
+
+    - ``noise_std`` comes from the scatter of periods and is that of the averaged estimate;
+    - ``std``, also of the averaged estimate, comes from the scatter of realisations when there are
+      more of them than inputs, and so contains noise and stochastic nonlinear distortion. With
+      fewer it is ``noise_std``, which knows nothing of nonlinearity;
+    - ``distortion_std`` is the level of distortion in one realisation (one group of ``n_inputs``
+      experiments): the total variance less that of noise. None for one realisation.
+
+    Parameters
+    ----------
+    X : DataFrame or array-like of shape (n_samples, n_columns)
+        The inputs; the index carries records and time.
+    y : array-like of shape (n_samples,)
+        Response.
+    method : {"auto", "h1", "h2", "hv", "periodic"}, default="auto"
+        ``"auto"`` is ``"periodic"`` where a period is given or the drives have one, else ``"h1"``.
+        ``"h2"`` and ``"hv"`` are for one input.
+    inputs : "all", str, int or list of these, default="all"
+        The columns of X that drive the response, by name or position.
+    segment_length : int, optional
+        Samples of a segment. By default an eighth of the recording, at most its shortest record.
+    overlap : float, default=0.5
+        Part of a segment that the next one shares.
+    window : str, tuple or array-like of shape (segment_length,), default="hann"
+        Window of the segments, as for :func:`scipy.signal.get_window`.
+    detrend : {"constant", "linear"} or None, default="constant"
+        What is taken from every segment before the window.
+    period : int, optional
+        Period of the drives in samples. By default it is found.
+    transient_periods : int, default=1
+        Periods at the start of each record that are not in steady state yet and are dropped.
+        Samples after the last whole period are not used.
+    min_excitation : float, default=1e-3
+        ``"periodic"`` takes the lines whose drive has at least this part of the largest amplitude,
+        and stands out of its own noise. Of several inputs, the weakest combination counts.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+
+    Returns
+    -------
+    FrequencyResponse
+        Without the lines at zero (where an offset is no drive) and at half the sampling rate.
+
+    Raises
+    ------
+    RecordError
+        If a record is sampled unevenly, is shorter than a segment, or has no whole period after
+        the transient ones; or the drive does not repeat after the period.
+    ValueError
+        If a value is not finite, an input or the response is constant, the inputs depend on each
+        other at all lines, or there are fewer segments or realisations than inputs.
+
+    References
+    ----------
+    .. [1] J. S. Bendat, A. G. Piersol, "Random Data: Analysis and Measurement Procedures", 4th ed.,
+       Wiley, 2010, ch. 6, 7, 9.
+    .. [2] R. Pintelon, J. Schoukens, "System Identification: A Frequency Domain Approach", 2nd ed.,
+       Wiley, 2012, ch. 2 to 4 (the robust method).
+    .. [3] P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra",
+       IEEE Transactions on Audio and Electroacoustics 15 (1967) 70-73.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import frequency_response
+    >>> rng = np.random.default_rng(0)
+    >>> drive = np.tile(rng.normal(size=100), 6)  # six periods
+    >>> y = 2.0 * np.roll(drive, 1) + 0.01 * rng.normal(size=600)
+    >>> found = frequency_response(drive[:, None], y, dt=0.01)
+    >>> found.frequency[:3]
+    array([1., 2., 3.])
+    >>> bool(np.all(np.abs(np.abs(found.response) - 2.0) < found.confidence_radius(0.999)))
+    True
+    """
+    names, records, interval, scales = _read(X, y, inputs, dt)
+    if method in ("h2", "hv") and len(names) > 1:
+        raise ValueError(
+            f"The 'method' parameter of frequency_response must be 'h1' or 'periodic' for several "
+            f"inputs. Got {method!r} for {len(names)} inputs instead; choose one by 'inputs'."
+        )
+    if method == "auto":
+        period = find_period([inputs for _, inputs, _ in records]) if period is None else period
+        method = "h1" if period is None else "periodic"
+    if method == "periodic":
+        found = _periodic(records, period, transient_periods, min_excitation, interval)
+    else:
+        found = _welch(records, segment_length, overlap, window, detrend, method, interval)
+    found = FrequencyResponse(**found, input_names=names, output_name=_name_of(y), dt=interval)
+    return found._scaled(scales)
+
+
+def _read(X, y, inputs, dt):
+    """Return the names of the inputs, (label, inputs, response) of each record, interval, scales.
+
+    The signals of the records are divided by their largest values; ``scales`` (n_inputs,) undoes
+    it for a frequency response.
+    """
+    values, response = check_X_y(X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=4)
+    columns = _columns(X, values.shape[1], inputs)
+    values, response = values[:, [at for at, _ in columns]], response.astype(float)
+    slices = record_slices(X if hasattr(X, "iloc") else values, y, dt=dt)
+    for (_, name), signal in zip(columns, values.T, strict=True):
+        if np.ptp(signal) == 0.0:
+            raise ValueError(
+                f"The inputs of frequency_response must vary. Got the constant {signal[0]:g} in "
+                f"column {name!r} instead; leave it out by the 'inputs' parameter."
+            )
+    if np.ptp(response) == 0.0:
+        raise ValueError(
+            f"The 'y' parameter of frequency_response must vary. Got the constant "
+            f"{response[0]:g} instead."
+        )
+    input_scales, response_scale = np.abs(values).max(axis=0), np.abs(response).max()
+    values, response = values / input_scales, response / response_scale
+    records = [(record.label, values[record.rows], response[record.rows]) for record in slices]
+    names = tuple(name for _, name in columns)
+    return names, records, slices[0].dt, response_scale / input_scales
+
+
+def _columns(X, count, inputs):
+    """Return position and name of the chosen columns."""
+    if hasattr(X, "columns"):
+        names = [str(name) for name in X.columns]
+    else:
+        names = ["drive"] if count == 1 else [f"input{i}" for i in range(count)]
+    if isinstance(inputs, str) and inputs == "all":
+        return list(enumerate(names))
+    chosen = []
+    for item in [inputs] if isinstance(inputs, str | Integral) else inputs:
+        if isinstance(item, Integral) and -count <= item < count:
+            at = int(item) % count
+        elif isinstance(item, str) and item in names:
+            at = names.index(item)
+        else:
+            at = None
+        if at is None or (at, names[at]) in chosen:
+            raise ValueError(
+                f"The 'inputs' parameter of frequency_response must be 'all', or positions or "
+                f"names of different columns of X, {names}. Got {inputs!r} instead."
+            )
+        chosen.append((at, names[at]))
+    if not chosen:
+        raise ValueError(
+            "The 'inputs' parameter of frequency_response must name at least one column. Got "
+            f"{inputs!r} instead."
+        )
+    return chosen
+
+
+def _name_of(y):
+    return str(getattr(y, "name", None) or "response")
+
+
+def _refuse_no_lines(lines, caller):
+    if not np.any(lines):
+        raise ValueError(
+            f"The inputs of frequency_response must excite a line, and differ from each other "
+            f"there. Got none that do so for {caller} instead; choose columns by 'inputs'."
+        )
+
+
+def _welch(records, segment_length, overlap, window, detrend, method, dt):
+    n_inputs = records[0][1].shape[1]
+    lengths = [len(response) for _, _, response in records]
+    length = segment_length or max(4, min(min(lengths), sum(lengths) // _SEGMENTS))
+    short = np.flatnonzero(np.less(lengths, length))
+    if short.size:
+        raise RecordError(
+            f"Every record must be as long as the 'segment_length' parameter of "
+            f"frequency_response, {length} samples. Got {lengths[short[0]]} samples in record "
+            f"{records[short[0]][0]!r} instead."
+        )
+    values = _window(window, length)
+    step = max(1, length - round(length * overlap))
+    spectra = cross_spectra([record[1:] for record in records], dt, values, step, detrend)
+    if spectra.n_averages < n_inputs + 0.5:
+        raise ValueError(
+            f"There must be more segments than inputs, {n_inputs}. Got "
+            f"{spectra.n_averages:.3g} independent segments of {length} samples instead; choose a "
+            f"smaller 'segment_length'."
+        )
+    excited = spectra.excited()
+    _refuse_no_lines(excited, f"{method!r}")
+    spectra = spectra.keep(excited)
+    response, std, coherence = spectra.estimate(method)
+    return {
+        "frequency": spectra.frequency,
+        "response": response,
+        "std": std,
+        "coherence": coherence,
+        "degrees_of_freedom": spectra.n_averages - n_inputs,
+    }
+
+
+def _window(window, length):
+    if isinstance(window, str | tuple):
+        return get_window(window, length)
+    values = np.asarray(window, dtype=float)
+    if values.shape != (length,) or not np.isfinite(values).all() or not values.any():
+        raise ValueError(
+            f"The 'window' parameter of frequency_response must be a name or {length} values, one "
+            f"for each sample of a segment. Got an array of shape {values.shape} instead."
+        )
+    return values
+
+
+def _periodic(records, period, transient, min_excitation, dt):
+    if period is None:
+        period = find_period([inputs for _, inputs, _ in records])
+        if period is None:
+            raise RecordError(
+                "The drives must repeat after a common period in every record. Got drives without "
+                "one instead; give the 'period' parameter of frequency_response, or choose another "
+                "'method'."
+            )
+    for label, inputs, response in records:
+        mismatch = period_mismatch(inputs, period)
+        if mismatch > _MISMATCH:
+            raise RecordError(
+                f"The drives must repeat after the 'period' parameter of frequency_response, "
+                f"{period} samples. Got a change by {100 * mismatch:.3g} % of the power in record "
+                f"{label!r} instead."
+            )
+        if len(response) < (transient + 1) * period:
+            raise RecordError(
+                f"Every record must have at least 'transient_periods' + 1 = {transient + 1} "
+                f"periods of {period} samples. Got {len(response)} samples in record {label!r} "
+                f"instead; if it starts in steady state, set transient_periods=0."
+            )
+    pairs = [record[1:] for record in records]
+    lines, estimate, count = periodic_estimate(pairs, period, transient, min_excitation)
+    n_inputs = pairs[0][0].shape[1]
+    if count < n_inputs:
+        raise ValueError(
+            f"There must be at least as many records with different drives as inputs, {n_inputs}. "
+            f"Got {count} instead; choose inputs by 'inputs', or method='h1'."
+        )
+    _refuse_no_lines(lines, "'periodic'")
+    return {"frequency": lines / (period * dt), **estimate}

@@ -1,0 +1,337 @@
+"""Modes that several inputs and responses share."""
+
+import warnings
+from numbers import Integral, Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from .._sklearn import Interval, StrOptions, fit_context
+from ..base import one_thread, run_records
+from ..exceptions import ConvergenceWarning
+from ..operators import SampledStateSpace
+from ..optimize import (
+    ModalProblem,
+    RationalBlock,
+    modal_start,
+    rational_residues,
+    variable_projection,
+    vector_fit,
+    warp,
+)
+from ..records import record_slices
+from ._modes import ModesMixin, section_poles
+from ._periodic import find_period
+
+__all__ = ["ModalModel"]
+
+_EXCITED = 1e-3  # amplitude of an excited line, of the largest
+
+
+class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
+    r"""Linear dynamics of several inputs and responses with common modes.
+
+    .. math:: Y(z) = \Bigl(D + \sum_r \frac{c_r b_r^T}{z - z_r}\Bigr) U(z)
+
+    Each pole (or conjugate pair) has one vector :math:`b_r` of participation factors and one
+    shape :math:`c_r`, as a mode of a structure has: as many states as poles, however many inputs
+    and responses there are. Several :class:`TransferFunction` would need as many poles each.
+
+    The model is that of the *sampled* device, whatever holds its inputs between the samples.
+    Records with periodic inputs in steady state (at least as many different records as inputs)
+    are fitted at the excited lines, without leakage; all others by the transforms of the whole
+    records, in which every record's initial state is an unknown. Vector fitting [1]_ gives an
+    expansion of full rank, balanced truncation [2]_ its most important modes, and separable least
+    squares with exact derivatives the best ones.
+
+    Parameters
+    ----------
+    n_poles : int, default=4
+        Number of states.
+    fit_intercept : bool, default=True
+        Whether a constant is added to each response.
+    transient_periods : int, default=1
+        Periods at the start of each record that are dropped where the inputs are periodic.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record's first sample in :meth:`predict`.
+    tolerance : float, default=1e-6
+        Relative change of the sum of squares at which the least squares end.
+    max_evaluations : int, default=60
+        Evaluations of the least squares.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+
+    Attributes
+    ----------
+    operator_ : SampledStateSpace
+        ``a``, ``b``, ``c``, ``d``, ``intercept``; ``init``, ``step`` and ``run``.
+    poles_ : ndarray of shape (n_poles,), complex
+        rad/s: logarithms of those in the plane of z, over the interval. With standard errors that
+        the mean square of the residual gives, as if it were white.
+    poles_covariance_ : ndarray of shape (n_poles, 2, 2)
+        Of real and imaginary part, (rad/s)^2.
+    natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
+        rad/s. :meth:`poles_table` gives Hz.
+    damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
+    n_states_ : int
+    n_evaluations_ : int
+    records_ : tuple of RecordSlice
+
+    Raises
+    ------
+    ValueError
+        If no record has 3 samples.
+
+    References
+    ----------
+    .. [1] B. Gustavsen, A. Semlyen, "Rational approximation of frequency domain responses by
+       vector fitting", IEEE Transactions on Power Delivery 14(3) (1999) 1052-1061.
+    .. [2] B. C. Moore, "Principal component analysis in linear systems", IEEE Transactions on
+       Automatic Control 26(1) (1981) 17-32.
+    .. [3] R. Pintelon, J. Schoukens, "System Identification: A Frequency Domain Approach", 2nd ed.,
+       Wiley, 2012, section 6.3 (records that are not periodic).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import ModalModel
+    >>> from skhyst.operators import SecondOrderModeOperator
+    >>> X = np.random.default_rng(0).normal(size=(400, 2))
+    >>> mode, _ = SecondOrderModeOperator(60.0, 0.05).run(X @ [1.0, 0.5], 0.01)
+    >>> model = ModalModel(n_poles=2, dt=0.01).fit(X, np.stack([mode, -2.0 * mode], axis=1))
+    >>> model.poles_table().round(3)[["frequency", "damping_ratio"]]
+       frequency  damping_ratio
+    0      9.549           0.05
+    """
+
+    _parameter_constraints = {
+        "n_poles": [Interval(Integral, 1, None, closed="left")],
+        "fit_intercept": ["boolean"],
+        "transient_periods": [Interval(Integral, 0, None, closed="left")],
+        "initial_state": [StrOptions({"rest", "zero"})],
+        "tolerance": [Interval(Real, 0, None, closed="left")],
+        "max_evaluations": [Interval(Integral, 1, None, closed="left")],
+        "dt": [Interval(Real, 0, None, closed="neither")],
+    }
+
+    def __init__(
+        self,
+        n_poles=4,
+        *,
+        fit_intercept=True,
+        transient_periods=1,
+        initial_state="rest",
+        tolerance=1e-6,
+        max_evaluations=60,
+        dt=1.0,
+    ):
+        self.n_poles = n_poles
+        self.fit_intercept = fit_intercept
+        self.transient_periods = transient_periods
+        self.initial_state = initial_state
+        self.tolerance = tolerance
+        self.max_evaluations = max_evaluations
+        self.dt = dt
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y):
+        """Identify the model.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            All columns act; the index carries records and time.
+        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
+            Responses.
+
+        Returns
+        -------
+        self
+        """
+        array, response = validate_data(
+            self,
+            X,
+            y,
+            reset=True,
+            multi_output=True,
+            y_numeric=True,
+            dtype=np.float64,
+            ensure_min_samples=2,
+        )
+        response = np.asarray(response, dtype=float)
+        self._one_response = response.ndim == 1
+        response = response.reshape(len(array), -1)
+        self.records_ = slices = record_slices(X if hasattr(X, "iloc") else array, y, dt=self.dt)
+        dt, scales = slices[0].dt, (_size(array), _size(response))
+        records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
+        with one_thread():
+            problem = self._problem(records, dt)
+            solution = variable_projection(
+                problem,
+                problem.x0,
+                tolerance=self.tolerance,
+                max_evaluations=self.max_evaluations,
+            )
+        self.n_evaluations_ = self.n_iter_ = solution.n_evaluations
+        self._store(problem, solution, dt, scales)
+        if self.fit_intercept:
+            gain = self.operator_.frequency_response(np.zeros(1))[0].real
+            self.operator_.intercept[:] = response.mean(axis=0) - gain @ array.mean(axis=0)
+        return self
+
+    def _problem(self, records, dt):
+        """Return the least squares, started from modes of an expansion of full rank."""
+        found = _periodic_lines(records, dt, self.transient_periods)
+        periodic = found is not None
+        s, drives, responses = found if periodic else _record_lines(records, dt)
+        n_columns, n_outputs = drives.shape[-1], responses.shape[-1]
+        n_lines = responses.size // n_outputs
+        if not n_lines:
+            raise ValueError(
+                "ModalModel needs a record of at least 3 samples. Got "
+                f"{max(len(u) for u, _ in records)} in the longest instead."
+            )
+        n_unknowns = self.n_poles * (n_columns + n_outputs) + n_columns * n_outputs
+        if 2 * responses.size <= n_unknowns:
+            warnings.warn(
+                f"The data do not determine ModalModel with 'n_poles' = {self.n_poles}: "
+                f"{n_unknowns} unknowns for {2 * responses.size} numbers.",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
+        if periodic:
+            blocks = _response_blocks(drives, responses)
+        else:
+            ones = np.ones(len(s))
+            blocks = [RationalBlock(target, drives, ones) for target in responses.T]
+        poles, _ = vector_fit(s, blocks, self.n_poles)
+        coefficients, _ = rational_residues(s, blocks, poles)
+        residues = np.stack([own[:-1] for own in coefficients], axis=1)
+        if periodic:
+            residues = residues.reshape(self.n_poles, n_outputs, n_columns)
+            s = np.repeat(s, drives.shape[1])
+            drives, responses = drives.reshape(-1, n_columns), responses.reshape(-1, n_outputs)
+        parts, b = modal_start(poles, residues, self.n_poles)
+        return ModalProblem(s, drives, responses, np.ones(responses.shape), parts, b)
+
+    def _store(self, problem, solution, dt, scales):
+        """Turn the variable of Tustin into that of the sampled system; undo the scales."""
+        parts, b, c, d = problem.split(solution.x)
+        n_inputs, half = len(scales[0]), 0.5 * dt
+        a = problem.matrix(parts)
+        eye = np.eye(len(a))
+        inverse = np.linalg.inv(eye - half * a)
+        stepped = inverse @ (eye + half * a)
+        b, d = b[:, :n_inputs], d[:, :n_inputs]
+        d = d + half * c @ inverse @ b
+        b = half * (eye + stepped) @ inverse @ b
+        self.operator_ = SampledStateSpace(
+            stepped,
+            b / scales[0],
+            np.ascontiguousarray(scales[1][:, None] * c),
+            scales[1][:, None] * d / scales[0],
+            dt,
+            np.zeros(len(c)),
+        )
+        poles, by = section_poles(*parts)
+        slope = 1.0 - (half * poles) ** 2  # of the logarithm; none at a pole beyond the sampling
+        by = by / np.where(slope == 0.0, 1.0, slope)[:, None]
+        self._set_modes(warp(poles, dt), by, problem.pole_covariance(solution))
+
+    def predict(self, X):
+        """Return the free run: the responses to the inputs alone, each record from its own start.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Sampled at the interval of the records of the fit.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_outputs), or (n_samples,) where ``fit`` was given such
+
+        Raises
+        ------
+        ValueError
+            If the sampling interval is another one.
+        """
+        check_is_fitted(self)
+        array = validate_data(self, X, reset=False, dtype=np.float64)
+        slices = record_slices(X if hasattr(X, "iloc") else array, dt=self.dt)
+        y = run_records(self.operator_, array, slices, self.initial_state)
+        return y[:, 0] if self._one_response else y
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # on data that no device has produced
+        return tags
+
+
+def _size(values):
+    """Return the root mean square of each column about its mean, 1 for a constant."""
+    size = values.std(axis=0)
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _periodic_lines(records, dt, transient_periods):
+    """Return the lines of periodic records, condensed to as many equations as inputs.
+
+    At each line the equations ``Y = G U`` of all records are multiplied by the orthogonal factor
+    of U, which leaves their least squares as it is.
+
+    Returns
+    -------
+    s : ndarray of shape (n_lines,)
+    drives : ndarray of shape (n_lines, n_inputs, n_inputs)
+    responses : ndarray of shape (n_lines, n_inputs, n_outputs)
+        Or None in place of all, where the inputs are not periodic or the records too few.
+    """
+    n_inputs = records[0][0].shape[1]
+    period = find_period([u for u, _ in records]) if len(records) >= n_inputs else None
+    if period is None or min(len(u) for u, _ in records) < (transient_periods + 1) * period:
+        return None
+    spectra = []
+    for signals in zip(*records, strict=True):
+        means = [
+            x[transient_periods * period : len(x) // period * period]
+            .reshape(-1, period, x.shape[1])
+            .mean(axis=0)
+            for x in signals
+        ]
+        lines = np.arange(1, (period + 1) // 2)
+        spectra.append(np.stack([np.fft.rfft(x, axis=0)[lines] for x in means], axis=1))
+    drives, responses = (x / np.sqrt(period) for x in spectra)
+    strength = np.linalg.svd(drives, compute_uv=False)
+    excited = strength[:, -1] > _EXCITED * strength[:, 0].max()
+    if not excited.any():
+        return None
+    q, r = np.linalg.qr(drives[excited])
+    s = 2j / dt * np.tan(np.pi * lines[excited] / period)
+    return s, r, q.conj().transpose(0, 2, 1) @ responses[excited]
+
+
+def _record_lines(records, dt):
+    """Return s, drives and responses of records, one pulse a record among the drives."""
+    s, drives, responses = [], [], []
+    for number, (u, y) in enumerate(records):
+        n = len(u)
+        k = np.arange(1, (n + 1) // 2)
+        pulses = np.zeros((len(k), len(records)))
+        pulses[:, number] = 1.0
+        s.append(2j / dt * np.tan(np.pi * k / n))
+        drives.append(np.hstack([np.fft.rfft(u - u[0], axis=0)[k] / np.sqrt(n), pulses]))
+        responses.append(np.fft.rfft(y - y[0], axis=0)[k] / np.sqrt(n))
+    return tuple(np.concatenate(parts) for parts in (s, drives, responses))
+
+
+def _response_blocks(drives, responses):
+    """Return the blocks of a frequency response, outputs first, weighted by the drives."""
+    g = np.linalg.solve(drives, responses)
+    size = np.linalg.norm(drives, axis=1)
+    one = np.ones((len(g), 1))
+    return [
+        RationalBlock(g[:, i, o], one, size[:, i])
+        for o in range(g.shape[2])
+        for i in range(g.shape[1])
+    ]

@@ -1,0 +1,93 @@
+"""Poles, natural frequencies and damping ratios of fitted models, with their standard errors."""
+
+import numpy as np
+import pandas as pd
+
+__all__ = ["ModesMixin", "section_poles"]
+
+
+def section_poles(time_constants, frequencies, dampings):
+    r"""Return the poles of sections and their derivatives.
+
+    A first-order section of time constant :math:`\tau` has the pole :math:`-1/\tau`, one of second
+    order :math:`\omega (-\zeta \pm \sqrt{\zeta^2 - 1})`.
+
+    Parameters
+    ----------
+    time_constants : ndarray of shape (n_first,)
+        Time constants in s.
+    frequencies, dampings : ndarray of shape (n_second,)
+        rad/s and damping ratios.
+
+    Returns
+    -------
+    poles : ndarray of shape (n_first + 2 n_second,), complex
+    by : ndarray of shape (n_poles, n_first + 2 n_second), complex
+        Derivatives by time constants, frequencies and damping ratios, in that order. Infinite at
+        a damping ratio of 1, where two poles meet.
+    """
+    n_first, n_second = len(time_constants), len(frequencies)
+    n = n_first + 2 * n_second
+    poles, by = np.empty(n, dtype=complex), np.zeros((n, n), dtype=complex)
+    poles[:n_first] = -1.0 / time_constants
+    by[np.arange(n_first), np.arange(n_first)] = 1.0 / time_constants**2
+    root = np.sqrt(np.asarray(dampings, dtype=complex) ** 2 - 1.0)
+    second = np.arange(n_second)
+    for sign, own in ((1.0, n_first + 2 * second), (-1.0, n_first + 2 * second + 1)):
+        poles[own] = frequencies * (-dampings + sign * root)
+        by[own, n_first + second] = poles[own] / frequencies
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by[own, n_first + n_second + second] = frequencies * (-1.0 + sign * dampings / root)
+    return poles, by
+
+
+class ModesMixin:
+    """Poles and modes of a fitted linear model, as attributes and as a table."""
+
+    def _set_modes(self, poles, by, covariance):
+        """Store poles and modes; ``by`` are the poles' derivatives by what has ``covariance``."""
+        order = np.argsort(np.abs(poles), kind="stable")
+        poles, parts = poles[order], np.stack([by.real, by.imag], axis=1)[order]
+        with np.errstate(invalid="ignore"):
+            spread = parts @ covariance @ parts.transpose(0, 2, 1)
+        self.poles_, self.poles_covariance_, self.n_states_ = poles, spread, len(poles)
+        modes = poles.imag >= 0.0  # one of each pair
+        p, spread = poles[modes], spread[modes]
+        size = np.abs(p)
+        by_size = np.stack([p.real, p.imag], axis=1) / size[:, None]
+        by_damping = np.stack([-(p.imag**2), p.real * p.imag], axis=1) / size[:, None] ** 3
+        self.natural_frequencies_, self.damping_ratios_ = size, -p.real / size
+        self.natural_frequencies_std_ = _std(by_size, spread)
+        # the damping ratio of a real pole is what it is
+        self.damping_ratios_std_ = np.where(p.imag > 0.0, _std(by_damping, spread), np.nan)
+
+    def poles_table(self):
+        r"""Return the modes as a table, slowest first: one row a real pole or a pair.
+
+        Standard errors follow from those of the parameters to first order, which is poor where
+        two real poles almost meet (damping ratio near 1).
+
+        Returns
+        -------
+        DataFrame
+            Columns ``frequency`` and ``frequency_std`` (Hz; of a real pole its rate over
+            :math:`2 \pi`), ``damping_ratio`` and ``damping_ratio_std`` (1 and NaN for a real
+            pole, negative if unstable), ``time_constant`` (s, in which the mode decays by a
+            factor e).
+        """
+        hertz = 2.0 * np.pi
+        decay = self.natural_frequencies_ * self.damping_ratios_
+        with np.errstate(divide="ignore"):
+            return pd.DataFrame(
+                {
+                    "frequency": self.natural_frequencies_ / hertz,
+                    "frequency_std": self.natural_frequencies_std_ / hertz,
+                    "damping_ratio": self.damping_ratios_,
+                    "damping_ratio_std": self.damping_ratios_std_,
+                    "time_constant": 1.0 / decay,
+                }
+            )
+
+
+def _std(by, covariance):
+    return np.sqrt(np.maximum(np.einsum("ij,ijk,ik->i", by, covariance, by), 0.0))

@@ -1,0 +1,175 @@
+r"""Frequency responses of periodic records: the best linear approximation with its variances.
+
+A whole period has an exact discrete Fourier transform, without leakage. With the mean
+:math:`\bar U_r, \bar Y_r` over the :math:`p_r` periods of realisation :math:`r = 1 \dots R` of the
+drive, :math:`G` solves :math:`\bar Y_r = \bar U_r^T G` by least squares at every excited line. The
+error :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods tells the rest:
+
+- its scatter over the periods of a realisation is noise, of the response and of a measured drive,
+  as large as it happens to be in that recording;
+- its mean over periods, from realisation to realisation, is noise over :math:`p_r` and the
+  stochastic nonlinear distortion, which repeats from period to period.
+"""
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+
+__all__ = ["find_period", "period_mismatch", "periodic_estimate"]
+
+_FOUND = 1e-4  # power of a period's change, of the drive's, below which a period is one
+_SAME = 1e-3  # the same between two records of one realisation
+_CERTAIN = 100.0  # power of the drive at an excited line, of the noise in its mean
+
+
+def find_period(records):
+    """Return the shortest period of the inputs of all records, in samples, or None.
+
+    Parameters
+    ----------
+    records : list of ndarray of shape (n, n_inputs)
+    """
+    longest = min(len(inputs) for inputs in records) // 2
+    if longest < 2:
+        return None
+    change, power = np.zeros(longest + 1), np.zeros(longest + 1)
+    for inputs in records:
+        n = len(inputs)
+        for u in (inputs - inputs.mean(axis=0)).T:
+            size = next_fast_len(n + longest, real=True)
+            product = irfft(np.abs(rfft(u, size)) ** 2, size)[: longest + 1]
+            energy = np.concatenate([[0.0], np.cumsum(u**2)])
+            both = energy[n - np.arange(longest + 1)] + energy[n] - energy[: longest + 1]
+            scale = max(energy[n], np.finfo(float).tiny)
+            change += (both - 2.0 * product) / scale
+            power += both / scale
+    ratio = change / np.maximum(power, np.finfo(float).tiny)
+    away = np.flatnonzero(ratio > 0.1)  # a slow drive hardly changes from sample to sample
+    if not away.size or ratio[away[0] :].min() > _FOUND:
+        return None
+    near = np.flatnonzero(ratio <= max(4.0 * ratio[away[0] :].min(), 1e-10))
+    near = near[near > away[0]]
+    breaks = np.flatnonzero(np.diff(near) > 1)
+    first = near[: breaks[0] + 1] if breaks.size else near
+    return int(first[np.argmin(ratio[first])])
+
+
+def period_mismatch(inputs, period):
+    """Return the power of the change over a period, relative to that of unrelated signals."""
+    if len(inputs) < 2 * period:
+        return 0.0
+    u = inputs - inputs.mean(axis=0)
+    before, after = u[:-period], u[period:]
+    power = (before**2).sum(axis=0) + (after**2).sum(axis=0)
+    change = ((after - before) ** 2).sum(axis=0)
+    return float(np.max(change / np.maximum(power, np.finfo(float).tiny)))
+
+
+def _spectra(records, period, transient):
+    """Return U (p, k, m) and Y (p, k) of each record, without the real lines."""
+    lines = slice(1, (period + 1) // 2)
+    spectra = []
+    for inputs, response in records:
+        rows = slice(transient * period, len(response) // period * period)
+        u = inputs[rows].reshape(-1, period, inputs.shape[1])
+        y = response[rows].reshape(-1, period)
+        spectra.append((rfft(u, axis=1)[:, lines], rfft(y, axis=1)[:, lines]))
+    return spectra
+
+
+def _shift(reference, u, period):
+    """Return by how many samples ``u`` (k, m) comes after the same drive, None for another one."""
+    powers = np.sum(np.abs(reference) ** 2), np.sum(np.abs(u) ** 2)
+    product = np.zeros(period // 2 + 1, dtype=complex)
+    product[1 : 1 + len(u)] = np.sum(reference.conj() * u, axis=1)
+    correlation = irfft(product, period) * period / 2.0
+    at = int(np.argmax(correlation))
+    return at if sum(powers) - 2.0 * correlation[at] < _SAME * sum(powers) else None
+
+
+def _realizations(spectra, period):
+    """Put records with the same drive together: their periods are those of one realisation."""
+    groups = []
+    for u, y in spectra:
+        mean = u.mean(axis=0)
+        for reference, parts in groups:
+            shift = _shift(reference, mean, period)
+            if shift is not None:
+                turn = np.exp(2j * np.pi * shift / period * np.arange(1, 1 + y.shape[1]))
+                parts.append((u * turn[:, None], y * turn))
+                break
+        else:
+            groups.append((mean, [(u, y)]))
+    return [tuple(map(np.concatenate, zip(*parts, strict=True))) for _, parts in groups]
+
+
+def periodic_estimate(records, period, transient, min_excitation):
+    """Estimate the frequency response of periodic records.
+
+    Parameters
+    ----------
+    records : list of (ndarray of shape (n, n_inputs), ndarray of shape (n,))
+        Inputs and response, of similar size.
+    period : int
+        Samples.
+    transient : int
+        Periods to drop at each start.
+    min_excitation : float
+        Smallest amplitude of an excited line, of the largest.
+
+    Returns
+    -------
+    lines : ndarray of int
+        The excited lines, multiples of the fundamental.
+    estimate : dict
+        ``response``, ``std``, ``noise_std``, ``distortion_std`` and ``degrees_of_freedom``, as in
+        :class:`FrequencyResponse`.
+    n_realizations : int
+    """
+    groups = _realizations(_spectra(records, period, transient), period)
+    count, m = len(groups), groups[0][0].shape[2]
+    nothing = {"response": np.empty((0, m), dtype=complex)}
+    if count < m:
+        return np.empty(0, dtype=int), nothing, count
+    periods = np.array([len(y) for _, y in groups])
+    n_scatter = int(np.sum(periods - 1))
+
+    mean_u = np.stack([u.mean(axis=0) for u, _ in groups], axis=1)  # (k, R, m)
+    mean_y = np.stack([y.mean(axis=0) for _, y in groups], axis=1)  # (k, R)
+    strength = np.linalg.svd(mean_u, compute_uv=False)
+    excited = strength[:, -1] > min_excitation * strength[:, 0].max()
+    if n_scatter:
+        scatter = sum(np.sum(np.abs(u - u.mean(axis=0)) ** 2, axis=(0, 2)) for u, _ in groups)
+        excited &= strength[:, -1] ** 2 > _CERTAIN * scatter / n_scatter * np.mean(1.0 / periods)
+    lines = np.flatnonzero(excited)
+    if not lines.size:
+        return lines, nothing, count
+
+    pseudo_inverse = np.linalg.pinv(mean_u[lines], rcond=np.finfo(float).eps)  # (k, m, R)
+    g = np.einsum("kir,kr->ki", pseudo_inverse, mean_y[lines])
+    estimate = {"response": g}
+    weight = np.abs(pseudo_inverse) ** 2
+    if n_scatter:
+        errors = [y[:, lines] - np.einsum("pki,ki->pk", u[:, lines], g) for u, y in groups]
+        squares = [np.sum(np.abs(e - e.mean(axis=0)) ** 2, axis=0) for e in errors]
+        pooled = sum(squares) / n_scatter
+        noise = np.stack(  # in the mean of the periods, (k, R); it differs between recordings
+            [
+                (square / (p - 1) if p > 1 else pooled) / p
+                for square, p in zip(squares, periods, strict=True)
+            ],
+            axis=1,
+        )
+        estimate["noise_std"] = estimate["std"] = np.sqrt(np.sum(weight * noise[:, None], axis=2))
+        estimate["degrees_of_freedom"] = float(n_scatter)
+    if count > m:
+        residual = mean_y[lines] - np.einsum("kri,ki->kr", mean_u[lines], g)
+        total = np.sum(np.abs(residual) ** 2, axis=1) / (count - m)
+        shares = np.sum(weight, axis=2)
+        estimate["std"] = np.sqrt(total[:, None] * shares)
+        estimate["degrees_of_freedom"] = float(count - m)
+        if n_scatter:
+            left = 1.0 - np.einsum("kri,kir->kr", mean_u[lines], pseudo_inverse).real
+            expected = np.sum(left * noise, axis=1) / (count - m)
+            distortion = np.maximum(total - expected, 0.0)
+            estimate["distortion_std"] = np.sqrt(distortion[:, None] * shares * count / m)
+    return lines + 1, estimate, count

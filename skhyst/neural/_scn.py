@@ -1,0 +1,396 @@
+"""Stochastic configuration network."""
+
+import warnings
+from numbers import Integral, Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.metrics import r2_score
+from sklearn.model_selection import train_test_split
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from .._sklearn import Interval, StrOptions, fit_context
+from ..exceptions import ConvergenceWarning
+from ._scn_nodes import ACTIVATIONS, gaussian, match, sigmoid
+from ._scn_weights import Constructive, LeastSquares, Window
+
+__all__ = ["SCNRegressor"]
+
+_ROUND_OFF = 1e-13  # of the targets' standard deviation: what is left of an exact fit
+_TRIES = 5  # candidates of a scope that may be refused for round-off before it is widened
+_DEPENDENT = 1e-10  # spread of a principal component, over the largest, that is round-off
+
+
+class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
+    r"""Stochastic configuration network: random hidden nodes, admitted one at a time.
+
+    .. math:: f_L(x) = \beta_0 + \sum_{j=1}^{L} \beta_j\, g(x; w_j, b_j)
+
+    With the residual :math:`e_{L-1} = y - f_{L-1}` of each output :math:`q`, node :math:`L` is
+    drawn at random and may enter only where it satisfies the supervisory inequality
+
+    .. math::
+        \xi_{L,q} = \frac{\langle e_{L-1,q}, g \rangle^2}{\langle g, g \rangle}
+        - (1 - r - \mu_L) \langle e_{L-1,q}, e_{L-1,q} \rangle \ge 0,
+        \qquad \mu_L = \frac{1 - r}{L + 1},
+
+    so that the residual falls at a known rate whatever was drawn. Of ``n_candidates`` nodes the
+    admissible one with the largest sum of :math:`\xi_{L,q}` is taken. Where none is, the
+    contraction :math:`r` is relaxed; where that does not help, the scope :math:`\lambda` of the
+    draw is widened and new candidates are drawn.
+
+    The nodes have no memory. Inside :class:`~skhyst.autoregressive.NARXRegressor`, or behind
+    :class:`~skhyst.preprocessing.PlayOperators`, the network models hysteresis.
+
+    Parameters
+    ----------
+    max_nodes : int, default=100
+        Largest number of nodes.
+    algorithm : {"SC-III", "SC-II", "SC-I"}, default="SC-III"
+        Output weights by least squares over all nodes, over the last ``window`` nodes, or of the
+        new node alone. The last two keep the weights of earlier nodes.
+    activation : {"sigmoid", "rbf"}, default="sigmoid"
+        :math:`1 / (1 + e^{-(w x + b)})`, with :math:`w, b` uniform in
+        :math:`[-\lambda, \lambda]`, or :math:`\exp(-|x - c|^2 / 2 \sigma^2)`, with a sample as
+        centre :math:`c` and :math:`1 / \sigma` uniform in :math:`(0, \lambda]`. Both act on scaled
+        inputs, so that :math:`\lambda` has no unit.
+    scaling : {"standard", "whiten"}, default="standard"
+        Scale each input by its mean and standard deviation, or also rotate them to principal
+        components of unit variance. Neighbouring samples of a signal are nearly the same, and what
+        drives hysteresis is their difference: take ``"whiten"`` for lagged inputs.
+    scopes : array-like of float, default=(0.5, 1, 5, 10, 30, 50, 100, 150, 200, 250)
+        Scopes :math:`\lambda`, tried in this order for each node.
+    contraction : array-like of float, default=(0.9, 0.99, ..., 0.999999)
+        Values of :math:`r`, between 0 and 1, tried in this order in each scope.
+    n_candidates : int, default=100
+        Nodes drawn in each scope.
+    tolerance : float, default=0.01
+        The network is complete when the root mean square of each output's residual is at most
+        this part of the output's standard deviation.
+    window : int, default=10
+        Nodes whose weights SC-II solves for.
+    alpha : float, default=0.0
+        Ridge penalty on the output weights of SC-III, ``alpha`` times the sum of their squares
+        beside the sum of squared residuals, all with outputs of unit standard deviation. It acts
+        on the weights of the finished network; nodes are admitted without it.
+    early_stopping : bool, default=False
+        Hold ``validation_fraction`` of the samples back, stop where their R2 has not improved for
+        ``n_iter_no_change`` nodes, and keep the network that was best on them. The samples are
+        drawn at random: neighbours in a record tell little about each other's noise.
+    validation_fraction : float, default=0.1
+        Part of the samples that is held back.
+    n_iter_no_change : int, default=10
+        Nodes to wait for an improvement.
+    random_state : int, RandomState instance or None, default=None
+        Candidates and held-back samples.
+
+    Attributes
+    ----------
+    n_nodes_ : int
+        Number of nodes.
+    coef_ : ndarray of shape (n_nodes,) or (n_outputs, n_nodes)
+        Output weights, units of the output.
+    intercept_ : float or ndarray of shape (n_outputs,)
+        Constant, units of the output.
+    hidden_weights_ : ndarray of shape (n_nodes, n_features)
+        Input weights of sigmoid nodes, per unit of the input.
+    hidden_biases_ : ndarray of shape (n_nodes,)
+        Biases of sigmoid nodes.
+    centers_ : ndarray of shape (n_nodes, n_features)
+        Centres of Gaussian nodes, units of the input.
+    widths_ : ndarray of shape (n_nodes,)
+        :math:`\sigma` of Gaussian nodes, in scaled inputs.
+    scaling_ : ndarray of shape (n_features, n_components)
+        Matrix :math:`S` of the scaled inputs :math:`(x - \bar x)^T S` that Gaussian nodes see.
+    history_ : dict of str to ndarray
+        A value for each node: ``scope``, ``contraction``, ``residual`` (root mean square
+        of the residual with the node, over that of the centred outputs), ``xi`` (n, n_outputs;
+        outputs of unit standard deviation) and, with early stopping, ``validation_score``.
+    validation_score_ : float
+        R2 on the samples held back; with early stopping only.
+    stop_reason_ : {"tolerance", "max_nodes", "validation", "no_candidate"}
+        Why no node was added.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the inputs, where ``X`` has them.
+
+    Warns
+    -----
+    ConvergenceWarning
+        No candidate satisfied the inequality before the tolerance was reached: draw more
+        candidates, widen ``scopes``, or bring ``contraction`` closer to 1.
+
+    Notes
+    -----
+    Candidates that vanish next to everywhere are not admitted, nor, with SC-III, those that are a
+    combination of earlier nodes but for round-off: their weights would be giant. A node costs
+    O(n_samples n_candidates n_features) to draw, and with SC-III O(n_samples n_nodes) to add.
+
+    References
+    ----------
+    .. [1] D. Wang, M. Li, "Stochastic configuration networks: fundamentals and algorithms",
+       IEEE Transactions on Cybernetics 47(10), 3466-3479, 2017, Algorithms SC-I to SC-III.
+    .. [2] S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
+       hysteresis compensator: application to the inchworm piezo motor", (9), (10), (13).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.neural import SCNRegressor
+    >>> x = np.linspace(0.0, 1.0, 200).reshape(-1, 1)
+    >>> model = SCNRegressor(tolerance=0.01, random_state=0).fit(x, np.sin(8 * x[:, 0]))
+    >>> model.stop_reason_, model.n_nodes_ <= 20
+    ('tolerance', True)
+    """
+
+    _parameter_constraints = {
+        "max_nodes": [Interval(Integral, 1, None, closed="left")],
+        "algorithm": [StrOptions({"SC-I", "SC-II", "SC-III"})],
+        "activation": [StrOptions(set(ACTIVATIONS))],
+        "scaling": [StrOptions({"standard", "whiten"})],
+        "scopes": ["array-like"],
+        "contraction": ["array-like"],
+        "n_candidates": [Interval(Integral, 1, None, closed="left")],
+        "tolerance": [Interval(Real, 0, None, closed="left")],
+        "window": [Interval(Integral, 1, None, closed="left")],
+        "alpha": [Interval(Real, 0, None, closed="left")],
+        "early_stopping": ["boolean"],
+        "validation_fraction": [Interval(Real, 0, 1, closed="neither")],
+        "n_iter_no_change": [Interval(Integral, 1, None, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(
+        self,
+        max_nodes=100,
+        *,
+        algorithm="SC-III",
+        activation="sigmoid",
+        scaling="standard",
+        scopes=(0.5, 1.0, 5.0, 10.0, 30.0, 50.0, 100.0, 150.0, 200.0, 250.0),
+        contraction=(0.9, 0.99, 0.999, 0.9999, 0.99999, 0.999999),
+        n_candidates=100,
+        tolerance=0.01,
+        window=10,
+        alpha=0.0,
+        early_stopping=False,
+        validation_fraction=0.1,
+        n_iter_no_change=10,
+        random_state=None,
+    ):
+        self.max_nodes = max_nodes
+        self.algorithm = algorithm
+        self.activation = activation
+        self.scaling = scaling
+        self.scopes = scopes
+        self.contraction = contraction
+        self.n_candidates = n_candidates
+        self.tolerance = tolerance
+        self.window = window
+        self.alpha = alpha
+        self.early_stopping = early_stopping
+        self.validation_fraction = validation_fraction
+        self.n_iter_no_change = n_iter_no_change
+        self.random_state = random_state
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y):
+        """Build the network.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Outputs.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            Scopes that are not positive, contractions outside (0, 1), a penalty for an algorithm
+            that does not solve for all weights, or too few samples to hold some back.
+        """
+        X, y = validate_data(
+            self, X, y, dtype=np.float64, multi_output=True, y_numeric=True, ensure_min_samples=2
+        )
+        scopes, contraction = self._read_grids()
+        rng = check_random_state(self.random_state)
+        columns = np.asarray(y, dtype=np.float64).reshape(len(X), -1)
+        held_back = None
+        if self.early_stopping:
+            n_back = max(2, round(self.validation_fraction * len(X)))
+            if n_back > len(X) - 2:
+                raise ValueError(
+                    f"Early stopping would hold back {n_back} of n_samples={len(X)}: "
+                    "SCNRegressor must keep two to fit."
+                )
+            X, X_back, columns, y_back = train_test_split(
+                X, columns, test_size=n_back, random_state=rng
+            )
+            held_back = X_back, y_back
+        x_mean, scaling, unscaling = self._scaling_of(X)
+        y_mean, y_scale = _location_and_scale(columns)
+        if held_back:
+            held_back = (held_back[0] - x_mean) @ scaling, (held_back[1] - y_mean) / y_scale
+        X, columns = (X - x_mean) @ scaling, (columns - y_mean) / y_scale
+        nodes, coef, intercept = self._build(X, columns, held_back, scopes, contraction, rng)
+        self.n_nodes_ = len(nodes)
+        if self.activation == "sigmoid":
+            self.hidden_weights_ = nodes[:, :-1] @ scaling.T
+            self.hidden_biases_ = nodes[:, -1] - self.hidden_weights_ @ x_mean
+        else:
+            self.centers_ = x_mean + nodes[:, :-1] @ unscaling
+            self.widths_ = 1.0 / nodes[:, -1]
+            self.scaling_ = scaling
+        self.coef_ = (coef * y_scale).T
+        self.intercept_ = y_mean + intercept * y_scale
+        if np.ndim(y) == 1:
+            self.coef_, self.intercept_ = self.coef_[0], float(self.intercept_[0])
+        return self
+
+    def _read_grids(self):
+        grids = []
+        for name, upper in (("scopes", np.inf), ("contraction", 1.0)):
+            grid = np.asarray(getattr(self, name), dtype=float)
+            if grid.ndim != 1 or not grid.size or not ((grid > 0.0) & (grid < upper)).all():
+                kind = "positive numbers" if upper == np.inf else "numbers between 0 and 1"
+                raise ValueError(
+                    f"The '{name}' parameter of SCNRegressor must be a list of {kind}. "
+                    f"Got {getattr(self, name)!r} instead."
+                )
+            grids.append(grid)
+        if self.alpha > 0.0 and self.algorithm != "SC-III":
+            raise ValueError(
+                "The 'alpha' parameter of SCNRegressor must be 0 where 'algorithm' is "
+                f"{self.algorithm!r}. Got {self.alpha!r} instead."
+            )
+        return grids
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = self.algorithm != "SC-III"  # weights are never revised
+        return tags
+
+    def _scaling_of(self, X):
+        """Return the mean, the matrix that scales centred rows, and the one that undoes it."""
+        mean, scale = _location_and_scale(X)
+        if self.scaling == "standard":
+            return mean, np.diag(1.0 / scale), np.diag(scale)
+        _, spread, axes = np.linalg.svd((X - mean) / scale, full_matrices=False)
+        spread /= np.sqrt(len(X))
+        kept = spread > _DEPENDENT * spread[0]
+        spread, axes = spread[kept], axes[kept]
+        return mean, (axes / spread[:, np.newaxis] / scale).T, spread[:, np.newaxis] * axes * scale
+
+    def _build(self, X, y, held_back, scopes, contraction, rng):
+        """Grow the network on standardised data; return nodes, coefficients and intercepts."""
+        activation = ACTIVATIONS[self.activation][0]
+        if self.algorithm == "SC-III":
+            solver = LeastSquares(y, self.max_nodes, self.alpha)
+        elif self.algorithm == "SC-II":
+            solver = Window(y, self.window)
+        else:
+            solver = Constructive(y)
+        nodes, best = np.empty((self.max_nodes, X.shape[1] + 1)), (-np.inf, 0, None)
+        history = {"scope": [], "contraction": [], "residual": [], "xi": []}
+        if held_back:
+            history["validation_score"] = []
+            g_back = np.empty((len(held_back[0]), self.max_nodes))
+        total = np.linalg.norm(y)
+        tolerance = max(self.tolerance, _ROUND_OFF) * np.sqrt(len(y))
+        n = 0
+        while True:
+            if (np.linalg.norm(solver.residual, axis=0) <= tolerance).all():
+                reason = "tolerance"
+                break
+            if n == min(self.max_nodes, len(y) - 1):
+                reason = "max_nodes"
+                break
+            if held_back and n - best[1] >= self.n_iter_no_change:
+                reason = "validation"
+                break
+            candidates = self._candidates(X, solver.residual, n + 1, scopes, contraction, rng)
+            taken = (c for c in candidates if solver.add(activation(X, c[0][np.newaxis])[:, 0]))
+            found = next(taken, None)
+            if found is None:
+                reason = "no_candidate"
+                break
+            nodes[n], scope, r, xi = found
+            n += 1
+            residual = np.linalg.norm(solver.residual) / total
+            for name, value in zip(history, (scope, r, residual, xi), strict=False):
+                history[name].append(value)
+            if held_back:
+                g_back[:, n - 1] = activation(held_back[0], nodes[n - 1 : n])[:, 0]
+                coef, intercept = solver.weights()
+                score = r2_score(held_back[1], g_back[:, :n] @ coef + intercept)
+                history["validation_score"].append(score)
+                if score > best[0]:
+                    best = score, n, (coef.copy(), np.copy(intercept))
+        if reason == "no_candidate":
+            warnings.warn(
+                f"No candidate for node {n + 1} satisfied the supervisory inequality, and the "
+                f"residual is {np.linalg.norm(solver.residual) / total:.2g} of the outputs' "
+                "standard deviation. Increase 'n_candidates', widen 'scopes', or bring "
+                "'contraction' closer to 1.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+        weights = solver.weights()
+        if held_back:
+            self.validation_score_ = float("nan") if best[2] is None else float(best[0])
+            if best[2] is not None:
+                n, weights = best[1:]
+        self.stop_reason_ = reason
+        self.history_ = {name: np.array(values[:n]) for name, values in history.items()}
+        return nodes[:n].copy(), *weights
+
+    def _candidates(self, X, residual, size, scopes, contraction, rng):
+        """Yield (node, scope, r, xi) of admissible candidates, the best of each scope first."""
+        activation, draw = ACTIVATIONS[self.activation]
+        squares = np.square(residual).sum(axis=0)
+        bounds = 1.0 - contraction - (1.0 - contraction) / (size + 1)
+        for scope in scopes:
+            nodes = draw(X, scope, self.n_candidates, rng)
+            gains = match(activation, X, nodes, residual)
+            admissible = (gains >= bounds[:, np.newaxis, np.newaxis] * squares).all(axis=2)
+            first = np.where(admissible.any(axis=0), admissible.argmax(axis=0), len(bounds))
+            order = np.lexsort((-gains.sum(axis=1), first))[:_TRIES]
+            for best in order[first[order] < len(bounds)]:
+                at = first[best]
+                yield nodes[best], scope, contraction[at], gains[best] - bounds[at] * squares
+
+    def predict(self, X):
+        """Return the output of the network.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+        """
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        if self.activation == "sigmoid":
+            hidden = sigmoid(X, np.column_stack([self.hidden_weights_, self.hidden_biases_]))
+        else:
+            nodes = np.column_stack([self.centers_ @ self.scaling_, 1.0 / self.widths_])
+            hidden = gaussian(X @ self.scaling_, nodes)
+        return hidden @ self.coef_.T + self.intercept_
+
+
+def _location_and_scale(values):
+    """Return the mean and the standard deviation of columns, 1 where a column is constant."""
+    peak = np.abs(values).max(axis=0)
+    peak[peak == 0.0] = 1.0
+    relative = values / peak  # squares of the values themselves may overflow
+    mean, scale = relative.mean(axis=0), relative.std(axis=0)
+    return peak * mean, np.where(scale > 10.0 * np.finfo(float).eps, peak * scale, 1.0)

@@ -1,0 +1,108 @@
+"""An operator and a frequency response as a least-squares problem."""
+
+import time
+
+import numpy as np
+
+from ._identify import METHODS, summarize
+
+__all__ = ["FrequencyProblem", "identify_response"]
+
+
+class FrequencyProblem:
+    """Weighted least squares of an operator's frequency response.
+
+    It has what the solver of :mod:`skhyst.optimize` asks of an ``OperatorProblem``. A parameter
+    that is searched as a logarithm keeps the sign of its starting value, so that a section of the
+    right half plane stays there.
+
+    Parameters
+    ----------
+    operator : Operator
+        Starting values; gives ``frequency_tangents(frequency)``.
+    frequency : ndarray of shape (n,)
+        Hz.
+    response : ndarray of shape (n, n_inputs), complex
+    weight : ndarray of shape (n, n_inputs)
+        Reciprocal standard deviation.
+    fixed : collection of str, default=()
+        Names of entries that are held.
+    """
+
+    def __init__(self, operator, frequency, response, weight, *, fixed=()):
+        self.operator = operator
+        self.frequency, self.response, self.weight = frequency, response, weight
+        entries = operator.entries()
+        free = ~np.array([name in fixed for name, _ in entries], dtype=bool)
+        self._free = np.flatnonzero(free)
+        entries = [entries[i] for i in self._free]
+        values = operator.pack()[self._free]
+        self.names = [name for name, _ in entries]
+        self.linear = operator.linear_mask()[self._free]
+        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
+        self._sign = np.where(values < 0.0, -1.0, 1.0)
+        lower = np.array([spec.lower for _, spec in entries])
+        upper = np.array([spec.upper for _, spec in entries])
+        self.lower = np.where(self.log, -np.inf, lower)
+        self.upper = np.where(self.log, np.inf, upper)
+        self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
+        self.scale = float(np.sum(np.abs(weight * response) ** 2))
+        self.segment_length = np.array([2 * response.size])
+
+    def depends_on(self, select):
+        """Whether :meth:`evaluate` depends on a selection: never."""
+        return False
+
+    def values(self, x):
+        """Return the unknowns in their own units."""
+        return np.where(self.log, self._sign * np.exp(np.where(self.log, x, 0.0)), x)
+
+    def unpack(self, x):
+        """Return the operator at ``x``, and no disturbances."""
+        vector = self.operator.pack()
+        vector[self._free] = self.values(x)
+        return self.operator.unpack(vector), ()
+
+    def evaluate(self, x, *, jacobian=True, select=None):
+        """Return the Gram matrix of ``[J, r]``, shape (1, n + 1, n + 1)."""
+        operator, _ = self.unpack(x)
+        g, dg = operator.frequency_tangents(self.frequency)
+        residual = (self.weight * (g - self.response)).reshape(-1, 1)
+        if jacobian:
+            chain = np.where(self.log, self.values(x), 1.0)
+            own = (dg[:, :, self._free] * chain) * self.weight[:, :, None]
+            residual = np.concatenate([own.reshape(len(residual), -1), residual], axis=1)
+        rows = np.concatenate([residual.real, residual.imag])
+        return (rows.T @ rows)[None]
+
+    def total(self, blocks, select=None):
+        """Return the Gram matrix."""
+        return blocks[0]
+
+    def powers(self, blocks):
+        """Return the sums of squares of the columns of J."""
+        return np.diag(blocks[0])[:-1]
+
+    def coefficients(self, blocks, select=None):
+        """Return the coefficients of disturbances: there are none."""
+        return np.empty((1, 0))
+
+
+def identify_response(problems, *, method="variable_projection"):
+    """Identify an operator from a frequency response, from several starts.
+
+    Parameters
+    ----------
+    problems : sequence of FrequencyProblem
+        Of one structure.
+    method : str or Method, default="variable_projection"
+
+    Returns
+    -------
+    IdentificationResult
+        ``error`` is the root mean square of the weighted residual, real and imaginary parts.
+    """
+    begin = time.perf_counter()
+    method = METHODS[method]() if isinstance(method, str) else method
+    problem, solution, evaluations = method.solve(problems)
+    return summarize(problem, solution, evaluations, time.perf_counter() - begin)

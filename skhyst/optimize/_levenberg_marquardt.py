@@ -1,0 +1,152 @@
+"""The training of the gray-box paper: Levenberg-Marquardt with a damping that moves by factors."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._bounded import bounded_step
+from ._method import Method, restrict
+from ._variable_projection import LARGEST_LOG_STEP, Solution, solve_linear
+
+__all__ = ["LevenbergMarquardt"]
+
+_FULL_RUNS = 2  # of many starts, so many are followed to the end
+_TRIAL_EPOCHS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevenbergMarquardt(Method):
+    r"""Levenberg-Marquardt as neural networks are trained, with exact derivatives.
+
+    .. math:: \Delta w = (J^\top J + \mu I)^{-1} J^\top e
+
+    for all weights at once. An epoch ends with a step that reduces the error; the damping
+    :math:`\mu` then falls, and rises after each step that does not. The weights are the parameters
+    in units that give their columns of :math:`J` length one, so that :math:`\mu` has no unit.
+
+    Weights that enter linearly start at their exact solution. Every start is followed for a few
+    epochs, the best two to the end.
+
+    Parameters
+    ----------
+    max_epochs : int, default=1000
+    goal : float, default=0.0
+        Ends at this mean square of the error over that of the response.
+    tolerance : float, default=1e-8
+        Relative change of the sum of squares at which the training ends.
+    mu : float, default=1e-3
+        Damping of the first step.
+    mu_decrease, mu_increase : float, default=0.1, 10.0
+        Factors after a step that reduces the error and after one that does not.
+    mu_max : float, default=1e10
+        Damping at which the training ends: no step reduces the error.
+    bounds, random_state, callback, verbose
+        See :class:`Method`. Nothing is random.
+
+    References
+    ----------
+    M. T. Hagan, M. B. Menhaj, "Training feedforward networks with the Marquardt algorithm", IEEE
+    Trans. Neural Netw. 5 (1994). "Modeling and identification of rate dependent hysteresis in
+    piezoelectric actuated nano-stage: a gray box neural network based approach", (27) and (42),
+    where the sign of mu is wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.hysteresis import SystemLevelHysteresis
+    >>> from skhyst.operators import SystemLevelOperator
+    >>> drive = 50.0 - 50.0 * np.cos(np.linspace(0.0, 20.0, 500))
+    >>> y, _ = SystemLevelOperator(0.1, 0.002, 0.03).run(drive, 1.0)
+    >>> model = SystemLevelHysteresis(method="levenberg_marquardt").fit(drive.reshape(-1, 1), y)
+    >>> print(f"{model.operator_.decay:.4f}")
+    0.0300
+    """
+
+    max_epochs: int = 1000
+    goal: float = 0.0
+    tolerance: float = 1e-8
+    mu: float = 1e-3
+    mu_decrease: float = 0.1
+    mu_increase: float = 10.0
+    mu_max: float = 1e10
+
+    def solve(self, problems):
+        for problem in problems:
+            restrict(problem, self.bounds)
+        starts, evaluations = [(problem, problem.x0) for problem in problems], 0
+        if len(starts) > _FULL_RUNS:
+            trials = []
+            for problem, x in starts:
+                trial = self._train(problem, x, min(_TRIAL_EPOCHS, self.max_epochs), silent=True)
+                evaluations += trial.n_evaluations
+                trials.append(trial)
+            order = np.argsort([trial.cost for trial in trials], kind="stable")
+            starts = [starts[i] for i in order[:_FULL_RUNS]]
+        found = []
+        for problem, x in starts:
+            solution = self._train(problem, x, self.max_epochs)
+            evaluations += solution.n_evaluations
+            found.append((problem, solution))
+        return *min(found, key=lambda pair: pair[1].cost), evaluations
+
+    def _train(self, problem, x, max_epochs, *, silent=False):
+        begin = time.perf_counter()
+        x = np.clip(x, problem.lower, problem.upper)
+        gram, n_evaluations = problem.total(problem.evaluate(x)), 1
+        if not np.isfinite(gram).all():
+            message = "The model is not finite at the starting values."
+            return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - begin)
+        if problem.linear.any():
+            x, gram = solve_linear(problem, x, gram)
+            gram = problem.total(problem.evaluate(x))
+            n_evaluations += 1
+        history, damping = [(n_evaluations, gram[-1, -1])], [self.mu]
+        floor, reach = 1e-28 * problem.scale, np.where(problem.log, LARGEST_LOG_STEP, np.inf)
+        mu = self.mu
+        converged, message = False, f"The budget of {max_epochs} epochs is used up."
+        while len(history) <= max_epochs:
+            cost = gram[-1, -1]
+            if cost <= self.goal * problem.scale:
+                converged, message = True, "The goal is reached."
+                break
+            hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
+            step = bounded_step(
+                hessian + mu * np.diag(np.diag(hessian)),
+                gradient,
+                np.maximum(problem.lower - x, -reach),
+                np.minimum(problem.upper - x, reach),
+            )
+            if not -(2.0 * gradient @ step + step @ hessian @ step) > self.tolerance * cost + floor:
+                converged, message = True, "No step reduces the error noticeably."
+                break
+            trial = np.clip(x + step, problem.lower, problem.upper)
+            trial_gram = problem.total(problem.evaluate(trial))
+            n_evaluations += 1
+            if np.isfinite(trial_gram).all() and trial_gram[-1, -1] < cost:
+                mu = max(mu * self.mu_decrease, np.finfo(float).tiny)
+                x, gram = trial, trial_gram
+                history.append((n_evaluations, gram[-1, -1]))
+                damping.append(mu)
+                if not silent and self._report(n_evaluations, gram[-1, -1]):
+                    message = "The callback has ended the search."
+                    break
+                if cost - gram[-1, -1] <= self.tolerance * cost + floor:
+                    converged, message = True, "The error no longer changes."
+                    break
+            else:
+                mu *= self.mu_increase
+                if mu > self.mu_max:
+                    converged, message = True, "No step reduces the error."
+                    break
+        return Solution(
+            x,
+            gram[-1, -1],
+            gram,
+            n_evaluations,
+            converged,
+            message,
+            time.perf_counter() - begin,
+            history,
+            damping,
+        )

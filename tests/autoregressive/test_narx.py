@@ -1,0 +1,437 @@
+"""The NARX model, against loops that call the regressor row by row."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.compose import TransformedTargetRegressor
+from sklearn.ensemble import (
+    ExtraTreesRegressor,
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+)
+from sklearn.exceptions import NotFittedError
+from sklearn.linear_model import LinearRegression, Ridge
+from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_score
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import MinMaxScaler, PolynomialFeatures, StandardScaler
+from sklearn.svm import SVR
+from sklearn.tree import DecisionTreeRegressor
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from skhyst.autoregressive import NARXRegressor
+from skhyst.exceptions import DivergenceWarning, RecordError
+from skhyst.preprocessing import PlayOperators
+from skhyst.records import stack_records
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+def mlp(activation="relu", layers=(7, 5)):
+    return MLPRegressor(
+        hidden_layer_sizes=layers, activation=activation, max_iter=30, random_state=0
+    )
+
+
+COMPILED = {
+    "linear": LinearRegression(),
+    "ridge behind a scaler": make_pipeline(StandardScaler(), Ridge(1e-3)),
+    "polynomial": make_pipeline(PolynomialFeatures(2), LinearRegression()),
+    "polynomial between scalers": make_pipeline(
+        StandardScaler(), PolynomialFeatures(3), StandardScaler(), Ridge(1e-2)
+    ),
+    "relu": make_pipeline(MinMaxScaler(), mlp()),
+    "tanh": TransformedTargetRegressor(mlp("tanh", (6,)), transformer=StandardScaler()),
+    "logistic": mlp("logistic", (5, 4, 9)),
+    "identity": mlp("identity"),
+    "tree": DecisionTreeRegressor(max_leaf_nodes=40),
+    "forest": make_pipeline(StandardScaler(), RandomForestRegressor(7, random_state=0)),
+    "extra trees": ExtraTreesRegressor(5, random_state=0),
+    "boosting": GradientBoostingRegressor(n_estimators=12),
+    "boosting from zero": GradientBoostingRegressor(n_estimators=12, init="zero"),
+    "histograms": HistGradientBoostingRegressor(max_iter=12),
+    "search": GridSearchCV(Ridge(), {"alpha": [0.1, 1.0]}, cv=2),
+}
+
+
+def plant(u, seed=0, noise=1e-3):
+    """A nonlinear second-order recursion of two inputs."""
+    y = np.zeros(len(u))
+    rng = np.random.default_rng(seed)
+    for k in range(2, len(u)):
+        y[k] = 0.9 * y[k - 1] - 0.2 * y[k - 2] + 0.2 * u[k - 1, 0] + 0.1 * u[k, 1]
+        y[k] += 0.05 * y[k - 1] * u[k - 1, 0] + noise * rng.standard_normal()
+    return 3.0 + y
+
+
+def drives(n, seed=0):
+    return stack_records([columns(n, seed)], dt=0.01)
+
+
+def columns(n, seed):
+    rng = np.random.default_rng(seed)
+    waves = np.sin(np.outer(np.arange(n), [0.11, 0.047]) + rng.uniform(0, 6, 2))
+    return waves + 0.3 * rng.standard_normal((n, 2))
+
+
+def recordings(sizes=(150, 90, 120), **options):
+    inputs = [columns(n, seed) for seed, n in enumerate(sizes)]
+    outputs = [plant(u, seed, **options) for seed, u in enumerate(inputs)]
+    return stack_records(list(zip(inputs, outputs, strict=True)), dt=0.01)
+
+
+INPUT_LAGS, OUTPUT_LAGS = {0: [0, 1, 3], 1: [0]}, [1, 2]
+
+
+def narx(estimator=None, **options):
+    options = {"input_lags": INPUT_LAGS, "output_lags": OUTPUT_LAGS} | options
+    return NARXRegressor(estimator, **options)
+
+
+def signals(u, y, k):
+    """The row that the regressor sees at sample k; y holds two outputs before the record."""
+    past = [u[max(k - lag, 0), column] for column in (0, 1) for lag in INPUT_LAGS[column]]
+    return [past + [y[k + 2 - lag] for lag in OUTPUT_LAGS]]
+
+
+def row_by_row(estimator, u, history):
+    y, u = list(history), np.asarray(u)
+    for k in range(len(u)):
+        y.append(float(np.ravel(estimator.predict(signals(u, y, k)))[0]))
+    return np.array(y[2:])
+
+
+@pytest.fixture(scope="module")
+def data():
+    return recordings()
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_compiled_run_equals_row_by_row(name, data):
+    model = narx(clone(COMPILED[name]), initial_output=[3.1, 2.9]).fit(*data)
+    assert model.compiled_
+    u = drives(60, seed=9)
+    expected = row_by_row(model.estimator_, u, [2.9, 3.1])
+    np.testing.assert_allclose(model.predict(u), expected, rtol=1e-9, atol=0)
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.predict(u), model.predict(u))
+
+
+@pytest.mark.parametrize("estimator", [KNeighborsRegressor(3), SVR(C=10.0), None])
+def test_any_regressor_runs_in_lock_step(estimator, data):
+    if estimator is None:
+        estimator = make_pipeline(PolynomialFeatures(2), KNeighborsRegressor(2))
+    model = narx(estimator, initial_output=3.0).fit(*data)
+    assert not model.compiled_
+    X = data[0]
+    parts = [row_by_row(model.estimator_, X.loc[[r]].to_numpy(), [3.0, 3.0]) for r in (0, 1, 2)]
+    np.testing.assert_allclose(model.predict(X), np.concatenate(parts), rtol=1e-12)
+
+
+class Doubled(LinearRegression):
+    def predict(self, X):
+        return 0.5 * super().predict(X)
+
+
+def test_subclass_that_predicts_otherwise_is_called(data):
+    model = narx(Doubled(), initial_output=3.0).fit(*data)
+    assert not model.compiled_
+    u = drives(40)
+    expected = row_by_row(model.estimator_, u, [3.0, 3.0])
+    np.testing.assert_allclose(model.predict(u), expected, rtol=1e-12)
+
+
+class Seen(RegressorMixin, BaseEstimator):
+    def fit(self, X, y):
+        self.seen_ = X, y
+        return self
+
+    def predict(self, X):
+        return np.zeros(len(X))
+
+
+def test_regression_has_no_lags_across_records_or_holes(data):
+    X, y = data
+    keep = np.r_[0:60, 75 : len(X)]
+    model = narx(Seen()).fit(X.iloc[keep], y.iloc[keep])
+    Z, target = model.estimator_.seen_
+    expected = []
+    for rows in (range(60), range(75, 150), range(150, 240), range(240, 360)):
+        u, out = X.to_numpy()[rows], y.to_numpy()[rows]
+        expected += [
+            [u[k, 0], u[k - 1, 0], u[k - 3, 0], u[k, 1], out[k - 1], out[k - 2], out[k]]
+            for k in range(3, len(rows))
+        ]
+    np.testing.assert_array_equal(np.column_stack([Z, target]), expected)
+    names = ["x0(k)", "x0(k-1)", "x0(k-3)", "x1(k)", "y(k-1)", "y(k-2)"]
+    assert model.lag_names_ == [
+        name.replace("x0", X.columns[0]).replace("x1", X.columns[1]) for name in names
+    ]
+
+
+def test_coefficients_are_in_units_of_the_signals(data):
+    X, y = data
+    Z, target = narx(Seen()).fit(X, y).estimator_.seen_
+    expected, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(Z)), Z]), target)
+    for estimator in (None, LinearRegression(), make_pipeline(StandardScaler(), Ridge(1e-9))):
+        model = narx(estimator).fit(X, y)
+        np.testing.assert_allclose([model.intercept_, *model.coef_], expected, rtol=1e-6)
+    assert not hasattr(narx(KNeighborsRegressor(3)).fit(X, y), "coef_")
+
+
+def test_oversampled_signals_keep_their_dynamics():
+    """Neighbouring samples differ by 1e-6 of the range: the default is not cut off there."""
+    u = np.sin(np.arange(4000) * 1e-3)[:, None]
+    y = np.zeros(4000)
+    for k in range(2, 4000):
+        y[k] = 1.9 * y[k - 1] - 0.905 * y[k - 2] + 0.005 * u[k, 0]
+    model = NARXRegressor(input_lags=[0], output_lags=2).fit(u, y)
+    np.testing.assert_allclose(model.coef_, [0.005, 1.9, -0.905], rtol=1e-4)
+
+
+def test_exact_model_is_recovered_and_runs_freely():
+    X, y = recordings(noise=0.0)
+    model = NARXRegressor(
+        make_pipeline(PolynomialFeatures(2), LinearRegression()),
+        input_lags={0: [1], 1: [0]},
+        output_lags=2,
+        initial_output="measured",
+    ).fit(X, y)
+    np.testing.assert_allclose(model.predict(X, y), y, atol=1e-9)
+    assert model.score(X, y) > 1 - 1e-12
+
+
+# ------------------------------------------------------------------------------- initial outputs
+
+
+def test_rest_is_the_steady_state_of_a_linear_model(data):
+    model = narx().fit(*data)
+    u = stack_records([np.tile([0.3, -0.2], (50, 1))])
+    weights, constant = model.coef_, model.intercept_
+    level = (constant + weights[:4] @ [0.3, 0.3, 0.3, -0.2]) / (1.0 - weights[4:].sum())
+    np.testing.assert_allclose(model.predict(u), level, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["polynomial", "tanh", "relu"])
+def test_rest_stays_at_rest(name, data):
+    model = narx(clone(COMPILED[name])).fit(*data)
+    y = model.predict(stack_records([np.tile([0.1, 0.1], (50, 1))]))
+    np.testing.assert_allclose(y, y[0], rtol=1e-8)
+
+
+def test_integrator_starts_at_the_static_regression():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((200, 1))
+    y = 5.0 + np.cumsum(u[:, 0])
+    model = NARXRegressor(input_lags=[0]).fit(u, y)
+    slope, constant = np.polyfit(u[:, 0], y, 1)
+    run = model.predict(u[:20] + 1.0)
+    start = constant + slope * (u[0, 0] + 1.0)
+    np.testing.assert_allclose(run, start + np.cumsum(u[:20, 0] + 1.0), rtol=1e-6)
+
+
+def test_measured_start(data):
+    X, y = data
+    model = narx(initial_output="measured").fit(X, y)
+    run = model.predict(X, y)
+    u, out = X.loc[[1]].to_numpy(), y.loc[1].to_numpy()
+    np.testing.assert_array_equal(run[150:153], out[:3])
+    known = list(out[:3])
+    for k in range(3, len(u)):
+        row = [u[k, 0], u[k - 1, 0], u[k - 3, 0], u[k, 1], known[k - 1], known[k - 2]]
+        known.append(model.estimator_.predict([row])[0])
+    np.testing.assert_allclose(run[150:240], known, rtol=1e-9)
+    np.testing.assert_array_equal(
+        model.predict(X), clone(model).set_params(initial_output="rest").fit(X, y).predict(X)
+    )
+
+
+def test_estimated_start_finds_the_outputs_before_the_record(data):
+    X, y = data
+    model = narx(initial_output="estimate").fit(X, y)
+    assert model.initial_outputs_.shape == (3, 2)
+    u, history = drives(100, seed=4), [5.0, 4.0]
+    truth = row_by_row(model.estimator_, u, history)
+    np.testing.assert_allclose(model.predict(u, truth), truth, rtol=1e-6)
+    assert model.score(u, truth) > 1 - 1e-9
+
+
+# ---------------------------------------------------------------------------------- steps ahead
+
+
+@pytest.mark.parametrize("name", ["polynomial", "neighbours"])
+@pytest.mark.parametrize("initial_output", ["rest", "measured"])
+def test_horizons(name, initial_output, data):
+    X, y = data
+    estimator = clone(COMPILED[name]) if name in COMPILED else KNeighborsRegressor(3)
+    model = narx(estimator, initial_output=initial_output).fit(X, y)
+    np.testing.assert_array_equal(model.predict_one_step(X, y), model.predict(X, y, horizon=1))
+    far = model.predict(X, y, horizon=1000)
+    np.testing.assert_allclose(far, model.predict(X, y), rtol=1e-10)
+    # sample k is the end of a run of k steps from what was measured before
+    ahead, horizon, k = model.predict(X, y, horizon=4), 4, 50
+    u, out = X.loc[[1]].to_numpy(), list(y.loc[1])
+    for i in range(k - horizon + 1, k + 1):
+        row = [u[i, 0], u[i - 1, 0], u[i - 3, 0], u[i, 1], out[i - 1], out[i - 2]]
+        out[i] = model.estimator_.predict([row])[0]
+    np.testing.assert_allclose(ahead[150 + k], out[k], rtol=1e-10)
+
+
+def test_horizon_is_limited_by_the_record():
+    X, y = recordings((40, 6, 3))
+    model = narx().fit(X, y)
+    for horizon in (1, 3, 5, 6, 7, 40, 41):
+        both = model.predict(X, y, horizon=horizon)
+        alone = [model.predict(X.loc[[r]], y.loc[[r]], horizon=horizon) for r in (0, 1, 2)]
+        np.testing.assert_allclose(both, np.concatenate(alone), rtol=1e-12)
+
+
+def test_errors_grow_with_the_horizon():
+    X, y = recordings(noise=0.05)
+    model = narx().fit(X, y)
+    errors = [np.std(model.predict(X, y, horizon=h) - y) for h in (1, 2, 4, 8)]
+    assert errors == sorted(errors)
+
+
+# ------------------------------------------------------------------------- properties and errors
+
+
+def test_future_does_not_change_the_past(data):
+    X, y = data
+    for estimator in (None, KNeighborsRegressor(3)):
+        model = narx(estimator).fit(X, y)
+        changed = X.copy()
+        changed.iloc[50:] += 1.0
+        np.testing.assert_array_equal(model.predict(changed)[:50], model.predict(X)[:50])
+
+
+@pytest.mark.parametrize("scale", [2.0**-30, 2.0**20])
+def test_unit_equivariance(scale, data):
+    X, y = data
+    neighbours = make_pipeline(StandardScaler(), KNeighborsRegressor(3))
+    for model in (narx(), narx(TransformedTargetRegressor(neighbours))):
+        expected = clone(model).fit(X, y).predict(X)
+        scaled = clone(model).fit(X, scale * y).predict(X)
+        np.testing.assert_allclose(scaled, scale * expected, rtol=1e-9)
+    drive = clone(narx()).fit(scale * X, y).predict(scale * X)
+    np.testing.assert_allclose(drive, narx().fit(X, y).predict(X), rtol=1e-9)
+
+
+@pytest.mark.parametrize("estimator", [None, "called"])
+def test_divergence_is_caught(estimator):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((120, 1))
+    y = np.zeros(120)
+    for k in range(1, 120):
+        y[k] = 1.02 * y[k - 1] + u[k, 0]
+    estimator = Doubled2() if estimator else None
+    model = NARXRegressor(estimator, input_lags=[0], initial_output=0.0).fit(u, y)
+    with pytest.warns(DivergenceWarning, match="diverged"):
+        run = model.predict(rng.standard_normal((3000, 1)) + 1.0)
+    limit = np.abs(y).max() + 100.0 * np.ptp(y)
+    assert np.isfinite(run).all()
+    assert np.abs(run).max() == pytest.approx(limit)
+
+
+class Doubled2(LinearRegression):
+    """Not known to the registry by its results."""
+
+    def predict(self, X):
+        return super().predict(X) + 1e-6
+
+
+def test_without_output_lags_it_is_a_static_map_of_the_inputs(data):
+    X, y = data
+    model = NARXRegressor(KNeighborsRegressor(3), input_lags=2, output_lags=[]).fit(X, y)
+    np.testing.assert_array_equal(model.predict(X), model.predict(X, y, horizon=3))
+    assert NARXRegressor(input_lags=2, output_lags=0).fit(X, y).score(X, y) > 0.3
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"input_lags": [-1]}, "'input_lags' parameter of NARXRegressor"),
+        ({"input_lags": []}, "'input_lags' parameter of NARXRegressor"),
+        ({"input_lags": {"nothing": [1]}}, "'input_lags' parameter of NARXRegressor"),
+        ({"output_lags": [0]}, "'output_lags' parameter of NARXRegressor"),
+        ({"output_lags": [1.5]}, "'output_lags' parameter of NARXRegressor"),
+        ({"initial_output": "asleep"}, "'initial_output' parameter of NARXRegressor"),
+        ({"initial_output": [1.0]}, "'initial_output' parameter of NARXRegressor"),
+        ({"initial_output": float("nan")}, "'initial_output' parameter of NARXRegressor"),
+        ({"estimator": "ridge"}, "'estimator' parameter of NARXRegressor"),
+        ({"dt": 0.0}, "'dt' parameter of NARXRegressor"),
+    ],
+)
+def test_wrong_parameters(options, match, data):
+    with pytest.raises(ValueError, match=match):
+        narx().set_params(**options).fit(*data)
+
+
+def test_wrong_calls(data):
+    X, y = data
+    with pytest.raises(NotFittedError):
+        narx().predict(X)
+    model = narx().fit(X, y)
+    with pytest.raises(ValueError, match="'horizon' parameter"):
+        model.predict(X, y, horizon=0)
+    with pytest.raises(ValueError, match="'y' parameter"):
+        model.predict(X, horizon=2)
+    with pytest.raises(RecordError, match="longer than the longest lag"):
+        narx(input_lags=[500]).fit(X, y)
+    with pytest.raises(ValueError, match="NaN"):
+        model.predict(X, y.where(y > y.min()), horizon=2)
+    with pytest.raises(RecordError, match="set_output"):
+        narx().fit(X.to_numpy(), y)
+
+
+def test_constant_drive_and_response():
+    X, y = np.ones((30, 1)), np.full(30, 2.0)
+    np.testing.assert_allclose(NARXRegressor().fit(X, y).predict(X), 2.0)
+
+
+# ----------------------------------------------------------------------------- scikit-learn tools
+
+
+def test_grid_search_and_cross_validation(data):
+    X, y = data
+    groups = X.index.get_level_values("record")
+    search = GridSearchCV(
+        narx(Ridge()),
+        {"estimator__alpha": [1e-6, 1e4], "output_lags": [1, 2]},
+        cv=LeaveOneGroupOut(),
+        error_score="raise",
+    ).fit(X, y, groups=groups)
+    assert search.best_params_ == {"estimator__alpha": 1e-6, "output_lags": 2}
+    scores = cross_val_score(narx(), X, y, groups=groups, cv=LeaveOneGroupOut(), scoring="r2")
+    assert scores.min() > 0.9
+
+
+def test_behind_play_operators(data):
+    X, _ = data
+    y = pd.Series(
+        PlayOperators(thresholds=[0.2, 0.6]).fit_transform(X).sum(axis=1).to_numpy(), X.index
+    )
+    plain = NARXRegressor(Ridge(1e-6)).fit(X, y).score(X, y)
+    model = make_pipeline(
+        PlayOperators(thresholds=[0.2, 0.6], include_drive=True), NARXRegressor(Ridge(1e-6))
+    ).fit(X, y)
+    assert model.score(X, y) > 0.999 > plain
+    assert model[-1].lag_names_[2].endswith("play0(k)")
+
+
+MEMORY = {
+    "check_methods_sample_order_invariance": "the output depends on the past",
+    "check_methods_subset_invariance": "the output depends on the past",
+}
+
+
+@parametrize_with_checks(
+    [NARXRegressor(KNeighborsRegressor(1))], expected_failed_checks=lambda estimator: MEMORY
+)
+def test_scikit_learn_in_lock_step(estimator, check):
+    check(estimator)

@@ -1,0 +1,116 @@
+"""Faults of a measurement are found, and physics is not taken for one."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from plants import EFFECTS, make_recording
+
+from skhyst.diagnosis import EffectSearchCV, data_quality
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.records import record_slices, stack_records
+
+N = 4000
+
+
+@pytest.fixture
+def signals():
+    rng = np.random.default_rng(4)
+    time = np.linspace(0.0, 40.0, N)
+    drive = np.sin(time) * np.linspace(0.2, 1.0, N)
+    return drive, 3.0 * drive + 0.01 * rng.normal(size=N)
+
+
+def faults(drive, y):
+    X = drive[:, None]
+    return data_quality(X, y, record_slices(X))
+
+
+def test_clean_signals_have_none(signals):
+    assert faults(*signals).empty
+
+
+def test_outliers_by_row(signals):
+    drive, y = signals
+    y[[77, 1200, 2903]] += [0.5, -0.7, 4.0]
+    table = faults(drive, y)
+    assert table["fault"].tolist() == ["outlier"]
+    assert table["rows"].tolist() == [(77, 1200, 2903)]
+
+
+def test_lost_readings_by_their_code(signals):
+    drive, y = signals
+    lost = np.r_[500, 900:904, 3300]
+    y[lost] = -99.0
+    table = faults(drive, y)
+    assert table["fault"].tolist() == ["lost_reading"]
+    assert table["value"].tolist() == [-99.0]
+    assert table["n_samples"].tolist() == [len(lost)]
+
+
+def test_stuck_sensor(signals):
+    drive, y = signals
+    y[1010:1075] = y[1010]
+    table = faults(drive, y)
+    assert table[["fault", "n_samples"]].to_numpy().tolist() == [["stuck_sensor", 65]]
+    rest = drive.copy()
+    rest[1005:1080] = rest[1005]
+    assert faults(rest, y).empty
+
+
+def test_clipping_at_the_converter_is_not_that_of_the_device(signals):
+    drive, y = signals
+    noise = y - 3.0 * drive
+    assert faults(drive, np.minimum(3.0 * drive, 2.0) + noise).empty
+    table = faults(drive, np.minimum(y, 2.0))
+    assert table[["fault", "value"]].to_numpy().tolist() == [["clipped_range", 2.0]]
+
+
+def test_coarse_resolution_is_none(signals):
+    drive, y = signals
+    assert faults(drive, np.round(y, 1)).empty
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_units_do_not_matter(signals, scale):
+    drive, y = signals
+    y[77] += 0.5
+    y[1010:1075] = y[1010]
+    names = ["fault", "n_samples", "rows"]
+    pd.testing.assert_frame_equal(faults(drive, y)[names], faults(drive / scale, scale * y)[names])
+
+
+def test_clock_jitter():
+    rng = np.random.default_rng(0)
+    time = 0.01 * (np.arange(500) + 0.08 * rng.normal(size=500).clip(-1.2, 1.2))
+    X = pd.DataFrame({"drive": np.sin(time)}, index=pd.Index(time, name="time"))
+    table = data_quality(X, np.sin(time), record_slices(X))
+    assert table["fault"].tolist() == ["clock_jitter"]
+    assert table["value"].iloc[0] == pytest.approx(np.diff(time).std() / 0.01, rel=0.01)
+
+
+@pytest.mark.parametrize("effect", [*EFFECTS, "none"])
+def test_physics_is_no_fault(effect):
+    recording = make_recording(effect, "cascade", 7, n_samples=4000, noise=0.0005, substeps=4)
+    X, y = recording.X_train, recording.y_train
+    assert data_quality(X, y, record_slices(X)).empty
+
+
+def test_record_and_rows_of_several_records(signals):
+    drive, y = signals
+    spiked = y.copy()
+    spiked[10] += 3.0
+    X, both = stack_records([(drive, y), (drive, spiked)], dt=0.1, labels=["a", "b"])
+    table = data_quality(X, both, record_slices(X))
+    assert table["record"].tolist() == ["b"]
+    assert table["rows"].tolist() == [(N + 10,)]
+
+
+def test_search_reports_faults(signals):
+    drive, y = signals
+    y[77] += 0.5
+    search = EffectSearchCV(PrandtlIshlinskii(3), effects=["offset"]).fit(drive[:, None], y)
+    assert search.data_quality_["fault"].tolist() == ["outlier"]
+    report = search.report()
+    assert report.to_dict()["data"]["faults"][0]["rows"] == [77]
+    assert "outlier" in report.to_html()
+    assert "| outlier |" in report.to_markdown()

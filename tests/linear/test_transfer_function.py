@@ -1,0 +1,358 @@
+"""Transfer functions: several inputs, frequency responses, orders, standard errors, conversion."""
+
+import dataclasses
+import pickle
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import signal
+from sklearn.base import clone
+
+from skhyst.compose import Cascade, Sum
+from skhyst.exceptions import DivergenceWarning
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import FrequencyResponse, TransferFunction, frequency_response
+
+DT = 0.01
+LINES = np.linspace(0.1, 45.0, 150)
+
+
+def plant(n_poles, seed):
+    """Return a sum of modes as a state space: well apart, comparable gains."""
+    rng = np.random.default_rng(seed)
+    modes = []
+    if n_poles % 2:
+        rate = rng.uniform(3.0, 8.0)
+        modes.append(([rng.uniform(0.5, 1.5) * rate], [1.0, rate]))
+    for w in np.geomspace(20.0, 120.0, n_poles // 2) * rng.uniform(0.9, 1.1, n_poles // 2):
+        zeta = rng.uniform(0.02, 0.2)
+        modes.append(([rng.uniform(0.5, 1.5) * w**2], [1.0, 2.0 * zeta * w, w**2]))
+    blocks = [signal.tf2ss(*mode) for mode in modes]
+    a = np.zeros((n_poles, n_poles))
+    start = 0
+    for block in blocks:
+        n = len(block[0])
+        a[start : start + n, start : start + n] = block[0]
+        start += n
+    b = np.concatenate([block[1] for block in blocks])
+    c = np.concatenate([block[2] for block in blocks], axis=1)
+    return signal.StateSpace(a, b, c, np.zeros((1, 1)))
+
+
+def recording(system, seed, *, n=1200, noise=0.02):
+    """Return drive and noisy response, from rest at the drive's first value, by scipy."""
+    rng = np.random.default_rng(1000 + seed)
+    u = rng.normal(size=(n, system.inputs))
+    rest = np.linalg.solve(system.A, -system.B @ u[0])
+    _, y, _ = signal.lsim(system, u, DT * np.arange(n), X0=rest)
+    return u, y + noise * y.std() * rng.normal(size=n)
+
+
+def response_of(system, seed, *, noise=0.02):
+    rng = np.random.default_rng(2000 + seed)
+    s = 2j * np.pi * LINES[:, None, None]
+    x = np.linalg.solve(s * np.eye(len(system.A)) - system.A, system.B + 0.0 * s)
+    g = (system.C @ x)[:, 0]
+    std = noise * np.mean(np.abs(g)) * (0.5 + np.arange(len(LINES))[:, None] / len(LINES))
+    std = np.broadcast_to(std, g.shape)
+    error = rng.normal(size=g.shape) + 1j * rng.normal(size=g.shape)
+    names = [f"u{i}" for i in range(g.shape[1])]
+    return FrequencyResponse(LINES, g + std * error / np.sqrt(2.0), std, input_names=names)
+
+
+# ------------------------------------------------------------------------------------------ order
+
+
+@pytest.mark.parametrize("n_poles", [1, 2, 3, 4, 5, 6])
+def test_order_is_found_in_a_frequency_response(n_poles):
+    model = TransferFunction("auto", n_zeros=None, max_poles=n_poles + 1, dt=DT)
+    model.fit_frequency_response(response_of(plant(n_poles, 0), 0))
+    assert model.n_states_ == n_poles
+    # the residual is noise of the standard deviation that is given
+    assert model.fit_error_ * np.sqrt(2.0) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("n_poles", [1, 3])
+def test_order_is_found_in_a_record(n_poles):
+    u, y = recording(plant(n_poles, 0), 0)
+    model = TransferFunction("auto", n_zeros=None, max_poles=n_poles + 1, dt=DT).fit(u, y)
+    assert model.n_states_ == n_poles
+    expected = np.sort_complex(np.linalg.eigvals(plant(n_poles, 0).A).astype(complex))
+    np.testing.assert_allclose(np.sort_complex(model.poles_), expected, rtol=0.05)
+
+
+def test_order_of_exact_data_and_of_given_zeros():
+    u, y = recording(plant(2, 1), 1, noise=0.0, n=400)
+    assert TransferFunction("auto", n_zeros=None, max_poles=4, dt=DT).fit(u, y).n_states_ == 2
+    model = TransferFunction(3, n_zeros=None, dt=DT).fit(*recording(plant(3, 1), 1))
+    assert len(model.zeros_) == 2
+    with pytest.raises(ValueError, match="'n_zeros' parameter of TransferFunction"):
+        TransferFunction("auto", n_zeros=4, max_poles=3).fit(u, y)
+
+
+# --------------------------------------------------------------------------------- standard errors
+
+
+def covered(fit, n_seeds):
+    """Return the part of 95 % intervals of frequency and damping that hold the truth."""
+    truth = plant(3, 5)
+    pole = next(p for p in np.linalg.eigvals(truth.A) if p.imag > 0.0)
+    inside = []
+    for seed in range(n_seeds):
+        table = fit(truth, seed).poles_table()
+        row = table[table.damping_ratio < 1.0].iloc[0]
+        frequency, damping = abs(pole) / (2.0 * np.pi), -pole.real / abs(pole)
+        inside += [
+            abs(row.frequency - frequency) < 1.96 * row.frequency_std,
+            abs(row.damping_ratio - damping) < 1.96 * row.damping_ratio_std,
+        ]
+        rate = table[table.damping_ratio == 1.0].iloc[0]
+        real = next(p for p in np.linalg.eigvals(truth.A) if p.imag == 0.0)
+        inside.append(abs(rate.frequency + real.real / (2.0 * np.pi)) < 1.96 * rate.frequency_std)
+    return np.mean(inside)
+
+
+def test_coverage_of_intervals_from_frequency_responses():
+    part = covered(
+        lambda truth, seed: TransferFunction(3, n_zeros=2, dt=DT).fit_frequency_response(
+            response_of(truth, seed)
+        ),
+        60,
+    )
+    assert 0.9 <= part <= 0.99
+
+
+def test_coverage_of_intervals_from_records():
+    part = covered(
+        lambda truth, seed: TransferFunction(3, n_zeros=2, dt=DT).fit(
+            *recording(truth, seed, n=250, noise=0.1)
+        ),
+        24,
+    )
+    assert 0.9 <= part <= 0.99
+
+
+def test_covariance_of_real_poles_by_simulation():
+    """A damping ratio above one: two real poles, whose errors the delta method gives."""
+    system = signal.ZerosPolesGain([], [-20.0, -90.0], 1800.0)
+    g = signal.freqresp(system, 2.0 * np.pi * LINES)[1]
+    std, rates, stds = np.full(len(LINES), 0.01), [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        error = rng.normal(size=len(g)) + 1j * rng.normal(size=len(g))
+        model = TransferFunction(2, dt=DT)
+        model.fit_frequency_response(FrequencyResponse(LINES, g + std * error / 2**0.5, std))
+        rates.append(model.natural_frequencies_)
+        stds.append(model.natural_frequencies_std_)
+    np.testing.assert_allclose(np.std(rates, axis=0), np.mean(stds, axis=0), rtol=0.25)
+    assert np.isnan(model.damping_ratios_std_).all()
+
+
+# ---------------------------------------------------------------------------------- several inputs
+
+
+def two_inputs():
+    one = plant(3, 7)
+    b = np.stack([one.B[:, 0], np.roll(one.B[:, 0], 1) * [1.0, 30.0, 0.3]], axis=1)
+    return signal.StateSpace(one.A, b, one.C, np.zeros((1, 2)))
+
+
+def test_two_inputs_share_the_poles():
+    truth = two_inputs()
+    u, y = recording(truth, 0, noise=1e-4)
+    model = TransferFunction(3, n_zeros=2, inputs="all", dt=DT).fit(u, y + 5.0)
+    assert model.n_states_ == 3
+    np.testing.assert_allclose(
+        np.sort_complex(model.poles_), np.sort_complex(np.linalg.eigvals(truth.A)), rtol=1e-3
+    )
+    fresh, expected = recording(truth, 1, noise=0.0)
+    assert np.std(model.predict(fresh) - 5.0 - expected) < 1e-3 * expected.std()
+    assert [len(zeros) for zeros in model.zeros_] == [2, 2]
+
+
+def test_columns_are_chosen_by_name_and_units_do_not_matter():
+    truth = two_inputs()
+    u, y = recording(truth, 0, noise=0.01, n=500)
+    frame = pd.DataFrame(
+        {"load": np.zeros(len(y)), "a": u[:, 0], "b": u[:, 1]}, index=DT * np.arange(len(y))
+    )
+    named = TransferFunction(3, n_zeros=2, inputs=["a", "b"]).fit(frame, y)
+    plain = TransferFunction(3, n_zeros=2, inputs="all", dt=DT).fit(u, y)
+    np.testing.assert_array_equal(named.predict(frame), plain.predict(u))
+    other = TransferFunction(3, n_zeros=2, inputs=[2, 1]).fit(frame * [1.0, 1e-9, 1e6], 1e-6 * y)
+    np.testing.assert_allclose(
+        other.predict(frame * [1.0, 1e-9, 1e6]), 1e-6 * plain.predict(u), atol=1e-10 * y.std()
+    )
+    drive = TransferFunction(3, n_zeros=2).fit(frame[["a", "b"]], y)
+    alone = TransferFunction(3, n_zeros=2).fit(frame[["a"]], y)
+    np.testing.assert_array_equal(drive.predict(frame[["a", "b"]]), alone.predict(frame[["a"]]))
+
+
+def test_delays_of_two_inputs():
+    truth, delays = two_inputs(), np.array([0.03, 0.05])
+    u, _ = recording(truth, 3, n=800)
+    smooth = signal.lfilter([0.2], [1.0, -0.8], u, axis=0)
+    late = np.stack([np.r_[np.full(k, smooth[0, i]), smooth[:-k, i]] for i, k in enumerate([3, 5])])
+    rest = np.linalg.solve(truth.A, -truth.B @ smooth[0])
+    _, y, _ = signal.lsim(truth, late.T, DT * np.arange(800), X0=rest)
+    known = TransferFunction(3, n_zeros=2, inputs="all", delay=delays, dt=DT).fit(smooth, y)
+    assert known.fit_error_ < 1e-6 * y.std()
+    assert "delays[0]" not in known.params_
+    free = TransferFunction(3, n_zeros=2, inputs="all", delay="fit", dt=DT)
+    free.fit_frequency_response(_delayed(response_of(truth, 0, noise=1e-6), delays))
+    np.testing.assert_allclose(free.operator_.delays, delays, rtol=1e-3)
+
+
+def _delayed(response, delays):
+    shift = np.exp(-2j * np.pi * response.frequency[:, None] * delays)
+    return dataclasses.replace(response, response=response.response * shift)
+
+
+@pytest.mark.parametrize("composition", [Cascade, Sum])
+def test_several_inputs_enter_no_composition(composition):
+    u, y = recording(two_inputs(), 0, n=100)
+    steps = [("plays", PrandtlIshlinskii(3)), ("dynamics", TransferFunction(inputs="all"))]
+    with pytest.raises(ValueError, match="'inputs' parameter of TransferFunction must be 'drive'"):
+        composition(steps, dt=DT).fit(u, y)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"inputs": ["a"]}, "must be columns of X"),
+        ({"inputs": [2]}, r"Got 2\s+instead"),
+        ({"inputs": [0, 0]}, "none twice"),
+        ({"inputs": []}, "at least one column"),
+        ({"inputs": "first"}, "'inputs' parameter"),
+        ({"inputs": "all", "delay": [0.1, 0.2, 0.3]}, "one for each of 2 input"),
+        ({"delay": -1.0}, "'delay' parameter"),
+        ({"inputs": "all", "initial_state": "estimate"}, "'initial_state' parameter"),
+        ({"n_poles": 0}, "'n_poles' parameter"),
+        ({"n_poles": "many"}, "'n_poles' parameter"),
+    ],
+)
+def test_wrong_parameters(options, message):
+    u, y = recording(two_inputs(), 0, n=100)
+    with pytest.raises(ValueError, match=message):
+        TransferFunction(dt=DT, **options).fit(u, y)
+
+
+def test_cloned_pickled_and_checked_for_its_columns():
+    u, y = recording(two_inputs(), 0, n=200)
+    frame = pd.DataFrame(u, columns=["a", "b"])
+    model = clone(TransferFunction(2, inputs=["b", "a"], dt=DT)).fit(frame, y)
+    assert list(model.feature_names_in_) == ["a", "b"]
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.predict(frame), model.predict(frame))
+    with pytest.raises(ValueError, match="feature names"):
+        model.predict(frame[["a"]])
+
+
+# ------------------------------------------------------------------------------ frequency response
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e9])
+def test_exact_frequency_response_is_recovered(scale):
+    truth = plant(5, 0)
+    response = response_of(truth, 0, noise=0.0)
+    response = dataclasses.replace(response, response=scale * response.response, std=None)
+    model = TransferFunction(5, n_zeros=4, dt=DT).fit_frequency_response(response)
+    np.testing.assert_allclose(
+        np.sort_complex(model.poles_), np.sort_complex(np.linalg.eigvals(truth.A)), rtol=1e-6
+    )
+    static = float((truth.C @ np.linalg.solve(-truth.A, truth.B))[0, 0])
+    assert model.params_["gain"] == pytest.approx(scale * static, rel=1e-6)
+    again = model.predict(np.ones((4, 1)))
+    np.testing.assert_allclose(again, scale * static, rtol=1e-6)
+
+
+def test_delay_of_a_frequency_response():
+    response = _delayed(response_of(plant(4, 2), 0, noise=0.01), 0.21)
+    fitted = TransferFunction(4, n_zeros=2, delay="fit", dt=DT).fit_frequency_response(response)
+    assert fitted.params_["delay__delay"] == pytest.approx(
+        0.21, abs=5.0 * fitted.params_std_["delay__delay"]
+    )
+    assert fitted.params_std_["delay__delay"] < 1e-4
+    known = TransferFunction(4, n_zeros=2, delay=0.21, dt=DT).fit_frequency_response(response)
+    assert "delay__delay" not in known.params_
+    np.testing.assert_allclose(known.poles_, fitted.poles_, rtol=0.01)
+    with pytest.raises(ValueError, match="delay"):
+        known.to_scipy()
+
+
+def test_estimated_response_leads_to_the_free_run():
+    u, y = recording(plant(4, 3), 0, n=8000)
+    frame = pd.DataFrame(
+        {"volt": signal.lfilter([0.3], [1.0, -0.7], u[:, 0])}, DT * np.arange(8000)
+    )
+    rest = np.zeros(4)
+    _, y, _ = signal.lsim(plant(4, 3), frame.to_numpy(), frame.index, X0=rest)
+    response = frequency_response(frame, y, segment_length=1000).restrict(high=20.0)
+    model = TransferFunction(4, n_zeros=2).fit_frequency_response(response)
+    assert model.score(frame, y) > 0.99
+    np.testing.assert_array_equal(model.predict(frame.assign(more=1.0)), model.predict(frame))
+    other = model.set_params(dt=DT).fit(u, y)  # and the other way again
+    assert other.predict(u).shape == (8000,)
+
+
+def test_unstable_poles_are_kept_on_request():
+    truth = signal.ZerosPolesGain([], [3.0, -20.0], 100.0)
+    g = signal.freqresp(truth, 2.0 * np.pi * LINES)[1]
+    response = FrequencyResponse(LINES, g)
+    model = TransferFunction(2, stable=False, dt=DT).fit_frequency_response(response)
+    np.testing.assert_allclose(np.sort(model.poles_.real), [-20.0, 3.0], rtol=1e-6)
+    assert model.damping_ratios_.tolist() == [-1.0, 1.0]
+    with pytest.warns(DivergenceWarning, match="unstable"):
+        model.predict(np.ones((5, 1)))
+    pair = signal.ZerosPolesGain([], [1.0 + 60.0j, 1.0 - 60.0j], 3600.0)
+    response = FrequencyResponse(LINES, signal.freqresp(pair, 2.0 * np.pi * LINES)[1])
+    free = TransferFunction(2, stable=False, dt=DT).fit_frequency_response(response)
+    np.testing.assert_allclose(free.poles_.real, 1.0, rtol=1e-6)
+    assert TransferFunction(2, dt=DT).fit_frequency_response(response).poles_.real.max() < 0.0
+
+
+def test_wrong_frequency_responses():
+    two = response_of(two_inputs(), 0)
+    with pytest.raises(ValueError, match="'inputs' parameter of TransferFunction must be 'all'"):
+        TransferFunction(3).fit_frequency_response(two)
+    few = FrequencyResponse(np.array([1.0, 2.0]), np.array([1.0, 1.0j]))
+    with pytest.raises(ValueError, match="lines above zero"):
+        TransferFunction(8).fit_frequency_response(few)
+    model = TransferFunction(3, n_zeros=2, inputs="all").fit_frequency_response(two)
+    with pytest.raises(ValueError, match=r"must have the 2 input\(s\)"):
+        model.predict(np.ones((5, 1)))
+
+
+# --------------------------------------------------------------------------------------- conversion
+
+
+def test_from_system_to_scipy_and_control():
+    truth = plant(3, 0)
+    model = TransferFunction.from_system(truth, dt=DT)
+    u, y = recording(truth, 0, noise=0.0, n=200)
+    np.testing.assert_allclose(model.predict(u), y, atol=1e-8 * y.std())
+    np.testing.assert_allclose(
+        np.sort_complex(np.linalg.eigvals(model.to_scipy().A)),
+        np.sort_complex(np.linalg.eigvals(truth.A)),
+        rtol=1e-8,
+    )
+    assert model.n_zeros == len(model.zeros_) == 2
+    both = TransferFunction.from_system(two_inputs(), dt=DT, hold="foh")
+    u, y = recording(two_inputs(), 0, noise=0.0, n=200)
+    np.testing.assert_allclose(both.predict(u), y, atol=1e-7 * y.std())
+
+
+def test_python_control():
+    control = pytest.importorskip("control")
+    model = TransferFunction.from_system(control.tf([2.0, 1.0], [1.0, 3.0, 2.0]), dt=DT)
+    system = model.to_control()
+    np.testing.assert_allclose(np.sort(system.poles().real), [-2.0, -1.0], rtol=1e-9)
+    assert complex(system(1.0)) == pytest.approx(0.5)
+
+
+def test_message_without_python_control(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(ImportError, match=r"skhyst\[control\]"):
+        TransferFunction.from_system(plant(2, 0)).to_control()
