@@ -32,7 +32,7 @@ class SlewLimitOperator(Operator):
     --------
     >>> from skhyst.operators import SlewLimitOperator
     >>> SlewLimitOperator(100.0).run([0.0, 0.25, 0.25, 0.25], dt=1e-3)[0]
-    array([0. , 0.1, 0.2, 0.25])
+    array([0.  , 0.1 , 0.2 , 0.25])
     """
 
     rate: float = parameter(log=True, lower=0.0, unit="drive/s")
