@@ -62,6 +62,9 @@ class Report:
     spectra : dict of str to list of float
         ``frequency`` (Hz) and the amplitude spectral density of the residual, ``before`` and
         ``after``.
+    location : list of dict
+        Where what is left stands out: the record, time, drive, rate and frequency at which its mean
+        power is largest, if it is above that of the whole by a half.
     signals : dict
         Arrays for the pictures; not part of :meth:`to_dict`.
 
@@ -95,6 +98,7 @@ class Report:
     seconds: dict
     command: str | None
     spectra: dict
+    location: list
     signals: dict = dataclasses.field(repr=False)
 
     @classmethod

@@ -10,6 +10,7 @@ __all__ = ["collect"]
 
 _SETTINGS = ("alpha", "max_effects", "min_improvement", "cv", "washout", "random_state")
 _MAX_CURVE = 4000
+_CONCENTRATED = 1.5  # mean power over that of the whole, above which a place is named
 
 
 def collect(search, command, held_out):
@@ -49,6 +50,7 @@ def collect(search, command, held_out):
         "seconds": {str(stage): float(value) for stage, value in search.seconds_.items()},
         "command": command,
         "spectra": _spectra(search),
+        "location": _location(search.residual_location_),
         "signals": {
             "drive": np.asarray(search.drive_, dtype=float),
             "response": response,
@@ -238,6 +240,24 @@ def _held_out(search, held_out):
         "error_before": float(search.held_out_error(X, y, declared=True)),
         "error_after": float(search.held_out_error(X, y)),
     }
+
+
+def _location(table):
+    """Return the strongest entry of each way to look at what is left."""
+    strongest = table.groupby("by", sort=False).head(1)
+    return [
+        {
+            "by": row.by,
+            "record": None if row.record is None else str(row.record),
+            "low": float(row.low),
+            "high": float(row.high),
+            "unit": row.unit,
+            "share": float(row.share),
+            "concentration": float(row.concentration),
+        }
+        for row in strongest.itertuples()
+        if row.concentration > _CONCENTRATED
+    ]
 
 
 def _spectra(search):

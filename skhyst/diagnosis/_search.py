@@ -21,6 +21,7 @@ from ._contest import Contestant, contest, held_out, paired_p_value, screen
 from ._data_quality import data_quality
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
+from ._location import locate
 from ._noise import black_box_gain, repeatability
 from ._report import Report
 from ._structure import Structure
@@ -100,6 +101,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Faults of the measurement, see :func:`data_quality`; they are reported, not removed.
     declared_estimator_, best_estimator_ : estimator
         Both fitted on all data.
+    residual_location_ : DataFrame
+        How the power of what is left is spread over records, time, drive, rate and frequency: see
+        ``concentration``. Of use where the verdict is ``"unexplained"``.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice
@@ -293,6 +297,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
         self._judge(records, base)
+        self.residual_location_ = locate(records, base.residuals, [s.label for s in slices])
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
         self._structure = base.structure
