@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, nnls
 
@@ -22,10 +22,10 @@ def make_problem(seed, n, degenerate):
         a[:, n // 2] = 0.0
     if "wide" in degenerate:
         a = a[: max(n // 2, 1)]
-    if "scales" in degenerate:
-        a = a * 10.0 ** rng.uniform(-6, 6, n)
     if "collinear" in degenerate and n > 2:
         a[:, 1] = a[:, 0] * 0.3 - a[:, 2]
+    if "scales" in degenerate:  # last: the normal equations do not hold what differs by 1e-9 only
+        a = a * 10.0 ** rng.uniform(-6, 6, n)
     r = rng.normal(size=len(a))
     size = 1.0 / np.maximum(np.linalg.norm(a, axis=0), 1e-3)
     lower = -np.where(rng.random(n) < 0.3, np.inf, size * rng.exponential(size=n))
@@ -52,6 +52,7 @@ def test_reaches_the_minimum_of_lsq_linear(seed, n, degenerate):
     reference = lsq_linear(
         a / scale, -r, bounds=(lower * scale, np.maximum(upper * scale, 1e-300)), method="bvls"
     )
+    assume(np.abs(reference.x).max() < 1e9)  # SciPy runs off along equal columns at times
     best = 0.5 * np.sum(reference.fun**2)
     assert objective(a, r, step) <= best + 1e-9 * 0.5 * (r @ r)
 
