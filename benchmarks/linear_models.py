@@ -12,15 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from recordings import SHARED, load_piezo_fsm
+from recordings import SHARED, load_cascaded_tanks, load_piezo_fsm, load_silverbox
 
 from skhyst.linear import ModalModel, TransferFunction, frequency_response
 
 FSM_PERIOD = 8192
 FSM_PUBLISHED = {100: 0.114, 200: 0.555}  # um, linear model of 28 states fitted at 100 mV
 TANKS_PUBLISHED = 0.757  # V
-ARROW = slice(0, 40_700)  # rows of the silverbox: a Gaussian noise of growing size
-MULTISINE = slice(41_270, None)  # ten realisations of a multisine, one after the other
 TRAIN_PART = 0.9
 
 
@@ -71,9 +69,8 @@ def piezo_fsm(data):
 
 def cascaded_tanks(data):
     """Yield a row: both records start from the same unknown state."""
-    table = pd.read_csv(Path(data) / "cascaded_tanks" / "dataBenchmark.csv")
-    X, y = table[["uEst"]].to_numpy(), table["yEst"].to_numpy()
-    X_test, y_test = table[["uVal"]].to_numpy(), table["yVal"].to_numpy()
+    X, y = load_cascaded_tanks("train", data)
+    X_test, y_test = load_cascaded_tanks("test", data)
     start = time.perf_counter()
     model = TransferFunction(2, dt=4.0, initial_state="estimate").fit(X, y)
     wall = time.perf_counter() - start
@@ -92,19 +89,17 @@ def cascaded_tanks(data):
 
 def silverbox(data):
     """Yield rows: fitted on nine tenths of the multisines, tested on the last, and on the arrow."""
-    table = pd.read_csv(Path(data) / "silverbox" / "SNLS80mV.csv")
-    X, y = table[["V1"]].to_numpy(), table["V2"].to_numpy()
-    rows = np.arange(len(X))[MULTISINE]
-    cut = rows[int(TRAIN_PART * len(rows))]
-    train = slice(rows[0], cut)
+    X, y = load_silverbox("multisine", data)
+    cut = int(TRAIN_PART * len(X))
     start = time.perf_counter()
-    model = TransferFunction(2, n_zeros=None, dt=1.0 / 610.35).fit(X[train], y[train])
+    model = TransferFunction(2, n_zeros=None, dt=1.0 / 610.35).fit(X[:cut], y[:cut])
     wall = time.perf_counter() - start
-    for name, part in (("multisine", slice(cut, None)), ("arrow", ARROW)):
+    tests = {"multisine": (X[cut:], y[cut:]), "arrow": load_silverbox("arrow", data)}
+    for name, (X_test, y_test) in tests.items():
         yield {
             "recording": f"silverbox, {name}",
             "model": f"TransferFunction, {model.n_states_} poles",
-            "error": f"{1e3 * rmse(model.predict(X[part]) - y[part]):.2f} mV",
+            "error": f"{1e3 * rmse(model.predict(X_test) - y_test):.2f} mV",
             "published linear": "-",
             "fit": f"{wall:.1f} s wall",
         }

@@ -7,7 +7,8 @@ A model is a sum of terms, each a coefficient times a product of lagged signals.
 has one group for each distinct product of outputs; its weight ``w_g`` collects the inputs of all
 terms that share it. The weights know no output, so they are computed ahead, a block of samples at a
 time. The groups are ordered by the power of ``y(k-1)`` and summed by Horner's rule: from one sample
-to the next only one product and one sum a power have to wait for each other.
+to the next only one product and one sum a power have to wait for each other. Models up to the third
+degree in at most one output before ``y(k-1)``, the common ones, have a loop without tables.
 """
 
 from typing import NamedTuple
@@ -41,6 +42,8 @@ class Polynomial(NamedTuple):
     older: np.ndarray  # (n_groups, degree): their lags
     powers: np.ndarray  # (n_powers, 3), highest power of y(k-1) first: the group without older
     # outputs, and where the groups with one older output and those with several end
+    short: np.ndarray  # (10,): group of y(k-1)^i y(k-lag)^j, i + j <= 3, n_groups for none; or (0,)
+    older_lag: int  # that lag; 1 where there is none
 
 
 def plan_polynomial(terms, input_lags, output_lags, n_columns):
@@ -91,6 +94,11 @@ def plan_polynomial(terms, input_lags, output_lags, n_columns):
         ]
         for p in reversed(range(n_powers))
     ]
+    older_lags = {lag for product in groups for lag in product if lag > 1}
+    lag, short = max(older_lags, default=0), []
+    if len(older_lags) <= 1 and max(map(len, groups)) <= 3:
+        pairs = [(1,) * i + (lag,) * j for i in range(4) for j in range(4 - i)]
+        short = [place.get(product, len(groups)) for product in pairs]
     return Polynomial(
         int(n_columns),
         max((int(lag) for lag in output_lags), default=0),
@@ -104,6 +112,8 @@ def plan_polynomial(terms, input_lags, output_lags, n_columns):
         n_older,
         _table([[lag for lag in product if lag > 1] for product in groups], degree),
         np.array(powers, dtype=np.int64),
+        np.array(short, dtype=np.int64),
+        max(lag, 1),
     )
 
 
@@ -153,21 +163,15 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
             0, (0, n_head, _with_past(plan, inputs[: n_past + n_head], n_past), plan.reach)
         )
     for first, stop, signals, origin in pieces:
-        good = _run(
-            plan.start,
-            origin,
-            plan.n_factors,
-            plan.columns,
-            plan.lags,
-            plan.group,
-            plan.n_older.astype(np.uint64),
-            plan.older.astype(np.uint64),
-            plan.powers.astype(np.uint64),
-            coefficients,
-            signals,
-            bound,
-            y[first : plan.start + stop],
-        )
+        inputs_of = (origin, plan.n_factors, plan.columns, plan.lags, plan.group)
+        last = (coefficients, signals, bound, y[first : plan.start + stop])
+        if len(plan.short) and plan.start:
+            n_groups = len(plan.n_outputs)
+            good = _run_short(plan.start, plan.older_lag, plan.short, n_groups, *inputs_of, *last)
+        else:
+            tables = (plan.n_older, plan.older, plan.powers)
+            tables = (table.astype(np.uint64) for table in tables)
+            good = _run(plan.start, *inputs_of, *tables, *last)
         if good < stop - first:
             n_good = min(n_good, first + good)
     return y[plan.start :], n_good
@@ -333,6 +337,60 @@ def _run(
                 total = -bound if total < 0.0 else bound
             y[k] = total
             previous = total
+    return n_good
+
+
+@jit
+def _run_short(
+    start,
+    older,
+    short,
+    n_groups,
+    origin,
+    n_factors,
+    columns,
+    lags,
+    group,
+    coefficients,
+    signals,
+    bound,
+    y,
+):
+    """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; one more group stays zero."""
+    n_samples = len(y) - start
+    n_good = n_samples
+    row, weights = np.empty(_BLOCK), np.empty((n_groups + 1, _BLOCK))
+    w00, w01, w02, w03 = weights[short[0]], weights[short[1]], weights[short[2]], weights[short[3]]
+    w10, w11, w12 = weights[short[4]], weights[short[5]], weights[short[6]]
+    w20, w21, w30 = weights[short[7]], weights[short[8]], weights[short[9]]
+    q = y[start - 1]
+    for first in range(0, n_samples, _BLOCK):
+        stop = min(first + _BLOCK, n_samples)
+        _weights(
+            first,
+            stop,
+            origin,
+            n_factors,
+            columns,
+            lags,
+            group,
+            coefficients,
+            signals,
+            row,
+            weights,
+        )
+        new = y[start + first :]
+        old = y[start + first - older :]
+        for i in range(stop - first):
+            r = old[i]
+            third = w30[i] * q + (w20[i] + w21[i] * r)
+            second = third * q + (w10[i] + r * (w11[i] + r * w12[i]))
+            total = second * q + (w00[i] + r * (w01[i] + r * (w02[i] + r * w03[i])))
+            if not abs(total) <= bound:
+                n_good = min(n_good, first + i)
+                total = -bound if total < 0.0 else bound
+            new[i] = total
+            q = total
     return n_good
 
 

@@ -12,6 +12,7 @@ from skhyst._kernels._polynomial import plan_polynomial, polynomial_run, polynom
 
 INPUT_LAGS = ((0, 0), (0, 2), (1, 1))
 OUTPUT_LAGS = (1, 3)
+NO_SHORT_WAY = np.empty(0, dtype=np.int64)
 N_SIGNALS = len(INPUT_LAGS) + len(OUTPUT_LAGS)
 TABLE = np.array(
     [
@@ -51,14 +52,18 @@ def make(seed, n_terms=12, n_samples=60):
 @given(st.integers(0, 10_000), st.integers(1, 30), st.integers(0, 5))
 def test_run_is_the_sum_of_the_products(seed, n_terms, n_past):
     terms, plan, coefficients, inputs, initial = make(seed, n_terms)
-    y, n_good = polynomial_run(plan, coefficients, inputs, initial, 1e9, n_past)
     expected = by_hand(terms, coefficients, inputs, initial, n_past)
-    assert n_good == len(y) == len(inputs) - n_past
-    np.testing.assert_allclose(y, expected, rtol=1e-10, atol=1e-13)
+    for kind in (plan, plan._replace(short=NO_SHORT_WAY)):
+        y, n_good = polynomial_run(kind, coefficients, inputs, initial, 1e9, n_past)
+        assert n_good == len(y) == len(inputs) - n_past
+        np.testing.assert_allclose(y, expected, rtol=1e-10, atol=1e-13)
 
 
-def test_run_longer_than_a_block_and_in_two_parts():
+@pytest.mark.parametrize("short", [True, False])
+def test_run_longer_than_a_block_and_in_two_parts(short):
     _, plan, coefficients, inputs, initial = make(3, n_samples=1700)
+    plan = plan._replace(short=plan.short if short else NO_SHORT_WAY)
+    assert len(plan.short) == (10 if short else 0)
     y, _ = polynomial_run(plan, coefficients, inputs, initial, 1e9)
     first, _ = polynomial_run(plan, coefficients, inputs[:700], initial, 1e9)
     second, _ = polynomial_run(plan, coefficients, inputs, first[-3:], 1e9, n_past=700)
@@ -109,11 +114,13 @@ def test_what_leaves_the_bound_is_cut_off():
         assert not dy[n_good:].any()
 
 
-@pytest.mark.parametrize("function", ["_run", "_tangents"])
+@pytest.mark.parametrize("function", ["_run", "_run_short", "_tangents"])
 def test_compiled_equals_python(monkeypatch, function):
-    _, plan, coefficients, inputs, initial = make(11)
+    _, plan, coefficients, inputs, initial = make(3)
+    by_table = plan._replace(short=NO_SHORT_WAY)
     calls = {
-        "_run": lambda: polynomial_run(plan, coefficients, inputs, initial),
+        "_run": lambda: polynomial_run(by_table, coefficients, inputs, initial),
+        "_run_short": lambda: polynomial_run(plan, coefficients, inputs, initial),
         "_tangents": lambda: polynomial_tangents(
             plan, coefficients, inputs, initial, np.zeros((3, len(coefficients)))
         ),
