@@ -4,8 +4,9 @@ Prints the error of the free run on test records beside published figures. The r
 part of the project; their folder lies beside the checkout or is named by --data.
 
 Orders and sizes are chosen on held-out samples of the estimation data, and the model is then fitted
-to all of these: nothing depends on the test records. Where several networks, or several structures,
-do about as well as each other, the mean of their free runs is the prediction. A free run begins
+to all that the choice has seen, before the script looks at a test record. Where several networks or
+structures do about as well as each other, the mean of their free runs is the prediction; its
+held-out error is printed too for the tanks. A free run begins
 
 - silverbox and tanks: after as many measured samples as the longest output lag, not counted in the
   error, since both records begin in an unknown state;

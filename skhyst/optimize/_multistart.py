@@ -3,14 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from ._method import Method, restrict, search_box
-from ._variable_projection import variable_projection
+from ._variable_projection import solve_linear, variable_projection
 
 __all__ = ["VariableProjection"]
 
 _FULL_RUNS = 2  # of many starts, so many are followed to the end
 _TRIAL_EVALUATIONS = 4
+_TRIALS = 4  # of the starts on long records, those that fit best as they are
+_LONG = 50_000  # samples
 _KEPT = 0.5  # part of the unknowns that a random start takes from the best solution so far
 
 
@@ -18,7 +21,9 @@ _KEPT = 0.5  # part of the unknowns that a random start takes from the best solu
 class VariableProjection(Method):
     """Separable least squares with exact derivatives; see :func:`variable_projection`.
 
-    Every start is followed for a few evaluations, the best two to the end.
+    Every start is followed for a few evaluations, the best two to the end. On long records (more
+    than 50,000 samples) only those are followed that fit best once their linear parameters are
+    solved, and starts go side by side in threads, as many as there are processors.
 
     Parameters
     ----------
@@ -71,24 +76,38 @@ class VariableProjection(Method):
     def _best_of(self, starts):
         """Return the best problem and solution, and the number of evaluations."""
         evaluations = 0
+        long = starts[0][0].segment_length.sum() > _LONG
+        parallel = Parallel(n_jobs=-1 if long else 1, prefer="threads")
+        if long and len(starts) > _TRIALS:
+            costs = parallel(delayed(_solved_cost)(problem, x) for problem, x in starts)
+            evaluations += len(starts)
+            starts = [starts[i] for i in np.argsort(costs, kind="stable")[:_TRIALS]]
         if len(starts) > _FULL_RUNS:
-            trials = []
-            for problem, x in starts:
-                trial = variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS)
-                evaluations += trial.n_evaluations
-                trials.append((trial.cost, problem, trial.x))
-            trials.sort(key=lambda trial: trial[0])
-            starts = [trial[1:] for trial in trials[:_FULL_RUNS]]
-        best = None
-        for problem, x in starts:
-            solution = variable_projection(
+            trials = parallel(
+                delayed(variable_projection)(problem, x, max_evaluations=_TRIAL_EVALUATIONS)
+                for problem, x in starts
+            )
+            evaluations += sum(trial.n_evaluations for trial in trials)
+            order = np.argsort([trial.cost for trial in trials], kind="stable")[:_FULL_RUNS]
+            starts = [(starts[i][0], trials[i].x) for i in order]
+        if self.callback is not None or self.verbose:
+            parallel = Parallel(n_jobs=1)  # what is reported comes in order
+        solutions = parallel(
+            delayed(variable_projection)(
                 problem,
                 x,
                 tolerance=self.tolerance,
                 max_evaluations=self.max_evaluations,
                 callback=self._report,
             )
-            evaluations += solution.n_evaluations
-            if best is None or solution.cost < best[1].cost:
-                best = problem, solution
-        return best, evaluations
+            for problem, x in starts
+        )
+        evaluations += sum(solution.n_evaluations for solution in solutions)
+        best = min(range(len(starts)), key=lambda i: solutions[i].cost)
+        return (starts[best][0], solutions[best]), evaluations
+
+
+def _solved_cost(problem, x):
+    """Return the sum of squares at ``x`` once the linear parameters are solved."""
+    gram = problem.total(problem.evaluate(x))
+    return solve_linear(problem, x, gram)[1][-1, -1] if np.isfinite(gram).all() else np.inf

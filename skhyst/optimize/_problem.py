@@ -155,8 +155,16 @@ class OperatorProblem:
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         blocks = []
         d, n, driven = self._n_eliminated, len(x) * jacobian, len(self._free)
-        logs = np.flatnonzero(self.log) if jacobian else ()
+        chain = np.ones(d + n + 1)
+        if jacobian:
+            chain[d:-1] = np.where(self.log, np.exp(np.where(self.log, x, 0.0)), 1.0)
         for number, record in enumerate(self.records):
+            if jacobian and not disturbances and record.before is None:
+                y, dy = _scheduled(operator, record).linearize(
+                    record.u, np.empty((len(record.u), 0)), record.dt, self.initial_state
+                )
+                blocks.append(_bordered_grams(dy, y - record.y, record.segments, self._free))
+                continue
             columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
                 u, skip = self._with_history(record)
@@ -177,10 +185,8 @@ class OperatorProblem:
                         known = select[self.segment_record == number]
                     own = _calibrate(columns[:, :d], -columns[:, -1], record.segments, known)
                     columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
-            for i in logs:
-                columns[:, d + i] *= np.exp(x[i])
             blocks.append(_segment_grams(columns, record.segments))
-        return np.concatenate(blocks)
+        return np.concatenate(blocks) * np.outer(chain, chain)
 
     @staticmethod
     def _moving_columns(disturbances, record, coefficients):
@@ -284,6 +290,18 @@ def _segment_grams(columns, segments):
         part = columns[start:stop].reshape(last - first, length, -1)
         np.matmul(part.transpose(0, 2, 1), part, out=grams[first:last])
         first = last
+    return grams
+
+
+def _bordered_grams(columns, last, segments, index):
+    """Return the Gram matrices of the columns at ``index`` and a last one, without a copy."""
+    n = len(index)
+    grams = np.empty((len(segments), n + 1, n + 1))
+    every, corner = _segment_grams(columns, segments), _segment_grams(last[:, None], segments)
+    grams[:, :n, :n] = every[:, index[:, None], index]
+    for gram, (start, stop) in zip(grams, segments, strict=True):
+        gram[:n, n] = gram[n, :n] = (last[start:stop] @ columns[start:stop])[index]
+    grams[:, n, n] = corner[:, 0, 0]
     return grams
 
 
