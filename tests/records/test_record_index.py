@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import KFold, train_test_split
 from sklearn.preprocessing import StandardScaler
@@ -173,6 +173,7 @@ def test_the_interval_does_not_depend_on_the_rows_picked(dt):
 
 
 @settings(deadline=None, max_examples=40)
+@example(2414619, 20, 1, False)
 @given(st.integers(0, 2**32 - 1), st.integers(20, 300), st.integers(1, 4), st.booleans())
 def test_shuffled_rows_are_refused(seed, n, n_records, labelled):
     X = frame(*((i, np.arange(n) * 0.1) for i in range(n_records)))
