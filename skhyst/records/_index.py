@@ -247,8 +247,8 @@ def _sampling_intervals(stamps, pieces, one_interval):
             raise RecordError(
                 f"All records must have the same sampling interval. Got "
                 f"{reference * stamps.unit:.6g} s, and {means[differs[0]] * stamps.unit:.6g} s in "
-                f"record {stamps.label(a, run)!r} instead; call skhyst.records.resample_records. If "
-                f"the rows have been shuffled: {SPLITTERS}."
+                f"record {stamps.label(a, run)!r} instead; call skhyst.records.resample_records. "
+                f"If the rows have been shuffled: {SPLITTERS}."
             )
         # Nine digits: 0.001 s stays 0.001 s whatever rows a splitter picks.
         found[same] = float(f"{spans[same].sum() / intervals[same].sum() * stamps.unit:.9g}")
