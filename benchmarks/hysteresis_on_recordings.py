@@ -12,8 +12,17 @@ import time
 import warnings
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
+from recordings import (
+    SHARED,
+    load_bh_loops,
+    load_friction_damper,
+    load_mr_damper,
+    load_piezo_afm,
+    load_piezo_pnzt,
+    load_pneumatic_cylinder,
+    split_in_time,
+)
 from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 
@@ -21,103 +30,34 @@ from skhyst import hysteresis
 from skhyst.compose import Cascade
 from skhyst.metrics import nrmse
 from skhyst.preprocessing import GeneralizedInputGradient
-from skhyst.records import iter_records, read_records, resample_records, stack_records
 from skhyst.static import SmoothCurve
 
-SHARED = Path(__file__).resolve().parents[1] / "../shared/data"
 STEP = 0.005  # s, of the damper's recordings, which come at two rates
-PNZT = ("08kv", "1kv", "11kv", "15kv", "19kv")
+MR_TESTS = ("10mm1Hz", "25mm0x1Hz", "25mm0x25Hz", "25mm0x5Hz", "2mm5Hz")
 
 
-def joined(recordings):
-    """Stack recordings that are frames with a record index of their own."""
-    parts = [part for X, y in recordings for _, *part in iter_records(X, y)]
-    return stack_records([tuple(part) for part in parts], labels=range(len(parts)))
+def whole(recording):
+    """Return a recording whose test is scored from its first sample on."""
+    return *recording, 0
 
 
-def later(X, y, part):
-    """Cut a recording in time."""
-    n = int(part * len(y))
-    return X.iloc[:n], y.iloc[:n], X.iloc[n:], y.iloc[n:], 0
+def looped(recording):
+    """Return a recording whose test is a loop gone through twice, of which the second counts."""
+    return *recording, len(recording[3]) // 2
 
 
-def around(loops, held_out):
-    """Run each loop twice: the first turn only brings the memory into it, and is not scored."""
-    turns = [(np.tile(u, 2), np.tile(y, 2)) for u, y in loops]
-    first = len(loops[held_out][0])
-    test = stack_records([turns.pop(held_out)])
-    return *stack_records(turns), *test, first
-
-
-def mr_damper(data, current, held_out):
-    """Force (N) of a displacement (mm), one file an amplitude and frequency."""
-    train = []
-    for path in sorted((data / "mr_damper").glob(f"*Hz{current}A.txt")):
-        X, y = read_records(path, time=0, drive=1, response=3)
-        X, y = resample_records(X, y, dt=STEP)
-        if path.stem.startswith(held_out):
-            test = X, y
-        else:
-            train.append((X, y))
-    return *joined(train), *test, 0
+def mr_damper(data, current):
+    """Force (N) of a displacement (mm) at one current; the test of 5 mm and 3 Hz held out."""
+    options = {"currents": (current,), "step": STEP, "data": data}
+    X, y = load_mr_damper(MR_TESTS, **options)
+    X_test, y_test = load_mr_damper(("5mm3Hz",), **options)
+    return whole((X[["displacement"]], y, X_test[["displacement"]], y_test))
 
 
 def mr_damper_in_time(data, current):
     """The 5 mm, 3 Hz recording alone, its second half held out."""
-    X, y = read_records(data / f"mr_damper/5mm3Hz{current}A.txt", time=0, drive=1, response=3)
-    return later(X, y, 0.5)
-
-
-def bh_loops(data, held_out):
-    """Flux density (T) of a field (A/m), one column an amplitude."""
-    folder, loops = data / "bh_loops/1_isotropic", []
-    for column in range(4):
-        H, _ = read_records(
-            folder / "H_MnZn_ferrite.mat",
-            drive=f"HmeasT[{column}]",
-            response=f"HmeasT[{column}]",
-            sampling_rate=1.0,
-        )
-        _, B = read_records(
-            folder / "B_MnZn_ferrite.mat",
-            drive=f"BmeasT[{column}]",
-            response=f"BmeasT[{column}]",
-            sampling_rate=1.0,
-        )
-        loops.append((H.to_numpy()[:, 0], B.to_numpy()))
-    return around(loops, held_out)
-
-
-def friction_damper(data):
-    """Force (kip) of a displacement (in) at 0.5 Hz, the last 40 % held out."""
-    path = data / "friction_damper/dataset-1_0.5Hz20lbtension.json"
-    X, y = read_records(path, time="data[0]", drive="data[1]", response="data[2]")
-    return later(X, y, 0.6)
-
-
-def pneumatic_cylinder(data):
-    """Force (N) of a displacement (mm), the last 40 % held out."""
-    X, y = read_records(data / "pneumatic_cylinder/KDN_1bar.csv", time=0, drive=4, response=6)
-    X, y = resample_records(X, y, dt=10.0, max_gap=100.0)  # its clock is in ms, and jitters
-    return later(X, y, 0.6)
-
-
-def piezo_pnzt(data, held_out):
-    """Displacement (nm) of a voltage (V), one loop an amplitude."""
-    path, loops = data / "piezo_pnzt/MeasurementData.mat", []
-    for name in PNZT:
-        X, y = read_records(
-            path, drive=f"Vplus_{name}", response=f"Displacement_{name}", sampling_rate=1.0
-        )
-        loops.append((X.to_numpy()[:, 0], y.to_numpy()))
-    return around(loops, held_out)
-
-
-def piezo_afm(data):
-    """Strain gauge (counts) of a voltage (V), the last 40 % held out."""
-    path = data / "piezo_afm/SG_data_triangle_sin_raw.mat"
-    X, y = read_records(path, drive="V", response="SG[0]", sampling_rate=1.0)
-    return later(X, y, 0.6)
+    X, y = load_mr_damper(("5mm3Hz",), (current,), data=data)
+    return whole(split_in_time(X[["displacement"]], y, 0.5))
 
 
 def viscous():
@@ -157,18 +97,21 @@ LOOPS = {
 }
 MAGNETIC = {**LOOPS, "JilesAtherton": hysteresis.JilesAtherton}
 CASES = {
-    "mr_damper 0 A, 5 mm 3 Hz": (lambda d: mr_damper(d, "0", "5mm"), FORCE),
-    "mr_damper 0.5 A, 5 mm 3 Hz": (lambda d: mr_damper(d, "0x5", "5mm"), FORCE),
-    "mr_damper 1 A, 5 mm 3 Hz": (lambda d: mr_damper(d, "1", "5mm"), FORCE),
-    "mr_damper 0 A, second half": (lambda d: mr_damper_in_time(d, "0"), FORCE),
-    "mr_damper 0.5 A, second half": (lambda d: mr_damper_in_time(d, "0x5"), FORCE),
-    "mr_damper 1 A, second half": (lambda d: mr_damper_in_time(d, "1"), FORCE),
-    "friction_damper, last 40 %": (friction_damper, FORCE),
-    "pneumatic_cylinder, last 40 %": (pneumatic_cylinder, FORCE),
-    "bh_loops, second amplitude": (lambda d: bh_loops(d, 1), MAGNETIC),
-    "bh_loops, third amplitude": (lambda d: bh_loops(d, 2), MAGNETIC),
-    "piezo_pnzt, 1.5 kV": (lambda d: piezo_pnzt(d, 3), LOOPS),
-    "piezo_afm, last 40 %": (piezo_afm, LOOPS),
+    "mr_damper 0 A, 5 mm 3 Hz": (lambda d: mr_damper(d, 0.0), FORCE),
+    "mr_damper 0.5 A, 5 mm 3 Hz": (lambda d: mr_damper(d, 0.5), FORCE),
+    "mr_damper 1 A, 5 mm 3 Hz": (lambda d: mr_damper(d, 1.0), FORCE),
+    "mr_damper 0 A, second half": (lambda d: mr_damper_in_time(d, 0.0), FORCE),
+    "mr_damper 0.5 A, second half": (lambda d: mr_damper_in_time(d, 0.5), FORCE),
+    "mr_damper 1 A, second half": (lambda d: mr_damper_in_time(d, 1.0), FORCE),
+    "friction_damper, last 40 %": (lambda d: whole(load_friction_damper(data=d)), FORCE),
+    "pneumatic_cylinder, last 40 %": (
+        lambda d: whole(load_pneumatic_cylinder(data=d)),
+        FORCE,
+    ),
+    "bh_loops, second amplitude": (lambda d: looped(load_bh_loops((1,), data=d)), MAGNETIC),
+    "bh_loops, third amplitude": (lambda d: looped(load_bh_loops((2,), data=d)), MAGNETIC),
+    "piezo_pnzt, 1.5 kV": (lambda d: looped(load_piezo_pnzt((1.5,), data=d)), LOOPS),
+    "piezo_afm, last 40 %": (lambda d: whole(load_piezo_afm(data=d)), LOOPS),
 }
 
 

@@ -1,16 +1,27 @@
 """Loaders of measured recordings, which are not part of the project and lie beside the checkout."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from skhyst.records import read_records, resample_records, stack_records
+
 __all__ = [
     "SHARED",
+    "load_bh_loops",
     "load_bouc_wen_benchmark",
     "load_cascaded_tanks",
+    "load_emps",
+    "load_friction_damper",
+    "load_mr_damper",
+    "load_piezo_afm",
     "load_piezo_fsm",
+    "load_piezo_pnzt",
+    "load_pneumatic_cylinder",
     "load_silverbox",
+    "split_in_time",
 ]
 
 SHARED = Path(__file__).resolve().parents[1] / "../shared/data"
@@ -19,6 +30,220 @@ SILVERBOX_PARTS = {
     "arrow": slice(0, 40_700),  # a Gaussian noise of growing size
     "multisine": slice(41_270, None),  # ten realisations, one after the other
 }
+BH_FILES = {
+    "ferrite": ("1_isotropic", "MnZn_ferrite"),
+    "ferrite_hp": ("11_TwoStepSolver", "MnZn_HP_ferrite"),
+    "steel": ("3_mixed", "M130_27s"),
+}
+PNZT = {0.8: "08kv", 1.0: "1kv", 1.1: "11kv", 1.5: "15kv", 1.9: "19kv"}  # level in kV, name
+
+
+def split_in_time(X, y, part):
+    """Cut a recording in time.
+
+    Parameters
+    ----------
+    X, y : DataFrame, Series
+    part : float
+        Share of the samples that come first.
+
+    Returns
+    -------
+    X_train, y_train, X_test, y_test
+    """
+    n = int(part * len(y))
+    return X.iloc[:n], y.iloc[:n], X.iloc[n:], y.iloc[n:]
+
+
+def _split_loops(loops, held_out, turns):
+    """Stack loops, a dict of level to drive and response, without and with those held out."""
+    unknown = sorted(set(held_out) - set(loops))
+    if unknown:
+        levels = ", ".join(map(str, loops))
+        raise ValueError(f"The levels are {levels}. Got {', '.join(map(str, unknown))} instead.")
+    parts = []
+    for chosen in (
+        [level for level in loops if level not in held_out],
+        [level for level in loops if level in held_out],
+    ):
+        repeated = [tuple(np.tile(signal, turns) for signal in loops[level]) for level in chosen]
+        parts += stack_records(repeated, labels=[str(level) for level in chosen])
+    return tuple(parts)
+
+
+def load_piezo_afm(axis="x", train_part=0.6, data=SHARED):
+    """Load an axis of the scanner of a force microscope: slow triangles and sines, growing.
+
+    Parameters
+    ----------
+    axis : {"x", "y", "z"}, default="x"
+        The recordings of y and z contain lost readings.
+    train_part : float, default=0.6
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X_train, y_train, X_test, y_test
+        Voltage in V and reading of the strain gauge in counts, about one sample a second.
+    """
+    path = Path(data) / "piezo_afm/SG_data_triangle_sin_raw.mat"
+    X, y = read_records(path, drive="V", response=f"SG[{'xyz'.index(axis)}]", sampling_rate=1.0)
+    return split_in_time(X, y, train_part)
+
+
+def load_piezo_pnzt(held_out=(1.5,), turns=2, data=SHARED):
+    """Load the loops of a PNZT ceramic, one closed loop at each of five levels.
+
+    Parameters
+    ----------
+    held_out : sequence of {0.8, 1.0, 1.1, 1.5, 1.9}, default=(1.5,)
+        Levels in kV of the test records.
+    turns : int, default=2
+        How often each loop is gone through. The first turn only brings the memory into the loop,
+        so that a test scores the last one alone.
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X_train, y_train, X_test, y_test
+        Voltage in V and displacement in nm, one record a level. There is no time base.
+    """
+    path, loops = Path(data) / "piezo_pnzt/MeasurementData.mat", {}
+    for level, name in PNZT.items():
+        X, y = read_records(
+            path, drive=f"Vplus_{name}", response=f"Displacement_{name}", sampling_rate=1.0
+        )
+        loops[level] = X.to_numpy()[:, 0], y.to_numpy()
+    return _split_loops(loops, held_out, turns)
+
+
+def load_bh_loops(held_out=(2,), material="ferrite", turns=2, data=SHARED):
+    """Load quasi-static magnetisation loops, one closed loop at each of several amplitudes.
+
+    Parameters
+    ----------
+    held_out : sequence of int, default=(2,)
+        Numbers of the amplitudes of the test records, in ascending order, from 0 on.
+    material : {"ferrite", "ferrite_hp", "steel"}, default="ferrite"
+        Four amplitudes each, three of the steel.
+    turns : int, default=2
+        How often each loop is gone through, see :func:`load_piezo_pnzt`.
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X_train, y_train, X_test, y_test
+        Field in A/m and flux density in T, one record an amplitude. There is no time base.
+    """
+    from scipy.io import loadmat
+
+    folder, name = BH_FILES[material]
+    H, B = (
+        loadmat(Path(data) / "bh_loops" / folder / f"{kind}_{name}.mat")[f"{kind}measT"]
+        for kind in "HB"
+    )
+    return _split_loops({i: (H[:, i], B[:, i]) for i in range(H.shape[1])}, held_out, turns)
+
+
+def load_pneumatic_cylinder(train_part=0.6, data=SHARED):
+    """Load the friction of a printed pneumatic cylinder at 1 bar.
+
+    Parameters
+    ----------
+    train_part : float, default=0.6
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X_train, y_train, X_test, y_test
+        Displacement in mm and force in N; the time is in ms.
+    """
+    path = Path(data) / "pneumatic_cylinder/KDN_1bar.csv"
+    X, y = read_records(path, time=0, drive=4, response=6)
+    X, y = resample_records(X, y, dt=10.0, max_gap=100.0)  # its clock jitters
+    return split_in_time(X, y, train_part)
+
+
+def load_emps(split="train", data=SHARED):
+    """Load the electro-mechanical positioning system, a prismatic robot drive in closed loop.
+
+    Parameters
+    ----------
+    split : {"train", "test"}, default="train"
+        Two runs of the same axis along the same path; force pulses disturb the second.
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, 1)
+        Position in m, at 1 kHz.
+    y : Series of shape (n_samples,)
+        Force of the motor in N.
+    """
+    from scipy.io import loadmat
+
+    name = {"train": "DATA_EMPS", "test": "DATA_EMPS_PULSES"}[split]
+    file = loadmat(Path(data) / "emps" / f"{name}.mat")
+    force = file["vir"].ravel() * file["gtau"].item()
+    index = pd.Index(1e-3 * np.arange(len(force)), name="time")
+    X = pd.DataFrame({"position": file["qm"].ravel()}, index)
+    return X, pd.Series(force, index, name="force")
+
+
+def load_mr_damper(tests=("5mm3Hz",), currents=(0.0, 0.5, 1.0), step=0.001, data=SHARED):
+    """Load a magnetorheological damper on a press, in sines.
+
+    Parameters
+    ----------
+    tests : sequence of str, default=("5mm3Hz",)
+        Among 2mm5Hz, 5mm3Hz, 10mm1Hz, 25mm0x1Hz, 25mm0x25Hz, 25mm0x5Hz.
+    currents : sequence of {0.0, 0.5, 1.0}, default=(0.0, 0.5, 1.0)
+        In A.
+    step : float, default=0.001
+        Sampling interval in s; the slow tests come at 0.005 s.
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, 2)
+        Displacement in mm and current in A, one record a test and current.
+    y : Series of shape (n_samples,)
+        Force in N.
+    """
+    parts, labels = [], []
+    for test, current in product(tests, currents):
+        path = Path(data) / "mr_damper" / f"{test}{current:g}A.txt".replace("0.5", "0x5")
+        X, y = read_records(path, time=0, drive=1, response=3)
+        X, y = resample_records(X, y, dt=step)
+        X = X.set_axis(["displacement"], axis=1).assign(current=current)
+        parts.append((X, y.rename("force")))
+        labels.append(f"{test} {current:g} A")
+    return stack_records(parts, labels=labels)
+
+
+def load_friction_damper(train_part=0.6, data=SHARED):
+    """Load a full-scale banded rotary friction damper with backlash, in sines of 0.5 Hz.
+
+    Parameters
+    ----------
+    train_part : float, default=0.6
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X_train, y_train, X_test, y_test
+        Displacement in inches and force in kip, at 1024 Hz.
+    """
+    path = Path(data) / "friction_damper/dataset-1_0.5Hz20lbtension.json"
+    X, y = read_records(path, time="data[0]", drive="data[1]", response="data[2]")
+    return split_in_time(X, y, train_part)
 
 
 def load_piezo_fsm(level, split="train", data=SHARED):

@@ -92,6 +92,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     method = "variable_projection"  # of a model of your own that takes no such parameter
     _rank = 30  # of the operator, see Operator.rank
+    _reads_columns = False  # of X beside the first
     _one_interval = False  # an operator runs at the interval of each record
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
@@ -127,12 +128,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _record_data(self, slices, X, y):
         """Return what identification sees of each record."""
-        signal = self._signal(X)
-        return [RecordData(signal[s.rows], y[s.rows], s.dt) for s in slices]
+        signal, schedules = self._signal(X, slices), self._schedules(slices, X)
+        return [
+            RecordData(signal[s.rows], y[s.rows], s.dt, schedule=schedule)
+            for s, schedule in zip(slices, schedules, strict=True)
+        ]
 
-    def _signal(self, X):
-        """Return the columns of X that drive the operator: the first one, (n_samples,)."""
+    def _signal(self, X, slices):
+        """Return what drives the operator: the first column of X, (n_samples,)."""
         return X[:, 0]
+
+    def _schedules(self, slices, X):
+        """Return the number that scheduled parameters depend on, or None, for each record."""
+        return [None] * len(slices)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -149,14 +157,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             method=self.method,
         )
 
+    def _with_histories(self, result, data):
+        """Return the result refitted, and the drive at rest before each record."""
+        fixed = {name for name, _ in result.operator.entries()} - set(result.params)
+        return estimate_histories(result, data, fixed=fixed, method=self.method)
+
     def _fit_records(self, data):
         """Fit validated records."""
         result = self._identify(data)
         if self.initial_state == "estimate":
-            fixed = {name for name, _ in result.operator.entries()} - set(result.params)
-            result, self.initial_drive_ = estimate_histories(
-                result, data, fixed=fixed, method=self.method
-            )
+            result, self.initial_drive_ = self._with_histories(result, data)
         if result.undetermined:
             named, more = result.undetermined[:_NAMED], len(result.undetermined) - _NAMED
             rest = f" and {more} more, see identifiability_" if more > 0 else ""
@@ -206,22 +216,25 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return run_records(self.operator_, self._signal(X), slices, self._free_run_state())
+        signal, schedules = self._signal(X, slices), self._schedules(slices, X)
+        return run_records(self.operator_, signal, slices, self._free_run_state(), schedules)
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"
 
 
-def run_records(operator, signal, slices, initial_state="rest"):
+def run_records(operator, signal, slices, initial_state="rest", schedules=None):
     """Run an operator over the records of a signal; the result is always finite.
 
-    The signal is (n_samples,), or (n_samples, n_inputs) for an operator of several inputs.
+    The signal is (n_samples,), or (n_samples, n_inputs) for an operator of several inputs;
+    ``schedules`` are numbers for scheduled parameters, one a record, or None.
     """
     signal = np.ascontiguousarray(signal)
     parts = []
-    for record in slices:
+    for record, schedule in zip(slices, schedules or [None] * len(slices), strict=True):
         u = signal[record.rows]
-        parts.append(operator.run(u, record.dt, operator.init(u[0], initial_state))[0])
+        own = operator if schedule is None else operator.at(schedule)
+        parts.append(own.run(u, record.dt, own.init(u[0], initial_state))[0])
     y = parts[0] if len(parts) == 1 else np.concatenate(parts)
     # one pass where all is well; a sum may overflow where the values do not
     if not (np.isfinite(y.sum()) or np.isfinite(y).all()):

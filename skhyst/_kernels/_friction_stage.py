@@ -32,8 +32,8 @@ _FS, _RATIO, _VS, _RHO, _BRISTLE = 2, 3, 4, 5, 6  # place among the parameters
 
 @jit
 def decay(a):
-    """Return ``1 - exp(-a)``, phi, psi and ``chi = (1/2 - psi) / a`` for ``a >= 0``."""
-    if a < _SERIES:
+    """Return ``1 - exp(-a)``, phi, psi and ``chi = (1/2 - psi) / a``."""
+    if abs(a) < _SERIES:
         # sum of (-a)^k / (k + 3)!
         chi = _C3 - a * (_C4 - a * (_C5 - a * (_C6 - a * (_C7 - a * (_C8 - a * (_C9 - a * _C10))))))
         psi = 0.5 - a * chi

@@ -98,6 +98,14 @@ class Cascade(Composition):
         super().__init__(steps, initial_state=initial_state, dt=dt, method=method)
         self.warm_start = warm_start
 
+    def _check_steps(self):
+        super()._check_steps()
+        for (name, _), model in list(zip(self.steps, self._models(), strict=True))[1:]:
+            if model._reads_columns:
+                raise ValueError(
+                    f"The step '{name}' of Cascade reads columns of X: it must be the first."
+                )
+
     def _compose(self, names, stages):
         return SeriesOperator(tuple(names), tuple(stages)).normalized()
 

@@ -3,6 +3,7 @@
 import dataclasses
 from abc import abstractmethod
 
+import numpy as np
 from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
@@ -63,6 +64,19 @@ class Composition(ParametricModel, BaseComposition):
         """Set parameters; ``name__parameter`` reaches into a step, ``name`` replaces it."""
         self._set_params("steps", **params)
         return self
+
+    @property
+    def _reads_columns(self):
+        return any(model._reads_columns for model in self._models())
+
+    def _signal(self, X, slices):
+        signals = [m._signal(X, slices) for m in self._models() if m._reads_columns]
+        # with the amplitude of the records as a last column, where one reads it
+        return max(signals, key=np.size) if signals else super()._signal(X, slices)
+
+    def _record_data(self, slices, X, y):
+        self._check_steps()
+        return super()._record_data(slices, X, y)
 
     def _check_steps(self):
         kind = type(self).__name__

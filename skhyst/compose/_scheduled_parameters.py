@@ -4,10 +4,9 @@ from numbers import Integral
 
 import numpy as np
 from sklearn.base import clone
-from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval
-from ..base import ParametricModel, read_data, run_records
+from ..base import ParametricModel
 from ..exceptions import RecordError
 from ..operators import ScheduledOperator
 from ..optimize import RecordData, VariableProjection, identify
@@ -111,8 +110,8 @@ class ScheduledParameters(ParametricModel):
     def _schedules(self, slices, X):
         """Return the schedule of each record."""
         if self.by == "amplitude":
-            return np.array([0.5 * np.ptp(X[s.rows, 0]) for s in slices])
-        column = self._column()
+            return [0.5 * float(np.ptp(X[s.rows, 0])) for s in slices]
+        column = self._column(X.shape[1])
         found = []
         for s in slices:
             values = X[s.rows, column]
@@ -122,15 +121,15 @@ class ScheduledParameters(ParametricModel):
                     f"record. In record {s.label!r} it goes from {values.min():g} to "
                     f"{values.max():g}: cut the record where it changes."
                 )
-            found.append(values.mean())
-        return np.array(found)
+            found.append(float(values.mean()))
+        return found
 
-    def _column(self):
-        names = list(getattr(self, "feature_names_in_", range(self.n_features_in_)))
+    def _column(self, n_columns):
+        names = list(getattr(self, "feature_names_in_", range(n_columns)))
         if isinstance(self.by, str):
             if self.by in names:
                 return names.index(self.by)
-        elif self.by < self.n_features_in_:
+        elif self.by < n_columns:
             return self.by
         raise ValueError(
             "The 'by' parameter of ScheduledParameters must be 'amplitude' or a column of X: "
@@ -143,20 +142,18 @@ class ScheduledParameters(ParametricModel):
                 "The 'estimator' parameter of ScheduledParameters must be a parametric model of "
                 f"skhyst. Got {self.estimator!r} instead."
             )
-        self.schedule_ = self._schedules(slices, X)
-        return [
-            RecordData(X[s.rows, 0], y[s.rows], s.dt, schedule=float(schedule))
-            for s, schedule in zip(slices, self.schedule_, strict=True)
-        ]
+        data = super()._record_data(slices, X, y)
+        self.schedule_ = np.array([record.schedule for record in data])
+        return data
 
     def _starts(self, records):
         if any(record.schedule is None for record in records):
             raise ValueError(
-                "ScheduledParameters stands outermost: put the Cascade or the Sum into it, and "
+                "ScheduledParameters stands outermost, or in a Sum: put the Cascade into it, and "
                 "search effects of the model inside."
             )
         base = clone(self.estimator)
-        plain = [RecordData(r.u, r.y, r.dt, r.segments) for r in records]
+        plain = [RecordData(r.u, r.y, r.dt, r.segments, weights=r.weights) for r in records]
         result = base._identify(plain)
         if result.disturbances:
             raise ValueError(
@@ -191,26 +188,6 @@ class ScheduledParameters(ParametricModel):
         super()._adopt(result)
         self.polynomials_ = self.operator_.polynomials()
         return self
-
-    def predict(self, X):
-        """Return the free run: the response to the drive alone, each record from its own start.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Units of the response.
-        """
-        check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        y = np.empty(len(X))
-        for s, schedule in zip(slices, self._schedules(slices, X), strict=True):
-            operator = self.operator_.at(schedule)
-            y[s.rows] = run_records(operator, X[:, 0], [s], self._free_run_state())
-        return y
 
 
 def _from_each_record(scheduled, records, plain, fixed):

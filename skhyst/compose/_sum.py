@@ -2,8 +2,11 @@
 
 import dataclasses
 
+import numpy as np
+
 from ..operators import DriftOperator, OffsetOperator, SeriesOperator, SumOperator
 from ..optimize import identify
+from ._columns import OnColumn
 from ._composition import Composition, HeldStep
 
 __all__ = ["Sum"]
@@ -52,6 +55,18 @@ class Sum(Composition):
     True
     """
 
+    def _models(self):
+        """Return the steps as models; beside one that reads columns the others read the first."""
+        models = super()._models()
+        if not any(model._reads_columns for model in models):
+            return models
+        return [m if m._reads_columns or _is_disturbance(m) else OnColumn(m, 0) for m in models]
+
+    def _schedules(self, slices, X):
+        found = [model._schedules(slices, X) for model in self._models()]
+        known = [schedules for schedules in found if any(s is not None for s in schedules)]
+        return known[0] if known else super()._schedules(slices, X)
+
     def _compose(self, names, stages):
         return SumOperator(tuple(names), tuple(stages)).normalized()
 
@@ -73,11 +88,13 @@ class Sum(Composition):
         state = self._free_run_state()
         models = self._models()
         found, disturbances, evaluations = {}, [], 0
-        records = data
+        records, last = data, None
         # what is held is known: it is taken off the response first
         for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
             result = models[i]._identify(records)
             evaluations += result.n_evaluations
+            if not (_is_disturbance(models[i]) or isinstance(models[i], HeldStep)):
+                last = i, records
             records = [
                 dataclasses.replace(record, y=record.y - part)
                 for record, part in zip(records, result.outputs(records, state), strict=True)
@@ -85,25 +102,38 @@ class Sum(Composition):
             if not _is_disturbance(models[i]):
                 found[i] = result.operator
             disturbances += result.disturbances
-        stages = [found[i] for i in sorted(found)]
-        operator, fixed = self._compose(self._driven_names(), stages), self._fixed()
+        branches = [found, *self._others(found, *last)] if last else [found]
+        starts = [
+            self._compose(self._driven_names(), [stages[i] for i in sorted(stages)])
+            for stages in branches
+        ]
+        fixed = self._fixed()
         if any(isinstance(d, OffsetOperator | DriftOperator) for d in disturbances):
-            constants = _constants(operator)
-            operator = operator.unpack(
-                [
-                    0.0 if name in constants else value
-                    for (name, _), value in zip(operator.entries(), operator.pack(), strict=True)
-                ]
-            )
+            constants = _constants(starts[0])
+            held = [name in constants for name, _ in starts[0].entries()]
+            starts = [start.unpack(np.where(held, 0.0, start.pack())) for start in starts]
             fixed |= constants
         result = identify(
-            [(operator, tuple(disturbances))],
+            [(start, tuple(disturbances)) for start in starts],
             data,
             fixed=fixed,
             initial_state=state,
             method=self.method,
         )
         return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
+
+    def _others(self, found, i, records):
+        """Return the branches with the starting values of the last one that is driven.
+
+        The branches before it have taken a part of what it should explain, so the values that fit
+        what they left need not lead to the best of all together. Where all are linear in the
+        signal there is little to lose that way.
+        """
+        model = self._models()[i]
+        if len(found) == 1 or isinstance(model, Composition) or found[i].signal_linear:
+            return []
+        starts = [operator for operator, _ in model._starts(records)]
+        return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
 
     @property
     def operators_(self):

@@ -40,6 +40,14 @@ def _thin(record, step):
         lines = np.interp(np.arange(covered), np.arange(0, covered, step), kept)
         change = np.sqrt(np.mean(np.square(record.u[:covered] - lines)))
         if len(kept) > 1 and change <= _CHANGE * record.u.std():
-            return replace(record, u=kept, y=record.y[::step], dt=step * record.dt, segments=())
+            weights = None if record.weights is None else record.weights[::step]
+            return replace(
+                record,
+                u=kept,
+                y=record.y[::step],
+                dt=step * record.dt,
+                segments=(),
+                weights=weights,
+            )
         step //= 2
     return record

@@ -7,16 +7,33 @@ from joblib import delayed
 from scipy.stats import t as student
 
 from ..optimize import predicted_cost, variable_projection
+from ._shortened import are_long
 from ._starts import starting_structures
 
-__all__ = ["Contestant", "contest", "held_out", "paired_p_value", "screen"]
+__all__ = [
+    "Contestant",
+    "Screened",
+    "contest",
+    "held_out",
+    "independent_share",
+    "paired_p_value",
+    "refitted",
+    "relative_gain",
+    "screen",
+]
 
-_TRIALS = 2  # starts of a variant that are refitted briefly
+_SCREENED = 2  # variants of an effect whose best start is refitted briefly in screening
+_TRIALS = 3  # starts of a variant that are refitted briefly in the contest
 _TRIAL_EVALUATIONS = 4
 _EVALUATIONS = 60
 _VARIANTS = 4  # variants of one effect that are refitted
+_FINALISTS = 2  # of these, refitted on whole records where the others see first parts
+_NEAR = 1.1  # sum of squares in first parts, relative to the best variant's, of another finalist
+_FAR = 8.0  # the same, relative to the best effect's, above which none is refitted
+_LONG_EVALUATIONS = 8  # on whole records, from the solution in their first parts
 _HOPEFUL = 4.0  # sum of squares, relative to the best variant's, up to which one is refitted
 _FOLD_EVALUATIONS = 4
+_LONG_FOLD_EVALUATIONS = 2  # of long records, where a fold's solution is near that of all
 _TOLERANCE = 1e-5
 _FOLD_TOLERANCE = 1e-5
 _LARGEST_CORRELATION = 0.95  # of neighbouring segments
@@ -26,7 +43,10 @@ _LARGEST_LOSS = 0.75  # part of the variance that the records' means may take
 
 @dataclass(frozen=True)
 class Contestant:
-    """A candidate: its structure with operators at the solution, and what it achieves."""
+    """A candidate: its structure with operators at the solution, and what it achieves.
+
+    ``box`` is what the declared black box predicts, where one was declared, see ``_black_box``.
+    """
 
     effect: str
     structure: object
@@ -38,16 +58,29 @@ class Contestant:
     predictions: tuple | None = None
     error: float = np.nan
     p_value: float = np.nan
+    box: object = None
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What screening found: the variants that apply, best first, and what the best reaches.
+
+    A variant is a list of contestants, best start first. ``parts`` are the first parts of the
+    records, where these were screened.
+    """
+
+    variants: list
+    cost: float = np.inf
+    n_parameters: int = 0
+    parts: list | None = None
 
 
 def screen(effect, structure, records):
-    """Refit an effect briefly; return its variants and the sum of squares that it reached.
-
-    A variant is a list of contestants, best start first.
+    """Refit an effect briefly.
 
     Each starting value is simulated once: the linear parameters are solved exactly and one
-    Gauss-Newton step of all others is predicted. The best start of all is then refitted for a few
-    steps, since a prediction far from the solution says little.
+    Gauss-Newton step of all others is predicted. The best starts of the two best variants are then
+    refitted for a few steps, since a prediction far from the solution says little.
     """
     found = []
     for candidates in starting_structures(effect, structure, records):
@@ -58,9 +91,21 @@ def screen(effect, structure, records):
             n_parameters = len(problem.x0) + candidate.n_coefficients()
             starts.append(Contestant(effect.name, candidate, predicted, n_parameters, problem.x0))
         found.append(sorted(starts, key=lambda c: c.cost))
-    best = min(found, key=lambda starts: starts[0].cost)
-    best[0] = _refit(best[0], records, _TRIAL_EVALUATIONS)[0]
-    return found, best[0].cost
+    if not found:
+        return Screened([])
+    hopeful = sorted(found, key=lambda starts: starts[0].cost)[:_SCREENED]
+    for starts in hopeful:
+        starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
+    fewest = min(starts[0].n_parameters for starts in found)
+    return Screened(found, min(starts[0].cost for starts in hopeful), fewest)
+
+
+def refitted(contestant, structure, records):
+    """Return the contestant with another structure, refitted."""
+    problem = structure.problem(records)
+    n_parameters = len(problem.x0) + structure.n_coefficients()
+    changed = replace(contestant, structure=structure, x=problem.x0, n_parameters=n_parameters)
+    return _refit(changed, records, _EVALUATIONS)[0]
 
 
 def _refit(contestant, records, max_evaluations):
@@ -75,28 +120,52 @@ def _refit(contestant, records, max_evaluations):
 def contest(candidates, records, parallel):
     """Refit the promising variants of effects; return those that Schwarz's criterion prefers.
 
-    ``candidates`` are, for each effect, its variants as :func:`screen` returns them; ``parallel``
-    is a joblib ``Parallel``. One contestant an effect is returned.
+    ``candidates`` are, for each effect, what :func:`screen` has found; ``parallel`` is a joblib
+    ``Parallel``. Of variants that were screened on the first parts of the records, the two that are
+    best there are refitted on the whole. One contestant an effect is returned; the sum of squares
+    is infinite where the first parts tell that another effect is far better.
     """
     jobs = []
-    for number, variants in enumerate(candidates):
-        least = min(starts[0].cost for starts in variants)
-        near = [starts for starts in variants if starts[0].cost <= _HOPEFUL * least]
+    for number, screened in enumerate(candidates):
+        least = min(starts[0].cost for starts in screened.variants)
+        near = [starts for starts in screened.variants if starts[0].cost <= _HOPEFUL * least]
         near.sort(key=lambda starts: starts[0].cost)
         jobs += [(number, starts) for starts in near[:_VARIANTS]]
-    refitted = parallel(delayed(_refit_variant)(starts, records) for _, starts in jobs)
-    best = [None] * len(candidates)
-    for (number, _), found in zip(jobs, refitted, strict=True):
-        if best[number] is None or found[0] < best[number][0]:
-            best[number] = found
-    return [contestant for _, contestant in best]
+    refitted = parallel(
+        delayed(_refit_variant)(starts, candidates[number].parts or records)
+        for number, starts in jobs
+    )
+    found = [[] for _ in candidates]
+    for (number, _), variant in zip(jobs, refitted, strict=True):
+        found[number].append(variant)
+    found = [sorted(variants, key=lambda v: v[0]) for variants in found]
+    in_parts = [number for number, screened in enumerate(candidates) if screened.parts]
+    least = min((found[number][0][1].cost for number in in_parts), default=0.0)
+    jobs = []
+    for number in in_parts:
+        (criterion, best), *_ = found[number]
+        near = [variant for _, variant in found[number] if variant.cost <= _NEAR * best.cost]
+        if best.cost > _FAR * least:
+            found[number] = [(criterion, replace(best, cost=np.inf))]
+        else:
+            found[number] = []
+            jobs += [(number, variant) for variant in near[:_FINALISTS]]
+    refitted = parallel(
+        delayed(_refit_judged)(variant, records, _LONG_EVALUATIONS) for _, variant in jobs
+    )
+    for (number, _), variant in zip(jobs, refitted, strict=True):
+        found[number].append(variant)
+    return [min(variants, key=lambda v: v[0])[1] for variants in found]
 
 
 def _refit_variant(starts, records):
     """Return Schwarz's criterion and the contestant that the best of a variant's starts becomes."""
     trials = [_refit(start, records, _TRIAL_EVALUATIONS)[0] for start in starts[:_TRIALS]]
-    start = min(trials, key=lambda c: c.cost)
-    refitted, problem = _refit(start, records, _EVALUATIONS)
+    return _refit_judged(min(trials, key=lambda c: c.cost), records)
+
+
+def _refit_judged(contestant, records, max_evaluations=_EVALUATIONS):
+    refitted, problem = _refit(contestant, records, max_evaluations)
     return _criterion(refitted, problem, len(records)), refitted
 
 
@@ -107,7 +176,7 @@ def _criterion(contestant, problem, n_records):
     parameters. Where the residual of a stretch hangs together it is larger (Takeuchi 1976), and
     counting every sample as evidence would prefer curves that only follow the residual.
     """
-    n = int(problem.segment_length.sum())
+    n = float(problem.segment_weight.sum())
     cost = max(contestant.cost, np.finfo(float).tiny)
     n_parameters = contestant.structure.n_coefficients() * n_records
     x = contestant.x
@@ -133,6 +202,7 @@ def held_out(contestant, records, folds):
     problem = contestant.structure.problem(records)
     blocks = problem.evaluate(problem.x0)
     predictions = [np.full(len(record.y), np.nan) for record in records]
+    budget = _LONG_FOLD_EVALUATIONS if are_long(records) else _FOLD_EVALUATIONS
     for train, test in folds:
         solution = variable_projection(
             problem,
@@ -140,7 +210,7 @@ def held_out(contestant, records, folds):
             select=train,
             blocks=None if problem.depends_on(train) else blocks,
             tolerance=_FOLD_TOLERANCE,
-            max_evaluations=_FOLD_EVALUATIONS,
+            max_evaluations=budget,
         )
         wanted = np.unique(problem.segment_record[test])
         parts = problem.predictions(solution.x, train, wanted)
@@ -151,15 +221,19 @@ def held_out(contestant, records, folds):
                     predictions[number][start:stop] = parts[number][start:stop]
                 segment += 1
     residuals = [r.y - p for r, p in zip(records, predictions, strict=True)]
+    weighed = [
+        np.square(own) if record.weights is None else record.weights * np.square(own)
+        for own, record in zip(residuals, records, strict=True)
+    ]
     squared = np.array(
         [
-            np.sum(np.square(residual[start:stop]))
-            for residual, record in zip(residuals, records, strict=True)
+            np.sum(own[start:stop])
+            for own, record in zip(weighed, records, strict=True)
             for start, stop in record.segments
         ]
     )
     scored = np.isfinite(squared)
-    error = np.sqrt(squared[scored].sum() / problem.segment_length[scored].sum())
+    error = np.sqrt(squared[scored].sum() / problem.segment_weight[scored].sum())
     return replace(
         contestant,
         squared_errors=squared,
@@ -189,9 +263,9 @@ def paired_p_value(worse, better, groups):
     groups : ndarray of shape (n_segments,)
         Record of each segment.
     """
-    scored = np.isfinite(worse) & np.isfinite(better)
-    worse, better, groups = worse[scored], better[scored], groups[scored]
-    gain = (worse - better) / np.maximum(worse + better, np.finfo(float).tiny)
+    gain = relative_gain(worse, better)
+    scored = np.isfinite(gain)
+    gain, groups = gain[scored], groups[scored]
     n = len(gain)
     if n < 3 or not np.any(gain != gain[0]):
         return 1.0
@@ -217,6 +291,34 @@ def paired_p_value(worse, better, groups):
     variance /= 1.0 - min(len(count) / independent, _LARGEST_LOSS)  # taken by the records' means
     freedom = max(min(n / (lags + 1.0), independent) - len(count), 1.0)
     return float(student.sf(gain.mean() / np.sqrt(variance), freedom))
+
+
+def relative_gain(worse, better):
+    """Return (worse - better) / (worse + better) of each segment's sums of squares."""
+    return (worse - better) / np.maximum(worse + better, np.finfo(float).tiny)
+
+
+def independent_share(gains):
+    """Return how many independent tests correlated ones are worth, relative to their number.
+
+    Candidates that remove the same part of a residual are no further chances of a false claim. The
+    number is that of Li and Ji (Heredity 95, 2005), from the eigenvalues of the correlation.
+
+    Parameters
+    ----------
+    gains : list of ndarray of shape (n_segments,)
+        Of each candidate; NaN where a segment was not scored.
+    """
+    if len(gains) < 2:
+        return 1.0
+    gains = np.array(gains)
+    gains = gains[:, np.isfinite(gains).all(axis=0)]
+    gains = gains[np.ptp(gains, axis=1) > 0.0] if gains.size else gains
+    if len(gains) < 2:
+        return 1.0
+    # rounded, since a whole eigenvalue counts as one test
+    values = np.round(np.abs(np.linalg.eigvalsh(np.corrcoef(gains))), 9)
+    return float(np.sum((values >= 1.0) + values % 1.0) / len(gains))
 
 
 def _covariance(values, groups, lag):

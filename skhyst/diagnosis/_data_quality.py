@@ -8,7 +8,7 @@ converter's range from a saturation of the device, and a stuck sensor from a res
 import numpy as np
 import pandas as pd
 
-__all__ = ["FAULTS", "data_quality"]
+__all__ = ["FAULTS", "data_quality", "lost_readings"]
 
 FAULTS = ("outlier", "lost_reading", "stuck_sensor", "clipped_range", "clock_jitter")
 
@@ -58,9 +58,11 @@ def data_quality(X, y, records):
     found = []
     for record in records:
         u, own = drive[record.rows], y[record.rows]
-        faults = list(_spikes(u, own))
+        runs = _runs(own)
+        faults = list(_spikes(u, own, *runs))
         codes = [value for fault, _, value in faults if fault == "lost_reading"]
-        faults += [*_stuck(u, own), *_clipped(own, codes)]
+        if _noisy(runs[1]):
+            faults += [*_stuck(u, own, *runs), *_clipped(own, *runs, codes)]
         for fault, rows, value in faults:
             found.append((fault, record.label, rows + record.rows.start, value))
         jitter = _jitter(X, record)
@@ -71,6 +73,28 @@ def data_quality(X, y, records):
         for fault, label, at, value in found
     ]
     return pd.DataFrame(rows, columns=["fault", "record", "n_samples", "rows", "value", "advice"])
+
+
+def lost_readings(drive, y, records):
+    """Return, for each record, whether a sample is a lost reading or one off its neighbours.
+
+    Parameters
+    ----------
+    drive, y : ndarray of shape (n_samples,)
+    records : sequence of RecordSlice
+
+    Returns
+    -------
+    list of ndarray of bool
+    """
+    found = []
+    for record in records:
+        own = y[record.rows]
+        lost = np.zeros(len(own), dtype=bool)
+        for _, rows, _ in _spikes(drive[record.rows], own, *_runs(own)):
+            lost[rows] = True
+        found.append(lost)
+    return found
 
 
 _ADVICE = {
@@ -88,14 +112,13 @@ def _runs(y):
     return starts, np.diff(np.r_[starts, len(y)])
 
 
-def _spikes(u, y):
+def _spikes(u, y, starts, lengths):
     """Yield readings off both neighbours, to one side: one value again and again is a code."""
     if len(y) < 5 or not np.ptp(y) > 0.0:
         return
     bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
     center = np.median(bend)
     least = max(_SPIKE * 1.4826 * np.median(np.abs(bend - center)), _PART * np.ptp(y))
-    starts, lengths = _runs(y)
     inner = slice(1, -1)
     before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
     into, back = value - before, value - after
@@ -126,26 +149,19 @@ def _noisy(lengths):
     return np.median(lengths) == 1.0 and np.mean(lengths == 1) > 0.5
 
 
-def _stuck(u, y):
+def _stuck(u, y, starts, lengths):
     """Yield stretches of one reading while the drive moves, away from the ends of the range."""
-    starts, lengths = _runs(y)
-    if not _noisy(lengths):
-        return
-    ends = (y.min(), y.max())
-    for start, length in zip(starts, lengths, strict=True):
+    ends, least = (y.min(), y.max()), _MOVES * (np.ptp(u) or np.inf)
+    long = lengths >= _STUCK
+    for start, length in zip(starts[long], lengths[long], strict=True):
         rows = np.arange(start, start + length)
-        if (
-            length >= _STUCK
-            and y[start] not in ends
-            and np.ptp(u[rows]) > _MOVES * (np.ptp(u) or np.inf)
-        ):
+        if y[start] not in ends and np.ptp(u[rows]) > least:
             yield "stuck_sensor", rows, y[start]
 
 
-def _clipped(y, codes):
+def _clipped(y, starts, lengths, codes):
     """Yield the readings at the largest or smallest value that is no code, if there are runs."""
-    starts, lengths = _runs(y)
-    if not _noisy(lengths) or not np.ptp(y) > 0.0:
+    if not np.ptp(y) > 0.0:
         return
     real = y[~np.isin(y, codes)]
     for end in (real.min(), real.max()):

@@ -6,8 +6,43 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..disturbance import Drift, Offset, PeriodicDisturbance
-from ..linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode, TransferFunction
-from ..static import DeadZones, Saturation, SmoothCurve
+from ..hysteresis import (
+    Backlash,
+    BoucWen,
+    BoucWenStage,
+    CoulombFriction,
+    Dahl,
+    FrictionStage,
+    MaxwellSlip,
+    PrandtlIshlinskii,
+    RestoringForce,
+    SlewLimit,
+)
+from ..linear import Delay, FirstOrderLag, Gain, KelvinVoigt, SecondOrderMode, TransferFunction
+from ..operators import (
+    BoucWenOperator,
+    BoucWenStageOperator,
+    DahlOperator,
+    FrictionStageOperator,
+    RestoringForceOperator,
+    SecondOrderModeOperator,
+    SumOperator,
+)
+from ..static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
+from ._changes import (
+    BesideForce,
+    Driven,
+    FirstHysteresis,
+    InMotion,
+    InStages,
+    Knee,
+    MovedModes,
+    PerRecord,
+    RateDependence,
+    Scaled,
+    SlowerThanDrive,
+)
+from ._noise import FEW_TURNS, near_period, visible_turns
 
 __all__ = ["EFFECTS", "Effect", "effect_names", "register_effect", "unregister_effect"]
 
@@ -21,7 +56,8 @@ class Effect:
     name : str
         Its name in reports and in the steps of the augmented model.
     variants : callable
-        Returns a list of unfitted models, simplest first; the data choose among them.
+        Returns a list of unfitted models, simplest first; the data choose among them. A change of
+        another kind than one more stage is an object with ``structures(name, scene)``.
     law : str
         One sentence of physics.
     experiment : str
@@ -30,7 +66,9 @@ class Effect:
         It is added to the response; otherwise it is a step of the series, where its operator's
         ``rank`` says, which a model of your own repeats as ``_rank``.
     plausible : callable, optional
-        Tells from the identified operator whether it still is what the name says.
+        Tells whether what was identified still is what the name says: called with the operator, the
+        peak-to-peak motion of its output, or of its input where several forces add up (NaN for what
+        stands beside), and the records.
     """
 
     name: str
@@ -41,22 +79,123 @@ class Effect:
     plausible: Callable | None = None
 
 
-def _rings(operator):
-    """Tell whether a mode has a peak: above this damping ratio there is none."""
-    damping = getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", None))
-    return bool(np.min(damping) < np.sqrt(0.5))
+def _rings(operator, motion, records):
+    """Tell whether the gain has a peak or a notch between that at rest and that of fast motion."""
+    if isinstance(operator, SecondOrderModeOperator):
+        return bool(operator.damping_ratio < np.sqrt(0.5))
+    mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
+    rest, *near, fast = np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND))
+    return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))
 
 
-def _sides(model, **options):
-    return lambda: [model(sides=sides, **options) for sides in ("upper", "lower", "both")]
+def _has_own_lines(operator, motion, records):
+    """Tell whether sinusoids are no harmonics of the drive, in one record at least."""
+    return any(_apart(np.asarray(operator.frequencies), record) for record in records)
+
+
+def _apart(frequencies, record):
+    n = len(record.u)
+    period = near_period(record.u)
+    if not period and visible_turns(record.u) <= FEW_TURNS:
+        period = n  # a loop or two
+    if not period:
+        return True
+    harmonics = frequencies * period * record.dt
+    return bool(np.all(np.abs(harmonics - np.round(harmonics)) * n >= period))
+
+
+def _saturations(rank):
+    sides = ("upper", "lower", "both")
+    rounded = Knee if rank == "sensor" else lambda model: model
+    return lambda: [
+        *(Saturation(sides=side, rank=rank) for side in sides),
+        rounded(SoftSaturation(rank=rank, fit_center=False)),
+        rounded(SoftSaturation(rank=rank)),
+    ]
+
+
+_AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
+_PEAK = 1.05  # of the gain, relative to that at rest and that of fast motion
+_HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
+_WAY = 0.05  # before sliding, of the range of the motion: below it is friction, above hysteresis
+
+
+def _slides(operator, motion, records):
+    """Tell whether a force saturates soon after the motion turns round, as friction does."""
+    way = _way_before_sliding(operator)
+    return way is None or way < _WAY * motion
+
+
+def _remembers(operator, motion, records):
+    """Tell whether a force builds up over a visible way, and not as a hard spring does."""
+    if isinstance(operator, BoucWenStageOperator) and abs(operator.shape) > _HARD:
+        return False
+    way = _way_before_sliding(operator)
+    return way is None or way > 0.2 * _WAY * motion
+
+
+def _way_before_sliding(operator):
+    """Return the way before a force saturates, in units of the motion, or None."""
+    if isinstance(operator, FrictionStageOperator):
+        return abs(operator.gain) * operator.static_level / operator.bristle_stiffness
+    if isinstance(operator, RestoringForceOperator) and operator.hysteresis_stiffness:
+        return abs(operator.gain) * operator.slip_level / operator.hysteresis_stiffness
+    if isinstance(operator, BoucWenStageOperator):
+        return abs(operator.gain) * operator.level / operator.hysteresis_stiffness
+    if isinstance(operator, SumOperator):  # forces of a motion, the new one last
+        force = operator.stages[-1]
+        if isinstance(force, DahlOperator):
+            return force.presliding_displacement
+        if isinstance(force, BoucWenOperator):
+            return force.limit
+    return None
 
 
 _BUILT_IN = (
     Effect(
+        "hysteresis",
+        lambda: [
+            InMotion(RestoringForce(1, damping_degree=1)),
+            InMotion(BoucWenStage()),
+            BesideForce(Dahl(fit_damping=False, fit_intercept=False)),
+            BesideForce(BoucWen(fit_gain=False, fit_intercept=False)),
+            BesideForce(MaxwellSlip(10)),
+            FirstHysteresis(PrandtlIshlinskii(10)),
+        ],
+        "The response depends on where the drive, or the motion, has turned round before.",
+        "Sweep slowly up and down with several turning points: the branches stay apart, however "
+        "slow.",
+        plausible=_remembers,
+    ),
+    Effect(
         "input_saturation",
-        _sides(Saturation, rank="drive"),
+        _saturations("drive"),
         "The drive is clipped before it reaches the actuator.",
         "Drive beyond the suspected level in both directions: the loop then repeats unchanged.",
+    ),
+    Effect(
+        "dead_zone",
+        lambda: [DeadBand()],
+        "The actuator does not respond while the drive is within a band.",
+        "Repeat at smaller amplitude: the gain falls, down to nothing within the band.",
+    ),
+    Effect(
+        "backlash",
+        lambda: [Backlash(), Backlash(rank="sensor")],
+        "Play in the transmission: after each turn the drive moves alone for a while.",
+        "Turn round at different levels: the lost motion is the same everywhere.",
+    ),
+    Effect(
+        "slew_limit",
+        lambda: [SlewLimit()],
+        "The drive reaches the actuator at a limited rate.",
+        "Step by different heights: the edges have one slope, whatever the height.",
+    ),
+    Effect(
+        "rate_dependence",
+        lambda: [RateDependence("threshold"), RateDependence("slope")],
+        "The hysteresis itself changes with the rate of the drive.",
+        "Repeat one loop at several rates: its width grows without the phase of linear dynamics.",
     ),
     Effect(
         "delay",
@@ -87,6 +226,27 @@ _BUILT_IN = (
         plausible=_rings,
     ),
     Effect(
+        "friction",
+        lambda: [
+            InMotion(FrictionStage(stribeck=False, fit_bristle_damping=False)),
+            InMotion(FrictionStage(fit_bristle_damping=False)),
+            BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
+            BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
+        ],
+        "A force against the motion that hardly depends on how fast it is.",
+        "Move at several constant speeds in both directions: the force jumps with the direction.",
+        plausible=_slides,
+    ),
+    Effect(
+        "cubic_stiffness",
+        lambda: [
+            InMotion(RestoringForce(3, damping_degree=1, fit_hysteresis=False, fit_preload=False)),
+            InMotion(RestoringForce(3, damping_degree=1, fit_hysteresis=False)),
+        ],
+        "The spring hardens or softens with the displacement.",
+        "Sweep at several amplitudes: the resonance moves, and a third harmonic appears.",
+    ),
+    Effect(
         "creep",
         lambda: [KelvinVoigt(n) for n in (1, 2, 3)],
         "The response goes on relaxing after each change of the drive, over decades of time.",
@@ -94,16 +254,48 @@ _BUILT_IN = (
     ),
     Effect(
         "static_nonlinearity",
-        lambda: [SmoothCurve(degree) for degree in (2, 3, 5, 7, 9)],
+        lambda: [
+            *(SmoothCurve(degree) for degree in (2, 3, 5, 7, 9)),
+            InStages(overflow=False, fit_exponents=False),
+            InStages(overflow=False, fit_exponents=True),
+        ],
         "The reading is a smooth memoryless curve of the response, as of a nonlinear sensor.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",
     ),
     Effect(
         "output_saturation",
-        _sides(Saturation, rank="sensor"),
+        lambda: [
+            *_saturations("sensor")(),
+            InStages(overflow=True, fit_exponents=False),
+            InStages(overflow=True, fit_exponents=True),
+        ],
         "The reading is clipped at a level.",
         "Shift the working point by a known amount: the level stays with the reading.",
+    ),
+    Effect(
+        "amplitude_dependence",
+        lambda: [
+            Scaled("amplitude"),
+            PerRecord("amplitude", "dynamics"),
+            PerRecord("amplitude", "all"),
+            MovedModes(1),
+            MovedModes(2),
+            MovedModes(3),
+        ],
+        "Parameters depend on the amplitude of the record.",
+        "Record small, medium and large amplitudes with the same kind of drive.",
+    ),
+    Effect(
+        "auxiliary_input",
+        lambda: [
+            Driven(Gain(fit_intercept=False)),
+            Driven(FirstOrderLag(fit_intercept=False)),
+            Scaled("column"),
+            PerRecord("column", "all"),
+        ],
+        "A further measured quantity acts on the response.",
+        "Change that quantity alone, at rest and under way.",
     ),
     Effect(
         "offset",
@@ -114,7 +306,7 @@ _BUILT_IN = (
     ),
     Effect(
         "drift",
-        lambda: [Drift(degree) for degree in (1, 3, 8)],
+        lambda: [SlowerThanDrive(Drift(degree)) for degree in (1, 3, 8)],
         "The response moves slowly with time, whatever the drive does.",
         "Rest at a constant drive for as long as a record takes.",
         beside=True,
@@ -125,6 +317,7 @@ _BUILT_IN = (
         "Sinusoids at frequencies of their own are added to the response.",
         "Record at rest: the lines remain when the drive does not move.",
         beside=True,
+        plausible=_has_own_lines,
     ),
 )
 

@@ -1,134 +1,369 @@
-"""The error that no model can beat: from repetitions, else from a flexible black box."""
+"""The error that no model can beat, and whether what is left is noise.
+
+Where the drive repeats, what the residual has in common in repetitions is structure, and what it
+has not is noise, whatever its colour. Where nothing repeats, noise is what nothing predicts: a
+flexible black box sees the drive's past, which a model could have used, and the residual's own
+past, which shows structure that is no function of the drive (an oscillation or a chaotic motion of
+its own, a gain that switches). Coloured noise of the sensor then counts as structure; only
+repetitions could tell.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
-from ._contest import paired_p_value
+from ..operators import PrandtlIshlinskiiOperator, turning_points
 
-__all__ = ["black_box_gain", "repeatability"]
+__all__ = [
+    "FEW_TURNS",
+    "Judgement",
+    "black_box_gain",
+    "drive_period",
+    "judge_residual",
+    "near_period",
+    "repeatability",
+    "visible_turns",
+]
 
+FEW_TURNS = 4  # visible ones of a record of a loop or two
 _ROWS = 6000  # rows that the black box learns from
+_SEEN = 20_000  # rows that it sees at all; of more, stretches spread over the records
+_STRETCHES = 60
 _FOLDS = 3
-_TREES = 60
+_TREES = 40
 _LAGS = 2 ** np.arange(9)  # samples
+_OWN_LAGS = (1, 2, 3, 4, 8)  # of the residual, one by one
+_OWN_MEANS = (4, 16, 64, 256)  # and averages of so many samples before
+_GAINS = (16, 256)  # samples before from which a gain that moves is read off
+_UNEXPLAINED = 0.03  # part of the residual's power that is structure worth a word
+_VISIBLE = 0.05  # of its range that a signal must go back to have turned round
+_PROBES = 64  # samples that rule out most lags as periods
+_AWAY = (
+    0.2  # power of the difference to a shifted signal, relative to that of both: it has moved on
+)
+_ALIKE = 0.05  # the same, where it repeats itself roughly
+_SAME = 1e-3  # the same, where two lags repeat it equally well
+_BLOCKS = 16  # of a difference between repetitions
+_TRANSIENT = 2.0  # power of a block, relative to the typical one, that still is how it began
+_SLOW = 3  # degree of the drift between repetitions
 
 
-def repeatability(records):
+@dataclass(frozen=True)
+class Judgement:
+    """What is left: ``structured`` or noise.
+
+    ``error`` is the root mean square that no model is expected to beat, ``p_value`` that of pure
+    noise, ``gain`` the part of the residual's power that is structure, and ``repeated`` tells
+    whether repetitions decided.
+    """
+
+    structured: bool
+    error: float
+    p_value: float
+    gain: float
+    repeated: bool
+
+
+def judge_residual(records, residuals, predictions, rng, *, alpha=0.01):
+    """Decide whether residuals are noise or structure that a model has left.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    residuals, predictions : sequence of ndarray of shape (n_samples,)
+        Of each record, NaN where nothing counts.
+    rng : numpy.random.Generator
+    alpha : float, default=0.01
+        Probability of calling noise structure.
+
+    Returns
+    -------
+    Judgement
+    """
+    known = np.concatenate([r[np.isfinite(r)] for r in residuals])
+    power = float(np.mean(np.square(known))) if known.size else 0.0
+    if not power > 0.0:
+        return Judgement(False, 0.0, 1.0, 0.0, False)
+    pairs = list(_repetitions(records))
+    floor = repeatability(records, pairs=pairs)
+    if floor is not None:
+        common, p_value = _common_part(pairs, residuals)
+        gain = common / power
+        structured = p_value < alpha and gain > _UNEXPLAINED
+        return Judgement(structured, floor, p_value, gain, True)
+    error, p_value = black_box_gain(records, residuals, predictions, rng)
+    gain = max(1.0 - error**2 / power, 0.0)
+    structured = p_value < alpha and gain > _UNEXPLAINED
+    floor = error if structured else float(np.sqrt(power))
+    return Judgement(structured, floor, p_value, gain, False)
+
+
+# ---------------------------------------------------------------------------------- repetitions
+
+
+def repeatability(records, *, pairs=None):
     """Return the standard deviation of the response between repetitions of the drive, or None.
 
     Repetitions are records with the same drive, and periods within a record from the second on,
-    since the first still depends on how the record began.
+    since the first still depends on how the record began. A resting drive repeats nothing. What
+    two records owe to different pasts does not count: they are compared once the drive has been
+    at both ends of its range, which wipes out what a hysteresis remembers, and once the difference
+    has settled. A slow drift between repetitions, a cubic of time, is no noise either.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    pairs : list, optional
+        What ``_repetitions`` yields, if it is known.
     """
     power, count = 0.0, 0
-    for i, a in enumerate(records):
-        for b in records[i + 1 :]:
-            if len(a.u) == len(b.u) and _same(a.u, b.u):
-                power += 0.5 * np.sum(np.square(a.y - b.y))
-                count += len(a.u)
-                break
-    for record in records:
-        period = _period(record.u)
-        if period and len(record.u) >= 3 * period:
-            y = record.y[period:]
-            power += 0.5 * np.sum(np.square(y[period:] - y[:-period]))
-            count += len(y) - period
+    for i, a, j, b in _repetitions(records) if pairs is None else pairs:
+        own, freedom = _settled(records[i].y[a] - records[j].y[b])
+        power += 0.5 * own
+        count += freedom
     return float(np.sqrt(power / count)) if count else None
+
+
+def _repetitions(records):
+    """Yield record and rows of one repetition, and those of another with the same drive."""
+    for i, a in enumerate(records):
+        if not np.ptp(a.u) > 0.0:
+            continue
+        for j in range(i + 1, len(records)):
+            b = records[j]
+            if len(a.u) == len(b.u) and np.isclose(a.dt, b.dt) and _same(a.u, b.u):
+                rows = slice(_wiped(a.u), len(a.u))
+                yield i, rows, j, rows
+                break
+    for i, record in enumerate(records):
+        n, period = len(record.u), drive_period(record.u)
+        if period and n >= 3 * period:
+            yield i, slice(2 * period, n), i, slice(period, n - period)
 
 
 def _same(a, b):
     return np.max(np.abs(a - b)) <= 1e-6 * np.ptp(a)
 
 
-def _period(u):
-    """Return the shortest period of a signal in samples, or 0."""
+def _wiped(u):
+    """Return the row from which on the drive has been at both ends of its range.
+
+    Where less than a quarter of the record would be left, what is remembered has to be borne.
+    """
+    near = 1e-3 * np.ptp(u)
+    start = max(np.argmax(u >= u.max() - near), np.argmax(u <= u.min() + near))
+    return int(start) if 4 * start <= 3 * len(u) else 0
+
+
+def _settled(difference):
+    """Return the sum of squares of a difference without its start and drift, and its freedom."""
+    rest = difference
+    for _ in range(_BLOCKS // 2):
+        rest = difference - _slow(difference)
+        size = max(len(difference) // _BLOCKS, 1)
+        blocks = [np.mean(np.square(rest[k : k + size])) for k in range(0, len(rest), size)]
+        if len(blocks) < 4 or blocks[0] <= _TRANSIENT * np.median(blocks[1:]):
+            break
+        difference = difference[size:]
+    return float(rest @ rest), max(len(rest) - _SLOW - 1, 0)
+
+
+def _slow(difference):
+    if len(difference) <= 4 * _SLOW:
+        return np.mean(difference)
+    time = np.linspace(-1.0, 1.0, len(difference))
+    return np.polynomial.legendre.Legendre.fit(time, difference, _SLOW)(time)
+
+
+def _common_part(pairs, residuals):
+    """Return the mean power that residuals have in common in repetitions, and its p-value.
+
+    Noise is not repeated: the product of two repetitions' residuals is zero on average. The means
+    of stretches are taken as independent of each other.
+    """
+    means, sizes = [], []
+    for i, a, j, b in pairs:
+        product = residuals[i][a] * residuals[j][b]
+        for part in np.array_split(product, _BLOCKS):
+            part = part[np.isfinite(part)]
+            if part.size:
+                means.append(part.mean())
+                sizes.append(part.size)
+    if len(means) < 3 or not np.ptp(means) > 0.0:
+        return 0.0, 1.0
+    means = np.array(means)
+    p_value = student.sf(means.mean() / (means.std(ddof=1) / np.sqrt(means.size)), means.size - 1)
+    return max(float(np.average(means, weights=sizes)), 0.0), float(p_value)
+
+
+def visible_turns(u):
+    """Return how often a signal turns round by more than a twentieth of its range."""
+    r = 0.5 * _VISIBLE * np.ptp(u)
+    play = PrandtlIshlinskiiOperator([r], [1.0], drive_offset=float(u[0]))
+    return max(len(turning_points(play.run(u, 1.0)[0])) - 2, 0) if r > 0.0 else 0
+
+
+def drive_period(u):
+    """Return the shortest period of a moving signal in samples, or 0."""
     n = len(u)
+    if n < 6 or not np.ptp(u) > 0.0:
+        return 0
     v = u - u.mean()
     spectrum = np.fft.rfft(v, 2 * n)
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
-    power = np.cumsum(v**2)
-    # a period makes the overlap's correlation equal to its power
-    candidates = (
-        np.flatnonzero(correlation[2 : n // 2] > 0.99 * power[-1] * (1 - np.arange(2, n // 2) / n))
-        + 2
-    )
-    for lag in candidates:
+    lags = np.arange(2, n // 2)
+    # a period makes the overlap's correlation about equal to its power
+    lags = lags[correlation[lags] > 0.99 * (v @ v) * (1.0 - lags / n)]
+    probes = np.linspace(0, n - n // 2 - 1, _PROBES).astype(int)
+    for probe in probes:
+        lags = lags[np.abs(u[probe + lags] - u[probe]) <= 1e-6 * np.ptp(u)]
+    for lag in lags:
         if _same(u[lag:], u[:-lag]):
             return int(lag)
     return 0
 
 
-def black_box_gain(records, residuals, predictions, rng):
-    """Predict the residual from the drive's past by a black box; return what that achieves.
+def near_period(u):
+    """Return the lag in samples after which a moving signal repeats itself roughly, or 0.
 
-    Ridge regression and boosted trees see the drive and the model's output at logarithmically
-    spaced lags and leads of their change, the time, and the direction. Folds are stretches of
-    consecutive samples.
+    As a motion does that is driven periodically. Before that lag the signal has to have been away.
+    """
+    n = len(u)
+    if n < 6 or not np.ptp(u) > 0.0:
+        return 0
+    v = u - u.mean()
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(v, 2 * n)) ** 2, 2 * n)[: n // 2]
+    power = np.concatenate([[0.0], np.cumsum(v * v)])
+    lags = np.arange(n // 2)
+    both = power[n - lags] + power[n] - power[lags]
+    difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
+    back = np.flatnonzero(np.maximum.accumulate(difference) > _AWAY)
+    best = difference[back].min(initial=np.inf)
+    if best > _ALIKE:
+        return 0
+    lag = back[np.argmax(difference[back] <= 2.0 * best + _SAME)]  # not a multiple of the period
+    while lag + 1 < len(difference) and difference[lag + 1] < difference[lag]:
+        lag += 1
+    return int(lag)
+
+
+# ------------------------------------------------------------------------------------ black box
+
+
+def black_box_gain(records, residuals, predictions, rng):
+    """Predict the residual by a black box; return what that achieves.
+
+    Ridge regression and boosted trees see the drive and the model's output, their change over
+    logarithmically spaced lags, the time, and further columns; and the residual's own past: its
+    last values, averages, and the gain that it had with the drive. Folds are stretches of
+    consecutive samples. Of more than 20,000 samples, stretches spread over the records are seen.
 
     Returns
     -------
     error : float
-        Root mean square of what the black box leaves, on held-out stretches.
+        Root mean square of what the black box leaves, on held-out stretches, relative to the
+        residual's there and in units of the residual's over all samples.
     p_value : float
-        That it predicts nothing.
+        That it predicts nothing: of the mean product of residual and prediction, which noise makes
+        zero also where it is larger here than there (Clark and West, J. Econometrics 138, 2007).
+        1 where nothing is gained.
     """
-    finite = np.concatenate([p[np.isfinite(p)] for p in predictions])
-    drives = np.concatenate([record.u for record in records])
-    features, target, group = [], [], []
-    for number, (record, r, p) in enumerate(zip(records, residuals, predictions, strict=True)):
-        rows = np.flatnonzero(np.isfinite(r))
-        # one scale for all records: what depends on the amplitude stays visible
-        u = (record.u - drives.mean()) / (np.ptp(drives) or 1.0)
-        q = np.nan_to_num((p - finite.mean()) / (np.ptp(finite) or 1.0))
-        features.append(_features(u, q)[rows])
-        target.append(r[rows])
-        group.append(np.full(len(rows), number))
-    x, y, group = np.concatenate(features), np.concatenate(target), np.concatenate(group)
-    n = len(y)
-    stretch = max(n // 60, 1)
-    block = np.arange(n) // stretch
-    before, after, groups = [], [], []
+    x, y, block = _seen(records, residuals, predictions, rng)
+    squares, left, products, spreads = 0.0, np.zeros(2), np.zeros(2), np.zeros(2)
     for fold in range(_FOLDS):
         test = block % _FOLDS == fold
         train = np.flatnonzero(~test)
+        if not test.any() or not len(train):
+            continue
         if len(train) > _ROWS:
             train = np.sort(rng.choice(train, _ROWS, replace=False))
+        test = np.flatnonzero(test)
         scale = x[train].std(axis=0)
-        z = x / np.where(scale > 0.0, scale, 1.0)
-        ridge = Ridge(alpha=1e-3 * len(train)).fit(z[train], y[train])
-        linear = ridge.predict(z)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train] / scale, y[train])
+        linear = ridge.predict(x[test] / scale)
         trees = HistGradientBoostingRegressor(
             max_iter=_TREES,
-            learning_rate=0.1,
+            learning_rate=0.15,
             max_leaf_nodes=15,
             min_samples_leaf=40,
             early_stopping=False,
             random_state=int(rng.integers(2**31)),
-        ).fit(x[train], (y - linear)[train])
-        both = linear + trees.predict(x)
-        for b in np.unique(block[test]):
-            rows = block == b
-            # the better of the two on average is chosen afterwards
-            before.append(np.sum(y[rows] ** 2))
-            after.append((np.sum((y - linear)[rows] ** 2), np.sum((y - both)[rows] ** 2)))
-            groups.append(group[rows][0])
-    before, after, groups = np.array(before), np.array(after), np.array(groups)
-    order = np.argsort(groups, kind="stable")
-    best = np.argmin(after.sum(axis=0))
-    # structure may stand in a few stretches only: quiet ones must not outvote them
-    typical = before.mean()
-    p_value = 2.0 * paired_p_value(
-        before[order] + typical, after[order, best] + typical, groups[order]
-    )
-    return float(np.sqrt(min(after[:, best].sum(), before.sum()) / n)), min(1.0, p_value)
+        ).fit(x[train], y[train] - ridge.predict(x[train] / scale))
+        both = linear + trees.predict(x[test])
+        found, rest = np.stack([linear, both]), y[test]
+        squares += rest @ rest
+        left += np.sum((rest - found) ** 2, axis=1)
+        products += found @ rest
+        spreads += found**2 @ rest**2
+    best = np.argmin(left)
+    known = np.concatenate([r[np.isfinite(r)] for r in residuals])
+    power = float(np.mean(np.square(known))) if known.size else 0.0
+    if not left[best] < squares:
+        return float(np.sqrt(power)), 1.0
+    # of noise, each product with what was predicted before is zero on average whatever came before
+    p_value = 2.0 * norm.sf(products[best] / np.sqrt(spreads[best]))  # the better one was chosen
+    return float(np.sqrt(power * left[best] / squares)), float(min(1.0, p_value))
 
 
-def _features(u, q):
-    """Return what the black box sees of a drive and a prediction, (n_samples, n_features)."""
-    n = len(u)
-    columns = [u, q, q**2, q**3, np.arange(n) / n]
+def _seen(records, residuals, predictions, rng):
+    """Return what the black box sees: features, target, and the stretch of each row.
+
+    One scale serves all records, so that what depends on the amplitude stays visible.
+    """
+    finite = np.concatenate([p[np.isfinite(p)] for p in predictions])
+    drives = np.concatenate([record.u for record in records])
+    shift, size = drives.mean(), np.ptp(drives) or 1.0
+    level, height = finite.mean(), np.ptp(finite) or 1.0
+    total = sum(int(np.isfinite(r).sum()) for r in residuals)
+    length = max(min(total, _SEEN) // _STRETCHES, 1)
+    every = max(total // _SEEN, 1)  # of so many stretches one is seen
+    context = int(_LAGS[-1])
+    features, target, block = [], [], []
+    start = int(rng.integers(every))
+    for record, r, p in zip(records, residuals, predictions, strict=True):
+        rows = np.flatnonzero(np.isfinite(r))
+        parts = [rows[a : a + length] for a in range(0, len(rows), length)]
+        for part in parts[start::every] if len(parts) > start else parts[:1]:
+            first = max(part[0] - context, 0)
+            seen = slice(first, part[-1] + 1)
+            u = (record.u[seen] - shift) / size
+            q = np.nan_to_num((p[seen] - level) / height)
+            own = _features(u, q, np.nan_to_num(r[seen]))
+            when = np.arange(first, part[-1] + 1)[:, None] / len(r)
+            extra = [] if record.auxiliary is None else [record.auxiliary[seen]]
+            features.append(np.concatenate([own, when, *extra], axis=1)[part - first])
+            target.append(r[part])
+            block.append(np.full(len(part), len(block)))
+    return np.concatenate(features), np.concatenate(target), np.concatenate(block)
+
+
+def _features(u, q, r):
+    """Return what is known of a stretch before each sample's residual, (n_samples, n_features)."""
+    columns = [u, q, q**2, q**3]
     for signal in (u, q):
-        for lag in _LAGS:
-            moved = np.concatenate([np.full(min(lag, n), signal[0]), signal[:-lag]])
-            columns.append(signal - moved)
+        columns += [signal - _moved(signal, lag, signal[0]) for lag in _LAGS]
+    columns += [_moved(r, lag) for lag in _OWN_LAGS]
+    columns += [_past_mean(r, size) for size in _OWN_MEANS]
+    for signal in (u - u.mean(), u - _moved(u, 1, u[0])):
+        for size in _GAINS:
+            power = _past_mean(signal**2, size)
+            floor = 1e-3 * np.mean(signal**2) + np.finfo(float).tiny
+            columns.append(_past_mean(r * signal, size) / (power + floor) * signal)
     return np.stack(columns, axis=1)
+
+
+def _moved(signal, lag, first=0.0):
+    return np.concatenate([np.full(min(lag, len(signal)), first), signal[:-lag]])
+
+
+def _past_mean(signal, size):
+    """Return the mean of up to ``size`` samples before each one."""
+    sums = np.concatenate([[0.0], np.cumsum(signal)])
+    stop = np.arange(len(signal))
+    start = np.maximum(stop - size, 0)
+    return (sums[stop] - sums[start]) / np.maximum(stop - start, 1)

@@ -40,8 +40,8 @@ class Report:
     drive_name, response_name : str
         Names of the columns.
     claims : list of dict
-        For each effect: errors before and after, p-value, what it cannot be told from, the
-        experiment that would tell, evidence in words, numbers and a picture.
+        For each effect: its law, errors before and after, p-value, what it cannot be told from,
+        the experiment that would tell, evidence in words, numbers and a picture.
     ranking : list of dict
         Every candidate of every round.
     not_it : list of dict
@@ -65,6 +65,12 @@ class Report:
     location : list of dict
         Where what is left stands out: the record, time, drive, rate and frequency at which its mean
         power is largest, if it is above that of the whole by a half.
+    declared_location : list of dict
+        The same of what the declared model leaves.
+    dropped : list of str
+        Effects that were claimed and then dropped, because later ones made them needless.
+    next_steps : list of str
+        What to measure next.
     signals : dict
         Arrays for the pictures; not part of :meth:`to_dict`.
 
@@ -99,6 +105,9 @@ class Report:
     command: str | None
     spectra: dict
     location: list
+    declared_location: list
+    dropped: list
+    next_steps: list
     signals: dict = dataclasses.field(repr=False)
 
     @classmethod

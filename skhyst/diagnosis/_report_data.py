@@ -1,10 +1,15 @@
 """From a fitted search to the plain data of a report."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from ..inspection._base import search_labels, signal_names
 from ..inspection._signals import log_average, spectrum, thin_path
+from ._effects import EFFECTS
+from ._location import locate
 from ._report import package_versions
+from ._report_text import next_steps
 
 __all__ = ["collect"]
 
@@ -23,6 +28,11 @@ def collect(search, command, held_out):
         predictions[label_after] = np.asarray(search.prediction_after_, dtype=float)
     ranking = _ranking(search.ranking_)
     claims = [_claim(row, search.evidence_) for row in search.history_.itertuples()]
+    not_it, location = (
+        _not_it(ranking, claims),
+        _location(search.residual_location_, search.records_),
+    )
+    data = _data(search, response)
     return {
         "declared_model": _spelled(search.declared_estimator_),
         "augmented_model": _spelled(search.best_estimator_),
@@ -36,12 +46,12 @@ def collect(search, command, held_out):
         "response_name": names.response,
         "claims": claims,
         "ranking": ranking,
-        "not_it": _not_it(ranking, claims),
+        "not_it": not_it,
         "parameters": {
             "declared": _parameters(search.declared_estimator_),
             "augmented": _parameters(search.best_estimator_),
         },
-        "data": _data(search, response),
+        "data": data,
         "settings": {
             name: _setting(getattr(search, name)) for name in _SETTINGS if hasattr(search, name)
         },
@@ -50,7 +60,12 @@ def collect(search, command, held_out):
         "seconds": {str(stage): float(value) for stage, value in search.seconds_.items()},
         "command": command,
         "spectra": _spectra(search),
-        "location": _location(search.residual_location_),
+        "location": location,
+        "declared_location": _location(_declared_location(search), search.records_),
+        "dropped": [str(name) for name in search.dropped_],
+        "next_steps": next_steps(
+            claims, not_it, location, search.verdict_, data["faults"], search.alpha, _experiments()
+        ),
         "signals": {
             "drive": np.asarray(search.drive_, dtype=float),
             "response": response,
@@ -61,6 +76,22 @@ def collect(search, command, held_out):
             "noise_floor": float(search.noise_floor_),
         },
     }
+
+
+def _experiments():
+    """Return the experiment that shows each effect best."""
+    return {name: effect.experiment for name, effect in EFFECTS.items()}
+
+
+def _declared_location(search):
+    """Return where what the declared model leaves stands, as ``residual_location_`` does."""
+    spans = [record.rows for record in search.records_]
+    records = [
+        SimpleNamespace(u=search.drive_[span], dt=record.dt)
+        for span, record in zip(spans, search.records_, strict=True)
+    ]
+    residuals = [search.residual_before_[span] for span in spans]
+    return locate(records, residuals, [record.label for record in search.records_])
 
 
 def _spelled(estimator):
@@ -79,6 +110,7 @@ def _claim(row, evidence):
     picture = found.picture
     return {
         "effect": str(row.effect),
+        "law": EFFECTS[row.effect].law if row.effect in EFFECTS else "",
         "error_before": float(row.error_before),
         "error_after": float(row.error_after),
         "p_value": float(row.p_value),
@@ -242,13 +274,14 @@ def _held_out(search, held_out):
     }
 
 
-def _location(table):
+def _location(table, slices):
     """Return the strongest entry of each way to look at what is left."""
+    labels = {s.label: str(s.label) for s in slices}  # the table holds 1 as 1.0
     strongest = table.groupby("by", sort=False).head(1)
     return [
         {
             "by": row.by,
-            "record": None if row.record is None else str(row.record),
+            "record": labels.get(row.record),
             "low": float(row.low),
             "high": float(row.high),
             "unit": row.unit,

@@ -8,6 +8,8 @@ __all__ = [
     "explain_units",
     "folded",
     "listed",
+    "looks",
+    "next_steps",
     "number",
     "percent",
     "plus_minus",
@@ -190,6 +192,78 @@ def folded(rows):
         else:
             joined.append(row)
     return joined
+
+
+_PLACES = {
+    "record": "in record {record}",
+    "time": "from {low} to {high} s of record {record}",
+    "drive": "where the drive is from {low} to {high}",
+    "rate": "where the drive's rate is from {low} to {high}",
+    "frequency": "from {low} to {high} Hz",
+}
+_NEAR_MISSES = 2
+
+
+def looks(location):
+    """Say where a residual stands.
+
+    Examples
+    --------
+    >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "concentration": 4.0}
+    >>> looks([row]), looks([])
+    ('from 10.0 to 20.0 Hz (4.0 times the mean power)', '')
+    """
+    return "; ".join(
+        _PLACES[row["by"]].format(
+            record=row["record"], low=number(row["low"]), high=number(row["high"])
+        )
+        + f" ({number(row['concentration'], 2)} times the mean power)"
+        for row in location
+    )
+
+
+def next_steps(claims, not_it, location, verdict, faults, alpha, experiments):
+    """Return what to measure next, a list of sentences.
+
+    Parameters
+    ----------
+    claims, not_it, location, faults : list of dict
+        Of a report.
+    verdict : str
+    alpha : float
+    experiments : dict of str to str
+        The experiment that shows each effect best.
+    """
+    steps = []
+    for claim in claims:
+        others = claim["ambiguous_with"]
+        if others:
+            steps.append(f"To tell {claim['effect']} from {listed(others)}: {claim['experiment']}")
+    misses = [
+        row
+        for row in not_it
+        if row["p_value"] >= alpha and row["change"] < -0.05 and row["claimed_instead"] is None
+    ]
+    for row in misses[:_NEAR_MISSES]:
+        steps.append(
+            f"{row['effect']} would make the error {number(-100.0 * row['change'], 2)} % smaller, "
+            f"which these records do not make certain (p = {number(row['p_value'], 2)}). To see "
+            f"whether it is there: {experiments.get(row['effect'], '')}".rstrip()
+        )
+    if verdict == "unexplained":
+        where = looks(location)
+        steps.append(
+            "Record more of what no effect explains"
+            + (
+                f": it is strongest {where}."
+                if where
+                else ", and repeat one record exactly: what "
+                "returns is structure, what does not is noise."
+            )
+        )
+    if faults:
+        steps.append("Mend the faults of the recording listed under Data, and search again.")
+    return steps
 
 
 def verdict(report):

@@ -2,43 +2,38 @@
 
 import sys
 import time
-from dataclasses import replace
 from itertools import pairwise
 from numbers import Integral, Real
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from .._sklearn import HasMethods, Interval, fit_context
-from ..base import ParametricModel, read_data
+from .._sklearn import HasMethods, Interval, StrOptions, fit_context
+from ..base import read_data
 from ..optimize import RecordData
-from ._contest import Contestant, contest, held_out, paired_p_value, screen
-from ._data_quality import data_quality
+from ._black_box import declare, drive_of
+from ._contest import Contestant, held_out
+from ._data_quality import data_quality, lost_readings
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
 from ._location import locate
-from ._noise import black_box_gain, repeatability
+from ._noise import judge_residual, repeatability
+from ._order import by_content
 from ._report import Report
+from ._rounds import Rounds
 from ._structure import Structure
 
 __all__ = ["EffectSearchCV"]
 
 _SEGMENTS = 32  # a record
 _SHORTEST_SEGMENT = 16  # samples
-_CONTESTED = 6  # candidates of a round that are refitted jointly, at the most
-_ALWAYS_CONTESTED = 3
-_HOPEFUL = 16.0  # sum of squares after screening, relative to the best, for the others of these
-_CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
-_SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
-_SIMILAR_ERROR = 0.05  # by so much a simpler candidate may be worse, if the data allow
 _WASHOUT = 0.05  # of a block of a single record
+_REWEIGHTED = 2  # times, before the first round
 _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
-_UNEXPLAINED = 0.03  # part of the residual's power that a black box predicts
 
 
 class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -53,17 +48,29 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     Parameters
     ----------
     estimator : estimator
-        The declared model: any parametric model of skhyst or a cascade of them.
+        The declared model: any parametric model of skhyst or a cascade of them, which effects are
+        put into; or any other regressor or pipeline, which effects are put behind and beside. Its
+        prediction out of fold is then the first signal, with a gain and a constant of its own, and
+        after each claim it is fitted again to the response with the effects taken out; effects
+        that act on the drive before it are not tried.
     effects : "all" or list of str, default="all"
         Effects to try, see :func:`effect_names`.
     cv : int, default=5
-        Number of folds. Folds are whole records; a single record is cut into contiguous blocks.
+        Number of folds.
+    folds : {"records", "blocks"}, default="records"
+        What a fold leaves out. ``"records"``: whole records; a single record is cut into contiguous
+        blocks. ``"blocks"``: a contiguous block of every record, for few records at levels that
+        cannot be foretold from each other.
     alpha : float, default=0.01
         Probability of a false claim.
     max_effects : int, default=3
         Number of effects after which the search ends.
     min_improvement : float, default=0.05
         Part of the held-out error that an effect must remove to be worth a claim.
+    loss : {"squared", "huber"}, default="squared"
+        ``"huber"`` bounds the influence of gross errors of the measurement: samples that stick out
+        of their neighbours' residual count less, or nothing, in fits and errors. The weights come
+        from the residual at the start of each round.
     washout : int or None, default=None
         Samples at the start of each block, or of each record, that are simulated but not scored.
         None: 5 % of a block of a single record, whose past is unknown; nothing where there are
@@ -96,11 +103,14 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
         ``claimed``.
+    dropped_ : list of str
+        Effects that were claimed and then dropped, because later ones made them needless.
     evidence_ : dict of str to Evidence
     data_quality_ : DataFrame
         Faults of the measurement, see :func:`data_quality`; they are reported, not removed.
     declared_estimator_, best_estimator_ : estimator
-        Both fitted on all data.
+        Both fitted on all data. Where a regressor that is no parametric model was declared, the
+        augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
         How the power of what is left is spread over records, time, drive, rate and frequency: see
         ``concentration``. Of use where the verdict is ``"unexplained"``.
@@ -131,9 +141,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         "estimator": [HasMethods(["fit", "predict"])],
         "effects": ["array-like", str],
         "cv": [Interval(Integral, 2, None, closed="left")],
+        "folds": [StrOptions({"records", "blocks"})],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "max_effects": [Interval(Integral, 0, None, closed="left")],
         "min_improvement": [Interval(Real, 0, 1, closed="left")],
+        "loss": [StrOptions({"huber", "squared"})],
         "washout": [Interval(Integral, 0, None, closed="left"), None],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -146,9 +158,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         *,
         effects="all",
         cv=5,
+        folds="records",
         alpha=0.01,
         max_effects=3,
         min_improvement=0.05,
+        loss="squared",
         washout=None,
         n_jobs=None,
         verbose=0,
@@ -157,9 +171,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.estimator = estimator
         self.effects = effects
         self.cv = cv
+        self.folds = folds
         self.alpha = alpha
         self.max_effects = max_effects
         self.min_improvement = min_improvement
+        self.loss = loss
         self.washout = washout
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -186,16 +202,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self
         """
         effects = self._chosen_effects()
-        if not isinstance(self.estimator, ParametricModel):
-            raise TypeError(
-                "The 'estimator' parameter of EffectSearchCV must be a parametric model of skhyst "
-                f"or a Cascade of such models. Got {self.estimator!r} instead."
-            )
         declared = clone(self.estimator)
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
-        read_data(declared, X, y, reset=True, dt=declared.dt)
+        options = {"cv": self.cv, "random_state": self.random_state}
+        declared = declare(declared, X, drive, response, slices, **options)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
+        self._inputs = _with_others(declared.drive(), drive)
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
@@ -221,18 +234,23 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def _cut(self, slices):
         """Return the records with their segments, and the folds over segments."""
         single = len(slices) == 1
-        n_folds = self.cv if single else min(self.cv, len(slices))
+        blocked = single or self.folds == "blocks"
+        n_folds = self.cv if blocked else min(self.cv, len(slices))
+        n_blocks = n_folds if blocked else 1
+        place = np.argsort(by_content(slices, self.drive_, self.response_))
         records, fold_of, washed = [], [], []
         for number, s in enumerate(slices):
             n = s.n_samples
-            blocks = np.linspace(0, n, (n_folds if single else 1) + 1).astype(int)
-            washout = self._washed(n // (len(blocks) - 1), single)
-            segments = []
+            # a record is washed out before its first block, a single one in each of them
+            lead = 0 if single else min(self._washed(n, single), n - n_blocks)
+            washout = self._washed(n // n_blocks, single) if single else 0
+            segments = [(0, lead)] if lead else []
+            fold_of += [place[number] % n_folds] * len(segments)
+            washed += [True] * len(segments)
+            blocks = np.linspace(lead, n, n_blocks + 1).astype(int)
             for block, (first, last) in enumerate(pairwise(blocks)):
                 start = min(first + washout, last - 1)
-                count = max(
-                    min(_SEGMENTS // (len(blocks) - 1), (last - start) // _SHORTEST_SEGMENT), 1
-                )
+                count = max(min(_SEGMENTS // n_blocks, (last - start) // _SHORTEST_SEGMENT), 1)
                 parts = _stretches(start, last, count)
                 flags = [False] * len(parts)
                 if start > first:
@@ -240,8 +258,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     flags.insert(0, True)
                 segments += parts
                 washed += flags
-                fold_of += [block if single else number % n_folds] * len(parts)
-            records.append(_record_data(s, self.drive_, self.response_, segments))
+                # other blocks of other records: each fold sees all parts of a repeated drive
+                fold_of += [(place[number] + block) % n_folds] * len(parts)
+            records.append(_record_data(s, *self._inputs, self.response_, segments))
         fold_of, washed = np.array(fold_of), np.array(washed)
         # a washed-out stretch belongs to a block: it is fitted with other blocks, never scored
         folds = [(fold_of != k, (fold_of == k) & ~washed) for k in range(n_folds)]
@@ -261,54 +280,61 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 f"EffectSearchCV needs at least {2 * self.cv} samples for {self.cv} folds. "
                 f"Got {len(self.response_)} instead."
             )
-        result = declared._identify(records)
-        structure = Structure.from_result(declared, result)
+        records = declared.begin(records, folds)
+        result, records = declared.identified(records)
+        structure = Structure.from_result(declared.model, result)
         problem = structure.problem(records)
-        cost = result.error**2 * problem.segment_length.sum()
+        cost = result.error**2 * problem.segment_weight.sum()
         base = Contestant("", structure, cost, len(result.x), result.x)
         base = held_out(base, records, folds)
-        declared._adopt(result)
-        declared.records_ = slices
-        self.declared_estimator_ = declared
+        self.declared_estimator_ = declared.fitted(result)
         self._say(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
         first = base
-        history, ranking = [], []
-        groups = problem.segment_record
-        negligible = _NEGLIGIBLE * np.ptp(self.response_)
-        while len(history) < self.max_effects and base.error > negligible:
-            taken = {row["effect"] for row in history}
-            candidates = [effect for effect in effects if effect.name not in taken]
-            winner, rows = self._round(base, candidates, records, folds, groups, len(history) + 1)
-            ranking += rows
-            if winner is None:
-                break
-            contestant, row = winner
-            history.append(row)
-            base = contestant
-            self._say(
-                f"round {len(history)}: {row['effect']}, held-out error "
-                f"{row['error_before']:.4g} -> {row['error_after']:.4g}"
-            )
+        rounds = Rounds(
+            declared.effects(effects),
+            records,
+            folds,
+            self.alpha,
+            self.min_improvement,
+            self.max_effects,
+            self.n_jobs,
+            _NEGLIGIBLE * np.ptp(self.response_),
+            self._say,
+            declared.renew,
+            lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
+        )
+        for _ in range(_REWEIGHTED if rounds.lost else 0):
+            base = first = rounds.weighed(base)
+        base = rounds.run(base)
+        records = rounds.records
+        history, self.dropped_ = rounds.history, rounds.dropped
+        self.seconds_ |= rounds.seconds
         begin = time.perf_counter()
         self.error_before_, self.error_after_ = first.error, base.error
         self.effects_ = [row["effect"] for row in history]
         for name, contestant in (("before", first), ("after", base)):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
-        self._judge(records, base)
-        self.residual_location_ = locate(records, base.residuals, [s.label for s in slices])
+        measured = declared.measured(records)
+        self._judge(records, measured, base)
+        self.residual_location_ = locate(measured, base.residuals, [s.label for s in slices])
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
+        del self._inputs
         self._structure = base.structure
-        self.best_estimator_, result = base.structure.fitted(declared, records, slices)
-        self.best_estimator_.n_features_in_ = self.n_features_in_
-        if hasattr(self, "feature_names_in_"):
-            self.best_estimator_.feature_names_in_ = self.feature_names_in_
+        self.best_estimator_, result = declared.augmented(base, records)
+        self._driver = declared.driver()
         self._declared_structure = structure
         self.evidence_ = {
             row["effect"]: gather_evidence(
-                EFFECTS[row["effect"]], base.structure, result, records, first, base
+                EFFECTS[row["effect"]],
+                base.structure,
+                result,
+                records,
+                first,
+                base,
+                getattr(self, "feature_names_in_", ()),
             )
             for row in history
         }
@@ -334,110 +360,24 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             "n_parameters",
             "claimed",
         ]
-        self.ranking_ = pd.DataFrame(ranking, columns=columns)
+        self.ranking_ = pd.DataFrame(rounds.ranking, columns=columns)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _round(self, base, effects, records, folds, groups, number):
-        """Screen and contest; return the winner with its row of the history, and the ranking."""
-        begin = time.perf_counter()
-        parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
-        screened = parallel(delayed(screen)(effect, base.structure, records) for effect in effects)
-        least = {e.name: cost for e, (_, cost) in zip(effects, screened, strict=True)}
-        added = {
-            effect.name: min(starts[0].n_parameters for starts in found) - base.n_parameters
-            for effect, (found, _) in zip(effects, screened, strict=True)
-        }
-        promising = [
-            (cost, found)
-            for found, cost in screened
-            if cost < (1.0 - self.min_improvement) * base.cost
-        ]
-        promising.sort(key=lambda pair: pair[0])
-        promising = [
-            found
-            for place, (cost, found) in enumerate(promising[:_CONTESTED])
-            if place < _ALWAYS_CONTESTED or cost <= _HOPEFUL * promising[0][0]
-        ]
-        self._add_time("screening", begin)
-        begin = time.perf_counter()
-        refitted = contest(promising, records, parallel)
-        lowest = min((c.cost for c in refitted), default=0.0)
-        finalists = parallel(
-            delayed(held_out)(c, records, folds) for c in refitted if c.cost <= _CLOSE * lowest
-        )
-        self._add_time("contest", begin)
-        tested = {}
-        for finalist in finalists:
-            p = paired_p_value(base.squared_errors, finalist.squared_errors, groups)
-            tested[finalist.effect] = replace(finalist, p_value=min(1.0, p * len(effects)))
-        claims = [
-            c
-            for c in tested.values()
-            if c.p_value < self.alpha
-            and c.error < (1.0 - self.min_improvement) * base.error
-            and _is_plausible(EFFECTS[c.effect], c.structure)
-        ]
-        winner = None
-        if claims:
-            winner = self._choose(base, claims, groups)
-        rows = []
-        for effect in effects:
-            c = tested.get(effect.name)
-            rows.append(
-                {
-                    "round": number,
-                    "effect": effect.name,
-                    "screen": round(max(1.0 - least[effect.name] / base.cost, 0.0), 9),
-                    "error_before": base.error,
-                    "error_after": c.error if c else np.nan,
-                    "p_value": c.p_value if c else np.nan,
-                    "n_parameters": c.n_parameters - base.n_parameters if c else added[effect.name],
-                    "claimed": winner is not None and winner[0].effect == effect.name,
-                }
-            )
-        return winner, rows
-
-    def _choose(self, base, claims, groups):
-        """Return the simplest of the claims that the data cannot tell from the best."""
-        best = min(claims, key=lambda c: c.error)
-        same = [
-            c
-            for c in claims
-            if c.error <= (1.0 + _SAME_ERROR) * best.error
-            or paired_p_value(c.squared_errors, best.squared_errors, groups) > self.alpha
-        ]
-        near = [c for c in same if c.error <= (1.0 + _SIMILAR_ERROR) * best.error]
-        chosen = min(near, key=lambda c: (c.n_parameters, c.error))
-        others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
-        row = {
-            "effect": chosen.effect,
-            "error_before": base.error,
-            "error_after": chosen.error,
-            "p_value": chosen.p_value,
-            "ambiguous_with": others,
-            "experiment": EFFECTS[chosen.effect].experiment if others else "",
-        }
-        return chosen, row
-
-    def _judge(self, records, base):
+    def _judge(self, records, measured, base):
         """Set the noise floor and the verdict."""
-        floor = repeatability(records)
         if base.error <= _NEGLIGIBLE * np.ptp(self.response_):
+            floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         # of the fit to everything: a held-out record that goes further than the others shows what
         # they do not determine, which is no missing structure
-        residuals, predictions = self._fitted(records, base)
-        error, p_value = black_box_gain(records, residuals, predictions, rng)
-        power = np.nanmean(np.square(np.concatenate(residuals)))
-        gain = 1.0 - error**2 / power if power > 0.0 else 0.0
-        structured = p_value < self.alpha and gain > _UNEXPLAINED
-        if floor is None:
-            floor = error if structured else base.error
-        self.noise_floor_ = floor
-        self.verdict_ = "unexplained" if structured else "noise"
+        order = by_content(self.records_, self.drive_, self.response_)
+        seen = [[part[i] for i in order] for part in (measured, *self._fitted(records, base))]
+        judgement = judge_residual(*seen, rng, alpha=self.alpha)
+        self.noise_floor_ = judgement.error
+        self.verdict_ = "unexplained" if judgement.structured else "noise"
 
     @staticmethod
     def _fitted(records, base):
@@ -445,13 +385,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         problem = base.structure.problem(records)
         fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
         predictions = [
-            np.where(np.isfinite(held_out), prediction, np.nan)
-            for held_out, prediction in zip(base.predictions, fitted, strict=True)
+            np.where(np.isfinite(held_out) & _counts(record), p, np.nan)
+            for record, held_out, p in zip(records, base.predictions, fitted, strict=True)
         ]
         return [r.y - p for r, p in zip(records, predictions, strict=True)], predictions
-
-    def _add_time(self, stage, begin):
-        self.seconds_[stage] = self.seconds_.get(stage, 0.0) + time.perf_counter() - begin
 
     def _say(self, text):
         if self.verbose:
@@ -482,13 +419,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             Units of the response.
         """
         check_is_fitted(self)
-        slices, drive, response = read_data(self, X, y, reset=False, dt=self.estimator.dt)
-        records = []
+        dt = getattr(self.estimator, "dt", 1.0)
+        slices, columns, response = read_data(self, X, y, reset=False, dt=dt)
+        driver = self.declared_estimator_ if declared else self._driver
+        inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
             start = min(self._washed(s.n_samples, len(self.records_) == 1), s.n_samples - 1)
             count = max(min(_SEGMENTS, (s.n_samples - start) // _SHORTEST_SEGMENT), 1)
             segments = _stretches(start, s.n_samples, count)
-            records.append(_record_data(s, drive[:, 0], response, segments))
+            records.append(_record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
         problem = structure.problem(records)
         nothing = np.zeros(len(problem.segment_record), dtype=bool)
@@ -504,19 +443,21 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return Report.from_search(self, command=command)
 
 
-def _record_data(s, drive, response, segments):
-    return RecordData(drive[s.rows], response[s.rows], s.dt, segments=tuple(segments))
+def _counts(record):
+    """Return where a sample counts at all."""
+    return True if record.weights is None else record.weights > 0.0
 
 
-def _is_plausible(effect, structure):
-    """Tell whether the identified effect is still what its name says."""
-    if effect.plausible is None:
-        return True
-    if effect.beside:
-        operators = dict(zip(structure.beside_names, structure.disturbances, strict=True))
-    else:
-        operators = dict(zip(structure.names, structure.operators, strict=True))
-    return effect.plausible(operators[effect.name])
+def _with_others(drive, columns):
+    """Return what drives the stages, and the columns of X that it does not take the place of."""
+    return drive, columns[:, 1:] if drive.ndim == 1 and columns.shape[1] > 1 else None
+
+
+def _record_data(s, drive, others, response, segments):
+    auxiliary = None if others is None else others[s.rows]
+    return RecordData(
+        drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), auxiliary=auxiliary
+    )
 
 
 def _stretches(start, stop, count):

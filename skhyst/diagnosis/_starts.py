@@ -1,13 +1,14 @@
 """Starting values of an effect in a structure, from the data."""
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
-from ..operators import DelayOperator, LinearOperator
+from ..operators import DelayOperator, LinearOperator, OscillatorOperator
 from ..optimize import distribute_poles, pole_starts
 
-__all__ = ["starting_structures"]
+__all__ = ["Scene", "beside", "inserted", "starting_structures"]
 
 _STARTS = 3  # of many starting values, so many are linearised
 _THINNED = 3  # every so many samples decide which
@@ -15,32 +16,126 @@ _SAME_POLES = 0.03  # relative distance of poles that need no start of their own
 
 
 def starting_structures(effect, structure, records):
-    """Yield, for each variant of an effect, the structures at its starting values."""
-    if effect.beside:
-        y = structure.run(records)
-        rest = [replace(r, y=r.y - part) for r, part in zip(records, y, strict=True)]
-        for model in effect.variants():
-            yield [
-                structure.beside(effect.name, model, disturbance)
-                for _, disturbances in model._starts(rest)
-                for disturbance in disturbances
-            ]
-        return
-    signals = {}
-    for model in effect.variants():
-        at = structure.position(model._rank)
-        if at not in signals:
-            signals[at] = structure.run(records, last=at)
-        here = [replace(r, u=u) for r, u in zip(records, signals[at], strict=True)]
-        candidates = [
-            structure.insert(effect.name, model, _unit_gain(operator, structure))
-            for operator, _ in model._starts(here)
+    """Return, for each variant of an effect that applies, the structures at its starting values.
+
+    A variant is a model, which is put beside the series or where its rank says, or a change of
+    its own (see ``_changes``), which makes the structures itself.
+    """
+    scene = Scene(structure, records)
+    found = []
+    for variant in effect.variants():
+        if hasattr(variant, "structures"):
+            found.append(variant.structures(effect.name, scene))
+        elif effect.beside:
+            found.append(beside(effect.name, variant, scene))
+        else:
+            found.append(inserted(effect.name, variant, scene))
+    return [candidates for candidates in found if candidates]
+
+
+class Scene:
+    """A structure and its records, with the signals between the stages, each computed once."""
+
+    def __init__(self, structure, records):
+        self.structure = structure
+        self.records = records
+        self._signals = {}
+
+    def signals(self, at):
+        """Return what goes into a place of the series, for each record."""
+        if at not in self._signals:
+            self._signals[at] = self.structure.run(self.records, last=at)
+        return self._signals[at]
+
+    def records_at(self, at):
+        """Return the records with what goes into a place of the series as their drive."""
+        return [
+            replace(r, u=u, before=self.structure.rest(r, at))
+            for r, u in zip(self.records, self.signals(at), strict=True)
         ]
-        first = min(at, _first_dynamics(structure))
-        if first not in signals:
-            signals[first] = structure.run(records, last=first)
-        candidates += _redistributed(candidates, at, records, signals[first], first)
-        yield _promising(candidates, structure, records, signals[first], first)
+
+    @cached_property
+    def residuals(self):
+        """The records with what the driven part leaves as their response."""
+        outputs = self.structure.respond(self.records)
+        return [replace(r, y=r.y - y) for r, y in zip(self.records, outputs, strict=True)]
+
+    @cached_property
+    def multi_input(self):
+        """Whether the first stage takes several inputs, so that nothing can come before it."""
+        return self.records[0].u.ndim > 1
+
+    def promising(self, candidates, first):
+        """Return the few candidates whose output helps most, and the one that fits best itself.
+
+        They are alike before the place ``first``. An output helps where it fits together with that
+        of the structure as it is, up to gains and offset.
+        """
+        if len(candidates) <= _STARTS:
+            return candidates
+        records, signals = self.records, self.signals(first)
+        rows = _some(records)
+        y = np.concatenate([record.y for record in records])[rows]
+        before = np.concatenate(self.structure.run(records, first=first, signals=signals))[rows]
+        together, alone = [], []
+        for candidate in candidates:
+            output = np.concatenate(candidate.run(records, first=first, signals=signals))[rows]
+            columns = np.stack([np.ones_like(y), output, before])
+            columns /= np.linalg.norm(columns, axis=1, keepdims=True) + np.finfo(float).tiny
+            gram, right = columns @ columns.T, columns @ y
+            gram[np.diag_indices(3)] *= 1.0 + 1e-12
+            if not np.isfinite(gram).all():
+                gram, right = np.eye(3), np.zeros(3)
+            together.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
+            own, part = gram[:2, :2], right[:2]
+            alone.append(-part @ np.linalg.lstsq(own, part, rcond=None)[0])
+        chosen = np.argsort(together, kind="stable")[:_STARTS].tolist()
+        best = int(np.argmin(alone))
+        return [candidates[i] for i in (chosen if best in chosen else [*chosen, best])]
+
+
+def beside(name, model, scene):
+    """Return the structures with a disturbance beside the series, at its starting values."""
+    structure, records = scene.structure, scene.records
+    found = [
+        structure.beside(name, model, disturbance)
+        for _, disturbances in model._starts(scene.residuals)
+        for disturbance in disturbances
+    ]
+    stage = structure.operators[0]
+    if (
+        len(structure.operators) > 1
+        or isinstance(stage, LinearOperator | OscillatorOperator)
+        or structure.problem(records).linear.all()
+    ):
+        return found
+    # what is missing has bent the declared hysteresis: identify it anew without
+    first = found[0]
+    problem = first.problem(records)
+    blocks = problem.evaluate(problem.x0, jacobian=False)
+    coefficients = problem.coefficients(blocks)
+    known = problem.outputs(problem.operator, problem.disturbances, coefficients)
+    rest = [
+        replace(r, y=r.y - (y - driven))
+        for r, y, driven in zip(records, known, structure.respond(records), strict=True)
+    ]
+    anew = structure.models[0]._identify(rest).operator
+    return [*found, replace(first, operators=(anew,))]
+
+
+def inserted(name, model, scene):
+    """Return the structures with a model where its rank says, at its promising starting values."""
+    structure = scene.structure
+    at = structure.position(model._rank)
+    if at == 0 and scene.multi_input:
+        return []
+    candidates = [
+        structure.insert(name, model, _unit_gain(operator, structure))
+        for operator, _ in model._starts(scene.records_at(at))
+    ]
+    first = min(at, _first_dynamics(structure))
+    candidates += _redistributed(candidates, at, scene, first)
+    return scene.promising(candidates, first)
 
 
 def _first_dynamics(structure):
@@ -49,7 +144,7 @@ def _first_dynamics(structure):
     return ranks.index(True) if any(ranks) else len(ranks)
 
 
-def _redistributed(candidates, at, records, signals, first):
+def _redistributed(candidates, at, scene, first):
     """Return candidates whose linear dynamics all start anew, from poles of their total number.
 
     A declared model that lacks a pole bends its own poles to make up for it, and a local search
@@ -63,9 +158,9 @@ def _redistributed(candidates, at, records, signals, first):
     if len(block) + delayed < 2:
         return []
     n_poles = sum(sum((1, 2)[j] * n for j, n in enumerate(stages[i].n_poles)) for i in block)
-    found = []
+    found, records = [], scene.records
     for candidate in candidates if delayed else candidates[:1]:
-        inputs = candidate.run(records, first=first, last=block[0], signals=signals)
+        inputs = candidate.run(records, first=first, last=block[0], signals=scene.signals(first))
         data = [(u, r.y, r.dt) for u, r in zip(inputs, records, strict=True)]
         for poles in _distinct(pole_starts(data, n_poles)):
             for own in distribute_poles([stages[i] for i in block], poles):
@@ -97,28 +192,11 @@ def _unit_gain(operator, structure):
     return operator.unpack(values)
 
 
-def _promising(candidates, structure, records, signals, first):
-    """Return the few candidates whose output, up to gain and offset, fits best."""
-    if len(candidates) <= _STARTS:
-        return candidates
-    rows = _counted(records)[::_THINNED]
-    y = np.concatenate([record.y for record in records])[rows]
-    before = np.concatenate(structure.run(records, first=first, signals=signals))[rows]
-    costs = []
-    for candidate in candidates:
-        output = np.concatenate(candidate.run(records, first=first, signals=signals))[rows]
-        columns = np.stack([np.ones_like(y), before, output])
-        columns /= np.linalg.norm(columns, axis=1, keepdims=True) + np.finfo(float).tiny
-        gram, right = columns @ columns.T, columns @ y
-        gram[np.diag_indices(3)] *= 1.0 + 1e-12
-        costs.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
-    order = np.argsort(np.nan_to_num(costs, nan=np.inf), kind="stable")
-    return [candidates[i] for i in order[:_STARTS]]
-
-
-def _counted(records):
+def _some(records):
+    """Return every third of the rows that count, in each record."""
     rows, start = [], 0
     for record in records:
-        rows += [np.arange(start + a, start + b) for a, b in record.segments]
+        own = np.concatenate([np.arange(a, b) for a, b in record.segments])
+        rows.append(start + own[::_THINNED])
         start += len(record.u)
     return np.concatenate(rows)

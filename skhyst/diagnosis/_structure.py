@@ -7,16 +7,85 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 
-from ..compose import Cascade, Sum
-from ..operators import SeriesOperator, SumOperator
+from ..compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
+from ..operators import (
+    ColumnOperator,
+    ModulatedOperator,
+    ScheduledOperator,
+    SeriesOperator,
+    SumOperator,
+)
 from ..optimize import OperatorProblem, identify
 
-__all__ = ["Structure"]
+__all__ = ["Branch", "Modulation", "Schedule", "Structure", "snake_case"]
+
+_DRIVEN = "model"  # name of the driven part, where something stands beside it
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A stage of its own that a further column of X drives; its output is added."""
+
+    name: str
+    model: object
+    operator: object
+    column: int
+
+
+@dataclass(frozen=True)
+class Modulation:
+    """What scales the driven part: a column of X, or the amplitude of the record."""
+
+    column: int | str
+    reference: float
+    sensitivity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Which entries of the series are straight lines in a number of the record.
+
+    ``by`` is "amplitude" or the number of a column of X; ``lines`` maps the name of an entry to
+    its values at ``low`` and at ``high``.
+    """
+
+    by: object
+    low: float
+    high: float
+    lines: dict
+
+    def number(self, record):
+        """Return the number of a record."""
+        if self.by == "amplitude":
+            return 0.5 * float(np.ptp(record.u))
+        return float(record.auxiliary[:, self.by - 1].mean())
+
+    def applied(self, series):
+        """Return the operator whose entries follow the schedule."""
+        degrees, values = [], []
+        for (name, _), value in zip(series.entries(), series.pack(), strict=True):
+            line = self.lines.get(name)
+            degrees.append(0 if line is None else 1)
+            values += [value] if line is None else list(line)
+        return ScheduledOperator(series, tuple(degrees), np.array(values), self.low, self.high)
+
+    def taken(self, operator):
+        """Return the schedule and the series at what identification made of :meth:`applied`."""
+        lines, start, plain = {}, 0, operator.base.pack()
+        for i, ((name, _), degree) in enumerate(
+            zip(operator.base.entries(), operator.degrees, strict=True)
+        ):
+            own = operator.coefficients[start : start + degree + 1]
+            plain[i] = own.mean()
+            if degree:
+                lines[name] = tuple(own)
+            start += degree + 1
+        return replace(self, lines=lines), operator.base.unpack(plain)
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Stages in series and disturbances beside them, unfitted models and operators alike.
+    """Stages in series and what stands beside them, unfitted models and operators alike.
 
     Attributes
     ----------
@@ -26,6 +95,14 @@ class Structure:
         Of what is added to the response.
     state : {"rest", "zero"}
         State before each record.
+    branches : tuple of Branch
+    modulation : Modulation or None
+    schedule : Schedule or None
+    added : tuple of (str, tuple)
+        Effects in the order in which they were added, and what :meth:`without` needs to know: the
+        kind of change, and for an exchange the model and the operator before it.
+    places : tuple of (str, str)
+        Effects that have changed a stage, and the name of that stage.
     """
 
     names: tuple
@@ -35,10 +112,17 @@ class Structure:
     beside_models: tuple = ()
     disturbances: tuple = ()
     state: str = "rest"
+    branches: tuple = ()
+    modulation: Modulation | None = None
+    schedule: Schedule | None = None
+    added: tuple = ()
+    places: tuple = ()
 
     @classmethod
     def from_result(cls, estimator, result):
         """Take apart a declared model and what identification found for it."""
+        if isinstance(estimator, ScheduledParameters):
+            return cls._from_scheduled(estimator, result)
         state = estimator._free_run_state()
         if isinstance(estimator, Cascade):
             names, models = zip(*estimator.steps, strict=True)
@@ -55,20 +139,79 @@ class Structure:
             state,
         )
 
+    @classmethod
+    def _from_scheduled(cls, estimator, result):
+        """Take apart a model whose parameters are straight lines in a number of the record."""
+        operator, inner = result.operator, estimator.estimator
+        plain = cls.from_result(inner, replace(result, operator=operator.base))
+        by = estimator.by
+        if by != "amplitude":
+            by = estimator._column(estimator.n_features_in_)
+        schedule = Schedule(by, operator.low, operator.high, {})
+        base = replace(operator, base=SeriesOperator(plain.names, plain.operators))
+        schedule, series = schedule.taken(base)
+        return replace(
+            plain,
+            operators=series.stages,
+            state=estimator._free_run_state(),
+            schedule=schedule,
+        )
+
+    # ------------------------------------------------------------------ as an operator
+
     def series(self):
-        """Return the driven part as one operator."""
+        """Return the stages as one operator."""
         return SeriesOperator(self.names, self.operators).normalized()
+
+    def _driven(self, operator):
+        """Return the driven part, from its stages as one operator."""
+        if not (self.branches or self.modulation):
+            return operator
+        operator = ColumnOperator(operator, 0)
+        if self.modulation is not None:
+            column = -1 if self.modulation.column == "amplitude" else self.modulation.column
+            operator = ModulatedOperator(
+                operator, column, self.modulation.reference, self.modulation.sensitivity
+            )
+        if not self.branches:
+            return operator
+        others = tuple(ColumnOperator(b.operator, b.column) for b in self.branches)
+        names = (_DRIVEN, *(b.name for b in self.branches))
+        return SumOperator(names, (operator, *others)).normalized()
+
+    def driven(self):
+        """Return the driven part as one operator, of the input that :meth:`inputs` gives."""
+        series = self.series()
+        return self._driven(self.schedule.applied(series) if self.schedule else series)
+
+    def inputs(self, records):
+        """Return the records as the driven part reads them."""
+        if self.schedule is not None:
+            records = [replace(r, schedule=self.schedule.number(r)) for r in records]
+        if not (self.branches or self.modulation):
+            return records
+        found = []
+        for record in records:
+            columns = [record.u]
+            if record.auxiliary is not None:
+                columns.append(record.auxiliary)
+            if self.modulation is not None and self.modulation.column == "amplitude":
+                columns.append(np.full(len(record.u), 0.5 * np.ptp(record.u)))
+            found.append(replace(record, u=np.column_stack(columns)))
+        return found
 
     def problem(self, records):
         """Return the least-squares problem of all free parameters."""
+        before = f"{_DRIVEN}__" if self.branches else ""
         fixed = {
-            f"{name}__{entry}"
+            f"{before}{name}__{entry}"
             for name, model in zip(self.names, self.models, strict=True)
             for entry in model._fixed()
         }
+        fixed |= {f"{b.name}__{entry}" for b in self.branches for entry in b.model._fixed()}
         return OperatorProblem(
-            self.series(),
-            records,
+            self.driven(),
+            self.inputs(records),
             disturbances=self.disturbances,
             fixed=fixed,
             initial_state=self.state,
@@ -76,49 +219,188 @@ class Structure:
 
     def at(self, problem, x):
         """Return the structure with the operators at ``x``."""
-        series, disturbances = problem.unpack(x)
-        return replace(self, operators=series.stages, disturbances=disturbances)
-
-    def position(self, rank):
-        """Return where in the series a stage of this rank goes."""
-        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.rank <= rank]
-        return max(behind, default=0)
-
-    def insert(self, name, model, operator):
-        """Return the structure with one more stage."""
-        at = self.position(model._rank)
+        operator, disturbances = problem.unpack(x)
+        branches, modulation, schedule = self.branches, self.modulation, self.schedule
+        if branches:
+            operator, *others = operator.stages
+            branches = tuple(
+                replace(b, operator=other.operator)
+                for b, other in zip(branches, others, strict=True)
+            )
+        if modulation is not None:
+            modulation = replace(modulation, sensitivity=operator.sensitivity)
+            operator = operator.operator
+        if branches or modulation is not None:
+            operator = operator.operator
+        if schedule is not None:
+            schedule, operator = schedule.taken(operator)
         return replace(
             self,
-            names=(*self.names[:at], name, *self.names[at:]),
-            models=(*self.models[:at], model, *self.models[at:]),
-            operators=(*self.operators[:at], operator, *self.operators[at:]),
+            operators=operator.stages,
+            disturbances=disturbances,
+            branches=branches,
+            modulation=modulation,
+            schedule=schedule,
         )
 
-    def beside(self, name, model, disturbance):
-        """Return the structure with one more disturbance."""
-        return replace(
-            self,
-            beside_names=(*self.beside_names, name),
-            beside_models=(*self.beside_models, model),
-            disturbances=(*self.disturbances, disturbance),
-        )
+    def _stages(self, record):
+        """Return the stages as they are in a record."""
+        if self.schedule is None:
+            return self.operators
+        series = SeriesOperator(self.names, self.operators)  # an effect may have no gauge yet
+        return self.schedule.applied(series).at(self.schedule.number(record)).operator.stages
 
     def run(self, records, first=0, last=None, signals=None):
         """Return the output of a stretch of the series for each record."""
         outputs = []
         for number, record in enumerate(records):
-            u = record.u if signals is None else signals[number]
-            for stage in self.operators[first:last]:
+            own = replace(record, before=self.rest(record, first))
+            if signals is not None:
+                own = replace(own, u=signals[number])
+            u, skip = own.with_history()
+            for stage in self._stages(record)[first:last]:
                 u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]
-            outputs.append(u)
+            outputs.append(u[skip:])
+        return outputs
+
+    def rest(self, record, at):
+        """Return what goes into a place of the series at rest before a record, None if unknown."""
+        u = record.before
+        if u is not None:
+            for stage in self._stages(record)[:at]:
+                u = float(stage.run(np.array([u]), record.dt, stage.init(u, self.state))[0][0])
+        return u
+
+    def respond(self, records):
+        """Return the output of the driven part for each record."""
+        if not (self.branches or self.modulation):
+            return self.run(records)
+        operator, outputs = self.driven(), []
+        for record in self.inputs(records):
+            own = operator if record.schedule is None else operator.at(record.schedule)
+            u, skip = record.with_history()
+            outputs.append(own.run(u, record.dt, own.init(u[0], self.state))[0][skip:])
         return outputs
 
     def n_coefficients(self):
         """Number of coefficients that each record has of its own."""
         return sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
 
+    # ------------------------------------------------------------------ changes
+
+    def position(self, rank):
+        """Return where in the series a stage of this rank goes."""
+        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.rank <= rank]
+        return max(behind, default=0)
+
+    def place(self, effect):
+        """Return the number of the stage that an effect is, or has changed."""
+        return self.names.index(dict(self.places).get(effect, effect))
+
+    def _with(self, effect, *change, **fields):
+        return replace(self, added=(*self.added, (effect, change)), **fields)
+
+    def insert(self, name, model, operator):
+        """Return the structure with one more stage, where its rank says."""
+        at = self.position(model._rank)
+        return self._with(
+            name,
+            "stage",
+            names=(*self.names[:at], name, *self.names[at:]),
+            models=(*self.models[:at], model, *self.models[at:]),
+            operators=(*self.operators[:at], operator, *self.operators[at:]),
+        )
+
+    def _cut(self, name):
+        at = self.names.index(name)
+        return replace(
+            self,
+            names=self.names[:at] + self.names[at + 1 :],
+            models=self.models[:at] + self.models[at + 1 :],
+            operators=self.operators[:at] + self.operators[at + 1 :],
+        )
+
+    def exchange(self, effect, at, model, operator):
+        """Return the structure with another model in the place of a stage."""
+        old = self.models[at], self.operators[at]
+        changed = self._put(at, model, operator)
+        places = (*self.places, (effect, self.names[at]))
+        return changed._with(effect, "exchange", *old, places=places)
+
+    def _put(self, at, model, operator):
+        return replace(
+            self,
+            models=(*self.models[:at], model, *self.models[at + 1 :]),
+            operators=(*self.operators[:at], operator, *self.operators[at + 1 :]),
+        )
+
+    def beside(self, name, model, disturbance):
+        """Return the structure with one more disturbance."""
+        return self._with(
+            name,
+            "beside",
+            beside_names=(*self.beside_names, name),
+            beside_models=(*self.beside_models, model),
+            disturbances=(*self.disturbances, disturbance),
+        )
+
+    def branch(self, name, model, operator, column):
+        """Return the structure with one more branch."""
+        new = Branch(name, model, operator, column)
+        return self._with(name, "branch", branches=(*self.branches, new))
+
+    def modulated(self, effect, modulation):
+        """Return the structure whose driven part is scaled."""
+        return self._with(effect, "modulation", modulation=modulation)
+
+    def scheduled(self, effect, schedule):
+        """Return the structure whose parameters depend on the record."""
+        return self._with(effect, "schedule", schedule=schedule)
+
+    def inserted_by_record(self, name, model, operator, schedule):
+        """Return the structure with one more stage, whose parameters depend on the record."""
+        changed = replace(self.insert(name, model, operator), schedule=schedule)
+        return replace(changed, added=(*self.added, (name, ("scheduled stage",))))
+
+    def removable(self):
+        """Return the effects that can be taken out again."""
+        stages = [place for _, place in self.places]
+        last = {place: effect for effect, place in self.places}  # of several on one stage
+        return [
+            name
+            for name, _ in self.added
+            if name not in dict(self.places)
+            or stages.count(dict(self.places)[name]) == 1
+            or last[dict(self.places)[name]] == name
+        ]
+
+    def without(self, effect):
+        """Return the structure without an effect that was added."""
+        kind, *old = dict(self.added)[effect]
+        rest = replace(self, added=tuple(entry for entry in self.added if entry[0] != effect))
+        if kind == "stage":
+            return rest._cut(effect)
+        if kind == "scheduled stage":
+            return replace(rest._cut(effect), schedule=None)
+        if kind == "exchange":
+            places = tuple(place for place in self.places if place[0] != effect)
+            return replace(rest._put(self.place(effect), *old), places=places)
+        if kind == "branch":
+            return replace(rest, branches=tuple(b for b in self.branches if b.name != effect))
+        if kind == "beside":
+            kept = [i for i, name in enumerate(self.beside_names) if name != effect]
+            return replace(
+                rest,
+                beside_names=tuple(self.beside_names[i] for i in kept),
+                beside_models=tuple(self.beside_models[i] for i in kept),
+                disturbances=tuple(self.disturbances[i] for i in kept),
+            )
+        return replace(rest, **{kind: None})
+
+    # ------------------------------------------------------------------ as an estimator
+
     def _stands_alone(self):
-        """Whether the driven part is one model without a Cascade, which one that is held needs."""
+        """Whether the series is one model without a Cascade, which one that is held needs."""
         return len(self.models) == 1 and not isinstance(self.models[0], FrozenEstimator)
 
     def estimator(self, declared):
@@ -132,27 +414,48 @@ class Structure:
         if self._stands_alone():
             name, driven = self.names[0], models[0]
         else:
-            name = "model"
+            name = _DRIVEN
             driven = Cascade(list(zip(self.names, models, strict=True)), **options)
-        if not self.beside_models:
+        if self.schedule is not None:
+            strip = len(f"{name}__") if self._stands_alone() else 0
+            driven = ScheduledParameters(
+                driven,
+                by=self.schedule.by,
+                parameters=[entry[strip:] for entry in self.schedule.lines],
+                **options,
+            )
+        if self.modulation is not None:
+            driven = Modulated(driven, self.modulation.column, **options)
+        if not (self.beside_models or self.branches):
             return driven
-        beside = [(n, clone(m)) for n, m in zip(self.beside_names, self.beside_models, strict=True)]
-        return Sum([(name, driven), *beside], **options)
+        others = [(b.name, OnColumn(clone(b.model), b.column, **options)) for b in self.branches]
+        beside = zip(self.beside_names, self.beside_models, strict=True)
+        others += [(own, clone(model)) for own, model in beside]
+        return Sum([(_DRIVEN if self.branches else name, driven), *others], **options)
 
     def fitted(self, declared, records, slices):
         """Return the model, fitted on all records from the operators here."""
         estimator = self.estimator(declared)
-        operator = self.operators[0] if self._stands_alone() else self.series()
-        if self.beside_models:
+        schedule, operator = self.schedule, self.series()
+        if self._stands_alone():
+            operator = self.operators[0]
+            if schedule is not None:
+                strip = len(f"{self.names[0]}__")
+                lines = {entry[strip:]: line for entry, line in schedule.lines.items()}
+                schedule = replace(schedule, lines=lines)
+        operator = self._driven(schedule.applied(operator) if schedule else operator)
+        if self.beside_models and not self.branches:
             operator = SumOperator((estimator.steps[0][0],), (operator,))
         result = identify(
             [(operator, self.disturbances)],
-            records,
+            self.inputs(records),
             fixed=estimator._fixed(),
             initial_state=self.state,
         )
-        estimator._adopt(result)
         estimator.records_ = slices
+        if records[0].before is not None:
+            estimator.initial_drive_ = np.array([record.before for record in records])
+        estimator._adopt(result)
         return estimator, result
 
 

@@ -3,6 +3,7 @@
 from numbers import Integral
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from .._sklearn import Interval
 from ..base import ParametricModel
@@ -145,7 +146,7 @@ def spectral_lines(signals, count):
     the power of all records together.
     """
     dt = signals[0][1]
-    n = _OVERSAMPLING * max(len(values) for values, _ in signals)
+    n = next_fast_len(_OVERSAMPLING * max(len(values) for values, _ in signals), real=True)
     grid = np.fft.rfftfreq(n, dt)
     rest = [values - values.mean() for values, _ in signals]
     found = []

@@ -2,6 +2,8 @@
 
 from ._backlash import Backlash
 from ._bouc_wen import BoucWen
+from ._bouc_wen_stage import BoucWenStage
+from ._coulomb_friction import CoulombFriction
 from ._dahl import Dahl
 from ._duhem import Duhem
 from ._friction_stage import FrictionStage
@@ -21,6 +23,8 @@ from ._tanh import TanhHysteresis
 __all__ = [
     "Backlash",
     "BoucWen",
+    "BoucWenStage",
+    "CoulombFriction",
     "Dahl",
     "Duhem",
     "FrictionStage",

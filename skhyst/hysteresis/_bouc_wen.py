@@ -48,6 +48,9 @@ class BoucWen(ParametricModel):
         Whether the loop may differ above and below: the generalised law of Wang and Wen,
         ``z' = u' {1 - |z|^n [gamma_z + beta_z sgn(u' z) + phi_z (sgn u' + sgn z)]}``, in which one
         parameter ``asymmetry = 2 phi_z / (beta_z + gamma_z)`` between -0.95 and 0.95 is added.
+    fit_gain : bool, default=True
+        Whether the elastic part ``k u`` is fitted (0 otherwise): not beside a model that has a
+        spring of its own.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
@@ -97,6 +100,7 @@ class BoucWen(ParametricModel):
         **ParametricModel._parameter_constraints,
         "exponent": [Interval(Real, 0.5, 20.0, closed="both"), StrOptions({"fit"})],
         "asymmetry": ["boolean"],
+        "fit_gain": ["boolean"],
         "fit_intercept": ["boolean"],
     }
 
@@ -107,6 +111,7 @@ class BoucWen(ParametricModel):
         exponent=1.0,
         *,
         asymmetry=False,
+        fit_gain=True,
         fit_intercept=True,
         initial_state="rest",
         dt=1.0,
@@ -114,6 +119,7 @@ class BoucWen(ParametricModel):
     ):
         self.exponent = exponent
         self.asymmetry = asymmetry
+        self.fit_gain = fit_gain
         self.fit_intercept = fit_intercept
         self.initial_state = initial_state
         self.dt = dt
@@ -138,7 +144,8 @@ class BoucWen(ParametricModel):
             response.append(r.y[wanted])
         drive = np.concatenate([u[part] for u, part in zip(drives, rows, strict=True)])
         response = np.concatenate(response)
-        known = np.column_stack((drive, np.ones(len(drive))))[:, : 1 + self.fit_intercept]
+        free = [bool(self.fit_gain), bool(self.fit_intercept)]
+        known = np.column_stack((drive, np.ones(len(drive))))[:, free]
         basis, _ = np.linalg.qr(known)
         rest = response - basis @ (basis.T @ response)
         best, most = None, -np.inf
@@ -159,14 +166,16 @@ class BoucWen(ParametricModel):
                     most, best = explained, (limit * z, float(limit), ratio, exponent)
         z, limit, ratio, exponent = best
         linear = np.linalg.lstsq(np.column_stack((z, known)), response, rcond=None)[0]
-        alpha, gain, *intercept = linear.tolist()
-        operator = BoucWenOperator(gain, alpha, limit, ratio, exponent, intercept=sum(intercept))
+        alpha, *others = linear.tolist()
+        gain = others.pop(0) if self.fit_gain else 0.0
+        operator = BoucWenOperator(gain, alpha, limit, ratio, exponent, intercept=sum(others))
         return [(operator, ())]
 
     def _fixed(self):
         free = {
             "exponent": self.exponent == "fit",
             "asymmetry": self.asymmetry,
+            "gain": self.fit_gain,
             "intercept": self.fit_intercept,
         }
         return frozenset(name for name, is_free in free.items() if not is_free)

@@ -3,8 +3,12 @@
 import numpy as np
 
 from ..base import ParametricModel
+from ..operators._differences import slopes
 
-__all__ = ["FrictionModel", "half_range", "swing", "top_speed"]
+__all__ = ["FrictionModel", "half_range", "speed_noise", "swing", "top_speed"]
+
+_BLOCK = 20  # samples in which the noise is looked for
+_QUIET = 0.25  # part of the blocks in which the motion is too slow to be taken for noise
 
 
 class FrictionModel(ParametricModel):
@@ -38,9 +42,30 @@ def half_range(records):
     return 0.5 * max(float(np.ptp(record.y)) for record in records) or 1.0
 
 
-def top_speed(records):
-    """Return a speed that one in twenty samples exceeds, 1 where the drive never moves."""
-    speeds = [np.abs(np.diff(record.u)) / record.dt for record in records]
+def top_speed(records, smoothing=1):
+    """Return a speed that one in twenty samples exceeds, 1 where the drive never moves.
+
+    Slopes are taken over ``smoothing`` intervals.
+    """
+    speeds = [np.abs(slopes(r.u, r.dt, smoothing)) for r in records]
     speeds = np.concatenate(speeds)
     moving = speeds[speeds > 0.0]
     return float(np.quantile(moving, 0.95)) if moving.size else 1.0
+
+
+def speed_noise(records, smoothing=1):
+    """Return the standard error of slopes over ``smoothing`` intervals that noise leaves.
+
+    It follows from fifth differences of the drive in the quiet parts of the records, to which a
+    smooth motion adds next to nothing. 0 where the records are too short to tell.
+    """
+    slope = np.sqrt(12.0 / (smoothing * (smoothing + 1) * (smoothing + 2)))
+    found = [0.0]
+    for record in records:
+        fifth = np.diff(record.u, n=5)
+        n_blocks = len(fifth) // _BLOCK
+        power = np.square(fifth[: n_blocks * _BLOCK]).reshape(n_blocks, _BLOCK).mean(axis=1)
+        if n_blocks:
+            # the squares of the weights 1, 5, 10, 10, 5, 1 add up to 252
+            found.append(slope * np.sqrt(np.quantile(power, _QUIET) / 252.0) / record.dt)
+    return float(max(found))

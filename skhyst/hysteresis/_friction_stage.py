@@ -5,17 +5,15 @@ from itertools import product
 import numpy as np
 
 from ..operators import FrictionStageOperator, LuGreOperator
-from ._oscillator import OscillatorModel
+from ._oscillator import LEVEL, OscillatorModel
 
 __all__ = ["FrictionStage"]
 
 # way before sliding, parts of the response's half range; Stribeck velocity, parts of its root mean
-# square speed; fast over slow friction; slow friction, part of the drive's half range, where the
-# data give none
+# square speed; fast over slow friction
 _WAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _SPEEDS = (0.15, 0.5, 1.7)
 _RATIOS = (0.85, 0.55)
-_LEVEL = 0.1
 # a law has degenerated: a Stribeck velocity so far beyond all starts, or no fall of friction
 _FAR, _FLAT = 5.0, 0.99
 _N_RETRIES = 4
@@ -143,10 +141,10 @@ class FrictionStage(OscillatorModel):
         way, speed, ratio = law
         return LuGreOperator(way, speed, ratio, 1.0).run(y, dt)[0][:, None]
 
-    def _stage(self, law, mode, factors, length, swing):
+    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
         way, speed, ratio = law
-        gain = mode.gain or length / swing
-        level = _LEVEL * swing if factors is None else np.sign(gain) * float(factors[0])
+        gain = mode.gain or scales.length / scales.swing
+        level = level * scales.swing if factors is None else np.sign(gain) * float(factors[0])
         if not level > 0.0:
             return None
         return FrictionStageOperator(

@@ -3,6 +3,7 @@
 import dataclasses
 from abc import abstractmethod
 from numbers import Integral, Real
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,18 +13,29 @@ from ..linear import SecondOrderMode
 from ..operators import SecondOrderModeOperator
 from ..optimize import VariableProjection, identify
 
-__all__ = ["OscillatorModel"]
+__all__ = ["LEVEL", "OscillatorModel"]
 
 _COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
 _MOST_COARSE, _MOST_FINE = 16, 64
 _WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
 _SMOOTH = 4  # half length of that which smooths the response for the law
 _FEWEST = 100  # equations
+_MOST = 30_000  # samples that starting values are taken from
+LEVEL = 0.1  # hysteretic force, part of the drive's half range, where the data give none
+_QUIET = 0.01  # the same of a stage that is almost its linear part
 _N_STARTS = 12
 _LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
 _COUPLINGS = (1.0, 3.0, 10.0)
 _ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
 _LAST_EVALUATIONS = 20
+
+
+class Scales(NamedTuple):
+    """Half range and middle of the response, half range of the drive."""
+
+    length: float
+    middle: float
+    swing: float
 
 
 class OscillatorModel(ParametricModel):
@@ -60,48 +72,63 @@ class OscillatorModel(ParametricModel):
         """Return the forces of a response (n_samples,), centred, as columns up to their factors."""
 
     @abstractmethod
-    def _stage(self, law, mode, factors, length, swing):
+    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
         """Return the operator, or None where there is none.
 
-        ``mode`` is the linear part, ``factors`` belong to the columns of :meth:`_forces` (None:
-        unknown), ``length`` and ``swing`` are the half ranges of response and drive.
+        ``mode`` is the linear part, ``factors`` belong to the columns of :meth:`_forces`; where
+        they are unknown, the hysteretic force is the part ``level`` of the drive's half range.
         """
 
     def _retries(self, stage, stages):
         """Return those of the stages to follow to the end, because the one found is degenerate."""
         return []
 
-    def _starts(self, records):
-        return [(stage, ()) for stage in self._stages(records)]
+    def _starts(self, records, mode=None):
+        """Return a dozen at most, with substeps that need not be made finer.
 
-    def _stages(self, records):
-        """Return operators with coarse substeps, best first."""
+        One of them is almost linear: ``mode``, where the linear part is known already.
+        """
+        return [
+            (self._divided(stage, records, _FINE, _MOST_COARSE), ())
+            for stage in self._stages(records, mode)
+        ]
+
+    def _stages(self, records, mode=None):
+        """Return operators with coarse substeps, best first, among them an almost linear one."""
         swing = 0.5 * max(float(np.ptp(r.u)) for r in records) or 1.0
         low, high = min(float(r.y.min()) for r in records), max(float(r.y.max()) for r in records)
         length, middle = 0.5 * (high - low) or 1.0, 0.5 * (high + low)
         if not self.fit_intercept:
             middle = 0.0
+        scales = Scales(length, middle, swing)
+        records, washout = _loudest(records, middle)
         kinds = []
         for window in _WINDOWS:
             usable = [r for r in records if len(r.u) > 2 * window]
             if sum(len(r.u) - 2 * window for r in usable) < _FEWEST:
                 break
-            kinds += self._balanced(usable, window, length, middle, swing)
-        if not kinds:
+            kinds += self._balanced(usable, window, scales)
+        if mode is None:
             linear = SecondOrderMode(
-                fit_intercept=self.fit_intercept, initial_state=self._free_run_state()
+                fit_intercept=self.fit_intercept,
+                initial_state=self._free_run_state(),
+                method=_ROUGHLY,
             )
             mode = linear._identify(records).operator
-            laws = self._laws(length, mode.natural_frequency * length)
+        laws = self._laws(length, mode.natural_frequency * length)
+        if not kinds:
             kinds = [
-                (kind, self._stage(law, mode, None, length, swing))
+                (kind, self._stage(law, mode, scales))
                 for kind, group in enumerate(laws)
                 for law in group
             ]
+        middle = laws[len(laws) // 2]
+        law = middle[len(middle) // 2]
+        kinds.append((len(laws), self._stage(law, mode, scales, level=_QUIET)))
         ranked = []
         for kind, stage in kinds:
             stage = self._divided(stage, records, _COARSE, _MOST_COARSE)
-            ranked.append((self._error(stage, records), kind, stage))
+            ranked.append((self._error(stage, records, washout), kind, stage))
         ranked.sort(key=lambda entry: entry[0])
         # the first of each kind, then the second of each, ...
         turns = {}
@@ -110,8 +137,9 @@ class OscillatorModel(ParametricModel):
         order = sorted(turns, key=lambda i: turns[i])[:_N_STARTS]
         return [ranked[i][2] for i in sorted(order)]
 
-    def _balanced(self, records, window, length, middle, swing):
+    def _balanced(self, records, window, scales):
         """Return (kind, stage) of the law of each kind that balances the forces best."""
+        length, middle, _ = scales
         motion = np.concatenate(
             [
                 np.stack([_weigh(r.y - middle, r.dt, window, order) for order in (2, 1, 0)], axis=1)
@@ -134,9 +162,9 @@ class OscillatorModel(ParametricModel):
                     for y, r in zip(smooth, records, strict=True)
                 ]
                 columns = np.column_stack([*linear, np.concatenate(forces)])
-                scale = np.sqrt(np.mean(columns**2, axis=0))
-                scale[scale == 0.0] = 1.0
-                factors = np.linalg.lstsq(columns / scale, drive, rcond=None)[0] / scale
+                if not np.isfinite(columns).all():
+                    continue
+                factors, error = _least_squares(columns, drive)
                 mass, damping, stiffness = factors[:3].tolist()
                 if not mass * stiffness > 0.0:
                     continue
@@ -148,20 +176,22 @@ class OscillatorModel(ParametricModel):
                     1.0 / stiffness,
                     middle - float(factors[3]) / stiffness if self.fit_intercept else 0.0,
                 )
-                stage = self._stage(law, mode, factors[n_linear:], length, swing)
+                stage = self._stage(law, mode, scales, factors=factors[n_linear:])
                 if stage is not None:
-                    error = float(np.sum((columns @ factors - drive) ** 2))
                     stages.append((error, stage))
             if stages:
                 found.append((kind, min(stages, key=lambda entry: entry[0])[1]))
         return found
 
-    def _error(self, stage, records):
-        """Return the sum of squares of the free run, gain and intercept solved."""
+    def _error(self, stage, records, washout=0):
+        """Return the sum of squares of the free run, gain and intercept solved.
+
+        The first ``washout`` samples of each record do not count.
+        """
         gram = np.zeros((3, 3))
         for r in records:
             y = stage.run(r.u, r.dt, stage.init(r.u[0], self._free_run_state()))[0]
-            columns = np.stack([y, np.full(y.size, float(self.fit_intercept)), r.y])
+            columns = np.stack([y, np.full(y.size, float(self.fit_intercept)), r.y])[:, washout:]
             gram += columns @ columns.T
         if not np.isfinite(gram).all():
             return np.inf
@@ -189,7 +219,9 @@ class OscillatorModel(ParametricModel):
         share = feedback * stage.operator.gain
         if not share < 1.0:
             return [], stage.n_evaluations
-        free = stage.operator.with_feedback(-feedback, origin)
+        # what is held, a preload for one, has not followed the intercept of the tied stage
+        held = {name: getattr(stages[0], name) for name in self._fixed()}
+        free = dataclasses.replace(stage.operator.with_feedback(-feedback, origin), **held)
         return [self._divided(free, records, _COARSE, _MOST_COARSE)], stage.n_evaluations
 
     def _divided(self, stage, records, part, most):
@@ -233,6 +265,34 @@ class OscillatorModel(ParametricModel):
         super()._adopt(result)
         self.physical_ = result.operator.physical(self.mass)
         return self
+
+
+def _loudest(records, middle):
+    """Return a part of each long record, around its largest response, and samples to leave out.
+
+    Before such a part the stage was not at rest.
+    """
+    n_samples = sum(len(r.u) for r in records)
+    if n_samples <= _MOST:
+        return records, 0
+    parts = []
+    for r in records:
+        n = max(int(len(r.u) * _MOST / n_samples), 2)
+        start = int(np.argmax(np.abs(r.y - middle))) - n // 2
+        start = min(max(start, 0), len(r.u) - n)
+        part = slice(start, start + n)
+        parts.append(dataclasses.replace(r, u=r.u[part], y=r.y[part], segments=(), before=None))
+    return parts, min(len(r.u) for r in parts) // 4
+
+
+def _least_squares(columns, right):
+    """Return the coefficients of the columns (n_samples, n) and the sum of squares left."""
+    gram, moments = columns.T @ columns, columns.T @ right
+    scale = np.sqrt(np.diag(gram))
+    scale[scale == 0.0] = 1.0
+    factors = np.linalg.lstsq(gram / np.outer(scale, scale), moments / scale, rcond=None)[0]
+    factors /= scale
+    return factors, float(right @ right - moments @ factors)
 
 
 def _weigh(values, dt, window, order=0):

@@ -186,9 +186,9 @@ class _WeightProblem:
         self.records, self.initial_state = records, initial_state
         self.n_weights = operator.n_parameters - 1
         self.fit_intercept = fit_intercept
-        counted = [record.y[a:b] for record in records for a, b in record.segments]
-        self.n_samples = sum(map(len, counted))
-        self.shift = np.concatenate(counted).mean() if fit_intercept else 0.0
+        self.n_samples = sum(record.segment_weights().sum() for record in records)
+        mean = sum(_weights(record) @ record.y for record in records) / self.n_samples
+        self.shift = mean if fit_intercept else 0.0
         gram = np.zeros((self.n_weights + 2,) * 2)
         for record in records:
             self._add(operator, record, gram)
@@ -211,13 +211,14 @@ class _WeightProblem:
         state = operator.init(_first(record), self.initial_state)
         if record.before is not None:
             _, state = operator.run([record.before], record.dt, state)
-        counts = np.zeros(len(record.u), dtype=bool)
-        for start, stop in record.segments:
-            counts[start:stop] = True
+        weights = _weights(record)
+        counts, roots = weights > 0.0, np.sqrt(weights)
         for start in range(0, len(record.u), _STRETCH):
             part = slice(start, start + _STRETCH)
             rows, state = operator.basis(record.u[part], state)
             rows = np.column_stack((rows, record.y[part] - self.shift))[counts[part]]
+            if record.weights is not None:
+                rows *= roots[part][counts[part], None]
             gram += rows.T @ rows
 
     def solve(self, roughness, smoothness, non_negative):
@@ -271,8 +272,16 @@ class _WeightProblem:
             if record.before is not None:
                 _, state = operator.run([record.before], record.dt, state)
             residual = operator.run(record.u, record.dt, state)[0] - record.y
-            cost += sum(np.sum(residual[a:b] ** 2) for a, b in record.segments)
+            cost += _weights(record) @ residual**2
         return float(cost)
+
+
+def _weights(record):
+    """Return how much each sample of a record counts, (n_samples,)."""
+    weights = np.zeros(len(record.u))
+    for start, stop in record.segments:
+        weights[start:stop] = 1.0 if record.weights is None else record.weights[start:stop]
+    return weights
 
 
 def _first(record):

@@ -1,19 +1,19 @@
 """Mass with polynomial spring and damper and a bilinear hysteretic force."""
 
+import math
 from numbers import Integral
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from .._sklearn import Interval
 from ..operators import PrandtlIshlinskiiOperator, RestoringForceOperator
-from ._oscillator import OscillatorModel
+from ._oscillator import LEVEL, OscillatorModel
 
 __all__ = ["RestoringForce"]
 
-# way before the hysteretic force slips, parts of the response's half range; its limit, part of the
-# drive's half range, where the data give none
+# way before the hysteretic force slips, parts of the response's half range
 _WAYS = (0.003, 0.01, 0.03, 0.08, 0.2, 0.5)
-_LEVEL = 0.1
 
 
 class RestoringForce(OscillatorModel):
@@ -38,9 +38,12 @@ class RestoringForce(OscillatorModel):
         Degree of the spring's polynomial; even ones count as the next lower.
     damping_degree : int, default=5
         Degree of the damper's polynomial; even ones count as the next lower.
+    fit_hysteresis : bool, default=True
+        Whether there is a hysteretic force. Without one the model with a cubic spring is a Duffing
+        oscillator.
     fit_preload : bool, default=True
-        Whether a preload is fitted (0 otherwise); with a linear spring it cannot be told from the
-        intercept and is held.
+        Whether a preload is fitted (0 otherwise), which gives the spring even terms about the rest
+        position; with a linear spring it cannot be told from the intercept and is held.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     mass : float, default=1.0
@@ -103,6 +106,7 @@ class RestoringForce(OscillatorModel):
         **OscillatorModel._parameter_constraints,
         "stiffness_degree": [Interval(Integral, 1, None, closed="left")],
         "damping_degree": [Interval(Integral, 1, None, closed="left")],
+        "fit_hysteresis": ["boolean"],
         "fit_preload": ["boolean"],
     }
 
@@ -111,6 +115,7 @@ class RestoringForce(OscillatorModel):
         stiffness_degree=5,
         *,
         damping_degree=5,
+        fit_hysteresis=True,
         fit_preload=True,
         fit_intercept=True,
         mass=1.0,
@@ -121,6 +126,7 @@ class RestoringForce(OscillatorModel):
     ):
         self.stiffness_degree = stiffness_degree
         self.damping_degree = damping_degree
+        self.fit_hysteresis = fit_hysteresis
         self.fit_preload = fit_preload
         self.fit_intercept = fit_intercept
         self.mass = mass
@@ -130,31 +136,91 @@ class RestoringForce(OscillatorModel):
         self.method = method
 
     def _laws(self, length, speed):
-        return [[part * length] for part in _WAYS]
+        return [[part * length] for part in _WAYS] if self.fit_hysteresis else [[speed]]
 
     def _forces(self, law, y, dt, length):
-        play, _ = PrandtlIshlinskiiOperator([law], [1.0]).run(y, dt)
-        return (y - play)[:, None]
+        if self.fit_hysteresis:
+            play, _ = PrandtlIshlinskiiOperator([law], [1.0]).run(y, dt)
+            return (y - play)[:, None]
+        v = np.gradient(y, dt)
+        springs = [y * (y / length) ** (degree - 1) for degree in self._spring_degrees()]
+        dampers = [v * (v / law) ** (degree - 1) for degree in _odd(self.damping_degree)]
+        return np.array([*springs, *dampers]).reshape(-1, len(y)).T
 
-    def _stage(self, law, mode, factors, length, swing):
-        gain = mode.gain or length / swing
-        stiffness = _LEVEL * swing * abs(gain) / law if factors is None else factors[0] * gain
+    def _spring_degrees(self):
+        """Return the degrees of the spring about the middle of the response, but 1."""
+        if "preload" in self._fixed() or not self.fit_intercept:
+            return _odd(self.stiffness_degree)
+        return list(range(2, _odd(self.stiffness_degree)[-1] + 1))
+
+    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
+        if not self.fit_hysteresis:
+            return self._polynomial_stage(law, mode, scales, factors)
+        gain = mode.gain or scales.length / scales.swing
+        stiffness = level * scales.swing * abs(gain) / law if factors is None else factors[0] * gain
         if not stiffness > 0.0:
             return None
         return RestoringForceOperator(
             mode.natural_frequency,
             mode.damping_ratio,
-            np.zeros((self.stiffness_degree - 1) // 2),
-            np.zeros((self.damping_degree - 1) // 2),
+            np.zeros(len(_odd(self.stiffness_degree))),
+            np.zeros(len(_odd(self.damping_degree))),
             float(stiffness),
             float(stiffness * law / abs(gain)),
             gain=gain,
             intercept=mode.intercept,
-            scale=swing,
+            scale=scales.swing,
+        )
+
+    def _polynomial_stage(self, speed, mode, scales, factors):
+        """Return the stage whose spring is odd about the place at which its curve has no bend."""
+        gain = mode.gain or scales.length / scales.swing
+        odd, center, preload, intercept = _odd(self.stiffness_degree), 0.0, 0.0, mode.intercept
+        stiffness = 1.0 / gain
+        spring, dampers = np.zeros(len(odd)), np.zeros(len(_odd(self.damping_degree)))
+        if factors is not None:
+            degrees = np.array(self._spring_degrees(), dtype=int)
+            curve = np.zeros(2 if not odd else odd[-1] + 1)
+            curve[1] = stiffness
+            curve[degrees] = factors[: len(degrees)] / scales.length ** (degrees - 1.0)
+            curve = Polynomial(curve)
+            if len(degrees) > len(odd):
+                bends = curve.deriv(2).roots()
+                bends = bends[(np.abs(bends.imag) < 1e-9 * scales.length)].real
+                bends = bends[(np.abs(bends) < scales.length) & (curve.deriv()(bends) * gain > 0.0)]
+                center = float(bends[np.argmin(np.abs(bends))]) if len(bends) else 0.0
+                # the constant of the balance, which the intercept of the linear part contains
+                preload = (intercept - scales.middle) * stiffness - float(curve(center))
+                intercept = scales.middle + center
+            taylor = [curve.deriv(k)(center) / math.factorial(k) for k in (1, *odd)]
+            stiffness, *spring = map(float, taylor)
+            dampers = factors[len(degrees) :] / speed ** (np.array(_odd(self.damping_degree)) - 1.0)
+        stiffer = stiffness * gain
+        frequency = mode.natural_frequency * math.sqrt(stiffer)
+        powers = np.array(odd, dtype=float), np.array(_odd(self.damping_degree), dtype=float)
+        size = scales.swing ** (powers[0] - 1.0), scales.swing ** (powers[1] - 1.0)
+        return RestoringForceOperator(
+            frequency,
+            mode.damping_ratio / math.sqrt(stiffer),
+            np.array(spring) * size[0] / stiffness ** powers[0],
+            dampers * size[1] / (stiffness / frequency) ** powers[1],
+            0.0,
+            0.0,
+            preload,
+            1.0 / stiffness,
+            intercept,
+            scale=scales.swing,
         )
 
     def _fixed(self):
         fixed = super()._fixed()
+        if not self.fit_hysteresis:
+            fixed |= {"hysteresis_stiffness", "slip_level"}
         # the preload of a linear spring is an intercept
         held = not self.fit_preload or (self.stiffness_degree < 3 and self.fit_intercept)
         return fixed | {"preload"} if held else fixed
+
+
+def _odd(degree):
+    """Return the odd degrees from 3 on."""
+    return list(range(3, degree + 1, 2))

@@ -9,6 +9,8 @@ from ._signals import thin_path
 
 __all__ = ["EvidenceDisplay"]
 
+_FEW = 100  # points that are drawn large, on top of the lines
+
 
 class EvidenceDisplay:
     """The picture that belongs to a claimed effect.
@@ -88,15 +90,20 @@ class EvidenceDisplay:
         picture = self.picture
         axes = new_axes(ax, 1, 1, "EvidenceDisplay", size=(6.0, 4.0))[0, 0]
         styles = [style for *_, style in picture.curves]
-        lines = cycle((COLORS[1], COLORS[2], COLORS[3], FLOOR))
-        points = cycle((COLORS[0], FLOOR, MEASURED) if styles.count("points") > 1 else (MEASURED,))
+        pairs = styles.count("points") > 1
+        # points and the line that is to match them have one colour
+        points = cycle(COLORS if pairs else (MEASURED,))
+        lines = cycle(COLORS if pairs else (COLORS[1], COLORS[2], COLORS[3], FLOOR))
+        dashes = cycle((FLOOR,))
         for label, x, y, style in picture.curves:
             x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
             kept = thin_path(x, y, max_points)
-            color = next(points if style == "points" else lines)
+            color = next({"points": points, "line": lines}.get(style, dashes))
             options = {"color": color, "label": plain(label)}
             if style == "points":
-                axes.plot(x[kept], y[kept], "o", markersize=2.6, alpha=0.75, mew=0, **options)
+                few = len(x) <= _FEW
+                size = {"markersize": 4.2, "zorder": 3} if few else {"markersize": 2.6}
+                axes.plot(x[kept], y[kept], "o", alpha=0.75, mew=0, **size, **options)
             else:
                 line = "--" if style == "dashed" else "-"
                 axes.plot(x[kept], y[kept], line, linewidth=1.4, **options)

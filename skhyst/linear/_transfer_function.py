@@ -50,7 +50,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Largest degree that ``"auto"`` tries.
     inputs : {"drive", "all"} or list of int or str, default="drive"
         The columns of X that act: the first, all, or those with these positions or names. A model
-        of several inputs stands alone: it enters no composition.
+        of several inputs stands first in a composition; there, inputs go by position.
     delay : float, array-like of shape (n_inputs,) or "fit", default=0.0
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     stable : bool, default=True
@@ -161,7 +161,11 @@ class TransferFunction(ModesMixin, LinearModel):
     def _one(self):
         return isinstance(self.inputs, str) and self.inputs == "drive"
 
-    def _signal(self, X):
+    @property
+    def _reads_columns(self):
+        return not self._one()
+
+    def _signal(self, X, slices):
         return X[:, 0] if self._one() else X[:, list(self._columns(X.shape[1]))]
 
     def _columns(self, n_columns, names=None):
@@ -243,11 +247,6 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def _starts(self, records):
         self._check_orders()
-        if not self._one() and records[0].u.ndim == 1:
-            raise ValueError(
-                "The 'inputs' parameter of TransferFunction must be 'drive' for a step of a "
-                f"composition. Got {self.inputs!r} instead."
-            )
         if self._chooses():
             return [(self._choose(records).operator, ())]
         return self._starts_of(records, self.n_poles, self.n_zeros)
@@ -262,8 +261,8 @@ class TransferFunction(ModesMixin, LinearModel):
         return self._choose(data) if self._chooses() else super()._identify(data)
 
     def _choose(self, records):
-        n_samples = sum(len(record.y) for record in records)
-        power = sum(float(np.sum(np.square(record.y))) for record in records)
+        n_samples = sum(record.segment_weights().sum() for record in records)
+        power = sum(record.power() for record in records)
 
         def fit(n_poles, n_zeros):
             result = identify(

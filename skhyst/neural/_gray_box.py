@@ -183,12 +183,6 @@ class GrayBoxHysteresis(ParametricModel):
             y = np.clip(y, -self.bound_, self.bound_)
         return y
 
-    def _fit_records(self, data):
-        largest = max(np.abs(record.y).max() for record in data)
-        span = max(r.y.max() for r in data) - min(r.y.min() for r in data)
-        self.bound_ = float(largest + _BOUND * (span or largest or 1.0))
-        return super()._fit_records(data)
-
     def _fixed(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
@@ -196,6 +190,9 @@ class GrayBoxHysteresis(ParametricModel):
         return [(self._identify(records).operator, ())]
 
     def _identify(self, data):
+        largest = max(np.abs(record.y).max() for record in data)
+        span = max(r.y.max() for r in data) - min(r.y.min() for r in data)
+        self.bound_ = float(largest + _BOUND * (span or largest or 1.0))
         options = {"initial_state": self._free_run_state(), "method": self.method}
         slow = self._slow_records(data)
         first = SystemLevelHysteresis(self.variant)._starts(slow)

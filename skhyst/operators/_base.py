@@ -122,6 +122,10 @@ class Operator(ABC):
             start += size
         return dataclasses.replace(self, **changes)
 
+    def at(self, schedule) -> "Operator":
+        """Return the operator of a record, where parameters depend on a number of it."""
+        return self
+
     @abstractmethod
     def init(self, u0: float, initial_state: str = "rest") -> Any:
         """Return the state before the first sample ``u0``.

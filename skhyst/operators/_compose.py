@@ -106,6 +106,9 @@ class _Composition(Operator):
         """Return a copy with the operators themselves in place of those that are held."""
         return type(self)(self.names, tuple(map(_released, self.stages)))
 
+    def at(self, schedule):
+        return type(self)(self.names, tuple(stage.at(schedule) for stage in self.stages))
+
     def init(self, u0, initial_state="rest"):
         raise NotImplementedError
 

@@ -45,7 +45,7 @@ class RestoringForceOperator(OscillatorOperator):
     damping_coefficients : array-like of shape (n_damping,)
         Coefficients ``l_i`` of the degrees 3, 5, ...: share of the spring force at ``p = q = s``.
     hysteresis_stiffness : float
-        ``k_s``: stiffness of the hysteretic force relative to the spring.
+        ``k_s``: stiffness of the hysteretic force relative to the spring, 0 without one.
     slip_level : float
         ``z_s``: largest hysteretic force, units of the drive.
     preload : float, default=0.0
@@ -130,9 +130,9 @@ class RestoringForceOperator(OscillatorOperator):
         -------
         dict of str to float
             ``mass``, ``drive_gain`` (force over drive), ``alpha_1``, ``alpha_3``, ...,
-            ``lambda_1``, ``lambda_3``, ..., ``alpha_s``, ``z_s``, ``x_s = z_s / alpha_s`` and
-            ``preload`` (a force); displacements are in units of the response, and with the mass in
-            kg and the response in m all is in SI units.
+            ``lambda_1``, ``lambda_3``, ..., ``alpha_s``, ``z_s``, ``x_s = z_s / alpha_s`` (NaN
+            without hysteretic force) and ``preload`` (a force); displacements are in units of the
+            response, and with the mass in kg and the response in m all is in SI units.
         """
         w, stiffness = self.natural_frequency, mass * self.natural_frequency**2
         drive_gain = stiffness * self.gain
@@ -143,10 +143,12 @@ class RestoringForceOperator(OscillatorOperator):
         found["lambda_1"] = 2.0 * self.damping_ratio * stiffness / w
         for i, value in enumerate(self.damping_coefficients.tolist(), 1):
             found[f"lambda_{2 * i + 1}"] = stiffness / w * value / (w * length) ** (2 * i)
+        hysteretic = self.hysteresis_stiffness
+        way = abs(self.gain) * self.slip_level / hysteretic if hysteretic else math.nan
         return found | {
             "alpha_s": stiffness * self.hysteresis_stiffness,
             "z_s": abs(drive_gain) * self.slip_level,
-            "x_s": abs(self.gain) * self.slip_level / self.hysteresis_stiffness,
+            "x_s": way,
             "preload": drive_gain * self.preload,
         }
 
@@ -220,7 +222,7 @@ class RestoringForceOperator(OscillatorOperator):
         _, slope, by_coefficients = self._spring(q)
         z, steeper = self._hysteresis(q - center)
         # z at a fixed q
-        if steeper:
+        if abs(z) < self.slip_level:
             by[1] -= steeper * center_by
             by[1, first] += q - center
         else:

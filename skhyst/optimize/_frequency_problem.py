@@ -48,6 +48,7 @@ class FrequencyProblem:
         self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
         self.scale = float(np.sum(np.abs(weight * response) ** 2))
         self.segment_length = np.array([2 * response.size])
+        self.segment_weight = self.segment_length.astype(float)
 
     def depends_on(self, select):
         """Whether :meth:`evaluate` depends on a selection: never."""

@@ -44,7 +44,7 @@ class IdentificationResult:
         Of the scaled normal equations.
     record_coefficients : ndarray of shape (n_records, n_coefficients)
     error : float
-        Root mean square of the residual, units of the response.
+        Root mean square of the residual, samples counted by their weights; units of the response.
     n_evaluations : int
     seconds : float
     converged : bool
@@ -138,6 +138,7 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
     starts : sequence of (Operator, tuple of DisturbanceOperator)
         Starting values of one structure.
     records : sequence of RecordData
+        Some of their samples must have a weight above zero.
     fixed : collection of str
         Names of entries that are held.
     initial_state : {"rest", "zero"}
@@ -149,6 +150,10 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
     IdentificationResult
     """
     begin = time.perf_counter()
+    if not any(record.segment_weights().any() for record in records):
+        raise ValueError(
+            "The records' 'weights' must be above zero for some samples. Got zero for all instead."
+        )
     if isinstance(method, str):
         method = METHODS[method]()
     problems = [
@@ -167,7 +172,7 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
 
 def summarize(problem, solution, n_evaluations, seconds):
     """Turn a solution into a result in physical units."""
-    n_samples = int(problem.segment_length.sum())
+    n_samples = problem.segment_weight.sum()  # a sample of weight 2 stands for two
     operator, disturbances = problem.unpack(solution.x)
     blocks = problem.evaluate(solution.x)
     coefficients = problem.coefficients(blocks)

@@ -16,7 +16,13 @@ class RecordData:
     ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
     ``before``, the drive at which the device had rested before the record, the record is simulated
     from there instead of from rest at its first value. ``schedule`` is the number that scheduled
-    parameters depend on.
+    parameters depend on. ``auxiliary`` are further columns (n_samples, n_auxiliary) that nothing
+    here reads.
+
+    ``weights`` (n_samples,), finite and not negative: the squared error of each sample counts so
+    much, as if the sample were there so many times. The record is simulated over all samples, but
+    one of weight zero is no reading: its response is replaced by a straight line between its
+    neighbours, so that starting values do not see it either.
     """
 
     u: np.ndarray
@@ -25,10 +31,47 @@ class RecordData:
     segments: tuple = ()
     before: float | None = None
     schedule: float | None = None
+    auxiliary: np.ndarray | None = None
+    weights: np.ndarray | None = None
 
     def __post_init__(self):
         if not self.segments:
             object.__setattr__(self, "segments", ((0, len(self.u)),))
+        if self.weights is None:
+            return
+        weights = np.asarray(self.weights, dtype=float)
+        if weights.shape != (len(self.u),) or not np.all((weights >= 0.0) & (weights < np.inf)):
+            raise ValueError(
+                "The 'weights' parameter of RecordData must be one finite value a sample, none "
+                f"below zero. Got {self.weights!r} for {len(self.u)} samples instead."
+            )
+        object.__setattr__(self, "weights", weights)
+        if not weights.all():
+            rows, read = np.arange(len(weights)), weights > 0.0
+            y = np.interp(rows, rows[read], self.y[read]) if read.any() else np.zeros(len(rows))
+            object.__setattr__(self, "y", y)
+
+    def with_history(self):
+        """Return the drive with the value at rest in front, and how many samples that is, 0 or 1.
+
+        Of several inputs the first has rested there, the others at their first values.
+        """
+        if self.before is None:
+            return self.u, 0
+        rest = np.array(self.u[:1])
+        rest.flat[0] = self.before
+        return np.concatenate([rest, self.u]), 1
+
+    def segment_weights(self):
+        """Return the sum of the weights of each segment: its number of samples without weights."""
+        if self.weights is None:
+            return np.array([float(stop - start) for start, stop in self.segments])
+        return np.array([self.weights[start:stop].sum() for start, stop in self.segments])
+
+    def power(self):
+        """Return the sum of squares of the response, samples counted by their weights."""
+        power = np.square(self.y)
+        return float(power.sum() if self.weights is None else self.weights @ power)
 
 
 class OperatorProblem:
@@ -51,6 +94,9 @@ class OperatorProblem:
         Starting values; positive parameters as logarithms.
     names, linear, lower, upper, log
         One value an unknown.
+    segment_record, segment_length, segment_weight : ndarray of shape (n_segments,)
+        Number of the record, number of samples, and the sum of their weights, which is the number
+        of samples where a record has none.
     """
 
     def __init__(self, operator, records, *, disturbances=(), fixed=(), initial_state="rest"):
@@ -82,13 +128,14 @@ class OperatorProblem:
             self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
             self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
             self.x0 = np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
-        self.scale = float(sum(np.sum(np.square(record.y)) for record in self.records))
+        self.scale = float(sum(record.power() for record in self.records))
         self.segment_record = np.concatenate(
             [np.full(len(record.segments), i) for i, record in enumerate(self.records)]
         )
         self.segment_length = np.array(
             [stop - start for record in self.records for start, stop in record.segments]
         )
+        self.segment_weight = np.concatenate([r.segment_weights() for r in self.records])
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
 
     def depends_on(self, select):
@@ -118,7 +165,7 @@ class OperatorProblem:
 
     def simulate(self, operator, record):
         """Return the operator's output for a record, (n_samples,)."""
-        u, skip = self._with_history(record)
+        u, skip = record.with_history()
         operator = _scheduled(operator, record)
         state = operator.init(u[0], self.initial_state)
         return operator.run(u, record.dt, state)[0][skip:]
@@ -130,12 +177,6 @@ class OperatorProblem:
             y = self.simulate(operator, record)
             found.append(y + self._basis(disturbances, record) @ own if disturbances else y)
         return found
-
-    @staticmethod
-    def _with_history(record):
-        if record.before is None:
-            return record.u, 0
-        return np.concatenate([[record.before], record.u]), 1
 
     def _basis(self, disturbances, record):
         """Return the coefficients' columns of a record, (n_samples, n_eliminated)."""
@@ -150,7 +191,9 @@ class OperatorProblem:
 
         B are the columns of the disturbances' coefficients, J the Jacobian by the unknowns, r the
         prediction minus the response. The Jacobian by a disturbance's own unknowns depends on its
-        coefficients in a record; these come from the selected segments alone.
+        coefficients in a record; these come from the selected segments alone. A record without a
+        selected segment is not simulated; its matrices are zero. Rows are multiplied by the square
+        root of their weight.
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         blocks = []
@@ -159,15 +202,18 @@ class OperatorProblem:
         if jacobian:
             chain[d:-1] = np.where(self.log, np.exp(np.where(self.log, x, 0.0)), 1.0)
         for number, record in enumerate(self.records):
+            if select is not None and not select[self.segment_record == number].any():
+                blocks.append(np.zeros((len(record.segments), d + n + 1, d + n + 1)))
+                continue
             if jacobian and not disturbances and record.before is None:
                 y, dy = _scheduled(operator, record).linearize(
                     record.u, np.empty((len(record.u), 0)), record.dt, self.initial_state
                 )
-                blocks.append(_bordered_grams(dy, y - record.y, record.segments, self._free))
+                blocks.append(_bordered_grams(dy, y - record.y, record, self._free))
                 continue
             columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
-                u, skip = self._with_history(record)
+                u, skip = record.with_history()
                 y, dy = _scheduled(operator, record).linearize(
                     u, np.empty((len(u), 0)), record.dt, self.initial_state
                 )
@@ -183,8 +229,10 @@ class OperatorProblem:
                     known = np.ones(len(record.segments), dtype=bool)
                     if select is not None:
                         known = select[self.segment_record == number]
-                    own = _calibrate(columns[:, :d], -columns[:, -1], record.segments, known)
+                    own = _calibrate(columns[:, :d], -columns[:, -1], record, known)
                     columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
+            if record.weights is not None:
+                columns *= np.sqrt(record.weights)[:, None]
             blocks.append(_segment_grams(columns, record.segments))
         return np.concatenate(blocks) * np.outer(chain, chain)
 
@@ -251,13 +299,13 @@ class OperatorProblem:
                 rest = record.y - y
                 known = select[self.segment_record == number]
                 if known.any():
-                    y = y + basis @ _calibrate(basis, rest, record.segments, known)
+                    y = y + basis @ _calibrate(basis, rest, record, known)
                 else:
                     odd = np.arange(len(known)) % 2 == 1
                     ends = [stop for _, stop in record.segments[:-1]]
                     part = np.searchsorted(ends, np.arange(len(y)), side="right") % 2 == 1
-                    even_rows = basis @ _calibrate(basis, rest, record.segments, odd)
-                    odd_rows = basis @ _calibrate(basis, rest, record.segments, ~odd)
+                    even_rows = basis @ _calibrate(basis, rest, record, odd)
+                    odd_rows = basis @ _calibrate(basis, rest, record, ~odd)
                     y = y + np.where(part, odd_rows, even_rows)
             found.append(y)
         return found
@@ -293,9 +341,15 @@ def _segment_grams(columns, segments):
     return grams
 
 
-def _bordered_grams(columns, last, segments, index):
-    """Return the Gram matrices of the columns at ``index`` and a last one, without a copy."""
-    n = len(index)
+def _bordered_grams(columns, last, record, index):
+    """Return the Gram matrices of the columns at ``index`` and a last one, by segments.
+
+    Without weights no column is copied.
+    """
+    if record.weights is not None:
+        root = np.sqrt(record.weights)
+        columns, last = columns * root[:, None], last * root
+    n, segments = len(index), record.segments
     grams = np.empty((len(segments), n + 1, n + 1))
     every, corner = _segment_grams(columns, segments), _segment_grams(last[:, None], segments)
     grams[:, :n, :n] = every[:, index[:, None], index]
@@ -305,13 +359,17 @@ def _bordered_grams(columns, last, segments, index):
     return grams
 
 
-def _calibrate(basis, rest, segments, known):
+def _calibrate(basis, rest, record, known):
     """Return the least-squares coefficients over the known segments."""
-    rows = [np.arange(*segments[i]) for i in np.flatnonzero(known)]
+    rows = [np.arange(*record.segments[i]) for i in np.flatnonzero(known)]
     if not rows:
         return np.zeros(basis.shape[1])
     rows = np.concatenate(rows)
-    return np.linalg.lstsq(basis[rows], rest[rows], rcond=None)[0]
+    basis, rest = basis[rows], rest[rows]
+    if record.weights is not None:
+        root = np.sqrt(record.weights[rows])
+        basis, rest = basis * root[:, None], rest * root
+    return np.linalg.lstsq(basis, rest, rcond=None)[0]
 
 
 def _solve_basis(gram, right):

@@ -109,7 +109,8 @@ def record_poles(records, n_poles):
     ndarray of shape (n_poles,) or None
         Stable poles, complex; None where the records are too short.
     """
-    records = sorted(records, key=lambda record: -len(record[1]))
+    # of equally long ones, the choice does not depend on the order in which they come
+    records = sorted(records, key=lambda record: (-len(record[1]), record[1].mean()))
     dt = records[0][2]
     records = [record for record in records if record[2] == dt][:_MOST_RECORDS]
     lines, targets, inputs, ends = [], [], [], []

@@ -1,5 +1,6 @@
 """Memoryless curves, to stand in a cascade."""
 
 from ._curves import DeadBand, DeadZones, Saturation, SmoothCurve
+from ._soft_saturation import SoftSaturation
 
-__all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve"]
+__all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve", "SoftSaturation"]

@@ -13,12 +13,13 @@ from ..operators import (
     SaturationOperator,
 )
 
-__all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve"]
+__all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve", "limits_of_drive"]
 
 _MARGIN = 1.2  # half width of a smooth curve over that of the data
 
 
-def _range(records):
+def limits_of_drive(records):
+    """Return the smallest and the largest value of the drive in all records."""
     return (
         float(min(record.u.min() for record in records)),
         float(max(record.u.max() for record in records)),
@@ -81,7 +82,7 @@ class Saturation(ParametricModel):
         return 0 if self.rank == "drive" else 50
 
     def _starts(self, records):
-        low, high = _range(records)
+        low, high = limits_of_drive(records)
         starts = []
         for part in (0.03, 0.08, 0.15, 0.25, 0.35):
             levels = {
@@ -130,7 +131,7 @@ class DeadBand(ParametricModel):
         self.method = method
 
     def _starts(self, records):
-        low, high = _range(records)
+        low, high = limits_of_drive(records)
         centers = {0.0, 0.5 * (low + high)} if low < 0.0 < high else {0.5 * (low + high)}
         return [
             (DeadBandOperator(part * (high - low) or 1.0, center), ())
@@ -191,7 +192,7 @@ class DeadZones(ParametricModel):
         self.method = method
 
     def _starts(self, records):
-        low, high = _range(records)
+        low, high = limits_of_drive(records)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         parts = half * np.arange(self.n_zones) / self.n_zones
         sides = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}[self.sides]
@@ -244,7 +245,7 @@ class SmoothCurve(ParametricModel):
         self.method = method
 
     def _starts(self, records):
-        low, high = _range(records)
+        low, high = limits_of_drive(records)
         scale = _MARGIN * 0.5 * (high - low) or 1.0
         operator = PolynomialCurveOperator(
             np.zeros(self.degree - 1), center=0.5 * (low + high), scale=scale

@@ -12,7 +12,7 @@ import pytest
 from skhyst import hysteresis
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.linear import FirstOrderLag
+from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, LogCreep
 from skhyst.records import stack_records
 
 DT = 0.01
@@ -27,12 +27,19 @@ OPTIONS = {
     "LuGre": {"fit_stiffness": True},
 }
 # in the equation of motion: a position has no limit that would not act back on it
-STAGES = {"FrictionStage", "RestoringForce"}
+STAGES = {"BoucWenStage", "FrictionStage", "RestoringForce"}
 MODELS = sorted(set(hysteresis.__all__) - STAGES)
 
 
+LAWS = {  # what made-up loops are no model of
+    "DynamicStiffness": DynamicStiffness,
+    "Gain": Gain,
+    "LogCreep": LogCreep,
+}
+
+
 def model(name):
-    return getattr(hysteresis, name)(**OPTIONS.get(name, {}))
+    return LAWS[name]() if name in LAWS else getattr(hysteresis, name)(**OPTIONS.get(name, {}))
 
 
 def drives(seed):
@@ -65,6 +72,10 @@ def recording(name, change, seed=3):
 
 def offset(y, i, size):
     return y + 0.1 * size * (-1.0) ** i
+
+
+def nothing(y, i, size):
+    return y
 
 
 def lag(y, i, size):
@@ -103,3 +114,13 @@ def test_in_a_cascade(name):
     cascade = Cascade([("hysteresis", model(name)), ("lag", FirstOrderLag())]).fit(X, y)
     assert cascade.fit_error_ < 0.01 * np.ptp(y)
     assert cascade.operators_["lag"].time_constant == pytest.approx(0.05, rel=0.1)
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("change", [nothing, lag])
+@pytest.mark.parametrize("name", LAWS)
+def test_other_laws(name, change):
+    search = EffectSearchCV(
+        model(name), effects=["drift", "lag", "output_saturation"], max_effects=1, random_state=0
+    ).fit(*recording(name, change))
+    assert search.effects_ == ([] if change is nothing else ["lag"])

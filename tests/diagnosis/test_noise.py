@@ -1,12 +1,15 @@
 """The noise floor: from repetitions, else from a black box that must not see noise as structure."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
-from skhyst.diagnosis._noise import black_box_gain, repeatability
+from skhyst.diagnosis._noise import black_box_gain, judge_residual, repeatability
+from skhyst.operators import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
 
 NOISE = 0.03
@@ -74,10 +77,62 @@ def test_two_periods_are_too_few():
     assert repeatability([RecordData(u, response(u, rng), 1e-3)]) is None
 
 
-def test_a_constant_drive_is_no_reason_to_fail():
+def test_a_resting_drive_repeats_nothing():
+    """Neighbouring samples of a slow noise differ by less than the noise."""
     rng = np.random.default_rng(9004)
-    found = repeatability([RecordData(np.ones(600), rng.standard_normal(600), 1e-3)])
-    assert found is None or np.isfinite(found)
+    rests = [RecordData(np.ones(600), np.cumsum(rng.standard_normal(600)), 1e-3) for _ in range(2)]
+    assert repeatability(rests[:1]) is None
+    assert repeatability(rests) is None
+    step = np.r_[np.zeros(5), np.ones(595)]
+    assert repeatability([RecordData(step, rests[0].y, 1e-3)]) is None
+
+
+@pytest.mark.parametrize("across", ["records", "periods"])
+def test_a_slow_drift_between_repetitions_is_no_noise(across):
+    rng = np.random.default_rng(9005)
+    u = wave(6000, 500, rng)
+    part = np.linspace(0.0, 1.0, u.size)
+    drift = 30.0 * NOISE * np.log1p(20.0 * part)
+    if across == "periods":
+        records = [RecordData(u, response(u, rng) + drift, 1e-3)]
+    else:
+        v = smooth(u.size, rng)
+        records = [RecordData(v, response(v, rng) + d, 1e-3) for d in (drift, 5.0 - part)]
+    assert repeatability(records) == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_different_memory_is_no_noise():
+    """A hysteresis remembers it until the drive has been at both ends of its range."""
+    rng = np.random.default_rng(9006)
+    plays = PrandtlIshlinskiiOperator(
+        np.array([0.0, 0.3, 0.6, 1.2]), np.array([0.5, 0.4, 0.4, 0.4])
+    )
+    growth = np.interp(np.arange(4000), [0, 2000, 4000], [0.1, 1.5, 0.5])
+    u = growth * np.sin(np.linspace(0.0, 60.0, 4000))
+    records = []
+    for before in (-3.0, 3.0):
+        y = plays.run(np.r_[before, u], 1.0)[0][1:]
+        records.append(RecordData(u, y + NOISE * rng.standard_normal(u.size), 1e-3))
+    assert np.std(records[0].y - records[1].y) > 3.0 * NOISE
+    assert repeatability(records) == pytest.approx(NOISE, rel=0.08)
+
+
+def test_what_settles_is_no_noise():
+    rng = np.random.default_rng(9007)
+    u = smooth(4000, rng)
+    settles = np.exp(-np.arange(4000) / 100.0)
+    records = [RecordData(u, response(u, rng) + a * settles, 1e-3) for a in (1.0, -1.0)]
+    assert repeatability(records) == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_period_is_found_quickly_in_a_slow_drive():
+    """Every lag of a slow drive looks like a period from far."""
+    rng = np.random.default_rng(9008)
+    u = wave(400_000, 100_000, rng)
+    begin = time.process_time()
+    found = repeatability([RecordData(u, response(u, rng), 1e-3)])
+    assert time.process_time() - begin < 3.0
+    assert found == pytest.approx(NOISE, rel=0.02)
 
 
 # ------------------------------------------------------------------------------------ black box
@@ -99,7 +154,7 @@ def judged(residual, seed, n_records=4, n=1200):
 
 
 def test_white_noise_is_not_structure():
-    for seed in range(9000, 9008):
+    for seed in range(9000, 9005):
         error, p, rms = judged(lambda u, rng: NOISE * rng.standard_normal(u.size), seed)
         assert p > 0.01
         assert error == pytest.approx(rms, rel=0.02)
@@ -161,3 +216,69 @@ def test_records_of_very_different_length_and_size():
         error, p = black_box_gain(records, residuals, [record.u for record in records], rng)
     assert p < 1e-6
     assert error < 0.02
+
+
+def no_function_of_the_drive(u, rng):
+    """Return signals that no model driven by ``u`` can give."""
+    n = u.size
+    chaos, state = np.empty(n), np.array([1.0, 1.0, 20.0])
+    for k in range(n):
+        for _ in range(4):
+            x, y, z = state
+            state = state + 0.005 * np.array(
+                [10.0 * (y - x), x * (28.0 - z) - y, x * y - 8 / 3 * z]
+            )
+        chaos[k] = state[0]
+    return {
+        "chaos": chaos,
+        "switching gain": u * np.where(np.cumsum(rng.random(n) < 0.005) % 2, 1.0, -1.0),
+        "modulated gain": u * np.sin(0.013 * np.arange(n)),
+    }
+
+
+@pytest.mark.parametrize("name", no_function_of_the_drive(np.ones(1), np.random.default_rng(0)))
+def test_what_the_drive_does_not_explain_is_structure_too(name):
+    rng = np.random.default_rng(9010)
+    u = smooth(4000, rng)
+    part = no_function_of_the_drive(u, rng)[name]
+    r = 2.0 * NOISE * part / part.std() + NOISE * rng.standard_normal(u.size)
+    with threadpool_limits(limits=1):
+        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng)
+    assert found.structured
+    assert not found.repeated
+    assert found.gain > 0.3
+    assert NOISE * 0.95 < found.error < 0.85 * np.std(r)
+
+
+@pytest.mark.parametrize("law", ["white", "grows with the drive", "tiny colour"])
+def test_noise_is_noise(law):
+    for seed in (9020, 9021):
+        rng = np.random.default_rng(seed)
+        u = smooth(2000, rng)
+        r = NOISE * rng.standard_normal(u.size)
+        if law == "grows with the drive":
+            r *= 0.3 + np.abs(u)
+        elif law == "tiny colour":
+            r += 0.1 * NOISE * np.sin(0.05 * np.arange(u.size))
+        with threadpool_limits(limits=1):
+            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng)
+        assert not found.structured
+        assert found.error == pytest.approx(np.sqrt(np.mean(r**2)), rel=0.05)
+
+
+def test_repetitions_tell_coloured_noise_from_structure():
+    rng = np.random.default_rng(9030)
+    u = wave(8000, 500, rng)
+    noise = np.convolve(rng.standard_normal(u.size + 19), np.full(20, 0.25), mode="valid")
+    for structure in (0.0 * u, u**3 / np.std(u**3)):
+        r = noise + structure
+        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng)
+        assert found.repeated
+        assert found.structured == structure.any()
+        assert found.error == pytest.approx(noise.std(), rel=0.15)
+
+
+def test_nothing_left_is_noise():
+    u = smooth(500, np.random.default_rng(0))
+    found = judge_residual([RecordData(u, u, 1e-3)], [0.0 * u], [u], np.random.default_rng(0))
+    assert (found.structured, found.error, found.gain) == (False, 0.0, 0.0)

@@ -14,7 +14,7 @@ from sklearn.base import clone
 
 from skhyst.diagnosis import EffectSearchCV, _report_figures
 from skhyst.diagnosis._report import Report
-from skhyst.diagnosis._report_text import number, plus_minus
+from skhyst.diagnosis._report_text import next_steps, number, plus_minus
 from skhyst.hysteresis import PrandtlIshlinskii
 
 HOSTILE = "<script>alert(1)</script>"
@@ -258,6 +258,43 @@ def test_ambiguity_and_its_experiment_are_said(no_pictures, report):
     for text in (Page(ambiguous.to_html()).text, ambiguous.to_markdown()):
         assert re.search(r"cannot tell[^.]*\blag\b", text)
         assert "Ring it, then listen." in text
+
+
+def test_what_was_dropped_is_said(no_pictures, report):
+    dropped = dataclasses.replace(report, dropped=["my_lag"])
+    for text in (Page(dropped.to_html()).text, dropped.to_markdown().replace("\\", "")):
+        assert "my_lag had been claimed first, and was dropped" in text
+    assert "dropped" not in Page(report.to_html()).text
+
+
+def test_law_and_look_of_the_residual_are_told(no_pictures, report):
+    (claim,) = report.claims
+    place = next(row for row in report.declared_location if row["by"] == "frequency")
+    frequency = next(r["value"] for r in claim["numbers"] if r["name"] == "natural frequency")
+    assert place["low"] / 2.0 < frequency < 2.0 * place["high"]
+    for text in (Page(report.to_html()).text, report.to_markdown()):
+        assert claim["law"] in text
+        assert "What the declared model leaves is strongest" in text
+
+
+def test_what_to_measure_next():
+    claim = {"effect": "lag", "ambiguous_with": ["delay"], "experiment": "Sweep."}
+    miss = {"effect": "creep", "p_value": 0.2, "change": -0.1, "claimed_instead": None}
+    place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "concentration": 3.0}
+    fault = {"fault": "outliers"}
+
+    def steps(claims=(), not_it=(), location=(), verdict="noise", faults=()):
+        return next_steps(claims, not_it, location, verdict, faults, 0.01, {"creep": "Rest."})
+
+    assert steps() == []
+    assert steps([claim]) == ["To tell lag from delay: Sweep."]
+    assert steps([claim | {"ambiguous_with": []}]) == []
+    (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
+    assert step.startswith("creep would make the error 10 % smaller")
+    assert step.endswith("Rest.")
+    assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
+    assert "repeat one record" in steps(verdict="unexplained")[0]
+    assert len(steps([claim], [miss], [place], "unexplained", [fault])) == 4
 
 
 def test_held_out_data_are_reported(search, recording):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import Dahl, Duhem, LuGre, MaxwellSlip
+from skhyst.hysteresis import CoulombFriction, Dahl, Duhem, LuGre, MaxwellSlip
 
 N, PLANTS, SUBSTEPS, NOISE = 1500, 20, 24, 0.005
 TIME = np.linspace(0.0, 1.0, N)
@@ -42,6 +42,22 @@ def integrate(rate, u, n_states=1):
             x = x + h / 6.0 * (a + 2 * b + 2 * c + d)
         found[:, k] = x
     return found, v
+
+
+def coulomb(rng, u):
+    low, high = np.log([[0.1], [2.0], [0.5]]), np.log([[0.4], [6.0], [4.0]])
+    v_0, v_s, force = np.exp(rng.uniform(low, high, (3, PLANTS)))
+    more, d, c = rng.uniform(0.3, 1.0, (3, PLANTS)) * [[2.0], [0.05], [1.0]]
+    v = np.diff(u, axis=0, prepend=u[:1]) / DT
+    truth = {
+        "transition_velocity": (v_0, 1, 0, -1),
+        "coulomb_force": (force, 0, 1, 0),
+        "stribeck_velocity": (v_s, 1, 0, -1),
+        "stribeck_force": (more, 0, 1, 0),
+        "damping": (d, -1, 1, 1),
+        "intercept": (c, 0, 1, 0),
+    }
+    return (force + more * np.exp(-((v / v_s) ** 2))) * np.tanh(v / v_0) + d * v + c, truth
 
 
 def dahl(rng, u):
@@ -109,6 +125,7 @@ def duhem(rng, u):
 
 
 CASES = {
+    "CoulombFriction": (coulomb, lambda unit: CoulombFriction(stribeck=True)),
     "Dahl": (dahl, lambda unit: Dahl(fit_stiffness=True)),
     "LuGre": (lugre, lambda unit: LuGre()),
     "MaxwellSlip": (maxwell_slip, lambda unit: MaxwellSlip(thresholds=THRESHOLDS * unit)),

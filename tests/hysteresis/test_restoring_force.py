@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from skhyst.hysteresis import RestoringForce
 from skhyst.operators import RestoringForceOperator
@@ -100,6 +101,40 @@ def test_all_parameters_come_back_and_the_mass_scales_them():
     assert model.physical_ == pytest.approx(PLANT.physical(2.0), rel=1e-4)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+@pytest.mark.parametrize("gain", [3.0, -3.0])
+def test_duffing_oscillator(gain, unit):
+    """Without hysteresis, the preload in the even term; against an integration in plain SciPy."""
+
+    def motion(t, x):
+        force = np.interp(t, TIME, U) + 0.2 - x[0] - 0.3 * x[0] ** 3 - x[1] / 20.0 * 0.3
+        return [x[1], 400.0 * force]
+
+    rest = np.roots([0.3, 0.0, 1.0, -0.2 - U[0]])
+    rest = float(rest[np.isreal(rest)][0].real)
+    q = solve_ivp(motion, (0.0, TIME[-1]), [rest, 0.0], t_eval=TIME, rtol=1e-8, max_step=DT).y[0]
+    y = unit * (gain * q + 0.5)
+    model = RestoringForce(3, damping_degree=1, fit_hysteresis=False, dt=DT).fit(U[:, None], y)
+    assert set(model.params_) == {*NAMES} - {
+        "damping_coefficients[0]",
+        "hysteresis_stiffness",
+        "slip_level",
+    }
+    expected = {
+        "natural_frequency": 20.0,
+        "damping_ratio": 0.15,
+        "stiffness_coefficients[0]": 0.3 * SCALE**2,
+        "preload": 0.2,
+        "gain": unit * gain,
+        "intercept": unit * 0.5,
+    }
+    assert model.params_ == pytest.approx(expected, rel=5e-3)
+    assert model.fit_error_ < 1e-3 * np.std(y)
+    assert np.isnan(model.physical_["x_s"])
+    found = RestoringForce(3, damping_degree=1, fit_hysteresis=False, fit_preload=False, dt=DT)
+    assert found.fit(U[:, None], y).operator_.preload == 0.0
+
+
 @pytest.mark.parametrize(("degree", "size"), [(1, 0), (2, 0), (3, 1), (5, 2), (6, 2)])
 def test_degrees(degree, size):
     y, _ = PLANT.run(U[:400], DT)
@@ -125,7 +160,8 @@ def test_units(drive, response, time):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("stiffness_degree", 0), ("damping_degree", 1.5), ("fit_preload", 2)]
+    ("name", "value"),
+    [("stiffness_degree", 0), ("damping_degree", 1.5), ("fit_preload", 2), ("fit_hysteresis", 2)],
 )
 def test_wrong_parameters(name, value):
     with pytest.raises(ValueError, match=f"The '{name}' parameter of RestoringForce"):

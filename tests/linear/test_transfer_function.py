@@ -11,6 +11,7 @@ from scipy import signal
 from sklearn.base import clone
 
 from skhyst.compose import Cascade, Sum
+from skhyst.disturbance import Drift
 from skhyst.exceptions import DivergenceWarning
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FrequencyResponse, TransferFunction, frequency_response
@@ -210,12 +211,19 @@ def _delayed(response, delays):
     return dataclasses.replace(response, response=response.response * shift)
 
 
-@pytest.mark.parametrize("composition", [Cascade, Sum])
-def test_several_inputs_enter_no_composition(composition):
+def test_several_inputs_come_first():
     u, y = recording(two_inputs(), 0, n=100)
     steps = [("plays", PrandtlIshlinskii(3)), ("dynamics", TransferFunction(inputs="all"))]
-    with pytest.raises(ValueError, match="'inputs' parameter of TransferFunction must be 'drive'"):
-        composition(steps, dt=DT).fit(u, y)
+    with pytest.raises(ValueError, match="'dynamics' of Cascade reads columns of X"):
+        Cascade(steps, dt=DT).fit(u, y)
+
+
+def test_several_inputs_beside_a_drift():
+    u, y = recording(two_inputs(), 0, noise=0.0)
+    y += np.linspace(0.0, 0.1 * y.std(), len(y))
+    steps = [("dynamics", TransferFunction(3, n_zeros=2, inputs="all")), ("drift", Drift(1))]
+    model = Sum(steps, dt=DT).fit(u, y)
+    assert np.std(model.predict(u) - y) < 0.03 * y.std()
 
 
 @pytest.mark.parametrize(

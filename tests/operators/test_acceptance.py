@@ -13,6 +13,9 @@ from skhyst import operators
 from skhyst.operators import (
     BacklashOperator,
     BoucWenOperator,
+    BoucWenStageOperator,
+    ColumnOperator,
+    CoulombFrictionOperator,
     DahlOperator,
     DeadBandOperator,
     DeadZoneOperator,
@@ -20,9 +23,11 @@ from skhyst.operators import (
     DisturbanceOperator,
     DriftOperator,
     DuhemOperator,
+    DynamicStiffnessOperator,
     FirstOrderLagOperator,
     FrictionStageOperator,
     FrozenOperator,
+    GainOperator,
     GrayBoxOperator,
     JilesAthertonOperator,
     KelvinVoigtOperator,
@@ -31,10 +36,12 @@ from skhyst.operators import (
     LogCreepOperator,
     LuGreOperator,
     MaxwellSlipOperator,
+    ModulatedOperator,
     MonotoneDeadZoneOperator,
     MultiInputTransferFunctionOperator,
     OffsetOperator,
     Operator,
+    OscillatorOperator,
     PolynomialCurveOperator,
     PrandtlIshlinskiiOperator,
     PreisachOperator,
@@ -46,10 +53,12 @@ from skhyst.operators import (
     SeriesOperator,
     SinusoidOperator,
     SlewLimitOperator,
+    SoftSaturationOperator,
     StaticOperator,
     SumOperator,
     SystemLevelOperator,
     TanhHysteresisOperator,
+    TankChainOperator,
     TransferFunctionOperator,
 )
 
@@ -92,12 +101,37 @@ def make_operators():
         "no limit": SaturationOperator(),
         "upper limit": SaturationOperator(upper=0.413),
         "both limits": SaturationOperator(-0.311, 0.413),
+        "tanks": TankChainOperator(
+            [0.11, 0.23], [0.5, 0.7], drive_offset=-0.73, gain=1.3, intercept=0.1, scale=0.8
+        ),
+        "tanks, overflow": TankChainOperator(
+            [0.11, 0.23, 0.03],
+            [0.5, 0.7, 1.6],
+            [1.07, 1.13, 1.11],
+            [0.7, 0.4],
+            drive_offset=-0.37,
+            gain=1.3,
+            hold="zoh",
+            n_substeps=2,
+        ),
+        "tanks, limited reading": TankChainOperator(
+            [0.11, 0.03], [0.5, 0.7], [0.83, 0.77], [0.9], drive_offset=-0.37, limit="reading"
+        ),
+        "soft saturation": SoftSaturationOperator(0.413, 1.7, 0.037),
+        "soft saturation, upper": SoftSaturationOperator(0.213, 7.3, -0.037, side=1, rank=0),
         "dead band": DeadBandOperator(0.213, 0.037),
         "backlash": BacklashOperator(0.137),
         "slew limit": SlewLimitOperator(13.7),
         "slew limit, always": SlewLimitOperator(0.37),
         "dead zones": zones,
         "curve": PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
+        "Coulomb friction": CoulombFrictionOperator(
+            1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1, slowest=0.01, fastest=50.0, smoothing=3
+        ),
+        "dynamic stiffness": DynamicStiffnessOperator(1e-3, 0.02, 0.7, 0.1, smoothing=2),
+        "dynamic stiffness, of a velocity": DynamicStiffnessOperator(
+            0.02, 0.7, intercept=0.1, drive="velocity"
+        ),
         "Dahl friction": DahlOperator(0.11, 0.8, stiffness=0.3, damping=0.02, intercept=0.1),
         "Dahl friction, soft": DahlOperator(0.11, 0.8, damping=0.01, exponent=1.7),
         "Dahl friction, hard": DahlOperator(0.31, 0.8, exponent=0.6),
@@ -187,7 +221,17 @@ def make_operators():
         "restoring force, no polynomials": RestoringForceOperator(
             20.0, 3.0, [], [], 1e3, 0.1, n_substeps=1
         ),
+        "restoring force, no hysteresis": RestoringForceOperator(
+            90.0, 0.15, [0.2], [0.1], 0.0, 0.5, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
+        ),
+        "Bouc-Wen stage": BoucWenStageOperator(
+            90.0, 0.15, 2.0, 0.1, 0.3, 1.7, 0.8, 0.1, n_substeps=4
+        ),
+        "Bouc-Wen stage without limit": BoucWenStageOperator(
+            20.0, 3.0, 3.0, 0.8, -1.3, 1.01, n_substeps=1
+        ),
         "empty sum": SumOperator((), ()),
+        "gain": GainOperator(1.3, 0.2),
         "held": FrozenOperator(plays),
         "series with a held series": SeriesOperator(
             ("delay", "held", "lag"),
@@ -201,8 +245,9 @@ def make_operators():
 
 
 OPERATORS = make_operators()
-ABSTRACT = {Operator, LinearOperator, StaticOperator, DisturbanceOperator}
-SEVERAL_INPUTS = {MultiInputTransferFunctionOperator}  # in test_multi_input.py
+ABSTRACT = {Operator, LinearOperator, OscillatorOperator, StaticOperator, DisturbanceOperator}
+# in test_multi_input.py and test_columns.py
+SEVERAL_INPUTS = {MultiInputTransferFunctionOperator, ColumnOperator, ModulatedOperator}
 UNDRIVEN = {"drift", "sinusoid", "sum"}  # they go on by themselves
 
 

@@ -1,0 +1,422 @@
+"""The blind study of the effect search: what it names on plants that hide something.
+
+Run from the root of the project::
+
+    python benchmarks/blind_study.py [--plants 5] [--noise 0.0005,0.002,0.01] [--only lag,creep]
+        [--declared cascade] [--kinds single,none,two,unknown] [--jobs 2] [--first-seed 0]
+        [--samples 6000] [--limit-seconds 3600] [--output blind_study.csv]
+
+Each plant (see `plants`) hides one effect from the declared model, two, none, or a structure that
+no effect expresses; a third of them carry a column that does nothing. The search sees the records
+to fit on and the declared model, nothing else. Errors are those of the three held-out records, over
+the sensor noise. With `--output` every plant is written as it is done, and a run that was stopped
+goes on where it ended; the summary covers all rows of the plan.
+"""
+
+import argparse
+import multiprocessing
+import os
+import sys
+import time
+import warnings
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from plants import (
+    BASES,
+    EFFECTS,
+    MATRIX,
+    UNKNOWN,
+    effect_pairs,
+    make_recording,
+    unknown_structures,
+)
+
+NOISES = (0.0005, 0.002, 0.01)  # of the range
+KINDS = ("single", "none", "two", "unknown")
+COUNTS = {"none": 100, "two": 60, "unknown": 40}  # plants, with --plants 5
+NAMED = {0.0005: 0.98, 0.002: 0.98, 0.01: 0.95}  # bars: smallest share named rightly
+BOTH, FALSE, UNEXPLAINED = 0.90, 0.01, 0.90
+WITHIN, WITHIN_SHARE = 1.10, 0.95  # held-out error over the noise
+VISIBLE = 2.0  # over the noise: smaller effects are reported, and not judged
+NOTHING, RAISED = "none", "error"  # in place of an effect
+# columns of a row behind those of its case
+TEXTS = ("column", "named", "claimed", "ambiguous", "verdict", "warnings", "message")
+NUMBERS = ("effect_over_noise", "before", "after", "seconds", "processor_seconds")
+
+
+class Case(NamedTuple):
+    """What identifies a plant of the study."""
+
+    kind: str
+    effect: str  # two are joined by "+"
+    declared: str
+    noise: float
+    seed: int
+    samples: int
+
+
+def declared_model(name):
+    """Return the model that the user of the plant declares."""
+    from skhyst.compose import Cascade
+    from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
+    from skhyst.linear import SecondOrderMode, TransferFunction
+
+    if name == "prandtl_ishlinskii":
+        return PrandtlIshlinskii()
+    if name == "bouc_wen":
+        return BoucWen(exponent="fit")
+    if name == "second_order":
+        return SecondOrderMode()
+    return Cascade([("hysteresis", PrandtlIshlinskii()), ("dynamics", TransferFunction(2))])
+
+
+# -------------------------------------------------------------------------------------- the plan
+
+
+def plan(plants=5, noises=NOISES, kinds=KINDS, first_seed=0, samples=6000):
+    """List the cases; seeds depend on nothing else that is chosen, so a part is a part."""
+    cases = []
+    for i, effect in enumerate(EFFECTS, start=1):
+        for declared in BASES:
+            for j, noise in enumerate(NOISES):
+                seeds = [first_seed + 1000 * i + 100 * j + k for k in range(plants)]
+                if effect in MATRIX[declared]:
+                    cases += [Case("single", effect, declared, noise, s, samples) for s in seeds]
+    for kind, count in COUNTS.items():
+        for k in range(int(np.ceil(count * plants / 5))):
+            # every declared model with every noise once in twelve
+            declared, noise = BASES[k % len(BASES)], NOISES[k // len(BASES) % len(NOISES)]
+            seed = first_seed + 100_000 * KINDS.index(kind) + k
+            rng = np.random.default_rng([seed, 5])
+            effect = NOTHING
+            if kind == "two":
+                effect = "+".join(rng.permutation(rng.permutation(effect_pairs(declared))[0]))
+            elif kind == "unknown":  # every structure in turn
+                effect = UNKNOWN[k % len(UNKNOWN)]
+                possible = [d for d in BASES if effect in unknown_structures(d)]
+                declared = possible[k // len(UNKNOWN) % len(possible)]
+                noise = NOISES[k % len(NOISES)]
+            cases.append(Case(kind, effect, declared, noise, seed, samples))
+    return [case for case in cases if case.kind in kinds and case.noise in noises]
+
+
+def hidden(case):
+    """Return the names of what the plant hides."""
+    return () if case.effect == NOTHING else tuple(case.effect.split("+"))
+
+
+# -------------------------------------------------------------------------------------- a search
+
+
+def study(case):
+    """Search one plant.
+
+    Returns
+    -------
+    dict
+        The case, what was claimed, held-out errors over the noise, seconds; `message` when the
+        search raised.
+    """
+    row = case._asdict() | {"named": RAISED, "claimed": "", "ambiguous": "", "message": ""}
+    caught = []
+    try:
+        recording = make_recording(
+            hidden(case) or NOTHING,
+            case.declared,
+            case.seed,
+            noise=case.noise,
+            n_samples=case.samples,
+            distract=True,
+        )
+        sizes = recording.truth["effect_over_noise"]
+        row["effect_over_noise"] = min(sizes.values(), default=np.nan)
+        row["column"] = recording.truth["column"]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            row |= search(recording, case.declared)
+    except Exception as error:  # a plant that fails is a result; the others still count
+        row["message"] = f"{type(error).__name__}: {error}"
+    row["warnings"] = "; ".join(sorted({w.category.__name__ for w in caught}))
+    return row
+
+
+def search(recording, declared):
+    """Fit the search to a recording and measure it on the held-out records."""
+    from skhyst.diagnosis import EffectSearchCV
+
+    model = declared_model(declared)
+    wall, processor = time.perf_counter(), time.process_time()
+    fitted = EffectSearchCV(model, random_state=0).fit(recording.X_train, recording.y_train)
+    wall, processor = time.perf_counter() - wall, time.process_time() - processor
+    claimed = list(fitted.effects_)
+    alternatives = ["|".join(names) for names in fitted.history_["ambiguous_with"]]
+    held_out = recording.X_test, recording.y_test
+    return {
+        "named": claimed[0] if claimed else NOTHING,
+        "claimed": "+".join(claimed),
+        "ambiguous": "+".join(alternatives[: len(claimed)]),
+        "verdict": fitted.verdict_,
+        "before": fitted.held_out_error(*held_out, declared=True) / recording.noise_std,
+        "after": fitted.held_out_error(*held_out) / recording.noise_std,
+        "seconds": wall,
+        "processor_seconds": processor,
+    }
+
+
+def run(cases, jobs, limit=np.inf):
+    """Yield a row for each plant as it is done; start none once the limit has passed."""
+    start = time.perf_counter()
+    if jobs == 1:
+        for case in cases:
+            if time.perf_counter() - start > limit:
+                return
+            yield study(case)
+        return
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # read by the workers when they start
+    context = multiprocessing.get_context("spawn")
+    left, running = list(reversed(cases)), set()
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        while left or running:
+            while left and len(running) < jobs and time.perf_counter() - start <= limit:
+                running.add(pool.submit(study, left.pop()))
+            if not running:
+                return
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+
+
+# ----------------------------------------------------------------------------------- the results
+
+
+def judge(rows):
+    """Return a frame of the rows with what was right in each."""
+    table = pd.DataFrame(rows)
+    for name in TEXTS:
+        table[name] = table[name].fillna("") if name in table else ""
+    for name in NUMBERS:
+        table[name] = table[name].astype(float) if name in table else np.nan
+    truth = [set(effect.split("+")) for effect in table["effect"]]
+    claims = [list(filter(None, text.split("+"))) for text in table["claimed"]]
+    # of each claim, the names that would do as well
+    others = [
+        [set(filter(None, part.split("|"))) for part in text.split("+")] if text else []
+        for text in table["ambiguous"]
+    ]
+    first = [set(c[:1]) | (o[0] if o else set()) for c, o in zip(claims, others, strict=True)]
+    table["right"] = [bool(set(c[:1]) & t) for c, t in zip(claims, truth, strict=True)]
+    table["right_or_ambiguous"] = [bool(f & t) for f, t in zip(first, truth, strict=True)]
+    table["all"] = [t <= set(c) for c, t in zip(claims, truth, strict=True)]
+    told = [set(c).union(*o) for c, o in zip(claims, others, strict=True)]
+    table["all_or_ambiguous"] = [
+        t <= names and len(c) >= len(t) for t, names, c in zip(truth, told, claims, strict=True)
+    ]
+    table["more"] = [bool(set(c) - t) for c, t in zip(claims, truth, strict=True)]
+    table["within"] = table["after"] <= WITHIN
+    table["visible"] = table["effect_over_noise"] >= VISIBLE
+    return table
+
+
+def line(row):
+    """Format what happened to one plant."""
+    start = (
+        f"{row.kind:7s} {row.effect:37s} {row.declared:18s} {100 * row.noise:4g} % {row.seed:6d}  "
+    )
+    if row.message:
+        return f"{start}FAILED {row.message}"
+    ok = {
+        "single": row.right,
+        "none": row.named == NOTHING,
+        "two": row.all,
+        "unknown": row.verdict == "unexplained",
+    }[row.kind]
+    told = {"single": row.right_or_ambiguous, "two": row.all_or_ambiguous}.get(row.kind, False)
+    mark = "ok" if ok else "ambiguous" if told else "WRONG"
+    size = f"{row.effect_over_noise:5.1f} x" if np.isfinite(row.effect_over_noise) else ""
+    errors = f"{row.before:6.2f} -> {row.after:5.2f}{'' if row.within else ' !'}"
+    also = f" (or {row.ambiguous})" if row.ambiguous.strip("+|") else ""
+    warned = f"  [{row.warnings}]" if row.warnings else ""
+    return (
+        f"{start}{mark:9s} {size:>7s} {errors:18s} {row.seconds:6.1f} s  {row.verdict:11s} "
+        f"{row.claimed or 'nothing'}{also}{warned}"
+    )
+
+
+def _share(right, bar, most=False):
+    """Format how many of a boolean series, and the share that is asked for."""
+    if not len(right):
+        return "no plants"
+    share = right.mean()
+    kept = share <= bar if most else share >= bar
+    return (
+        f"{right.sum()} of {len(right)} = {100 * share:.1f} % "
+        f"({'at most' if most else 'at least'} {100 * bar:g} %: {'kept' if kept else 'MISSED'})"
+    )
+
+
+def confusion(table):
+    """Format the confusion matrix: what single plants hide against the first claim."""
+    part = table[table["kind"].isin(["single", "none"])]
+    order = [*EFFECTS, NOTHING, RAISED]
+    counts = pd.crosstab(part["effect"], part["named"])
+    counts = counts.reindex([e for e in order if e in counts.index])
+    columns = [e for e in order if e in counts.columns]
+    columns += [c for c in counts.columns if c not in columns]
+    numbers = {name: str(i) for i, name in enumerate(columns, start=1)}
+    legend = ", ".join(f"{number} {name}" for name, number in numbers.items())
+    counts = counts[columns].rename(columns=numbers).rename_axis(index="plant", columns=None)
+    text = counts.to_string().replace(" 0", " .")
+    return f"first claim: {legend}\n{text}"
+
+
+def summary(rows):
+    """Format the confusion matrix, every figure beside its bar, and the failures."""
+    table = judge(rows)
+    single, none, two, unknown = (table[table["kind"] == kind] for kind in KINDS)
+    seen, both = single[single["visible"]], two[two["visible"]]
+    parts = [confusion(table)] if len(single) + len(none) else []
+    lines = [f"first effect named rightly, where it is at least {VISIBLE:g} times the noise:"]
+    for noise, bar in NAMED.items():
+        at = seen[seen["noise"] == noise]
+        lines.append(f"  {100 * noise:g} % noise, strict: {_share(at['right'], bar)}")
+        lines.append(f"    or told as ambiguous: {_share(at['right_or_ambiguous'], bar)}")
+    for declared, group in seen.groupby("declared", sort=False):
+        lines.append(f"  {declared}: {group['right'].sum()} of {len(group)}")
+    faint = single[~single["visible"]]
+    lines.append(
+        f"  fainter effects, not judged: {faint['right'].sum()} of {len(faint)} named rightly, "
+        f"{(faint['named'] == NOTHING).sum()} not claimed"
+    )
+    lines.append(f"both of two effects named: {_share(two['all'], BOTH)}")
+    lines.append(f"  or told as ambiguous: {_share(two['all_or_ambiguous'], BOTH)}")
+    lines.append(f"  where both are visible: {_share(both['all'], BOTH)}")
+    false = ~none["named"].isin([NOTHING, RAISED])
+    lines.append(f"claims where nothing is missing: {_share(false, FALSE, most=True)}")
+    idle = (table["column"] == "temperature") & ~table["effect"].str.contains("auxiliary_input")
+    idly = table["claimed"].str.contains("auxiliary_input")[idle]
+    lines.append(
+        f"  claims of an idle column, in all plants that carry one: {idly.sum()} of {len(idly)}"
+    )
+    more = single["more"] & single["right"]
+    lines.append(f"  further claims behind a right one: {more.sum()} of {single['right'].sum()}")
+    called = unknown["verdict"] == "unexplained"
+    lines.append(f"unknown structure called unexplained: {_share(called, UNEXPLAINED)}")
+    lines.append(f"  where it is visible: {_share(called[unknown['visible']], UNEXPLAINED)}")
+    lines += [
+        f"  {name}: {part.sum()} of {len(part)}"
+        for name, part in called.groupby(unknown["effect"], sort=True)
+    ]
+    known = table[table["kind"] != "unknown"]
+    after = known["after"].dropna()
+    if len(after):
+        quantiles = ", ".join(f"{q:g}: {after.quantile(q):.3f}" for q in (0.5, 0.9, 0.95, 0.99))
+        lines.append(f"held-out error after, over the noise, quantiles: {quantiles}")
+    lines.append(f"  within {WITHIN:.2f}: {_share(known['within'], WITHIN_SHARE)}")
+    for noise, group in known.groupby("noise"):
+        lines.append(f"    {100 * noise:g} % noise: {group['within'].sum()} of {len(group)}")
+    lines.append(f"searches that raised: {(table['named'] == RAISED).sum()} of {len(table)}")
+    seconds, processor = table["seconds"].dropna(), table["processor_seconds"].sum()
+    if len(seconds):
+        lines.append(
+            f"seconds a search: median {seconds.median():.1f}, 0.95: {seconds.quantile(0.95):.1f}, "
+            f"most {seconds.max():.1f}; processor hours in all {processor / 3600:.2f}"
+        )
+    parts.append("\n".join(lines))
+    failed = table[
+        (table["kind"].isin(["single"]) & table["visible"] & ~table["right"])
+        | ((table["kind"] == "none") & (table["named"] != NOTHING))
+        | ((table["kind"] == "two") & ~table["all"])
+        | ((table["kind"] == "unknown") & (table["verdict"] != "unexplained"))
+        | ((table["kind"] != "unknown") & ~table["within"])
+        | (table["named"] == RAISED)
+    ]
+    listed = map(line, failed.itertuples())
+    parts.append("\n".join([f"not as asked: {len(failed)} of {len(table)}", *listed]))
+    return "\n\n".join(parts)
+
+
+def read_rows(path, cases):
+    """Return the rows of earlier runs that belong to the cases, by case."""
+    if not path or not Path(path).exists() or not Path(path).stat().st_size:
+        return {}
+    table = pd.read_csv(
+        path,
+        dtype=dict.fromkeys(TEXTS, str) | dict.fromkeys(NUMBERS, float),
+        keep_default_na=False,
+        na_values=dict.fromkeys(NUMBERS, ""),
+    )
+    wanted = set(cases)
+    rows = {}
+    for row in table.to_dict("records"):
+        case = Case(*(row[name] for name in Case._fields))
+        if case in wanted:
+            rows[case] = row
+    return rows
+
+
+def _names(allowed, convert=str):
+    def parse(text):
+        names = [convert(part) for part in text.split(",")]
+        unknown = sorted(set(names) - set(allowed))
+        if unknown:
+            raise argparse.ArgumentTypeError(f"{unknown} not among {', '.join(map(str, allowed))}")
+        return names
+
+    return parse
+
+
+def main(arguments=None):
+    """Run the study and print it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    choices = (*EFFECTS, *UNKNOWN, NOTHING)
+    parser.add_argument(
+        "--plants", type=int, default=5, help="for each effect, model and noise; others in step"
+    )
+    parser.add_argument("--noise", type=_names(NOISES, float), default=NOISES, help="by commas")
+    parser.add_argument("--only", type=_names(choices), help="effects, by commas: each plant of it")
+    parser.add_argument("--declared", type=_names(BASES), default=BASES, help="models, by commas")
+    parser.add_argument("--kinds", type=_names(KINDS), default=KINDS, help="by commas")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--first-seed", type=int, default=0, help="shift all seeds: other plants")
+    parser.add_argument("--samples", type=int, default=6000, help="of the five records to fit on")
+    parser.add_argument("--output", help="CSV file, a row a plant, which a later run goes on with")
+    parser.add_argument(
+        "--limit-seconds", type=float, default=np.inf, help="start no plant after these"
+    )
+    options = parser.parse_args(arguments)
+    cases = plan(options.plants, options.noise, options.kinds, options.first_seed, options.samples)
+    only = set(options.only or choices)
+    cases = [
+        c for c in cases if c.declared in options.declared and set(c.effect.split("+")) <= only
+    ]
+    if not cases:
+        parser.error("no plants are left to search")
+    rows = read_rows(options.output, cases)
+    left = [case for case in cases if case not in rows]
+    if rows:
+        print(f"{len(rows)} of {len(cases)} plants are in {options.output} already", flush=True)
+    for row in run(left, options.jobs, options.limit_seconds):
+        case = Case(*(row[name] for name in Case._fields))
+        rows[case] = row
+        (judged,) = judge([row]).itertuples()
+        print(f"{len(rows):4d}/{len(cases)} {line(judged)}", flush=True)
+        if options.output:
+            path = Path(options.output)
+            new = not path.exists() or not path.stat().st_size
+            frame = pd.DataFrame([row]).reindex(columns=[*Case._fields, *TEXTS, *NUMBERS])
+            frame.to_csv(path, mode="a", header=new, index=False)
+    if len(rows) < len(cases):
+        print(f"\n{len(cases) - len(rows)} of {len(cases)} plants are still to be searched")
+    done = [rows[case] for case in cases if case in rows]
+    if done:
+        print(f"\n{summary(done)}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

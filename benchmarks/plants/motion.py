@@ -1,0 +1,226 @@
+"""Equations of motion of one degree of freedom.
+
+The drive is a force in units of the spring's, w = 2 pi frequency::
+
+    x'' / w^2 + 2 z x' / w + x + (what the law adds) = u
+
+Each is advanced by classical Runge-Kutta steps, u linear within a step, from rest at the first
+drive value after a slow first loading from zero.
+"""
+
+import numba
+import numpy as np
+
+from .physics import _bouc_wen_move, _bouc_wen_slope
+
+
+@numba.njit(cache=True)
+def cubic_mode(signal, step, frequency, damping, cubic):
+    """Add the force of a cubic spring, cubic x^3."""
+    w = 2.0 * np.pi * frequency
+    a, b = w * w, 2.0 * damping * w
+    out = np.empty(signal.size)
+    x, v = signal[0], 0.0
+    for _ in range(50):
+        x -= (x + cubic * x**3 - signal[0]) / (1.0 + 3.0 * cubic * x * x)
+    out[0] = x
+    for i in range(1, signal.size):
+        u0, u2 = signal[i - 1], signal[i]
+        u1 = 0.5 * (u0 + u2)
+        v1, f1 = v, a * (u0 - x - cubic * x**3) - b * v
+        y = x + 0.5 * step * v1
+        v2 = v + 0.5 * step * f1
+        f2 = a * (u1 - y - cubic * y**3) - b * v2
+        y = x + 0.5 * step * v2
+        v3 = v + 0.5 * step * f2
+        f3 = a * (u1 - y - cubic * y**3) - b * v3
+        y = x + step * v3
+        v4 = v + step * f3
+        f4 = a * (u2 - y - cubic * y**3) - b * v4
+        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+        out[i] = x
+    return out
+
+
+@numba.njit(cache=True)
+def parametric_mode(signal, step, frequency, damping, depth, pump, phase):
+    """Let the spring pulsate, (1 + depth sin(2 pi pump t + phase)) x instead of x."""
+    w, p = 2.0 * np.pi * frequency, 2.0 * np.pi * pump
+    a, b = w * w, 2.0 * damping * w
+    out = np.empty(signal.size)
+    x, v = signal[0] / (1.0 + depth * np.sin(phase)), 0.0
+    out[0] = x
+    for i in range(1, signal.size):
+        u0, u2 = signal[i - 1], signal[i]
+        u1 = 0.5 * (u0 + u2)
+        s0 = 1.0 + depth * np.sin(p * step * (i - 1) + phase)
+        s1 = 1.0 + depth * np.sin(p * step * (i - 0.5) + phase)
+        s2 = 1.0 + depth * np.sin(p * step * i + phase)
+        v1, f1 = v, a * (u0 - s0 * x) - b * v
+        v2 = v + 0.5 * step * f1
+        f2 = a * (u1 - s1 * (x + 0.5 * step * v1)) - b * v2
+        v3 = v + 0.5 * step * f2
+        f3 = a * (u1 - s1 * (x + 0.5 * step * v2)) - b * v3
+        v4 = v + step * f3
+        f4 = a * (u2 - s2 * (x + step * v3)) - b * v4
+        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+        out[i] = x
+    return out
+
+
+@numba.njit(cache=True)
+def _rest(u, law, p1, p2, p3, p4):
+    """Find the displacement where x + force(x) = u by bisection, and that force."""
+    sign, low, high = np.sign(u), 0.0, abs(u)
+    force = 0.0
+    for _ in range(60):
+        x = 0.5 * (low + high)
+        if law == 0:  # a bristle on its virgin curve
+            force = p1 * (1.0 - np.exp(-p2 * x / p1))
+        else:
+            force = p1 * _bouc_wen_move(0.0, x, p2, p3, p4)
+        if x + force > abs(u):
+            high = x
+        else:
+            low = x
+    return sign * x, sign * force
+
+
+@numba.njit(cache=True)
+def hysteretic_mode(signal, step, frequency, damping, stiffness, limit, ratio, exponent):
+    """Add a Bouc-Wen force, stiffness times z of the displacement; z has its limit."""
+    w = 2.0 * np.pi * frequency
+    a, b = w * w, 2.0 * damping * w
+    out = np.empty(signal.size)
+    x, h = _rest(signal[0], 1, stiffness, limit, ratio, exponent)
+    v, z = 0.0, h / stiffness
+    out[0] = x
+    for i in range(1, signal.size):
+        u0, u2 = signal[i - 1], signal[i]
+        u1 = 0.5 * (u0 + u2)
+        v1, f1 = v, a * (u0 - x - stiffness * z) - b * v
+        g1 = v1 * _bouc_wen_slope(z, v1, limit, ratio, exponent)
+        v2, y, q = v + 0.5 * step * f1, x + 0.5 * step * v1, z + 0.5 * step * g1
+        f2 = a * (u1 - y - stiffness * q) - b * v2
+        g2 = v2 * _bouc_wen_slope(q, v2, limit, ratio, exponent)
+        v3, y, q = v + 0.5 * step * f2, x + 0.5 * step * v2, z + 0.5 * step * g2
+        f3 = a * (u1 - y - stiffness * q) - b * v3
+        g3 = v3 * _bouc_wen_slope(q, v3, limit, ratio, exponent)
+        v4, y, q = v + step * f3, x + step * v3, z + step * g3
+        f4 = a * (u2 - y - stiffness * q) - b * v4
+        g4 = v4 * _bouc_wen_slope(q, v4, limit, ratio, exponent)
+        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+        z += step / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
+        out[i] = x
+    return out
+
+
+@numba.njit(cache=True)
+def _stribeck(v, static, coulomb, velocity):
+    return coulomb + (static - coulomb) * np.exp(-((v / velocity) ** 2))
+
+
+@numba.njit(cache=True)
+def _lugre_slope(force, v, bristle, static, coulomb, velocity):
+    return bristle * (v - abs(v) * force / _stribeck(v, static, coulomb, velocity))
+
+
+@numba.njit(cache=True)
+def lugre_mode(
+    signal, step, frequency, damping, static, coulomb, velocity, bristle, bristle_damping
+):
+    """Add the force of a LuGre bristle, relative to the spring `bristle` times as stiff.
+
+    The bristle's own damping acts on its rate. Steps are refined while sliding makes it stiff.
+    """
+    w = 2.0 * np.pi * frequency
+    a, b, d = w * w, 2.0 * damping * w, bristle_damping / w / bristle
+    out = np.empty(signal.size)
+    x, h = _rest(signal[0], 0, static, bristle, 0.0, 0.0)
+    v = 0.0
+    out[0] = x
+    for i in range(1, signal.size):
+        start, slope = signal[i - 1], signal[i] - signal[i - 1]
+        count = 1 + int(step * (bristle * abs(v) / min(static, coulomb) + d * bristle * a) / 0.1)
+        s = step / count
+        for k in range(count):
+            u0, u2 = start + slope * k / count, start + slope * (k + 1) / count
+            u1 = 0.5 * (u0 + u2)
+            v1, g1 = v, _lugre_slope(h, v, bristle, static, coulomb, velocity)
+            f1 = a * (u0 - x - h - d * g1) - b * v1
+            v2, y, q = v + 0.5 * s * f1, x + 0.5 * s * v1, h + 0.5 * s * g1
+            g2 = _lugre_slope(q, v2, bristle, static, coulomb, velocity)
+            f2 = a * (u1 - y - q - d * g2) - b * v2
+            v3, y, q = v + 0.5 * s * f2, x + 0.5 * s * v2, h + 0.5 * s * g2
+            g3 = _lugre_slope(q, v3, bristle, static, coulomb, velocity)
+            f3 = a * (u1 - y - q - d * g3) - b * v3
+            v4, y, q = v + s * f3, x + s * v3, h + s * g3
+            g4 = _lugre_slope(q, v4, bristle, static, coulomb, velocity)
+            f4 = a * (u2 - y - q - d * g4) - b * v4
+            x += s / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+            v += s / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+            h += s / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
+        out[i] = x
+    return out
+
+
+@numba.njit(cache=True)
+def _slide(x, v, u0, u2, s, a, b, sign, static, coulomb, velocity):
+    """Advance by a step in which the friction keeps its sign."""
+    u1 = 0.5 * (u0 + u2)
+    v1 = v
+    f1 = a * (u0 - x - sign * _stribeck(v1, static, coulomb, velocity)) - b * v1
+    v2 = v + 0.5 * s * f1
+    f2 = a * (u1 - x - 0.5 * s * v1 - sign * _stribeck(v2, static, coulomb, velocity)) - b * v2
+    v3 = v + 0.5 * s * f2
+    f3 = a * (u1 - x - 0.5 * s * v2 - sign * _stribeck(v3, static, coulomb, velocity)) - b * v3
+    v4 = v + s * f3
+    f4 = a * (u2 - x - s * v3 - sign * _stribeck(v4, static, coulomb, velocity)) - b * v4
+    new_x = x + s / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+    return new_x, v + s / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+
+
+@numba.njit(cache=True)
+def coulomb_mode(signal, step, frequency, damping, static, coulomb, velocity, inner=8):
+    """Add Coulomb friction, with a Stribeck fall where it is static above coulomb.
+
+    It sticks while the force on it is below `static`; the moment where the velocity turns is found
+    within a step.
+    """
+    w = 2.0 * np.pi * frequency
+    a, b = w * w, 2.0 * damping * w
+    out = np.empty(signal.size)
+    u = signal[0]
+    x, v, sign = np.sign(u) * max(abs(u) - static, 0.0), 0.0, 0.0
+    out[0] = x
+    s = step / inner
+    for i in range(1, signal.size):
+        start, slope = signal[i - 1], signal[i] - signal[i - 1]
+        for k in range(inner):
+            u0, u2 = start + slope * k / inner, start + slope * (k + 1) / inner
+            left = 1.0  # part of the step that is still to be made
+            for _ in range(4):
+                if sign == 0.0:
+                    if abs(u2 - x) <= static:
+                        break
+                    # it breaks away where the force reaches the limit, at once if it does already
+                    ub = u2 - left * (u2 - u0)
+                    if abs(ub - x) < static:
+                        left *= (abs(u2 - x) - static) / (abs(u2 - x) - abs(ub - x))
+                    sign = np.sign(u2 - x)
+                ub = u2 - left * (u2 - u0)
+                xn, vn = _slide(x, v, ub, u2, left * s, a, b, sign, static, coulomb, velocity)
+                if vn * sign >= 0.0:
+                    x, v, left = xn, vn, 0.0
+                    break
+                part = v / (v - vn)
+                um = ub + part * (u2 - ub)
+                x, _ = _slide(x, v, ub, um, part * left * s, a, b, sign, static, coulomb, velocity)
+                left *= 1.0 - part
+                v = 0.0
+                sign = 0.0 if abs(um - x) <= static else -sign
+        out[i] = x
+    return out

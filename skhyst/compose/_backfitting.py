@@ -1,0 +1,270 @@
+r"""Fitting a black box and the effects behind it in turn.
+
+A black box f gives the prediction :math:`p = f(X)`, effects make of it the response,
+:math:`y = E[p]`. E is identified from predictions out of fold, since those of a flexible f for the
+rows that it has learned leave nothing to find. Then the f of each fold is fitted to the response
+with the effects taken out, :math:`p + d`: the change d of the prediction that would explain the
+residual :math:`r = y - E[p]`, of least
+
+.. math:: \|r - L d\|^2 + \lambda \|d\|^2
+
+where L is the derivative of E. For what stands beside f, d is nearly r, as in backfitting of
+additive models (Buja, Hastie and Tibshirani, Ann. Statist. 17, 1989); behind a low-pass, what it
+has removed is restored as far as the noise allows. A linear L shrinks the error of p by
+:math:`\lambda / (|L|^2 + \lambda)` at each frequency, whatever the phase, where r itself as the
+change would let it grow if :math:`|1 - L| > 1`, as behind a resonance or a long delay.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.base import clone
+
+from ..operators import (
+    ColumnOperator,
+    DisturbanceOperator,
+    FrozenOperator,
+    ModulatedOperator,
+    ScheduledOperator,
+    SeriesOperator,
+    SumOperator,
+)
+
+__all__ = ["Backfitting", "Turn", "explained_change", "fold_of_rows"]
+
+_DAMPING = 0.1  # lambda: the squared gain of the effects above which they are undone
+_STEPS = 12  # of conjugate gradients
+_ENOUGH = 1e-4  # reduction of the gradient
+_REMEMBERED = 3  # turns that are mixed, beside the last
+
+
+def fold_of_rows(slices, cv):
+    """Return the fold of each row: whole records, or contiguous blocks of a single one."""
+    sizes = [s.n_samples for s in slices]
+    if len(slices) > 1:
+        return np.repeat(np.arange(len(slices)) % min(cv, len(slices)), sizes)
+    bounds = np.linspace(0, sizes[0], cv + 1).astype(int)
+    return np.repeat(np.arange(cv), np.diff(bounds))
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What is known after a turn.
+
+    Attributes
+    ----------
+    targets, predictions : ndarray of shape (n_folds, n_samples)
+        What the clone of each fold was fitted to, and what it predicts, for all rows.
+    effects : object
+        What ``refit`` has returned.
+    error : float
+        Of the effects behind the predictions out of fold.
+    number : int
+    """
+
+    targets: np.ndarray
+    predictions: np.ndarray
+    effects: object
+    error: float
+    number: int = 0
+
+
+class Backfitting:
+    """A regressor that is fitted once a fold, to the rows outside it.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Of which clones are fitted.
+    X : DataFrame or array-like of shape (n_samples, n_inputs)
+    slices : sequence of RecordSlice
+    fold : ndarray of int of shape (n_samples,)
+        Of each row.
+    """
+
+    def __init__(self, estimator, X, slices, fold):
+        self._estimator, self._X = estimator, X
+        self._slices, self._fold = slices, fold
+        self.n_folds = int(fold.max()) + 1
+
+    def predict(self, targets):
+        """Return what the clones predict when each is fitted to its row of targets.
+
+        Every clone predicts all rows: what has a memory is not cut at the borders of a fold.
+
+        Parameters
+        ----------
+        targets : ndarray of shape (n_folds, n_samples)
+
+        Returns
+        -------
+        ndarray of shape (n_folds, n_samples)
+        """
+        found = np.empty_like(targets)
+        for k, target in enumerate(targets):
+            rows = np.flatnonzero(self._fold != k)
+            fitted = clone(self._estimator).fit(_rows(self._X, rows), target[rows])
+            found[k] = np.ravel(fitted.predict(self._X))
+        return found
+
+    def out_of_fold(self, predictions):
+        """Return for each row the prediction of the clone that has not seen it."""
+        return predictions[self._fold, np.arange(len(self._fold))]
+
+    def alternate(self, start, problem_of, refit, folds, turns, least=0.01):
+        """Fit the regressor and the effects in turn, until the error no longer falls.
+
+        Where f can nearly do what the effects do, turns lead on in ever the same directions by a
+        little: the targets of a few turns are mixed such that the next would change them least
+        (Anderson, J. ACM 12, 1965).
+
+        Parameters
+        ----------
+        start : Turn
+        problem_of : callable
+            Returns the :class:`OperatorProblem` of fitted effects, for a prediction (n_samples,).
+        refit : callable
+            Takes fitted effects and the predictions out of fold; returns the effects, fitted to
+            these, and their error.
+        folds : sequence of ndarray of bool
+            Segments of the problem outside each fold.
+        turns : int
+            The largest number.
+        least : float, default=0.01
+            Relative fall of the error that is worth another turn.
+
+        Returns
+        -------
+        Turn
+        """
+        best, past = start, []
+        for _ in range(turns):
+            past = [*past[-_REMEMBERED:], (best.targets, self._renewed(best, problem_of, folds))]
+            found = self._turn(best, _mixed(past), refit)
+            if len(past) > 1 and not found.error < (1.0 - least) * best.error:
+                past = past[-1:]
+                found = self._turn(best, past[0][1], refit)
+            if not found.error < (1.0 - least) * best.error:
+                break
+            best = found
+        return best
+
+    def _turn(self, last, targets, refit):
+        predictions = self.predict(targets)
+        effects, error = refit(last.effects, self.out_of_fold(predictions))
+        return Turn(targets, predictions, effects, error, last.number + 1)
+
+    def _renewed(self, turn, problem_of, folds):
+        """Return the response with the effects taken out, for the clone of each fold.
+
+        It comes from that clone's own predictions: nothing is learned from the fold on the way.
+        """
+        found = turn.predictions.copy()
+        for k, (own, train) in enumerate(zip(found, folds, strict=True)):
+            problem = problem_of(turn.effects, own)
+            outputs = problem.predictions(problem.x0, train)
+            for s, record, output in zip(self._slices, problem.records, outputs, strict=True):
+                residual = np.where(self._fold[s.rows] != k, record.y - output, 0.0)
+                if record.weights is not None:
+                    residual *= np.minimum(record.weights, 1.0)
+                own[s.rows] += explained_change(
+                    problem.operator, record, residual, problem.initial_state
+                )
+        return found
+
+    def merged(self, targets):
+        """Return one target for all rows: the mean of those of the clones that learn a row."""
+        learned = self._fold != np.arange(self.n_folds)[:, None]
+        return np.sum(targets, axis=0, where=learned) / learned.sum(axis=0)
+
+
+def _mixed(past):
+    """Return the mixture of new targets, of those with which old ones would change least."""
+    old, new = past[-1]
+    if len(past) == 1:
+        return new
+    change = (new - old).ravel()
+    others = np.stack([change - (b - a).ravel() for a, b in past[:-1]], axis=1)
+    weights = np.linalg.lstsq(others, change, rcond=1e-6)[0]
+    return new - sum(w * (new - b) for w, (_, b) in zip(weights, past[:-1], strict=True))
+
+
+def _rows(X, rows):
+    return X.iloc[rows] if hasattr(X, "iloc") else np.asarray(X)[rows]
+
+
+def explained_change(operator, record, residual, state="rest"):
+    """Return the change of the first column of a record's drive that explains the residual.
+
+    Parameters
+    ----------
+    operator : Operator
+        The effects, of the drive of the record.
+    record : RecordData
+    residual : ndarray of shape (n_samples,)
+    state : {"rest", "zero"}
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+    """
+    if record.schedule is not None:
+        operator = operator.at(record.schedule)
+
+    def along(change):
+        return _derivative(operator, record.u, change, record.dt, state)
+
+    def back(change):
+        return _derivative(operator, record.u, change, record.dt, state, adjoint=True)
+
+    change, rest = np.zeros_like(residual), residual
+    gradient = back(rest)
+    direction, size = gradient, gradient @ gradient
+    first = size
+    for _ in range(_STEPS):
+        if not size > _ENOUGH**2 * first:
+            break
+        moved = along(direction)
+        step = size / (moved @ moved + _DAMPING * (direction @ direction))
+        change, rest = change + step * direction, rest - step * moved
+        gradient = back(rest) - _DAMPING * change
+        before, size = size, gradient @ gradient
+        direction = gradient + size / before * direction
+    return change if np.isfinite(change).all() else np.zeros_like(residual)
+
+
+def _derivative(operator, u, change, dt, state, adjoint=False):
+    """Return the derivative of the output along a change of the drive, or its adjoint's output.
+
+    The adjoint is that of a stage run backwards in time: exact for stages that are linear or have
+    no memory.
+    """
+    if isinstance(operator, FrozenOperator | ScheduledOperator):
+        return _derivative(operator.operator, u, change, dt, state, adjoint)
+    if isinstance(operator, DisturbanceOperator):
+        return np.zeros_like(change)
+    if isinstance(operator, SumOperator):
+        parts = (_derivative(s, u, change, dt, state, adjoint) for s in operator.stages)
+        return sum(parts, np.zeros_like(change))
+    if isinstance(operator, ColumnOperator):
+        if operator.column != 0:
+            return np.zeros_like(change)
+        own = np.ascontiguousarray(u[:, 0])
+        return _derivative(operator.operator, own, change, dt, state, adjoint)
+    if isinstance(operator, ModulatedOperator):
+        factor = 1.0 + operator.sensitivity * (u[:, operator.column] - operator.reference)
+        if adjoint:
+            return _derivative(operator.operator, u, factor * change, dt, state, True)
+        return factor * _derivative(operator.operator, u, change, dt, state)
+    if isinstance(operator, SeriesOperator):
+        inputs = [u]
+        for stage in operator.stages[:-1]:
+            inputs.append(stage.run(inputs[-1], dt, stage.init(inputs[-1][0], state))[0])
+        chain = list(zip(operator.stages, inputs, strict=True))
+        for stage, own in reversed(chain) if adjoint else chain:
+            change = _derivative(stage, own, change, dt, state, adjoint)
+        return change
+    turn = slice(None, None, -1 if adjoint else 1)
+    own, moved = np.ascontiguousarray(u[turn]), np.ascontiguousarray(change[turn, None])
+    start = "zero" if operator.signal_linear else state
+    return np.ascontiguousarray(operator.carry(own, moved, dt, start)[1][turn, 0])

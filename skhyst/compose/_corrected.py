@@ -1,0 +1,232 @@
+"""Any regressor with physical effects behind and beside it."""
+
+from dataclasses import replace
+from itertools import pairwise
+from numbers import Integral, Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.utils.validation import check_is_fitted
+
+from .._sklearn import HasMethods, Interval, fit_context
+from ..base import ParametricModel, one_thread, read_data, run_records
+from ..linear import Gain
+from ..optimize import OperatorProblem, identify
+from ._backfitting import Backfitting, Turn, fold_of_rows
+
+__all__ = ["Corrected"]
+
+
+class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+    r"""Any regressor, whose prediction drives a model of physical effects.
+
+    .. math:: y = E[f(X)]
+
+    with the regressor f, a network or a pipeline, say, and the effects E: a lag or a saturation in
+    series, a drift or an offset beside it. The two are fitted in turn (backfitting): the effects
+    from predictions of f out of fold, then f to the response with the effects taken out, as far as
+    noise allows, until the error out of fold no longer falls. So f need not learn what the effects
+    say better.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Any regressor or pipeline. Data without a time index are passed on as they are.
+    effects : estimator, default=None
+        A parametric model of skhyst, such as a :class:`Cascade` or a :class:`Sum`, that the
+        prediction drives; by default a gain and a constant. Its column 0 is the prediction, the
+        others are those of ``X``.
+    cv : int, default=5
+        Number of folds. Folds are whole records; a single record is cut into contiguous blocks.
+    max_iter : int, default=10
+        Largest number of turns; with 0 the regressor is fitted to the response as it is.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index; that of the effects is not used.
+
+    Attributes
+    ----------
+    estimator_ : estimator
+        The regressor, fitted to all rows.
+    effects_ : estimator
+        The effects, fitted.
+    fit_error_ : float
+        Root mean square of the residual with predictions out of fold, units of the response.
+    n_iter_ : int
+        Times that the two were fitted, one more than turns that have lowered the error.
+    records_ : tuple of RecordSlice
+        The records of the fit.
+    n_features_in_ : int
+        Number of columns of ``X``.
+
+    See Also
+    --------
+    skhyst.diagnosis.EffectSearchCV : Finds the effects that a regressor lacks.
+
+    Notes
+    -----
+    The effects are identified from predictions that are somewhat worse than those of the regressor
+    that is kept, which has seen all rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from skhyst.compose import Corrected
+    >>> from skhyst.linear import FirstOrderLag
+    >>> from skhyst.operators import FirstOrderLagOperator
+    >>> u = np.random.default_rng(0).normal(size=1000).cumsum()
+    >>> y, _ = FirstOrderLagOperator(0.05).run(2.0 * u + 1.0, 0.01)
+    >>> model = Corrected(LinearRegression(), FirstOrderLag(), dt=0.01).fit(u.reshape(-1, 1), y)
+    >>> round(model.effects_.operator_.time_constant, 3)
+    0.05
+    """
+
+    _parameter_constraints = {
+        "estimator": [HasMethods(["fit", "predict"])],
+        "effects": [HasMethods(["fit", "predict"]), None],
+        "cv": [Interval(Integral, 2, None, closed="left")],
+        "max_iter": [Interval(Integral, 0, None, closed="left")],
+        "dt": [Interval(Real, 0, None, closed="neither")],
+    }
+
+    def __init__(self, estimator, effects=None, *, cv=5, max_iter=10, dt=1.0):
+        self.estimator = estimator
+        self.effects = effects
+        self.cv = cv
+        self.max_iter = max_iter
+        self.dt = dt
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # on data that no device has produced
+        return tags
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Fit the regressor and the effects in turn.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            The index carries records and time.
+        y : array-like of shape (n_samples,)
+            Response.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        TypeError
+            If the effects are not a parametric model of skhyst.
+        """
+        effects = Gain() if self.effects is None else clone(self.effects)
+        if not isinstance(effects, ParametricModel):
+            raise TypeError(
+                "The 'effects' parameter of Corrected must be a parametric model of skhyst. "
+                f"Got {effects!r} instead."
+            )
+        slices, columns, y = read_data(self, X, y, reset=True, dt=self.dt)
+        if len(slices) == 1 and len(y) < self.cv:
+            raise ValueError(
+                f"Corrected needs at least {self.cv} samples for {self.cv} folds. "
+                f"Got {len(y)} instead."
+            )
+        if hasattr(self, "feature_names_in_"):
+            names = ["prediction", *self.feature_names_in_[1:]]
+            effects.feature_names_in_ = np.array(names, dtype=object)
+        fold = fold_of_rows(slices, self.cv)
+        backfitting = Backfitting(self.estimator, X, slices, fold)
+        segments = [_stretches(fold[s.rows]) for s in slices]
+        of_segment = [
+            fold[s.rows][a] for s, own in zip(slices, segments, strict=True) for a, _ in own
+        ]
+        train = [np.array(of_segment) != k for k in range(backfitting.n_folds)]
+
+        def records_of(p):
+            data = effects._record_data(slices, _as_first_column(p, columns), y)
+            return [replace(r, segments=own) for r, own in zip(data, segments, strict=True)]
+
+        def problem_of(result, p):
+            return OperatorProblem(
+                result.operator,
+                records_of(p),
+                disturbances=result.disturbances,
+                initial_state=effects._free_run_state(),
+            )
+
+        def refit(last, p):
+            # the matrices are tiny: threads that wait for each other cost more than they do
+            with one_thread():
+                result = _identify(effects, records_of(p), last)
+            return result, result.error
+
+        targets = np.tile(y, (backfitting.n_folds, 1))
+        predictions = backfitting.predict(targets)
+        start = refit(None, backfitting.out_of_fold(predictions))
+        last = backfitting.alternate(
+            Turn(targets, predictions, *start), problem_of, refit, train, self.max_iter
+        )
+        effects.records_, effects.n_features_in_ = slices, columns.shape[1]
+        effects._adopt(last.effects)
+        estimator = clone(self.estimator).fit(X, backfitting.merged(last.targets))
+        return self._assemble(estimator, effects, slices, 1 + last.number)
+
+    def _assemble(self, estimator, effects, slices, n_iter):
+        """Store the fitted parts."""
+        self.estimator_, self.effects_, self.records_ = estimator, effects, slices
+        self.fit_error_, self.n_iter_ = effects.fit_error_, n_iter
+        return self
+
+    @property
+    def params_(self):
+        """Parameters of the effects."""
+        return self.effects_.params_
+
+    @property
+    def params_std_(self):
+        """Standard errors of the parameters of the effects."""
+        return self.effects_.params_std_
+
+    def predict(self, X):
+        """Return the response, shape (n_samples,), each record from its own start.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+        """
+        check_is_fitted(self)
+        slices, columns, _ = read_data(self, X, reset=False, dt=self.dt)
+        p = np.ravel(self.estimator_.predict(X)).astype(float)
+        effects, inputs = self.effects_, _as_first_column(p, columns)
+        signal, schedules = effects._signal(inputs, slices), effects._schedules(slices, inputs)
+        state = effects._free_run_state()
+        return run_records(effects.operator_, signal, slices, state, schedules)
+
+
+def _identify(effects, records, last):
+    """Return what identification finds, from where it ended the last time."""
+    if last is None:
+        return effects._identify(records)
+    return identify(
+        [(last.operator, last.disturbances)],
+        records,
+        fixed=effects._fixed(),
+        initial_state=effects._free_run_state(),
+    )
+
+
+def _stretches(fold):
+    """Return the runs of rows of one fold, (start, stop)."""
+    cuts = np.flatnonzero(np.diff(fold)) + 1
+    return tuple(pairwise([0, *cuts.tolist(), len(fold)]))
+
+
+def _as_first_column(p, columns):
+    """Return the columns with a prediction in the place of the first."""
+    return np.column_stack([p, columns[:, 1:]])

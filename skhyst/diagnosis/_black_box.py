@@ -1,0 +1,268 @@
+"""What a search does with the declared model: one of parameters, or any other regressor.
+
+A parametric model is taken apart into stages. Any other regressor is a black box f: its prediction
+p takes the place of the drive, a gain is the first stage, and effects go behind it or beside it.
+Every record's p comes from a fit to the other folds, so that what is scored was never learned.
+Since f has bent to make up for what is missing, each contestant has it fitted again to the response
+with the effects taken out, in a few turns; after a claim, until the error no longer falls (see
+``compose._backfitting``).
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.utils import check_random_state
+
+from ..base import ParametricModel, read_data
+from ..compose import Corrected, ScheduledParameters
+from ..compose._backfitting import Backfitting, Turn
+from ..linear import Gain, TransferFunction
+from ._contest import held_out, refitted
+
+__all__ = ["BlackBox", "Declared", "declare", "drive_of"]
+
+_TRIAL_TURNS = 8  # of a contestant
+_TRIAL_FALL = 0.1  # relative fall of its held-out error that is worth another turn
+_TURNS = 10  # where it must be thorough
+_FALL = 0.01
+_DRIVE_LIMITS = 0  # rank, see Operator.rank
+
+
+def declare(estimator, X, columns, y, slices, *, cv, random_state):
+    """Return what stands for a declared estimator, unfitted, in a search on these data."""
+    if isinstance(estimator, ParametricModel) and _comes_apart(estimator):
+        read_data(estimator, X, y, reset=True, dt=estimator.dt)
+        if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):
+            # the names of columns are not known to a step of a composition
+            estimator.set_params(inputs=list(estimator._columns(columns.shape[1])))
+        return Declared(estimator, columns, slices)
+    return BlackBox(estimator, X, columns, y, slices, cv, random_state)
+
+
+def _comes_apart(estimator):
+    """Whether a search can put effects into a parametric model."""
+    if not isinstance(estimator, ScheduledParameters):
+        return True
+    return estimator.degree == 1 and estimator.by != 0
+
+
+@dataclass(frozen=True)
+class Box:
+    """What the black box of a contestant has learned, and predicts.
+
+    Attributes
+    ----------
+    records : tuple of RecordData
+        Driven by the predictions out of fold.
+    predictions, targets : ndarray of shape (n_folds, n_samples)
+        Of the clone of each fold, for all rows; and what each was fitted to.
+    turns : int
+        How often it was fitted again.
+    """
+
+    records: tuple
+    predictions: np.ndarray
+    targets: np.ndarray
+    turns: int
+
+
+class Declared:
+    """A parametric model."""
+
+    def __init__(self, estimator, columns, slices):
+        self.model = estimator
+        self._columns, self._slices = columns, slices
+
+    def drive(self):
+        """Return what the records are driven by before :meth:`begin`."""
+        return self.model._signal(self._columns, self._slices)
+
+    def effects(self, effects):
+        """Return the effects that apply."""
+        return effects
+
+    def begin(self, records, folds):
+        """Return the records with what drives the model."""
+        schedules = self.model._schedules(self._slices, self._columns)
+        return [replace(r, schedule=s) for r, s in zip(records, schedules, strict=True)]
+
+    def identified(self, records):
+        """Return what identification found, and the records with what came before them.
+
+        The drive at which the device had rested before each record is estimated where the declared
+        model asks for it; effects are sought with the same.
+        """
+        model = self.model
+        result = model._identify(records)
+        if model.initial_state != "estimate" or records[0].u.ndim > 1:
+            return result, records
+        result, model.initial_drive_ = model._with_histories(result, records)
+        drives = model.initial_drive_.tolist()
+        return result, [replace(r, before=u) for r, u in zip(records, drives, strict=True)]
+
+    def fitted(self, result):
+        """Return the declared model with what identification found."""
+        self.model.records_ = self._slices
+        return self.model._adopt(result)
+
+    def driver(self):
+        """Return the fitted estimator that drives the stages of the augmented model."""
+        return self.model
+
+    renew = None  # nothing is left to fit again
+
+    def measured(self, records):
+        """Return the records with the measured drive, the first column of X."""
+        if records[0].u.ndim == 1:
+            return records
+        return [
+            replace(r, u=np.ascontiguousarray(r.u[:, 0]), auxiliary=r.u[:, 1:]) for r in records
+        ]
+
+    def augmented(self, contestant, records):
+        """Return the model with what was added, and what identification found for that."""
+        structure = contestant.structure
+        if not structure.added:
+            return self.model, None
+        estimator, result = structure.fitted(self.model, records, self._slices)
+        return _of_columns(estimator, self.model), result
+
+
+class BlackBox(Declared):
+    """Any regressor."""
+
+    def __init__(self, estimator, X, columns, y, slices, cv, random_state):
+        super().__init__(Gain(dt=getattr(estimator, "dt", 1.0)), columns, slices)
+        read_data(self.model, X, y, reset=True, dt=self.model.dt)
+        self._estimator = _seeded(estimator, random_state)
+        self._X, self._y, self._cv = X, y, cv
+
+    def drive(self):
+        return self._columns[:, 0]
+
+    def driver(self):
+        return self._fitted
+
+    def effects(self, effects):
+        """Return the effects without those that act on the drive before the black box."""
+        return [replace(e, variants=partial(_behind, e.variants)) for e in effects]
+
+    def begin(self, records, folds):
+        self._folds = folds
+        fold = np.empty(len(self._y), dtype=int)
+        # a stretch that is not fitted belongs to the fold, whether it is scored or not
+        stretches = [
+            slice(s.rows.start + a, s.rows.start + b)
+            for s, r in zip(self._slices, records, strict=True)
+            for a, b in r.segments
+        ]
+        for k, (train, _) in enumerate(folds):
+            for number in np.flatnonzero(~train):
+                fold[stretches[number]] = k
+        self._measured = records
+        self._backfitting = Backfitting(self._estimator, self._X, self._slices, fold)
+        targets = np.tile(self._y, (len(folds), 1))
+        self._declared = self._box(targets, self._backfitting.predict(targets), 0, records)
+        return list(self._declared.records)
+
+    def _box(self, targets, predictions, turns, records):
+        driven = self._driven(self._backfitting.out_of_fold(predictions), records)
+        return Box(tuple(driven), predictions, targets, turns)
+
+    def _driven(self, p, records):
+        return [replace(r, u=p[s.rows]) for s, r in zip(self._slices, records, strict=True)]
+
+    def fitted(self, result):
+        """Return the declared estimator, fitted to all rows."""
+        self._fitted = clone(self._estimator).fit(self._X, self._y)
+        return self._fitted
+
+    def renew(self, contestant, base, records, thorough=False):
+        """Fit the black box and the effects in turn until the held-out error no longer falls.
+
+        Parameters
+        ----------
+        contestant : Contestant
+            Fitted to the predictions of ``base``, or the same.
+        base : Contestant
+        records : list of RecordData
+            With the predictions of ``base``.
+        thorough : bool, default=False
+            Whether small falls are worth a turn too.
+
+        Returns
+        -------
+        Contestant
+            Held out, with its ``box``.
+        """
+        box = base.box if contestant.structure.added and base.box else self._declared
+        records = self._driven(self._backfitting.out_of_fold(box.predictions), records)
+        contestant = held_out(contestant, records, self._folds)
+        if contestant.structure.added:
+
+            def problem_of(contestant, p):
+                return contestant.structure.problem(self._driven(p, records))
+
+            def refit(contestant, p):
+                seen = self._driven(p, records)
+                found = held_out(
+                    refitted(contestant, contestant.structure, seen), seen, self._folds
+                )
+                return found, found.error
+
+            start = Turn(box.targets, box.predictions, contestant, contestant.error, box.turns)
+            train = [train for train, _ in self._folds]
+            effort = (_TURNS, _FALL) if thorough else (_TRIAL_TURNS, _TRIAL_FALL)
+            last = self._backfitting.alternate(start, problem_of, refit, train, *effort)
+            contestant = last.effects
+            box = self._box(last.targets, last.predictions, last.number, records)
+        return replace(contestant, box=box)
+
+    def measured(self, records):
+        return self._measured
+
+    def augmented(self, contestant, records):
+        if not contestant.structure.added:
+            return self._fitted, None
+        effects, result = contestant.structure.fitted(self.model, records, self._slices)
+        effects.n_features_in_ = self.model.n_features_in_
+        target = self._backfitting.merged(contestant.box.targets)
+        self._fitted = clone(self._estimator).fit(self._X, target)
+        model = Corrected(clone(self._estimator), clone(effects), cv=self._cv, dt=self.model.dt)
+        model._assemble(self._fitted, effects, self._slices, 1 + contestant.box.turns)
+        return _of_columns(model, self.model), result
+
+
+def _of_columns(estimator, other):
+    """Return the estimator, which knows the columns of X that another knows."""
+    for name in ("n_features_in_", "feature_names_in_"):
+        if hasattr(other, name):
+            setattr(estimator, name, getattr(other, name))
+    return estimator
+
+
+def _behind(variants):
+    """Return the variants that do not act on the drive."""
+    return [v for v in variants() if hasattr(v, "structures") or v._rank > _DRIVE_LIMITS]
+
+
+def _seeded(estimator, random_state):
+    """Return the estimator with seeds where it has none, so that the search repeats."""
+    if random_state is None:
+        return estimator
+    random_state = check_random_state(random_state)
+    free = sorted(
+        key
+        for key, value in estimator.get_params().items()
+        if value is None and key.split("__")[-1] == "random_state"
+    )
+    return estimator.set_params(**{key: random_state.randint(2**31 - 1) for key in free})
+
+
+def drive_of(driver, X, columns, slices):
+    """Return what drives the stages behind a fitted ``driver``, see :meth:`Declared.driver`."""
+    if isinstance(driver, ParametricModel) and _comes_apart(driver):
+        return driver._signal(columns, slices)
+    return np.ravel(driver.predict(X)).astype(float)

@@ -1,0 +1,330 @@
+"""Rounds of the search: screen, contest, claim, and go back over what was claimed before.
+
+Effects are added one by one, the most convincing first. After each claim those before it are
+contested once more: one that a later effect has made needless is dropped, so that the order in
+which effects were added does not decide which are kept. Where no effect qualifies alone, the best
+few are contested in pairs: two effects of equal size may each leave too much for a claim.
+"""
+
+import time
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from ..operators import SumOperator
+from ._contest import (
+    contest,
+    held_out,
+    independent_share,
+    paired_p_value,
+    refitted,
+    relative_gain,
+    screen,
+)
+from ._effects import EFFECTS
+from ._robust import huber_weights
+from ._shortened import shortened, suffices
+
+__all__ = ["Rounds"]
+
+_CONTESTED = 6  # candidates of a round that are refitted jointly, at the most
+_ALWAYS_CONTESTED = 3
+_HOPEFUL = 16.0  # sum of squares after screening, relative to the best, for the others of these
+_CLOSE = 4.0  # sum of squares, relative to the best, up to which a candidate is held out
+_SAME_ERROR = 0.005  # relative difference of held-out errors that is no difference
+_SIMILAR_ERROR = 0.05  # by so much a simpler candidate may be worse, if the data allow
+_THOROUGH = 1.5  # error, relative to the best, up to which a black box is fitted thoroughly
+_PAIRED = 4  # candidates that are contested in pairs
+
+
+@dataclass
+class Rounds:
+    """The rounds of one search.
+
+    Attributes
+    ----------
+    effects : list of Effect
+        To try.
+    records, folds
+        Of the contest, see :func:`held_out`.
+    alpha, min_improvement, max_effects, n_jobs
+        As of the search.
+    negligible : float
+        Held-out error below which nothing is sought.
+    say : callable
+        Takes a line about progress.
+    renew : callable or None
+        Fits a declared black box again, see ``BlackBox.renew``.
+    lost : list of ndarray of bool or None
+        Lost readings of each record where the loss is Huber's; None where it is the square.
+    history, ranking : list of dict
+        A row a claim that is kept; a row a candidate and round.
+    dropped : list of str
+        Claims that later ones made needless.
+    seconds : dict of str to float
+    """
+
+    effects: list
+    records: list
+    folds: list
+    alpha: float
+    min_improvement: float
+    max_effects: int
+    n_jobs: int | None
+    negligible: float
+    say: object
+    renew: object
+    lost: list | None = None
+    history: list = field(default_factory=list)
+    ranking: list = field(default_factory=list)
+    dropped: list = field(default_factory=list)
+    seconds: dict = field(default_factory=dict)
+    _number: int = 0
+
+    def run(self, base):
+        """Add effects to a contestant until none qualifies; return what it has become."""
+        self._groups = np.concatenate(
+            [np.full(len(r.segments), i) for i, r in enumerate(self.records)]
+        )
+        while len(self.history) < self.max_effects and base.error > self.negligible:
+            self._number += 1
+            base = self.weighed(base)
+            claims = self._round(base)
+            if not claims:
+                break
+            for contestant, row in claims:
+                self.history.append(row)
+                base = contestant
+                self.say(
+                    f"round {self._number}: {row['effect']}, held-out error "
+                    f"{row['error_before']:.4g} -> {row['error_after']:.4g}"
+                )
+                self.records = self._records(base)
+            base = self._recheck(base)
+            if self.renew is not None:
+                base = self.renew(base, base, self.records, thorough=True)
+            self.records = self._records(base)
+        return base
+
+    def weighed(self, base):
+        """Return a contestant refitted with the weights that its residual asks for."""
+        if self.lost is None:
+            return base
+        weights = huber_weights(base.residuals, lost=self.lost)
+        self.records = [replace(r, weights=w) for r, w in zip(self.records, weights, strict=True)]
+        return held_out(refitted(base, base.structure, self.records), self.records, self.folds)
+
+    def _records(self, contestant):
+        """Return the records as a contestant sees them."""
+        return self.records if contestant.box is None else list(contestant.box.records)
+
+    # ------------------------------------------------------------------ one round
+
+    def _round(self, base):
+        """Return the contestants that qualify, each with its row of the history."""
+        begin = time.perf_counter()
+        parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
+        taken = {name for name, _ in base.structure.added} | set(self.dropped)
+        effects = [effect for effect in self.effects if effect.name not in taken]
+        screened = self._screened(base, [(effect, base) for effect in effects], parallel)
+        bar = (1.0 - self.min_improvement) * base.cost
+        promising = sorted((s for s in screened if s.cost < bar), key=lambda s: s.cost)
+        n_candidates = len(promising)  # all others cannot be claimed, whatever they predict
+        self._add_time("screening", begin)
+        begin = time.perf_counter()
+        chosen, tested = [], []
+        while promising and not chosen:
+            # what screens badly may have started badly: it has its turn where others do not qualify
+            batch = [
+                s
+                for place, s in enumerate(promising[:_CONTESTED])
+                if place < _ALWAYS_CONTESTED or s.cost <= _HOPEFUL * promising[0].cost
+            ]
+            promising = promising[len(batch) :]
+            contested = self._plausible(contest(batch, self.records, parallel))
+            tested += self._tested(base, contested, parallel, n_candidates)
+            claims = [c for c in tested if self._qualifies(base, c)]
+            chosen = [self._choose(base, claims)] if claims else []
+        self._add_time("contest", begin)
+        if not chosen and len(self.history) + 2 <= self.max_effects:
+            begin = time.perf_counter()
+            chosen = self._pair(base, tested, parallel, n_candidates)
+            self._add_time("pairs", begin)
+        self._rank(base, effects, screened, tested, {row["effect"] for _, row in chosen})
+        return chosen
+
+    def _screened(self, base, candidates, parallel):
+        """Return what screening finds for effects, each put into a contestant's structure.
+
+        Where first parts of the records are screened, their sums of squares are made comparable
+        with those of the whole by what the base leaves in both.
+        """
+        parts = shortened(self.records, base.residuals)
+        seen = [
+            parts if parts is not None and suffices(effect, c.structure) else None
+            for effect, c in candidates
+        ]
+        found = parallel(
+            delayed(screen)(effect, c.structure, self.records if own is None else own)
+            for (effect, c), own in zip(candidates, seen, strict=True)
+        )
+        if not any(seen):
+            return found
+        ratio = base.cost / refitted(base, base.structure, parts).cost
+        return [
+            s if own is None else replace(s, cost=s.cost * ratio, parts=own)
+            for s, own in zip(found, seen, strict=True)
+        ]
+
+    def _tested(self, base, contested, parallel, n_candidates):
+        """Return the contestants near the best, held out and tested against the base."""
+        if self.renew is not None:
+            contested = self._renewed(base, contested, parallel)
+        lowest = min((c.cost for c in contested), default=0.0)
+        finalists = parallel(
+            delayed(held_out)(c, self._records(c), self.folds)
+            for c in contested
+            if c.cost <= _CLOSE * lowest
+        )
+        gains = [relative_gain(base.squared_errors, c.squared_errors) for c in finalists]
+        factor = max(n_candidates * independent_share(gains), 1.0)
+        return [replace(c, p_value=min(1.0, factor * self._p_value(base, c))) for c in finalists]
+
+    def _renewed(self, base, contested, parallel):
+        """Return the contestants with the black box fitted again, thoroughly for the best."""
+        rough = parallel(delayed(self.renew)(c, base, self.records) for c in contested)
+        bar = _THOROUGH * min((c.error for c in rough), default=0.0)
+        best = [c for c in rough if c.error <= bar]
+        fine = parallel(delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best)
+        return fine + [c for c in rough if c.error > bar]
+
+    def _plausible(self, contested):
+        return [c for c in contested if _is_plausible(c, self._records(c))]
+
+    def _p_value(self, worse, better):
+        return paired_p_value(worse.squared_errors, better.squared_errors, self._groups)
+
+    def _qualifies(self, base, contestant):
+        bar = 1.0 - self.min_improvement
+        return (
+            contestant.p_value < self.alpha
+            and contestant.error < bar * base.error
+            # a base that is foretold badly from some fold is not yet one that lacks something
+            and contestant.cost < bar**2 * base.cost
+        )
+
+    def _choose(self, base, claims):
+        """Return the simplest of the claims that the data cannot tell from the best."""
+        best = min(claims, key=lambda c: c.error)
+        same = [
+            c
+            for c in claims
+            if c.error <= (1.0 + _SAME_ERROR) * best.error or self._p_value(c, best) > self.alpha
+        ]
+        near = [c for c in same if c.error <= (1.0 + _SIMILAR_ERROR) * best.error]
+        chosen = min(near, key=lambda c: (c.n_parameters, c.error))
+        others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
+        return chosen, _row(base, chosen, others)
+
+    def _rank(self, base, effects, screened, tested, claimed):
+        tested = {c.effect: c for c in tested}
+        for effect, s in zip(effects, screened, strict=True):
+            c = tested.get(effect.name)
+            added = (c.n_parameters if c else s.n_parameters) - base.n_parameters
+            self.ranking.append(
+                {
+                    "round": self._number,
+                    "effect": effect.name,
+                    "screen": round(max(1.0 - s.cost / base.cost, 0.0), 9),
+                    "error_before": base.error,
+                    "error_after": c.error if c else np.nan,
+                    "p_value": c.p_value if c else np.nan,
+                    "n_parameters": max(added, 0),
+                    "claimed": effect.name in claimed,
+                }
+            )
+
+    # ------------------------------------------------------------------ more than one effect
+
+    def _pair(self, base, tested, parallel, n_effects):
+        """Return two contestants in a row where the best qualifies with both effects only."""
+        hopeful = [c for c in tested if c.error < (1.0 - self.min_improvement) * base.error]
+        hopeful.sort(key=lambda c: c.error)
+        pairs = list(combinations(hopeful[:_PAIRED], 2))
+        if not pairs:
+            return []
+        own = {effect.name: effect for effect in self.effects}
+        screened = self._screened(base, [(own[b.effect], a) for a, b in pairs], parallel)
+        both = contest([s for s in screened if s.variants], self.records, parallel)
+        tested = self._tested(
+            base, self._plausible(both), parallel, n_effects * (n_effects - 1) // 2
+        )
+        alone = {c.effect: c for c in hopeful}
+        firsts = [alone[c.structure.added[-2][0]] for c in tested]
+        claims = [
+            (c, first)
+            for c, first in zip(tested, firsts, strict=True)
+            if self._qualifies(base, c) and c.error < (1.0 - self.min_improvement) * first.error
+        ]
+        if not claims:
+            return []
+        chosen, first = min(claims, key=lambda pair: pair[0].error)
+        first = replace(first, p_value=chosen.p_value)
+        return [(first, _row(base, first, ())), (chosen, _row(first, chosen, ()))]
+
+    def _recheck(self, base):
+        """Drop what the effects added later have made needless; return the contestant."""
+        begin = time.perf_counter()
+        while len(base.structure.added) > 1:
+            needless = []
+            for effect in base.structure.removable()[:-1]:
+                reduced = refitted(base, base.structure.without(effect), self.records)
+                if self.renew is None:
+                    reduced = held_out(reduced, self.records, self.folds)
+                else:
+                    reduced = self.renew(reduced, base, self.records)
+                if not (
+                    self._p_value(reduced, base) < self.alpha
+                    and base.error < (1.0 - self.min_improvement) * reduced.error
+                ):
+                    needless.append((reduced.error, effect, reduced))
+            if not needless:
+                break
+            _, effect, base = min(needless, key=lambda entry: entry[0])
+            self.dropped.append(effect)
+            self.history = [row for row in self.history if row["effect"] != effect]
+            self.say(f"{effect} is no longer needed: held-out error {base.error:.4g}")
+        self._add_time("re-check", begin)
+        return base
+
+    def _add_time(self, stage, begin):
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+
+def _row(base, chosen, others):
+    return {
+        "effect": chosen.effect,
+        "error_before": base.error,
+        "error_after": chosen.error,
+        "p_value": chosen.p_value,
+        "ambiguous_with": others,
+        "experiment": EFFECTS[chosen.effect].experiment if others else "",
+    }
+
+
+def _is_plausible(contestant, records):
+    """Tell whether the identified effect is still what its name says."""
+    name, structure = contestant.effect, contestant.structure
+    plausible = EFFECTS[name].plausible
+    if plausible is None:
+        return True
+    if name in structure.beside_names:
+        operator = structure.disturbances[structure.beside_names.index(name)]
+        return plausible(operator, np.nan, records)
+    at = structure.place(name)
+    operator = structure.operators[at]
+    last = at if isinstance(operator, SumOperator) else at + 1
+    motion = np.ptp(np.concatenate(structure.run(records, last=last)))
+    return plausible(operator, float(motion), records)

@@ -1,0 +1,5 @@
+"""First-order stages that are nonlinear in themselves: tanks with their outflow and overflow."""
+
+from ._tank_chain import TankChain
+
+__all__ = ["TankChain"]

@@ -1,0 +1,62 @@
+"""Slopes of a sampled motion, from its past alone.
+
+The least-squares slope of the last ``n + 1`` samples is a mean of the last ``n`` backward
+differences whose weights are a parabola, ``6 (i + 1) (n - i) / (n (n + 1) (n + 2))`` for
+``i = 0 ... n - 1``; with ``n = 1`` it is the backward difference. So a drive that stands still has
+no velocity, to the last digit, whatever its level.
+"""
+
+from functools import cache
+
+import numpy as np
+
+__all__ = ["latest", "samples_before", "slopes"]
+
+
+@cache
+def _weights(n):
+    i = np.arange(n)
+    weights = 6.0 * (i + 1) * (n - i) / (n * (n + 1) * (n + 2))
+    weights.flags.writeable = False
+    return weights
+
+
+def slopes(values, dt, n):
+    """Return the slopes of a signal over ``n`` intervals, those where it has gone on so long.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples, ...)
+    dt : float
+        Sampling interval in s.
+    n : int
+
+    Returns
+    -------
+    ndarray of shape (max(n_samples - n, 0), ...)
+        At the last samples.
+    """
+    changes = np.diff(values, axis=0)
+    size = max(len(values) - n, 0)
+    total = np.zeros((size, *values.shape[1:]))
+    # term by term: the sum of a sample is the same wherever a signal is cut
+    for i, weight in enumerate(_weights(n)):
+        total += (weight / dt) * changes[i : i + size]
+    return total
+
+
+def samples_before(shape, n, initial_state):
+    """Return the samples before a record, (n or 0, ...): zeros, or none that is known.
+
+    A record often begins in motion. Taken for a rest, what is before would be a jump of the
+    velocity, and its derivative the largest value of the record.
+    """
+    return np.zeros((n if initial_state == "zero" else 0, *shape))
+
+
+def latest(values, n):
+    """Return the last ``n`` values, (n, ...), with zeros in front where there are fewer."""
+    missing = n - len(values)
+    if missing <= 0:
+        return values[len(values) - n :]
+    return np.concatenate([np.zeros((missing, *values.shape[1:])), values])

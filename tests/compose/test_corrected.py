@@ -1,0 +1,248 @@
+"""A regressor with effects behind it: what it learns, what it need not, and that nothing leaks."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from sklearn.base import clone
+from sklearn.ensemble import RandomForestRegressor
+from sklearn.linear_model import LinearRegression, Ridge
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.pipeline import make_pipeline
+
+from skhyst.compose import Cascade, Corrected, Modulated, Sum
+from skhyst.compose._backfitting import Backfitting, Turn, explained_change, fold_of_rows
+from skhyst.disturbance import Offset
+from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode
+from skhyst.operators import (
+    FirstOrderLagOperator,
+    GainOperator,
+    SecondOrderModeOperator,
+    SeriesOperator,
+)
+from skhyst.optimize import OperatorProblem, RecordData
+from skhyst.preprocessing import PlayOperators
+from skhyst.records import record_slices, stack_records
+from skhyst.static import Saturation
+
+DT = 0.01
+N = 300
+
+
+def drives(count, seed=0):
+    rng = np.random.default_rng(seed)
+    time = DT * np.arange(N)
+    for _ in range(count):
+        f = rng.uniform(0.3, 4.0, 5)
+        waves = (np.sin(2 * np.pi * np.outer(time, f) + rng.uniform(0, 6.28, 5)) / f**0.5).sum(1)
+        yield 2.0 * waves / np.abs(waves).max()
+
+
+def loops(u):
+    """Return plays of widths 0.3 and 0.8 beside the drive."""
+    y, plays = np.empty_like(u), np.zeros(2)
+    for k, value in enumerate(u):
+        plays = np.clip(plays, value - [0.3, 0.8], value + [0.3, 0.8])
+        y[k] = value + plays @ [0.5, 0.4]
+    return y
+
+
+def low_pass(y, tau=0.05):
+    """Integrate ``tau x' = y - x`` exactly, y straight between samples, from rest."""
+    a = np.exp(-DT / tau)
+    ramp = 1.0 - tau / DT * (1.0 - a)
+    x = lfilter([ramp, 1.0 - a - ramp], [1.0, -a], y - y[0])
+    return y[0] + x
+
+
+def recordings(change, count=6, seed=0, noise=0.005):
+    rng = np.random.default_rng(seed + 99)
+    return stack_records(
+        [
+            (u, change(loops(u), i) + noise * rng.normal(size=N))
+            for i, u in enumerate(drives(count, seed))
+        ],
+        dt=DT,
+    )
+
+
+def pipeline():
+    return make_pipeline(PlayOperators(8).set_output(transform="pandas"), Ridge(1e-3))
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_a_lag_is_not_left_to_the_regressor():
+    X, y = recordings(lambda y, i: low_pass(y))
+    X_new, y_new = recordings(lambda y, i: low_pass(y), seed=5)
+    alone = rms(pipeline().fit(X, y).predict(X_new) - y_new)
+    once = Corrected(pipeline(), FirstOrderLag(), max_iter=0).fit(X, y)
+    model = Corrected(pipeline(), FirstOrderLag()).fit(X, y)
+    error = rms(model.predict(X_new) - y_new)
+    assert error < 0.1 * alone
+    assert error < 0.2 * rms(once.predict(X_new) - y_new)
+    assert model.effects_.operator_.time_constant == pytest.approx(0.05, rel=0.03)
+    assert once.n_iter_ == 1 < model.n_iter_
+    copy = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(copy.predict(X_new), model.predict(X_new))
+    again = clone(model).fit(X, y)
+    np.testing.assert_array_equal(again.predict(X_new), model.predict(X_new))
+
+
+def test_constants_of_the_records_are_taken_out():
+    X, y = recordings(lambda y, i: y + 0.5 * (-1) ** i + 0.1)
+    X_new, y_new = recordings(lambda y, i: y, seed=5)
+    model = Corrected(pipeline(), Sum([("gain", Gain()), ("offset", Offset())])).fit(X, y)
+    moved = y_new - model.predict(X_new)
+    assert rms(moved - moved.mean()) < 0.05
+    assert model.fit_error_ < 0.02
+
+
+def test_a_clipped_linear_regression():
+    u = np.concatenate(list(drives(4)))
+    X, y = u.reshape(-1, 1), np.minimum(3.0 * u + 1.0, 2.5)
+    effects = Cascade([("gain", Gain()), ("limit", Saturation(sides="upper", rank="sensor"))])
+    model = Corrected(LinearRegression(), effects, cv=4).fit(X, y)
+    np.testing.assert_allclose(model.predict(X), y, atol=0.01)
+    assert model.params_["limit__upper"] == pytest.approx(2.5, abs=0.01)
+    assert set(model.params_std_) == set(model.params_)
+
+
+def test_further_columns_reach_the_effects_by_number():
+    rng = np.random.default_rng(0)
+    records = []
+    for i, u in enumerate(drives(5)):
+        warm = np.full(N, 20.0 + 5.0 * i)
+        y = 2.0 * u * (1.0 + 0.02 * (warm - 30.0)) + 0.001 * rng.normal(size=N)
+        records.append((np.column_stack([u, warm]), y))
+    X, y = stack_records(records, dt=DT)
+    model = Corrected(LinearRegression(), Modulated(Gain(), 1)).fit(X, y)
+    assert rms(model.predict(X) - y) < 0.005
+    assert model.effects_.n_features_in_ == X.shape[1] == 2
+
+
+def test_a_gain_by_default():
+    u = np.concatenate(list(drives(2))).reshape(-1, 1)
+    model = Corrected(LinearRegression(), cv=3).fit(u, 3.0 * u[:, 0] + 1.0)
+    np.testing.assert_allclose(model.predict(u), 3.0 * u[:, 0] + 1.0)
+    assert model.n_iter_ <= 2
+
+
+def test_what_is_refused():
+    u = np.concatenate(list(drives(1))).reshape(-1, 1)
+    with pytest.raises(TypeError, match="'effects' parameter of Corrected"):
+        Corrected(LinearRegression(), LinearRegression()).fit(u, u[:, 0])
+    with pytest.raises(ValueError, match="at least 5 samples for 5 folds"):
+        Corrected(LinearRegression()).fit(u[:4], u[:4, 0])
+
+
+# ------------------------------------------------------------------------------- out of fold
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_nothing_is_learned_from_the_scored_fold(count):
+    """Other responses in one fold change no prediction of it, nor what its clone is taught."""
+    X, y = recordings(lambda y, i: low_pass(y), count=count)
+    y = y.to_numpy()
+    slices = record_slices(X)
+    fold = fold_of_rows(slices, 3)
+    other = np.where(fold == 1, np.random.default_rng(1).normal(size=len(y)), y)
+    operator = SeriesOperator(("gain", "lag"), (GainOperator(), FirstOrderLagOperator(0.05)))
+    results = []
+    for response in (y, other):
+        backfitting = Backfitting(KNeighborsRegressor(3), X, slices, fold)
+        segments = [
+            tuple(
+                (int(a[0]), int(a[-1]) + 1)
+                for a in np.split(np.arange(len(f)), np.flatnonzero(np.diff(f)) + 1)
+            )
+            for f in (fold[s.rows] for s in slices)
+        ]
+        of_segment = np.array(
+            [fold[s.rows][a] for s, own in zip(slices, segments, strict=True) for a, _ in own]
+        )
+
+        def problem_of(effects, p, response=response, segments=segments):
+            data = [
+                RecordData(p[s.rows], response[s.rows], s.dt, segments=own)
+                for s, own in zip(slices, segments, strict=True)
+            ]
+            return OperatorProblem(operator, data)
+
+        errors = iter([0.5, 0.2])
+        targets = np.tile(response, (3, 1))
+        start = Turn(targets, backfitting.predict(targets), None, 1.0)
+        last = backfitting.alternate(
+            start,
+            problem_of,
+            lambda e, p, errors=errors: (None, next(errors)),
+            [of_segment != k for k in range(3)],
+            1,
+        )
+        results.append(
+            (last.targets[1][fold != 1], backfitting.out_of_fold(last.predictions)[fold == 1])
+        )
+    for a, b in zip(*results, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_folds():
+    X, _ = recordings(lambda y, i: y, count=6)
+    assert [set(fold_of_rows(record_slices(X), 4)[i * N : (i + 1) * N]) for i in range(6)] == [
+        {0},
+        {1},
+        {2},
+        {3},
+        {0},
+        {1},
+    ]
+    single = fold_of_rows(record_slices(X.iloc[:N]), 4)
+    assert np.all(np.diff(single) >= 0)
+    assert set(np.bincount(single)) == {N // 4}
+
+
+@pytest.mark.parametrize(
+    "operator",
+    [
+        GainOperator(2.0, 1.0),
+        FirstOrderLagOperator(0.03),
+        SecondOrderModeOperator(60.0, 0.1),
+        SeriesOperator(("gain", "lag"), (GainOperator(0.5), FirstOrderLagOperator(0.02))),
+    ],
+)
+def test_the_change_is_that_of_damped_least_squares(operator):
+    """Against the dense solution, with L from differences."""
+    rng = np.random.default_rng(0)
+    n = 60
+    u, residual = rng.normal(size=n), np.r_[np.zeros(5), rng.normal(size=n - 5)]
+    u[0] = 0.0
+    base = operator.run(u, DT)[0]
+    columns = []
+    for i in range(n):
+        moved = u.copy()
+        moved[i] += 1.0
+        columns.append(operator.run(moved, DT, operator.init(u[0]))[0] - base)
+    L = np.stack(columns, axis=1)
+    expected = np.linalg.solve(L.T @ L + 0.1 * np.eye(n), L.T @ residual)
+    found = explained_change(operator, RecordData(u, base, DT), residual)
+
+    def cost(change):
+        return np.sum((residual - L @ change) ** 2) + 0.1 * change @ change
+
+    assert cost(found) < 1.02 * cost(expected)
+
+
+def test_a_forest_behind_which_there_is_a_mode():
+    rng = np.random.default_rng(0)
+    mode = SecondOrderModeOperator(2 * np.pi * 10, 0.05)
+    records = [(u, mode.run(np.tanh(u), DT)[0] + 0.005 * rng.normal(size=N)) for u in drives(8)]
+    X, y = stack_records(records, dt=DT)
+    forest = RandomForestRegressor(15, min_samples_leaf=5, random_state=0)
+    model = Corrected(forest, SecondOrderMode(), max_iter=3).fit(X.iloc[: 6 * N], y.iloc[: 6 * N])
+    rest = X.iloc[6 * N :], y.iloc[6 * N :]
+    alone = forest.fit(X.iloc[: 6 * N], y.iloc[: 6 * N])
+    assert rms(model.predict(rest[0]) - rest[1]) < 0.5 * rms(alone.predict(rest[0]) - rest[1])
+    assert model.params_["natural_frequency"] == pytest.approx(2 * np.pi * 10, rel=0.02)

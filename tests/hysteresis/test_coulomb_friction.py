@@ -1,0 +1,72 @@
+"""Friction that depends on the velocity alone."""
+
+import numpy as np
+import pytest
+
+from skhyst.hysteresis import CoulombFriction
+from skhyst.operators import CoulombFrictionOperator
+
+DT = 1e-3
+TIME = DT * np.arange(6000)
+# to and fro, slower and faster, with rests between
+SPEED = np.where(
+    np.sin(5.0 * TIME) ** 2 > 0.2, np.sin(2.2 * TIME) * np.interp(TIME, [0.0, 6.0], [0.2, 1.0]), 0.0
+)
+MOTION = DT * np.cumsum(SPEED)
+
+
+def test_force_of_steady_sliding_and_of_creeping():
+    operator = CoulombFrictionOperator(0.01, 3.0, 0.1, 2.0, 0.5, damping=4.0, intercept=1.0)
+    for v in (0.06, 2.0):
+        level = 3.0 + 2.0 * np.exp(-((v / 0.1) ** 2))
+        forward, backward = (operator.run(s * v * TIME[:5], DT)[0][-1] for s in (1, -1))
+        assert forward == pytest.approx(level + 0.5 + 4.0 * v + 1.0, rel=2e-3)
+        assert backward == pytest.approx(-level + 0.5 - 4.0 * v + 1.0, rel=2e-3)
+    slope = (operator.run(1e-6 * TIME[:5], DT)[0][-1] - 1.0) / 1e-6
+    assert slope == pytest.approx(5.0 / 0.01 + 4.0, rel=1e-3)
+
+
+def test_levels_of_both_directions():
+    y = np.where(SPEED > 0.0, 5.0, np.where(SPEED < 0.0, -3.0, 0.0)) + 0.7 * SPEED + 2.0
+    y += 0.01 * np.random.default_rng(0).normal(size=len(y))
+    v = np.r_[0.0, np.diff(MOTION)] / DT
+    assert np.count_nonzero(v == 0.0) > 100
+    model = CoulombFriction(asymmetry=True, dt=DT).fit(MOTION[:, None], y)
+    assert model.operator_.coulomb_force == pytest.approx(4.0, abs=0.01)
+    assert model.operator_.asymmetry == pytest.approx(1.0, abs=0.01)
+    assert model.operator_.intercept == pytest.approx(2.0, abs=0.01)
+    assert model.operator_.damping == pytest.approx(0.7, abs=0.03)
+    plain = CoulombFriction(dt=DT).fit(MOTION[:, None], y)
+    assert plain.fit_error_ > 10 * model.fit_error_
+
+
+@pytest.mark.parametrize("smoothing", [1, 8])
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_noise_of_an_encoder_does_not_chatter(smoothing, unit):
+    """The force while the drive rests is small, though its noise goes to and fro."""
+    rng = np.random.default_rng(1)
+    noise = 2e-6
+    u = unit * (MOTION + noise * rng.normal(size=len(MOTION)))
+    y = 5.0 * np.sign(SPEED) + 0.7 * SPEED + 0.01 * rng.normal(size=len(MOTION))
+    model = CoulombFriction(smoothing=smoothing, dt=DT).fit(u[:, None], y)
+    slope = np.std(np.convolve(noise * rng.normal(size=9000), _weights(smoothing), "valid")) / DT
+    assert model.operator_.transition_velocity > 2.0 * slope * unit
+    assert model.operator_.slowest == pytest.approx(3.0 * slope * unit, rel=0.3)
+    rest = np.convolve(SPEED != 0.0, np.ones(2 * smoothing + 1), "same") == 0
+    assert np.std(model.predict(u[:, None])[rest]) < 2.0
+
+
+def _weights(n):
+    """Return what the least-squares slope over n intervals multiplies the samples with."""
+    places = np.arange(n + 1) - 0.5 * n
+    return places / np.sum(places**2)
+
+
+def test_short_and_constant_drives():
+    model = CoulombFriction(fit_damping=False, fit_intercept=False, dt=DT)
+    with pytest.warns(UserWarning, match="do not determine"):
+        model.fit(np.full((50, 1), 2.0), np.ones(50))
+    assert np.isfinite(model.predict(np.full((50, 1), 2.0))).all()
+    with pytest.warns(UserWarning, match="do not determine"):
+        model.fit([[0.0], [1.0], [3.0]], [0.0, 1.0, 1.0])
+    np.testing.assert_allclose(model.predict([[0.0], [1.0], [3.0]]), [0.0, 1.0, 1.0], atol=1e-9)
