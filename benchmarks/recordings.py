@@ -1,5 +1,6 @@
 """Loaders of measured recordings, which are not part of the project and lie beside the checkout."""
 
+import os
 from itertools import product
 from pathlib import Path
 
@@ -24,7 +25,8 @@ __all__ = [
     "split_in_time",
 ]
 
-SHARED = Path(__file__).resolve().parents[1] / "../shared/data"
+BESIDE = Path(__file__).resolve().parents[1] / "../shared/data"
+SHARED = Path(os.environ.get("SKHYST_DATA", BESIDE))
 FSM_RATE = 6400.0  # Hz
 SILVERBOX_PARTS = {
     "arrow": slice(0, 40_700),  # a Gaussian noise of growing size

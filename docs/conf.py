@@ -4,9 +4,12 @@ import os
 import sys
 import warnings
 from importlib.metadata import version as installed_version
+from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, os.path.abspath(os.path.join("..", "benchmarks")))
+
+from recordings import SHARED
 
 project = "skhyst"
 author = "The skhyst developers"
@@ -30,9 +33,22 @@ autosummary_imported_members = True
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
 
+
+def _examples_to_run():
+    """Return a pattern of the examples' paths: those of recordings where their folder is named."""
+    names = [path.stem for path in Path("../examples/recordings").glob("plot_*.py")]
+    named = "SKHYST_DATA" in os.environ
+    absent = [
+        name for name in names if not (named and (SHARED / name.removeprefix("plot_")).exists())
+    ]
+    return rf"[\\/](?!({'|'.join(absent)})\.py)plot_" if absent else r"[\\/]plot_"
+
+
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "auto_examples",
+    "filename_pattern": _examples_to_run(),
+    "ignore_pattern": r"^_",
     "abort_on_example_error": True,
     "show_memory": False,
     "download_all_examples": False,

@@ -1,6 +1,8 @@
 """Every example runs on its own, in an empty folder, without a screen and without a warning.
 
 Those of the papers take longer: building the documentation runs them, and fails where they do.
+Those of measured recordings take some ten to forty seconds each, and run where SKHYST_DATA names
+the folder of these.
 """
 
 import os
@@ -9,23 +11,27 @@ import sys
 from pathlib import Path
 
 import pytest
+from measured_recordings import CASES
+from recordings import SHARED
 
 pytest.importorskip("matplotlib", reason="the examples draw")
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("plot_*.py"))
+RECORDINGS = sorted(FOLDER.glob("recordings/plot_*.py"))
 
 
 def test_there_are_examples():
     assert EXAMPLES
+    assert RECORDINGS
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs(path, tmp_path):
+def run(path, tmp_path, **environment):
+    """Run an example in an empty folder and return what it prints."""
     done = subprocess.run(
         [sys.executable, "-W", "error", str(path)],
         cwd=tmp_path,
-        env=os.environ | {"MPLBACKEND": "Agg"},
+        env=os.environ | {"MPLBACKEND": "Agg"} | environment,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -34,3 +40,31 @@ def test_example_runs(path, tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout
     assert not list(tmp_path.iterdir())
+    return done.stdout
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs(path, tmp_path):
+    run(path, tmp_path)
+
+
+def recording(path):
+    """Return the name of the recording that an example is about, and of its folder."""
+    return path.stem.removeprefix("plot_")
+
+
+def test_recordings_are_cases():
+    assert {recording(path) for path in RECORDINGS} <= CASES.keys()
+
+
+def test_recording_that_is_absent(tmp_path):
+    printed = run(RECORDINGS[0], tmp_path, SKHYST_DATA=str(tmp_path / "nowhere"))
+    assert f"{recording(RECORDINGS[0])} is absent" in printed
+    assert "SKHYST_DATA" in printed
+
+
+@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: f"recordings/{path.stem}")
+def test_example_of_a_recording_runs(path, tmp_path):
+    if "SKHYST_DATA" not in os.environ or not (SHARED / recording(path)).exists():
+        pytest.skip("SKHYST_DATA names no folder that holds the recording")
+    run(path, tmp_path)

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from .._jit import jit
-from ._oscillator import FREE, carry, oscillator, oscillator_tangents
+from ._oscillator import FREE, carry, move_linearly, oscillator
 
 __all__ = ["decay", "friction_run", "friction_tangents"]
 
@@ -158,7 +158,6 @@ def friction_tangents(
     eta = 2.0 * bristle / (w * h)
     b, bp = mode[2], mode[3]
     step = np.empty((3, FREE + 7))
-    dreach, dspeed = np.empty((2, FREE + 7))
     first, second = np.empty((2, 7))
     for k in range(u.size):
         u0 = before
@@ -168,7 +167,6 @@ def friction_tangents(
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
             reach, speed = oscillator(mode, q, p, u0, u1)
-            oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, step, dreach, dspeed)
             # D by the way without friction, by p and by f, and by the parameters
             delta, force_by, _, a_by = way_derivatives(h * w * p, reach, b, f, h, eta, law)
             one = 1.0 / (1.0 + b * force_by[1])
@@ -217,11 +215,14 @@ def friction_tangents(
             new_reach = new_by[1] * by_reach + new_by[2] * a_reach
             new_p = new_by[1] * by_p + new_by[2] * a_p
             new_f = new_by[1] * by_f + new_by[2] * a_f + new_by[0]
-            for j in range(dreach.size):
-                moved, dp, df = dreach[j], step[1, j], step[2, j]
-                step[0, j] += by_reach * moved + by_p * dp + by_f * df
-                step[1, j] = dspeed[j] - bp * (force_reach * moved + force_p * dp + force_f * df)
-                step[2, j] = new_reach * moved + new_p * dp + new_f * df
+            back = -bp * force_reach
+            by_state = (
+                (1.0 - by_reach * b, by_reach * mode[0] + by_p, by_f),
+                (-back * b - bp, mode[1] + back * mode[0] - bp * force_p, -bp * force_f),
+                (-new_reach * b, new_reach * mode[0] + new_p, new_f),
+            )
+            push = (by_reach, back, new_reach)
+            move_linearly(mode, mode_by, q, p, u0, u1, start, stop, by_state, push, step)
             force = force_by[0] * f + force_by[1] * delta
             for j in range(7):
                 da = a_by[0] * first[j]

@@ -23,7 +23,7 @@ to the tangents carried through (:func:`carry`).
 
 from .._jit import jit
 
-__all__ = ["FREE", "carry", "oscillator", "oscillator_tangents"]
+__all__ = ["FREE", "carry", "move_linearly", "oscillator", "oscillator_tangents"]
 
 FREE = 5  # first column of the parameters in a Jacobian, behind the state and both drives
 
@@ -46,18 +46,52 @@ def oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, dstate, dreach
     (3, n_columns) the tangents of the state; the substep goes from the part ``start`` of the
     sample's interval to ``stop``.
     """
-    pull, slope = u0 - q, u1 - u0
     for j in range(dreach.size):
         dreach[j] = mode[0] * dstate[1, j] - mode[2] * dstate[0, j]
         dspeed[j] = mode[1] * dstate[1, j] - mode[3] * dstate[0, j]
-    length = stop - start
-    dreach[3] += mode[2] * (1.0 - start) - mode[4] * length
-    dspeed[3] += mode[3] * (1.0 - start) - mode[5] * length
-    dreach[4] += mode[2] * start + mode[4] * length
-    dspeed[4] += mode[3] * start + mode[5] * length
-    for i in range(2):
-        dreach[FREE + i] += mode_by[i, 0] * p + mode_by[i, 2] * pull + mode_by[i, 4] * slope
-        dspeed[FREE + i] += mode_by[i, 1] * p + mode_by[i, 3] * pull + mode_by[i, 5] * slope
+    for i in range(4):
+        reach, speed = own_terms(i, mode, mode_by, q, p, u0, u1, start, stop)
+        dreach[3 + i] += reach
+        dspeed[3 + i] += speed
+
+
+@jit
+def own_terms(i, mode, mode_by, q, p, u0, u1, start, stop):
+    """Return the derivatives of what :func:`oscillator` returns where the state is held.
+
+    They are those by the drive before the sample and at it, then by the first two parameters.
+    """
+    if i < 2:
+        share = start if i else 1.0 - start
+        length = stop - start if i else start - stop
+        return mode[2] * share + mode[4] * length, mode[3] * share + mode[5] * length
+    by, pull, slope = mode_by[i - 2], u0 - q, u1 - u0
+    return (
+        by[0] * p + by[2] * pull + by[4] * slope,
+        by[1] * p + by[3] * pull + by[5] * slope,
+    )
+
+
+@jit
+def move_linearly(mode, mode_by, q, p, u0, u1, start, stop, by_state, by_reach, step):
+    """Move the tangents ``step`` (3, n_columns) over a substep that is a linear map.
+
+    The new state is ``by_state`` (3 by 3) times the old one, plus the vector ``by_reach`` times
+    the way that the oscillator would go without a force, plus the speed that it would have. What
+    follows from the state is in ``by_state`` already.
+    """
+    (a, b, c), (e, f, g), (h, k, m) = by_state
+    x, y, z = by_reach
+    for j in range(step.shape[1]):
+        dq, dp, df = step[0, j], step[1, j], step[2, j]
+        step[0, j] = a * dq + b * dp + c * df
+        step[1, j] = e * dq + f * dp + g * df
+        step[2, j] = h * dq + k * dp + m * df
+    for i in range(4):
+        reach, speed = own_terms(i, mode, mode_by, q, p, u0, u1, start, stop)
+        step[0, 3 + i] += x * reach
+        step[1, 3 + i] += y * reach + speed
+        step[2, 3 + i] += z * reach
 
 
 @jit

@@ -32,6 +32,11 @@ _DRIVE_LIMITS = 0  # rank, see Operator.rank
 
 def declare(estimator, X, columns, y, slices, *, cv, random_state):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""
+    if hasattr(estimator, "_disturbances"):
+        raise ValueError(
+            "The 'estimator' parameter of EffectSearchCV must respond to a drive: declare a Sum of "
+            f"such a model and the disturbance. Got {estimator!r} instead."
+        )
     if isinstance(estimator, ParametricModel) and _comes_apart(estimator):
         read_data(estimator, X, y, reset=True, dt=estimator.dt)
         if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):

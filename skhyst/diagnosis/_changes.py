@@ -261,8 +261,8 @@ class BesideForce:
     model: object
 
     def structures(self, name, scene):
-        structure = scene.structure
-        found = []
+        structure = scene.structure.labelled(name)
+        label, found = structure.label(name), []
         for at, (stage, operator) in enumerate(
             zip(structure.names, structure.operators, strict=True)
         ):
@@ -277,10 +277,10 @@ class BesideForce:
             starts = [start for start, _ in self.model._starts(rest)]
             if any(isinstance(part, type(starts[0])) for part in parts):
                 continue
-            model = Sum([*steps, (name, self.model)])
+            model = Sum([*steps, (label, self.model)])
             found += [
                 structure.exchange(
-                    name, at, model, SumOperator((*names, name), (*parts, start)).normalized()
+                    name, at, model, SumOperator((*names, label), (*parts, start)).normalized()
                 )
                 for start in starts
             ]
@@ -437,9 +437,10 @@ class MovedModes:
         model = TransferFunction(2 * self.n_modes, n_zeros=2 * self.n_modes)
         found = []
         for candidate in inserted(name, model, Scene(structure, large)):
-            operator = candidate.operators[candidate.names.index(name)]
+            at = candidate.place(name)
+            operator, label = candidate.operators[at], candidate.names[at]
             lines = {
-                f"{name}__numerator[{i}]": (0.0, value)
+                f"{label}__numerator[{i}]": (0.0, value)
                 for i, value in enumerate(operator.numerator)
             }
             own = Schedule("amplitude", min(numbers), max(numbers), lines)

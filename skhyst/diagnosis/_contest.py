@@ -6,7 +6,7 @@ import numpy as np
 from joblib import delayed
 from scipy.stats import t as student
 
-from ..optimize import predicted_cost, variable_projection
+from ..optimize import predicted_cost, single_step, variable_projection
 from ._shortened import are_long
 from ._starts import starting_structures
 
@@ -29,11 +29,10 @@ _EVALUATIONS = 60
 _VARIANTS = 4  # variants of one effect that are refitted
 _FINALISTS = 2  # of these, refitted on whole records where the others see first parts
 _NEAR = 1.1  # sum of squares in first parts, relative to the best variant's, of another finalist
-_FAR = 8.0  # the same, relative to the best effect's, above which none is refitted
-_LONG_EVALUATIONS = 8  # on whole records, from the solution in their first parts
+_FAR = 5.0  # the same, relative to the best effect's, above which none is refitted
+_LONG_EVALUATIONS = 5  # on whole records, from the solution in their first parts
 _HOPEFUL = 4.0  # sum of squares, relative to the best variant's, up to which one is refitted
 _FOLD_EVALUATIONS = 4
-_LONG_FOLD_EVALUATIONS = 2  # of long records, where a fold's solution is near that of all
 _TOLERANCE = 1e-5
 _FOLD_TOLERANCE = 1e-5
 _LARGEST_CORRELATION = 0.95  # of neighbouring segments
@@ -46,6 +45,7 @@ class Contestant:
     """A candidate: its structure with operators at the solution, and what it achieves.
 
     ``box`` is what the declared black box predicts, where one was declared, see ``_black_box``.
+    ``simpler`` are the variants of the effect with fewer parameters.
     """
 
     effect: str
@@ -59,6 +59,7 @@ class Contestant:
     error: float = np.nan
     p_value: float = np.nan
     box: object = None
+    simpler: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ def screen(effect, structure, records):
 
     Each starting value is simulated once: the linear parameters are solved exactly and one
     Gauss-Newton step of all others is predicted. The best starts of the two best variants are then
-    refitted for a few steps, since a prediction far from the solution says little.
+    refitted for a few steps, since a prediction far from the solution says little. Where whole long
+    records have to be screened the prediction is all: such an effect starts from the model so far.
     """
     found = []
     for candidates in starting_structures(effect, structure, records):
@@ -94,7 +96,7 @@ def screen(effect, structure, records):
     if not found:
         return Screened([])
     hopeful = sorted(found, key=lambda starts: starts[0].cost)[:_SCREENED]
-    for starts in hopeful:
+    for starts in [] if are_long(records) else hopeful:
         starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
     fewest = min(starts[0].n_parameters for starts in found)
     return Screened(found, min(starts[0].cost for starts in hopeful), fewest)
@@ -122,15 +124,15 @@ def contest(candidates, records, parallel):
 
     ``candidates`` are, for each effect, what :func:`screen` has found; ``parallel`` is a joblib
     ``Parallel``. Of variants that were screened on the first parts of the records, the two that are
-    best there are refitted on the whole. One contestant an effect is returned; the sum of squares
-    is infinite where the first parts tell that another effect is far better.
+    best there are refitted on the whole. One contestant an effect is returned, which knows the
+    simpler ones; the sum of squares is infinite where the first parts tell that another effect is
+    far better.
     """
-    jobs = []
-    for number, screened in enumerate(candidates):
-        least = min(starts[0].cost for starts in screened.variants)
-        near = [starts for starts in screened.variants if starts[0].cost <= _HOPEFUL * least]
-        near.sort(key=lambda starts: starts[0].cost)
-        jobs += [(number, starts) for starts in near[:_VARIANTS]]
+    jobs = [
+        (number, starts)
+        for number, screened in enumerate(candidates)
+        for starts in _hopeful(screened, are_long(screened.parts or records))
+    ]
     refitted = parallel(
         delayed(_refit_variant)(starts, candidates[number].parts or records)
         for number, starts in jobs
@@ -149,24 +151,52 @@ def contest(candidates, records, parallel):
             found[number] = [(criterion, replace(best, cost=np.inf))]
         else:
             found[number] = []
-            jobs += [(number, variant) for variant in near[:_FINALISTS]]
+            alone = len(near) == 1
+            jobs += [(number, variant, alone) for variant in near[:_FINALISTS]]
     refitted = parallel(
-        delayed(_refit_judged)(variant, records, _LONG_EVALUATIONS) for _, variant in jobs
+        delayed(_refit_judged)(variant, records, _LONG_EVALUATIONS, alone)
+        for _, variant, alone in jobs
     )
-    for (number, _), variant in zip(jobs, refitted, strict=True):
+    for (number, *_), variant in zip(jobs, refitted, strict=True):
         found[number].append(variant)
-    return [min(variants, key=lambda v: v[0])[1] for variants in found]
+    return [_with_simpler(variants) for variants in found]
+
+
+def _with_simpler(variants):
+    """Return the variant that the criterion prefers, which knows the simpler ones."""
+    _, best = min(variants, key=lambda v: v[0])
+    simpler = tuple(c for _, c in variants if c.n_parameters < best.n_parameters)
+    return replace(best, simpler=simpler)
+
+
+def _hopeful(screened, long):
+    """Return the variants of an effect that are worth a refit, best first.
+
+    Of those on whole long records, where a refit is slow: the best and the simplest of what is near
+    the best.
+    """
+    least = min(starts[0].cost for starts in screened.variants)
+    bar = (_NEAR if long else _HOPEFUL) * least
+    near = [starts for starts in screened.variants if starts[0].cost <= bar]
+    near.sort(key=lambda starts: starts[0].cost)
+    if not long:
+        return near[:_VARIANTS]
+    best, simplest = near[0], min(near, key=lambda starts: starts[0].n_parameters)
+    return [best] if simplest is best else [best, simplest]
 
 
 def _refit_variant(starts, records):
     """Return Schwarz's criterion and the contestant that the best of a variant's starts becomes."""
+    if are_long(records):
+        return _refit_judged(starts[0], records, _LONG_EVALUATIONS)
     trials = [_refit(start, records, _TRIAL_EVALUATIONS)[0] for start in starts[:_TRIALS]]
     return _refit_judged(min(trials, key=lambda c: c.cost), records)
 
 
-def _refit_judged(contestant, records, max_evaluations=_EVALUATIONS):
+def _refit_judged(contestant, records, max_evaluations=_EVALUATIONS, alone=False):
+    """Return the criterion, which nobody needs of one ``alone``, and the contestant refitted."""
     refitted, problem = _refit(contestant, records, max_evaluations)
-    return _criterion(refitted, problem, len(records)), refitted
+    return 0.0 if alone else _criterion(refitted, problem, len(records)), refitted
 
 
 def _criterion(contestant, problem, n_records):
@@ -202,18 +232,11 @@ def held_out(contestant, records, folds):
     problem = contestant.structure.problem(records)
     blocks = problem.evaluate(problem.x0)
     predictions = [np.full(len(record.y), np.nan) for record in records]
-    budget = _LONG_FOLD_EVALUATIONS if are_long(records) else _FOLD_EVALUATIONS
+    long = are_long(records)
     for train, test in folds:
-        solution = variable_projection(
-            problem,
-            problem.x0,
-            select=train,
-            blocks=None if problem.depends_on(train) else blocks,
-            tolerance=_FOLD_TOLERANCE,
-            max_evaluations=budget,
-        )
+        x = _fold_solution(problem, train, blocks, long)
         wanted = np.unique(problem.segment_record[test])
-        parts = problem.predictions(solution.x, train, wanted)
+        parts = problem.predictions(x, train, wanted)
         segment = 0
         for number, record in enumerate(records):
             for start, stop in record.segments:
@@ -243,6 +266,23 @@ def held_out(contestant, records, folds):
     )
 
 
+def _fold_solution(problem, train, blocks, long):
+    """Return the solution for a fold; ``blocks`` are those of the solution for all segments."""
+    known = None if problem.depends_on(train) else blocks
+    if long:  # of so many samples a fold's solution is near that of all
+        if known is None:
+            known = problem.evaluate(problem.x0, select=train)
+        return single_step(problem, problem.x0, known, train)
+    return variable_projection(
+        problem,
+        problem.x0,
+        select=train,
+        blocks=known,
+        tolerance=_FOLD_TOLERANCE,
+        max_evaluations=_FOLD_EVALUATIONS,
+    ).x
+
+
 def paired_p_value(worse, better, groups):
     """Return the one-sided p-value against ``better`` predicting better than ``worse``.
 
@@ -253,8 +293,9 @@ def paired_p_value(worse, better, groups):
     (Econometrica 55, 1987), or that of a first-order autoregression where it is larger, since the
     former reaches over a few segments only; the correlation's bias is removed (Kendall, Biometrika
     41, 1954) and the degrees of freedom are those of as many independent segments as the mean has
-    the variance of. Where a record hangs together so much that it holds fewer than two of these,
-    the records' means are compared instead, as independent of each other.
+    the variance of. Of more than two records the means are compared too, as independent of each
+    other, and of the two p-values the smaller counts twice; where a record hangs together so much
+    that it holds fewer than two independent segments, that of the means alone.
 
     Parameters
     ----------
@@ -282,15 +323,23 @@ def paired_p_value(worse, better, groups):
     rho = covariance / max(power, np.finfo(float).tiny) * n / max(pairs, 1)
     rho = np.clip(rho + (1.0 + 3.0 * rho) / count.mean(), 0.0, _LARGEST_CORRELATION)
     independent = n * (1.0 - rho) / (1.0 + rho)
-    if len(count) > 2 and independent < _FEWEST_INDEPENDENT * len(count):
-        if np.ptp(means) == 0.0:
-            return 0.0 if means[0] > 0.0 else 1.0
-        error = means.std(ddof=1) / np.sqrt(len(count))
-        return float(student.sf(means.mean() / error, len(count) - 1))
+    of_means = None
+    if len(count) > 2:
+        of_means = _t_test(means.mean(), means.var(ddof=1) / len(count), len(count) - 1)
+        if independent < _FEWEST_INDEPENDENT * len(count):
+            return of_means
     variance = max(variance, power * n / independent) / n**2
     variance /= 1.0 - min(len(count) / independent, _LARGEST_LOSS)  # taken by the records' means
     freedom = max(min(n / (lags + 1.0), independent) - len(count), 1.0)
-    return float(student.sf(gain.mean() / np.sqrt(variance), freedom))
+    of_segments = _t_test(gain.mean(), variance, freedom)
+    return of_segments if of_means is None else min(1.0, 2.0 * min(of_segments, of_means))
+
+
+def _t_test(mean, variance, freedom):
+    """Return the one-sided p-value against a mean above zero."""
+    if variance == 0.0:
+        return 0.0 if mean > 0.0 else 1.0
+    return float(student.sf(mean / np.sqrt(variance), freedom))
 
 
 def relative_gain(worse, better):

@@ -89,8 +89,12 @@ def _rings(operator, motion, records):
 
 
 def _has_own_lines(operator, motion, records):
-    """Tell whether sinusoids are no harmonics of the drive, in one record at least."""
-    return any(_apart(np.asarray(operator.frequencies), record) for record in records)
+    """Tell whether sinusoids are apart, and no harmonics of the drive in one record at least."""
+    frequencies = np.asarray(operator.frequencies)
+    longest = max(len(record.u) * record.dt for record in records)
+    if np.any(np.diff(np.sort(frequencies)) * longest < 1.0):
+        return False
+    return any(_apart(frequencies, record) for record in records)
 
 
 def _apart(frequencies, record):
@@ -282,6 +286,7 @@ _BUILT_IN = (
             MovedModes(1),
             MovedModes(2),
             MovedModes(3),
+            MovedModes(5),
         ],
         "Parameters depend on the amplitude of the record.",
         "Record small, medium and large amplitudes with the same kind of drive.",

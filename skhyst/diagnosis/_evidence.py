@@ -11,7 +11,7 @@ from ._evidence_records import (
     describe_modulation,
     describe_schedule,
 )
-from ._evidence_series import DYNAMICS
+from ._evidence_series import DYNAMICS, describe_moved_modes
 
 __all__ = ["Evidence", "Picture", "gather_evidence"]
 
@@ -60,6 +60,8 @@ def _describer(claim):
         return describe_modulation
     if kind == "schedule":
         return describe_schedule
+    if kind == "scheduled stage":
+        return describe_moved_modes
     if kind == "exchange" and isinstance(claim.operator, TankChainOperator):
         return describe_tanks
     return _OF_STAGES.get(name, describe_stage)

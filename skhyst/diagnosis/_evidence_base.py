@@ -71,29 +71,34 @@ class Claim:
         return self.structure.place(self.name)
 
     @cached_property
+    def label(self):
+        """The name of what was added for the effect."""
+        return self.structure.label(self.name)
+
+    @cached_property
     def is_part(self):
         """Whether the effect is one part of a sum of forces."""
         stage = self.structure.operators[self.at]
-        return isinstance(stage, SumOperator) and self.name in stage.names
+        return isinstance(stage, SumOperator) and self.label in stage.names
 
     @cached_property
     def operator(self):
         """The operator that the effect is, or has become a part of."""
         names = self.structure.beside_names
-        if self.name in names:
-            return self.structure.disturbances[names.index(self.name)]
+        if self.label in names:
+            return self.structure.disturbances[names.index(self.label)]
         stage = self.structure.operators[self.at]
-        return stage.stages[stage.names.index(self.name)] if self.is_part else stage
+        return stage.stages[stage.names.index(self.label)] if self.is_part else stage
 
     @cached_property
     def values(self):
         """The parameters of the operator: name -> (value, standard error)."""
         structure, places = self.structure, dict(self.structure.places)
-        marks = [f"{self.name}__"]
+        marks = [f"{self.label}__"]
         if self.name in places and not self.is_part:
             marks = [f"{places[self.name]}__"]
-        elif self.name in structure.beside_names:
-            marks.append(f"disturbance{structure.beside_names.index(self.name)}__")
+        elif self.label in structure.beside_names:
+            marks.append(f"disturbance{structure.beside_names.index(self.label)}__")
         found = {}
         for key, value in self.result.params.items():
             for mark in marks:
@@ -154,7 +159,7 @@ class Claim:
         structure, at = self.structure, self.at
         if self.is_part:
             stage, model = structure.operators[at], structure.models[at]
-            kept = [i for i, name in enumerate(stage.names) if name != self.name]
+            kept = [i for i, name in enumerate(stage.names) if name != self.label]
             own = SumOperator(
                 tuple(stage.names[i] for i in kept), tuple(stage.stages[i] for i in kept)
             )

@@ -43,17 +43,28 @@ class _Balance:
         for record, drive, stage, y, model in signals:
             # behind further stages the motion is not measured: the model's, and what it leaves
             motion = stage + (y - model) if measured else stage
-            window = int(2.0 * np.pi / (w * record.dt) / _PART_OF_PERIOD) // 2 * 2 + 1
-            window = min(max(window, _SHORTEST), (len(motion) - 1) // 2 * 2 + 1)
-            smooth, v, a = (
-                savgol_filter(motion, window, min(_DEGREE, window - 1), k, record.dt)
-                for k in range(3)
-            )
+            smooth, v, a = _derivatives(motion, record.dt, 2.0 * np.pi / w)
             x = smooth - operator.intercept
             left = drive - (a / w**2 + 2.0 * zeta * v / w + x) / gain
             self.displacement.append(x)
             self.velocity.append(v)
             self.force.append(left + getattr(operator, "preload", 0.0))
+
+
+def _derivatives(motion, dt, period):
+    """Return a motion, its velocity and its acceleration, smoothed where that bends nothing."""
+    window = int(period / dt / _PART_OF_PERIOD) // 2 * 2 + 1
+    window = min(window, (len(motion) - 1) // 2 * 2 + 1)
+    if window >= _SHORTEST:
+        return [savgol_filter(motion, window, _DEGREE, k, dt) for k in range(3)]
+    # too few samples a period for a polynomial: those of the sine series between the ends
+    n = len(motion)
+    ends = np.linspace(motion[0], motion[-1], n)
+    odd = np.concatenate([motion - ends, (ends - motion)[-2:0:-1]])
+    omega = 2.0 * np.pi * np.fft.rfftfreq(len(odd), dt)
+    spectrum = np.fft.rfft(odd)
+    v, a = (np.fft.irfft(factor * spectrum, len(odd))[:n] for factor in (1j * omega, -(omega**2)))
+    return motion, v + (motion[-1] - motion[0]) / (dt * max(n - 1, 1)), a
 
 
 def _amplitude(claim):

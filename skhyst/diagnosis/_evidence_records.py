@@ -121,7 +121,7 @@ def _in_column(claim, column):
 def describe_branch(claim):
     """Describe what a column of X adds to the response."""
     structure = claim.structure
-    branch = next(b for b in structure.branches if b.name == claim.name)
+    branch = next(b for b in structure.branches if b.name == claim.label)
     name, values = _column_name(claim, branch.column), claim.values
     others = replace(structure, branches=tuple(b for b in structure.branches if b is not branch))
     measured, identified = map(np.concatenate, claim.lacking(others.respond(claim.records)))

@@ -5,22 +5,23 @@ from scipy.signal import csd, welch
 
 from ._evidence_base import Picture
 
-__all__ = ["DYNAMICS"]
+__all__ = ["DYNAMICS", "describe_moved_modes"]
 
 _COHERENT = 0.8  # squared coherence above which a measured frequency response is drawn
 
 
-def _measured_response(claim):
+def _measured_response(claim, numbers=None):
     """Return frequency (Hz) and the measured response of the missing stage, where coherent.
 
     Input is the model without the stage, output the measurement: what lies between them is what
-    the stage has to do.
+    the stage has to do. ``numbers`` are those of the records to take, all by default.
     """
-    records = claim.records
+    numbers = range(len(claim.records)) if numbers is None else numbers
+    records = [claim.records[i] for i in numbers]
     length = min(1024, *(len(record.u) for record in records))
     sums = [0.0, 0.0, 0.0]
-    signals = zip(records, claim.rest.respond(records), claim.measured, strict=True)
-    for record, x, y in signals:
+    measured = [claim.measured[i] for i in numbers]
+    for record, x, y in zip(records, claim.rest.respond(records), measured, strict=True):
         options = {"fs": 1.0 / record.dt, "nperseg": length, "detrend": "linear"}
         frequency, cross = csd(x, y, **options)
         for i, part in enumerate((cross, welch(x, **options)[1], welch(y, **options)[1])):
@@ -126,3 +127,37 @@ def _creep(claim):
 
 
 DYNAMICS = {"lag": _lag, "resonance": _resonance, "delay": _delay, "creep": _creep}
+
+
+def describe_moved_modes(claim):
+    """Describe modes that the amplitude moves, from the zeros of the stage to its poles."""
+    schedule, series = claim.structure.schedule, claim.structure.series()
+    small, large = (
+        schedule.applied(series).at(number).operator.stages[claim.at]
+        for number in (schedule.low, schedule.high)
+    )
+    before, after = (
+        np.sort(np.abs(roots[roots.imag > 0.0])) / (2.0 * np.pi)
+        for roots in (large.zeros().astype(complex), large.poles().astype(complex))
+    )
+    numbers = {f"mode {i}, large amplitude": (f, np.nan, "Hz") for i, f in enumerate(after, 1)}
+    statement = f"Modes near {', '.join(f'{f:.4g}' for f in after)} Hz change with the amplitude."
+    if len(before) == len(after):
+        numbers |= {
+            f"mode {i}, small amplitude": (f, np.nan, "Hz") for i, f in enumerate(before, 1)
+        }
+        moves = [f"from {a:.5g} to {b:.5g} Hz" for a, b in zip(before, after, strict=True)]
+        statement = f"Modes move with the amplitude: {', '.join(moves)}."
+    middle = 0.5 * (schedule.low + schedule.high)
+    above = [i for i, r in enumerate(claim.records) if schedule.number(r) > middle]
+    frequency, response = _measured_response(claim, above)
+    grid = np.linspace(0.5 * after.min(), 1.5 * after.max(), 400)
+    near = (frequency >= grid[0]) & (frequency <= grid[-1])
+    curves = [("measured, large amplitude", frequency[near], np.abs(response[near]), "points")]
+    for label, operator, style in (("large", large, "line"), ("small", small, "dashed")):
+        gain = np.abs(operator.frequency_response(grid))
+        curves.append((f"identified, {label} amplitude", grid, gain, style))
+    picture = Picture(
+        "Modes that move", "frequency (Hz)", "gain of the missing stage", tuple(curves), y_log=True
+    )
+    return statement, numbers, picture

@@ -13,7 +13,16 @@ from ._report_text import next_steps
 
 __all__ = ["collect"]
 
-_SETTINGS = ("alpha", "max_effects", "min_improvement", "cv", "washout", "random_state")
+_SETTINGS = (
+    "alpha",
+    "max_effects",
+    "min_improvement",
+    "cv",
+    "folds",
+    "loss",
+    "washout",
+    "random_state",
+)
 _MAX_CURVE = 4000
 _CONCENTRATED = 1.5  # mean power over that of the whole, above which a place is named
 

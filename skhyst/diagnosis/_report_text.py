@@ -113,10 +113,10 @@ def unit_of(name):
 
     Examples
     --------
-    >>> unit_of("voltage (V)"), unit_of("x [um]"), unit_of("speed")
-    ('V', 'um', '')
+    >>> unit_of("voltage (V)"), unit_of("x [um]"), unit_of("speed"), unit_of("gauge[0]")
+    ('V', 'um', '', '')
     """
-    found = re.search(r"[(\[]([^()\[\]]{1,12})[)\]]\s*$", str(name))
+    found = re.search(r"[(\[](?!\d+[)\]])([^()\[\]]{1,12})[)\]]\s*$", str(name))
     return found.group(1).strip() if found else ""
 
 

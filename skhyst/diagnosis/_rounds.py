@@ -82,6 +82,7 @@ class Rounds:
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
     _number: int = 0
+    _simpler: dict = field(default_factory=dict)  # effect -> simpler ones that were promising
 
     def run(self, base):
         """Add effects to a contestant until none qualifies; return what it has become."""
@@ -130,7 +131,9 @@ class Rounds:
         effects = [effect for effect in self.effects if effect.name not in taken]
         screened = self._screened(base, [(effect, base) for effect in effects], parallel)
         bar = (1.0 - self.min_improvement) * base.cost
-        promising = sorted((s for s in screened if s.cost < bar), key=lambda s: s.cost)
+        hopeful = [(e.name, s) for e, s in zip(effects, screened, strict=True) if s.cost < bar]
+        hopeful.sort(key=lambda entry: entry[1].cost)
+        promising = [s for _, s in hopeful]
         n_candidates = len(promising)  # all others cannot be claimed, whatever they predict
         self._add_time("screening", begin)
         begin = time.perf_counter()
@@ -146,7 +149,14 @@ class Rounds:
             contested = self._plausible(contest(batch, self.records, parallel))
             tested += self._tested(base, contested, parallel, n_candidates)
             claims = [c for c in tested if self._qualifies(base, c)]
-            chosen = [self._choose(base, claims)] if claims else []
+            chosen = [self._choose(base, claims, tested)] if claims else []
+        for contestant, _ in chosen:
+            self._simpler[contestant.effect] = [
+                name
+                for name, s in hopeful
+                if s.n_parameters < contestant.n_parameters
+                and EFFECTS[name].beside == EFFECTS[contestant.effect].beside
+            ][:_ALWAYS_CONTESTED]
         self._add_time("contest", begin)
         if not chosen and len(self.history) + 2 <= self.max_effects:
             begin = time.perf_counter()
@@ -163,7 +173,9 @@ class Rounds:
         """
         parts = shortened(self.records, base.residuals)
         seen = [
-            parts if parts is not None and suffices(effect, c.structure) else None
+            parts
+            if parts is not None and suffices(effect, c.structure, self.records, parts)
+            else None
             for effect, c in candidates
         ]
         found = parallel(
@@ -188,9 +200,28 @@ class Rounds:
             for c in contested
             if c.cost <= _CLOSE * lowest
         )
+        finalists = self._or_simpler(base, finalists, parallel)
         gains = [relative_gain(base.squared_errors, c.squared_errors) for c in finalists]
         factor = max(n_candidates * independent_share(gains), 1.0)
         return [replace(c, p_value=min(1.0, factor * self._p_value(base, c))) for c in finalists]
+
+    def _or_simpler(self, base, finalists, parallel):
+        """Return the contestants, those that are no gain as the best of their simpler variants.
+
+        What fits best has learned what else is missing, too, where it has the parameters for that.
+        """
+        bar = (1.0 - self.min_improvement) * base.error
+        jobs = [
+            (number, simpler)
+            for number, c in enumerate(finalists)
+            if c.error > bar and self.renew is None
+            for simpler in self._plausible(c.simpler)
+        ]
+        tried = parallel(delayed(held_out)(c, self.records, self.folds) for _, c in jobs)
+        best = list(finalists)
+        for (number, _), c in zip(jobs, tried, strict=True):
+            best[number] = min(best[number], c, key=lambda c: c.error)
+        return [replace(c, simpler=()) for c in best]
 
     def _renewed(self, base, contested, parallel):
         """Return the contestants with the black box fitted again, thoroughly for the best."""
@@ -206,22 +237,29 @@ class Rounds:
     def _p_value(self, worse, better):
         return paired_p_value(worse.squared_errors, better.squared_errors, self._groups)
 
-    def _qualifies(self, base, contestant):
+    def _matters(self, base, contestant):
         bar = 1.0 - self.min_improvement
-        return (
-            contestant.p_value < self.alpha
-            and contestant.error < bar * base.error
-            # a base that is foretold badly from some fold is not yet one that lacks something
-            and contestant.cost < bar**2 * base.cost
-        )
+        # a base that is foretold badly from some fold is not yet one that lacks something
+        return contestant.error < bar * base.error and contestant.cost < bar**2 * base.cost
 
-    def _choose(self, base, claims):
-        """Return the simplest of the claims that the data cannot tell from the best."""
+    def _qualifies(self, base, contestant):
+        return contestant.p_value < self.alpha and self._matters(base, contestant)
+
+    def _choose(self, base, claims, tested):
+        """Return the simplest of the candidates that the data cannot tell from the best.
+
+        Once one of them has shown that something is missing, the held-out error decides what it
+        is: the correction no longer matters, since one will be claimed.
+        """
+        shown = min(c.p_value for c in claims)
+        claims = [
+            replace(c, p_value=min(c.p_value, shown))
+            for c in tested
+            if self._matters(base, c) and self._p_value(base, c) < self.alpha
+        ]
         best = min(claims, key=lambda c: c.error)
         same = [
-            c
-            for c in claims
-            if c.error <= (1.0 + _SAME_ERROR) * best.error or self._p_value(c, best) > self.alpha
+            c for c in claims if c.error <= (1.0 + _SAME_ERROR) * best.error or self._alike(c, best)
         ]
         near = [c for c in same if c.error <= (1.0 + _SIMILAR_ERROR) * best.error]
         chosen = min(near, key=lambda c: (c.n_parameters, c.error))
@@ -296,8 +334,53 @@ class Rounds:
             self.dropped.append(effect)
             self.history = [row for row in self.history if row["effect"] != effect]
             self.say(f"{effect} is no longer needed: held-out error {base.error:.4g}")
+        if self.renew is None:
+            for effect in base.structure.removable()[:-1]:
+                base = self._simplified(base, effect)
         self._add_time("re-check", begin)
         return base
+
+    def _simplified(self, base, effect):
+        """Return the contestant with a simpler effect in the place of one, where it does as well.
+
+        Before the last effect was known, the one may have had a part of it to explain. So both are
+        put in anew.
+        """
+        known = {effect.name: effect for effect in self.effects}
+        taken = {name for name, _ in base.structure.added} | set(self.dropped)
+        names = [name for name in self._simpler.get(effect, ()) if name not in taken]
+        if not names:
+            return base
+        last = base.structure.added[-1][0]
+        rest = refitted(base, base.structure.without(last).without(effect), self.records)
+        serial = Parallel(n_jobs=1)
+
+        def added(*pairs):
+            screened = self._screened(rest, pairs, serial)
+            return self._plausible(
+                contest([s for s in screened if s.variants], self.records, serial)
+            )
+
+        firsts = added(*((known[name], rest) for name in names))
+        for c in sorted(added(*((known[last], c) for c in firsts)), key=lambda c: c.n_parameters):
+            c = held_out(c, self.records, self.folds)
+            if (
+                c.n_parameters < base.n_parameters
+                and c.error <= (1.0 + _SIMILAR_ERROR) * base.error
+                and (c.error <= (1.0 + _SAME_ERROR) * base.error or self._alike(c, base))
+            ):
+                simpler = c.structure.added[-2][0]
+                self.dropped.append(effect)
+                for row in self.history:
+                    if row["effect"] == effect:
+                        others = tuple(n for n in row["ambiguous_with"] if n != simpler)
+                        row |= {"effect": simpler, "ambiguous_with": others}
+                self.say(f"{simpler} does as well as {effect}: held-out error {c.error:.4g}")
+                return replace(c, simpler=())
+        return base
+
+    def _alike(self, worse, better):
+        return self._p_value(worse, better) > self.alpha
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
@@ -320,8 +403,9 @@ def _is_plausible(contestant, records):
     plausible = EFFECTS[name].plausible
     if plausible is None:
         return True
-    if name in structure.beside_names:
-        operator = structure.disturbances[structure.beside_names.index(name)]
+    label = structure.label(name)
+    if label in structure.beside_names:
+        operator = structure.disturbances[structure.beside_names.index(label)]
         return plausible(operator, np.nan, records)
     at = structure.place(name)
     operator = structure.operators[at]

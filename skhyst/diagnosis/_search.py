@@ -66,7 +66,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     max_effects : int, default=3
         Number of effects after which the search ends.
     min_improvement : float, default=0.05
-        Part of the held-out error that an effect must remove to be worth a claim.
+        Part of the error that an effect must remove to be worth a claim, of that held out as of
+        that of the fit.
     loss : {"squared", "huber"}, default="squared"
         ``"huber"`` bounds the influence of gross errors of the measurement: samples that stick out
         of their neighbours' residual count less, or nothing, in fits and errors. The weights come
@@ -97,8 +98,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     noise_floor_ : float
         The error that no model can beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
-        One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value``,
-        ``ambiguous_with``, ``experiment``, ``evidence``.
+        One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (that nothing is
+        missing, corrected), ``ambiguous_with``, ``experiment``, ``evidence``.
     ranking_ : DataFrame
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,

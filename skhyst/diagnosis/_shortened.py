@@ -9,6 +9,7 @@ __all__ = ["are_long", "shortened", "suffices"]
 
 _LONG = 200_000  # samples in all, above which records are cut
 _ENOUGH = 100_000  # samples in all that are left
+_REACHED = 0.9  # range of the drive in a first part, relative to the whole record's
 _SHARE = 0.8  # mean power of the residual in the first part, relative to the whole record's
 
 
@@ -41,15 +42,21 @@ def shortened(records, residuals):
     return [_first_part(r, e, _ENOUGH / total) for r, e in zip(records, residuals, strict=True)]
 
 
-def suffices(effect, structure):
+def suffices(effect, structure, records, parts):
     """Whether first parts can show an effect.
 
-    They do not have the amplitude of their record, and what stands beside the driven part may
-    belong to its end.
+    What stands beside the driven part may belong to the end of a record, and what depends on the
+    amplitude of a record is seen in a part that has this amplitude.
     """
-    if structure.modulation is not None or structure.schedule is not None or effect.beside:
+    if effect.beside:
         return False
-    return not any(getattr(variant, "by", None) == "amplitude" for variant in effect.variants())
+    amplitude = [structure.modulation and structure.modulation.column]
+    amplitude += [structure.schedule and structure.schedule.by]
+    amplitude += [getattr(variant, "by", None) for variant in effect.variants()]
+    return "amplitude" not in amplitude or all(
+        np.ptp(part.u) >= _REACHED * np.ptp(record.u)
+        for record, part in zip(records, parts, strict=True)
+    )
 
 
 def _first_part(record, residual, share):

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from sklearn.base import clone
@@ -15,10 +16,12 @@ from ..operators import (
     SeriesOperator,
     SumOperator,
 )
-from ..optimize import OperatorProblem, identify
+from ..optimize import OperatorProblem, VariableProjection, identify
+from ._shortened import are_long
 
 __all__ = ["Branch", "Modulation", "Schedule", "Structure", "snake_case"]
 
+_BRIEFLY = VariableProjection(tolerance=1e-5, max_evaluations=4)
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
 
 
@@ -103,6 +106,8 @@ class Structure:
         kind of change, and for an exchange the model and the operator before it.
     places : tuple of (str, str)
         Effects that have changed a stage, and the name of that stage.
+    labels : tuple of (str, str)
+        Effects whose own name was taken, and the name of what was added for them.
     """
 
     names: tuple
@@ -117,26 +122,41 @@ class Structure:
     schedule: Schedule | None = None
     added: tuple = ()
     places: tuple = ()
+    labels: tuple = ()
 
     @classmethod
     def from_result(cls, estimator, result):
         """Take apart a declared model and what identification found for it."""
         if isinstance(estimator, ScheduledParameters):
             return cls._from_scheduled(estimator, result)
+        if isinstance(estimator, Sum) and result.disturbances:
+            return cls._from_sum(estimator, result)
         state = estimator._free_run_state()
         if isinstance(estimator, Cascade):
             names, models = zip(*estimator.steps, strict=True)
             return cls(names, models, result.operator.stages, state=state)
         name = snake_case(type(estimator).__name__)
-        beside = tuple(f"{name}_disturbance{i}" for i in range(len(result.disturbances)))
-        return cls(
-            (name,),
-            (estimator,),
-            (result.operator,),
-            beside,
-            (None,) * len(beside),
-            result.disturbances,
-            state,
+        return cls((name,), (estimator,), (result.operator,), state=state)
+
+    @classmethod
+    def _from_sum(cls, estimator, result):
+        """Take apart a model with disturbances beside what is driven."""
+        steps, names = dict(estimator.steps), estimator._disturbance_names(len(result.disturbances))
+        driven = [(name, model) for name, model in steps.items() if name not in names]
+        operator = result.operator
+        if len(driven) == 1:
+            ((name, model),), (operator,) = driven, operator.stages
+        else:
+            name, model = _DRIVEN, clone(estimator).set_params(steps=driven)
+        plain = cls.from_result(model, replace(result, operator=operator, disturbances=()))
+        if plain._stands_alone():
+            plain = replace(plain, names=(name,))
+        return replace(
+            plain,
+            beside_names=names,
+            beside_models=tuple(steps[name] for name in names),
+            disturbances=result.disturbances,
+            state=estimator._free_run_state(),
         )
 
     @classmethod
@@ -295,18 +315,32 @@ class Structure:
 
     def place(self, effect):
         """Return the number of the stage that an effect is, or has changed."""
-        return self.names.index(dict(self.places).get(effect, effect))
+        return self.names.index(dict(self.places).get(effect, self.label(effect)))
+
+    def label(self, effect):
+        """Return the name of what was added for an effect."""
+        return dict(self.labels).get(effect, effect)
+
+    def labelled(self, effect):
+        """Return the structure that has a free name for what is added for an effect."""
+        parts = [stage.names for stage in self.operators if isinstance(stage, SumOperator)]
+        others = [b.name for b in self.branches]
+        taken = {*self.names, *self.beside_names, *others, *(name for own in parts for name in own)}
+        if effect not in taken:
+            return self
+        number = next(i for i in count(2) if f"{effect}_{i}" not in taken)
+        return replace(self, labels=(*self.labels, (effect, f"{effect}_{number}")))
 
     def _with(self, effect, *change, **fields):
         return replace(self, added=(*self.added, (effect, change)), **fields)
 
     def insert(self, name, model, operator):
         """Return the structure with one more stage, where its rank says."""
-        at = self.position(model._rank)
-        return self._with(
+        at, named = self.position(model._rank), self.labelled(name)
+        return named._with(
             name,
             "stage",
-            names=(*self.names[:at], name, *self.names[at:]),
+            names=(*self.names[:at], named.label(name), *self.names[at:]),
             models=(*self.models[:at], model, *self.models[at:]),
             operators=(*self.operators[:at], operator, *self.operators[at:]),
         )
@@ -336,18 +370,20 @@ class Structure:
 
     def beside(self, name, model, disturbance):
         """Return the structure with one more disturbance."""
-        return self._with(
+        named = self.labelled(name)
+        return named._with(
             name,
             "beside",
-            beside_names=(*self.beside_names, name),
+            beside_names=(*self.beside_names, named.label(name)),
             beside_models=(*self.beside_models, model),
             disturbances=(*self.disturbances, disturbance),
         )
 
     def branch(self, name, model, operator, column):
         """Return the structure with one more branch."""
-        new = Branch(name, model, operator, column)
-        return self._with(name, "branch", branches=(*self.branches, new))
+        named = self.labelled(name)
+        new = Branch(named.label(name), model, operator, column)
+        return named._with(name, "branch", branches=(*self.branches, new))
 
     def modulated(self, effect, modulation):
         """Return the structure whose driven part is scaled."""
@@ -377,18 +413,23 @@ class Structure:
     def without(self, effect):
         """Return the structure without an effect that was added."""
         kind, *old = dict(self.added)[effect]
-        rest = replace(self, added=tuple(entry for entry in self.added if entry[0] != effect))
+        label = self.label(effect)
+        rest = replace(
+            self,
+            added=tuple(entry for entry in self.added if entry[0] != effect),
+            labels=tuple(entry for entry in self.labels if entry[0] != effect),
+        )
         if kind == "stage":
-            return rest._cut(effect)
+            return rest._cut(label)
         if kind == "scheduled stage":
-            return replace(rest._cut(effect), schedule=None)
+            return replace(rest._cut(label), schedule=None)
         if kind == "exchange":
             places = tuple(place for place in self.places if place[0] != effect)
             return replace(rest._put(self.place(effect), *old), places=places)
         if kind == "branch":
-            return replace(rest, branches=tuple(b for b in self.branches if b.name != effect))
+            return replace(rest, branches=tuple(b for b in self.branches if b.name != label))
         if kind == "beside":
-            kept = [i for i, name in enumerate(self.beside_names) if name != effect]
+            kept = [i for i, name in enumerate(self.beside_names) if name != label]
             return replace(
                 rest,
                 beside_names=tuple(self.beside_names[i] for i in kept),
@@ -406,10 +447,6 @@ class Structure:
     def estimator(self, declared):
         """Return the unfitted model: the declared one with what was added."""
         models = [clone(model) for model in self.models]
-        if any(model is None for model in self.beside_models):
-            raise ValueError(
-                "A declared Sum with disturbances cannot be searched: declare the driven part."
-            )
         options = {"initial_state": declared.initial_state, "dt": declared.dt}
         if self._stands_alone():
             name, driven = self.names[0], models[0]
@@ -451,6 +488,8 @@ class Structure:
             self.inputs(records),
             fixed=estimator._fixed(),
             initial_state=self.state,
+            # the search has refitted these operators to the same records already
+            method=_BRIEFLY if are_long(records) else "variable_projection",
         )
         estimator.records_ = slices
         if records[0].before is not None:

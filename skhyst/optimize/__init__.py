@@ -14,7 +14,7 @@ from ._particle_swarm import ParticleSwarm
 from ._population import PopulationMethod
 from ._problem import OperatorProblem, RecordData
 from ._starts import distribute_poles, pole_starts, record_poles, sections, warp
-from ._variable_projection import predicted_cost, variable_projection
+from ._variable_projection import predicted_cost, single_step, variable_projection
 from ._vector_fitting import RationalBlock, rational_residues, vector_fit
 
 __all__ = [
@@ -44,6 +44,7 @@ __all__ = [
     "rational_residues",
     "record_poles",
     "sections",
+    "single_step",
     "variable_projection",
     "vector_fit",
     "warp",

@@ -19,11 +19,19 @@ import numpy as np
 
 from ._bounded import bounded_step
 
-__all__ = ["LARGEST_LOG_STEP", "Solution", "predicted_cost", "solve_linear", "variable_projection"]
+__all__ = [
+    "LARGEST_LOG_STEP",
+    "Solution",
+    "predicted_cost",
+    "single_step",
+    "solve_linear",
+    "variable_projection",
+]
 
 LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
 _CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
 _STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
+_PARTS_OF_STEP = (1.0, 0.25, 0.06)
 
 
 @dataclass
@@ -95,15 +103,7 @@ def variable_projection(
             message = f"The budget of {max_evaluations} evaluations is used up."
             break
         cost = gram[-1, -1]
-        hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
-        reach = np.where(problem.log, LARGEST_LOG_STEP, np.inf)
-        step = bounded_step(
-            hessian + damping * np.diag(np.diag(hessian)),
-            gradient,
-            np.maximum(lower - x, -reach),
-            np.minimum(upper - x, reach),
-        )
-        predicted = -(2.0 * gradient @ step + step @ hessian @ step)
+        step, predicted = _step(problem, x, gram, damping)
         if not predicted > tolerance * cost + floor:
             converged, message = True, "No step reduces the sum of squares noticeably."
             break
@@ -153,15 +153,50 @@ def predicted_cost(problem, x):
     x, gram = solve_linear(problem, x, gram)
     if gram[-1, -1] < before * (1.0 - _STALE):
         gram = problem.total(problem.evaluate(x))
-    reach = np.where(problem.log, LARGEST_LOG_STEP, np.inf)
+    return max(gram[-1, -1] - _step(problem, x, gram)[1], 0.0)
+
+
+def single_step(problem, x, blocks, select):
+    """Return what one Gauss-Newton step for some segments makes of the solution for all.
+
+    Nothing is differentiated again: a step that does not reduce the sum of squares is shortened,
+    and where that does not help either the solution for all is returned.
+
+    Parameters
+    ----------
+    problem : OperatorProblem
+    x : ndarray of shape (n,)
+        Solution for all segments.
+    blocks : ndarray
+        ``problem.evaluate(x)``, or of the selected segments.
+    select : ndarray of bool of shape (n_segments,)
+        The segments to fit.
+    """
+    gram = problem.total(blocks, select)
+    if not np.isfinite(gram).all():
+        return x
+    step, _ = _step(problem, x, gram)
+    for part in _PARTS_OF_STEP:
+        trial = np.clip(x + part * step, problem.lower, problem.upper)
+        if problem.linear.all():
+            return trial  # exact
+        reached = problem.evaluate(trial, jacobian=False, select=select)
+        if problem.total(reached, select)[-1, -1] <= gram[-1, -1]:
+            return trial
+    return x
+
+
+def _step(problem, x, gram, damping=0.0):
+    """Return the damped step from ``x`` and the reduction of squares that it promises."""
     hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
+    reach = np.where(problem.log, LARGEST_LOG_STEP, np.inf)
     step = bounded_step(
-        hessian,
+        hessian + damping * np.diag(np.diag(hessian)),
         gradient,
         np.maximum(problem.lower - x, -reach),
         np.minimum(problem.upper - x, reach),
     )
-    return max(gram[-1, -1] + 2.0 * gradient @ step + step @ hessian @ step, 0.0)
+    return step, -(2.0 * gradient @ step + step @ hessian @ step)
 
 
 def solve_linear(problem, x, gram):

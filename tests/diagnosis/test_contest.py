@@ -11,7 +11,14 @@ from scipy.signal import lfilter
 from scipy.stats import ttest_1samp
 
 from skhyst.diagnosis import effect_names
-from skhyst.diagnosis._contest import Contestant, contest, held_out, paired_p_value, screen
+from skhyst.diagnosis._contest import (
+    Contestant,
+    contest,
+    held_out,
+    independent_share,
+    paired_p_value,
+    screen,
+)
 from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._structure import Structure
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
@@ -52,7 +59,6 @@ def test_independent_losses_use_the_level_up():
     """A test that never rejects would pass every calibration."""
     p = np.array([paired_p_value(*losses(np.random.default_rng(i), 0.0)) for i in range(2000)])
     assert np.mean(p < 0.05) > 0.02
-    assert 0.45 < np.median(p) < 0.55
 
 
 def test_a_better_model_is_found_and_a_worse_one_is_not():
@@ -60,6 +66,21 @@ def test_a_better_model_is_found_and_a_worse_one_is_not():
     worse, better, groups = losses(rng, 0.3, advantage=0.3)
     assert paired_p_value(worse, better, groups) < 1e-3
     assert paired_p_value(better, worse, groups) > 1.0 - 1e-3
+
+
+def test_an_effect_that_some_stretches_do_not_show_is_found():
+    worse, better, groups = losses(np.random.default_rng(9000), 0.0)
+    shown = np.arange(len(worse)) % N_SEGMENTS < 0.6 * N_SEGMENTS  # hangs together
+    assert paired_p_value(np.where(shown, 50.0 * worse, worse), better, groups) < 1e-3
+
+
+def test_candidates_that_remove_the_same_are_one_test():
+    rng = np.random.default_rng(9000)
+    own = [rng.standard_normal(200) for _ in range(6)]
+    alike = [own[0] + 1e-6 * gain for gain in own]
+    assert independent_share(own) == pytest.approx(1.0, abs=0.2)
+    assert independent_share(alike) == pytest.approx(1.0 / 6.0, rel=0.01)
+    assert independent_share(own[:1]) == independent_share([]) == 1.0
 
 
 @settings(deadline=None, max_examples=50)
@@ -74,10 +95,10 @@ def test_unit_of_the_response_does_not_matter(seed, exponent):
 
 @settings(deadline=None, max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_p_values_of_both_directions_add_to_one(seed):
+def test_never_both_directions_are_significant(seed):
     worse, better, groups = losses(np.random.default_rng(seed), 0.5, 0.02)
     both = paired_p_value(worse, better, groups) + paired_p_value(better, worse, groups)
-    assert both == pytest.approx(1.0, abs=1e-12)
+    assert both >= 1.0 - 1e-12
 
 
 def test_an_effect_that_shows_more_in_one_record_is_found():

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from skhyst import hysteresis
-from skhyst.compose import Cascade
+from skhyst.compose import Cascade, Sum
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.disturbance import Offset
 from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, LogCreep
 from skhyst.records import stack_records
 
@@ -124,3 +125,21 @@ def test_other_laws(name, change):
         model(name), effects=["drift", "lag", "output_saturation"], max_effects=1, random_state=0
     ).fit(*recording(name, change))
     assert search.effects_ == ([] if change is nothing else ["lag"])
+
+
+def test_what_stands_beside_a_declared_model_stays_there():
+    X, y = recording("PrandtlIshlinskii", lambda y, i, size: offset(lag(y, i, size), i, size))
+    declared = Sum([("hysteresis", model("PrandtlIshlinskii")), ("constant", Offset())])
+    options = {"effects": ["drift", "lag", "offset"], "random_state": 0}
+    search = EffectSearchCV(declared, **options).fit(X, y)
+    assert search.effects_ == ["lag"]
+    names = [name for name, _ in search.best_estimator_.steps]
+    assert names == ["model", "constant"]
+    again = EffectSearchCV(search.best_estimator_, **options).fit(X, y)
+    assert again.effects_ == []
+    assert again.error_before_ == pytest.approx(search.error_after_, rel=0.01)
+
+
+def test_a_disturbance_alone_is_not_searched():
+    with pytest.raises(ValueError, match=r"'estimator' parameter.*Sum"):
+        EffectSearchCV(Offset()).fit(*recording("PrandtlIshlinskii", nothing))

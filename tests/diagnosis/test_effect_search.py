@@ -577,3 +577,27 @@ def test_measured_piezo_scanner_lacks_a_curve():
     one = search_of(max_effects=1).fit(X[:n], y[:n])
     assert one.effects_ == search.effects_[:1]
     assert one.held_out_error(X[n:], y[n:]) <= 0.009 * span
+
+
+def test_blocks_of_records_that_foretell_nothing_of_each_other():
+    rng = np.random.default_rng(SEED)
+    found = []
+    for level in (1.0, 3.0):
+        u = level * np.sin(np.linspace(0.0, 40.0, 600))
+        found.append((u, u + 0.05 * u**2 + 0.005 * rng.standard_normal(600)))
+    X, y = stack_records(found, dt=0.01)
+    options = {"effects": ["static_nonlinearity", "lag", "drift"], "random_state": 0}
+    search = EffectSearchCV(PrandtlIshlinskii(3), folds="blocks", **options).fit(X, y)
+    assert search.effects_ == ["static_nonlinearity"]
+    assert search.error_after_ < 0.006
+    scored = np.isfinite(search.residual_after_)
+    assert scored.all()  # each sample is held out once
+
+
+def test_a_later_claim_shows_that_an_earlier_one_was_simpler():
+    recording = make_recording(("offset", "creep"), "prandtl_ishlinskii", 200416, n_samples=3000)
+    search = search_of(effects=["offset", "drift", "creep", "output_saturation"])
+    search.fit(recording.X_train, recording.y_train)
+    assert sorted(search.effects_) == ["creep", "offset"]
+    error = search.held_out_error(recording.X_test, recording.y_test)
+    assert error < 1.10 * recording.noise_std

@@ -12,6 +12,11 @@ from skhyst.base import ParametricModel
 from skhyst.diagnosis import Effect, effect_names, register_effect, unregister_effect
 from skhyst.diagnosis._effects import EFFECTS
 from skhyst.linear import FirstOrderLag
+from skhyst.operators import (
+    SecondOrderModeOperator,
+    SinusoidOperator,
+    TransferFunctionOperator,
+)
 from skhyst.optimize import RecordData
 
 PROMISED = set(plants.EFFECTS)
@@ -129,3 +134,30 @@ def test_the_list_of_names_is_a_copy():
 def test_an_effect_is_frozen():
     with pytest.raises(AttributeError):
         my_effect().name = "other"
+
+
+def test_a_mode_has_a_peak_or_a_notch():
+    def of(damping, numerator):
+        frequency = np.array([100.0])
+        return TransferFunctionOperator(np.array([]), frequency, np.array([damping]), numerator)
+
+    rings = EFFECTS["resonance"].plausible
+    assert rings(of(0.05, np.array([])), 1.0, [])
+    assert rings(of(0.05, np.array([0.0, 0.9])), 1.0, [])
+    assert not rings(of(0.9, np.array([])), 1.0, [])
+    assert not rings(of(0.9, np.array([0.3, 0.3])), 1.0, [])
+    assert rings(SecondOrderModeOperator(100.0, 0.5), 1.0, [])
+    assert not rings(SecondOrderModeOperator(100.0, 0.8), 1.0, [])
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "own"),
+    [([5.3], True), ([6.0], False), ([5.3, 5.35], False), ([5.3, 7.7], True)],
+)
+def test_lines_are_apart_and_not_those_of_a_drive_that_repeats_itself_roughly(frequencies, own):
+    time = 0.001 * np.arange(10_000)
+    wander = 0.02 * np.sin(0.37 * time)  # a motion in a loop is never quite periodic
+    drive = np.sin(4.0 * np.pi * time) + 0.3 * np.sin(8.0 * np.pi * time) + wander
+    record = RecordData(drive, drive, 0.001)
+    operator = SinusoidOperator(np.zeros(2 * len(frequencies)), np.array(frequencies))
+    assert EFFECTS["periodic_disturbance"].plausible(operator, np.nan, [record]) == own

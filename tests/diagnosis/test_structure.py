@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from skhyst.compose import Cascade, Sum
-from skhyst.diagnosis._structure import Structure, snake_case
+from skhyst.diagnosis._structure import Schedule, Structure, snake_case
 from skhyst.disturbance import Drift, Offset
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, TransferFunction
-from skhyst.operators import DriftOperator, OffsetOperator, SaturationOperator
+from skhyst.operators import (
+    DriftOperator,
+    FirstOrderLagOperator,
+    OffsetOperator,
+    SaturationOperator,
+)
 from skhyst.optimize import RecordData
 from skhyst.static import Saturation, SmoothCurve
 
@@ -132,6 +137,23 @@ def test_fitted_model_predicts_what_the_structure_runs(records):
     u = drive(7)
     expected = result.operator.run(u, 0.01)[0]
     np.testing.assert_allclose(model.predict(u.reshape(-1, 1)), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("schedule", [None, Schedule("amplitude", 1.0, 2.0, {})])
+def test_a_second_stage_of_a_name_gets_a_name_of_its_own_and_goes_again(schedule, records):
+    declared = Cascade([("hysteresis", PrandtlIshlinskii(4)), ("lag", FirstOrderLag())])
+    structure, _ = taken_apart(declared, records)
+    parts = "lag", FirstOrderLag(), FirstOrderLagOperator(0.02)
+    if schedule is None:
+        changed = structure.insert(*parts)
+    else:
+        changed = structure.inserted_by_record(*parts, schedule)
+    assert len(set(changed.names)) == 3
+    assert changed.operators[changed.place("lag")].time_constant == 0.02
+    if schedule is None:
+        names = [name for name, _ in changed.estimator(declared).steps]
+        assert sorted(names) == sorted(changed.names)
+    assert changed.without("lag") == structure
 
 
 @pytest.mark.parametrize(

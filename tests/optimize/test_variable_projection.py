@@ -19,7 +19,13 @@ from skhyst.operators import (
     SinusoidOperator,
     SumOperator,
 )
-from skhyst.optimize import OperatorProblem, RecordData, predicted_cost, variable_projection
+from skhyst.optimize import (
+    OperatorProblem,
+    RecordData,
+    predicted_cost,
+    single_step,
+    variable_projection,
+)
 
 DT = 0.01
 
@@ -373,9 +379,30 @@ def test_predicted_cost_near_the_minimum():
     truth, _ = CASES["mode"]
     problem = OperatorProblem(truth, records(truth, noise=0.05))
     best = variable_projection(problem, problem.x0)
-    promise = predicted_cost(problem, best.x + 1e-3)
-    assert promise == pytest.approx(best.cost, rel=1e-3)
-    assert promise < problem.total(problem.evaluate(best.x + 1e-3))[-1, -1]
+    predicted = predicted_cost(problem, best.x + 1e-3)
+    assert predicted == pytest.approx(best.cost, rel=1e-3)
+    assert predicted < problem.total(problem.evaluate(best.x + 1e-3))[-1, -1]
+
+
+def test_single_step_towards_the_minimum_of_a_fold():
+    truth, _ = CASES["mode"]
+    problem = OperatorProblem(truth, records(truth, noise=0.1, n_records=4))
+    best = variable_projection(problem, problem.x0)
+    blocks = problem.evaluate(best.x)
+    train = np.array([True, True, True, False])
+    there = variable_projection(problem, best.x, select=train, tolerance=1e-14)
+    x = single_step(problem, best.x, blocks, train)
+    way = np.abs(there.x - best.x)
+    assert np.all(np.abs(x - there.x) <= 0.05 * way.max())
+
+
+def test_single_step_that_leads_nowhere_is_not_taken():
+    truth, start = CASES["mode"]
+    problem = OperatorProblem(start, records(truth))
+    blocks = problem.evaluate(problem.x0)
+    problem.evaluate = lambda x, **options: np.full_like(blocks, np.nan)
+    x = single_step(problem, problem.x0, blocks, np.ones(len(blocks), dtype=bool))
+    np.testing.assert_array_equal(x, problem.x0)
 
 
 class Growing:
