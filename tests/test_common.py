@@ -160,13 +160,13 @@ MODELS = {
     "TanhHysteresis": lambda: TanhHysteresis(dt=DT),
     "GrayBoxHysteresis": lambda: GrayBoxHysteresis(dt=DT, method=LevenbergMarquardt(max_epochs=60)),
     "JilesAtherton": lambda: JilesAtherton(dt=DT),
-    "BoucWenStage": lambda: BoucWenStage(n_substeps=4, dt=DT),
-    "FrictionStage": lambda: FrictionStage(False, fit_bristle_damping=False, n_substeps=4, dt=DT),
+    "BoucWenStage": lambda: BoucWenStage(n_substeps=2, dt=DT),
+    "FrictionStage": lambda: FrictionStage(False, fit_bristle_damping=False, n_substeps=2, dt=DT),
     "RestoringForce": lambda: RestoringForce(
-        1, damping_degree=1, fit_preload=False, n_substeps=4, dt=DT
+        1, damping_degree=1, fit_preload=False, n_substeps=2, dt=DT
     ),
     "RestoringForce, no hysteresis": lambda: RestoringForce(
-        3, damping_degree=1, fit_hysteresis=False, fit_preload=False, n_substeps=4, dt=DT
+        3, damping_degree=1, fit_hysteresis=False, fit_preload=False, n_substeps=2, dt=DT
     ),
     "DynamicStiffness": lambda: DynamicStiffness(dt=DT),
     "DynamicStiffness, velocity": lambda: DynamicStiffness(drive="velocity", smoothing=3, dt=DT),

@@ -14,6 +14,7 @@ _SHOWN = 0.98  # quantile of the drive's rate up to which a growth with the rate
 _LOOP = 400  # samples of a branch
 _GAIN_BINS = 30  # of the drive
 _SMALL = 1e-3  # power of the drive's steps, of the largest, that shows no gain
+_FAR = 2.0  # level of a saturation over the range seen, from which it is a guess
 
 
 def _stage_picture(title, claim, x_label="input of the missing stage", y_label=None):
@@ -77,6 +78,11 @@ def _soft_saturation(place, claim):
         f"The {place} levels off towards {level[0]:.4g} beyond its middle, with a rounded knee of "
         f"sharpness {knee[0]:.3g}."
     )
+    if level[0] > _FAR * np.abs(ends - operator.center).max():
+        statement = (
+            f"The {place} begins to level off: the ends of its range lose up to {lost.max():.4g}. "
+            "How far it would rise is not in these data."
+        )
     picture = _stage_picture(f"Saturation of the {place}", claim, f"{place} before it")
     return statement, numbers, picture
 

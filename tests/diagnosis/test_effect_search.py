@@ -164,13 +164,17 @@ def test_the_attributes_agree_with_each_other(effect):
     assert list(search.feature_names_in_) == ["drive"]
 
 
-@pytest.mark.parametrize("declared", DECLARED)
-def test_ambiguous_effects_come_with_an_experiment(declared):
-    for effect in EFFECTS:
-        for row in found(effect, declared)[1].history_.itertuples():
-            assert row.effect not in row.ambiguous_with
-            assert set(row.ambiguous_with) <= set(effect_names())
-            assert bool(row.experiment) == bool(row.ambiguous_with)
+def test_ambiguous_effects_come_with_an_experiment():
+    rows = [
+        row
+        for effect in ("lag", "output_saturation", "drift")
+        for row in found(effect, "prandtl_ishlinskii")[1].history_.itertuples()
+    ]
+    assert any(row.ambiguous_with for row in rows)
+    for row in rows:
+        assert row.effect not in row.ambiguous_with
+        assert set(row.ambiguous_with) <= set(effect_names())
+        assert bool(row.experiment) == bool(row.ambiguous_with)
 
 
 def test_the_best_model_is_a_model_like_any_other():

@@ -10,7 +10,7 @@ TIME = DT * np.arange(1500)
 U = np.sin(0.7 * TIME) + 0.8 * np.sin(2.9 * TIME) + 0.3 * np.sin(11.0 * TIME)
 PLANT = FrictionStageOperator(20.0, 0.5, 0.4, 0.7, 1.5, 10.0, 0.1, 3.0, 0.5, n_substeps=7)
 NAMES = list(PLANT.parameter_specs())
-N_PLANTS, N = 20, 1200
+N_PLANTS, N = 10, 1200
 
 
 def drives(dt, frequency, rng):
