@@ -55,12 +55,13 @@ from skhyst.linear import (
 )
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.operators import FirstOrderLagOperator, PrandtlIshlinskiiOperator
-from skhyst.optimize import LevenbergMarquardt
+from skhyst.optimize import LevenbergMarquardt, VariableProjection
 from skhyst.records import stack_records
 from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
 
 DT = 0.01
 N = 240
+BRIEFLY = VariableProjection(max_evaluations=8)  # on what is no response of theirs
 
 # data from elsewhere do not determine all parameters of a model, and it says so
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
@@ -73,10 +74,12 @@ EXAMPLES = {
     "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
     "KelvinVoigt": lambda: KelvinVoigt(1),
-    "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero"),
-    "FrictionStage": lambda: FrictionStage(False, n_substeps=1, initial_state="zero"),
+    "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=BRIEFLY),
+    "FrictionStage": lambda: FrictionStage(
+        False, n_substeps=1, initial_state="zero", method=BRIEFLY
+    ),
     "RestoringForce": lambda: RestoringForce(
-        1, damping_degree=1, n_substeps=1, initial_state="zero"
+        1, damping_degree=1, n_substeps=1, initial_state="zero", method=BRIEFLY
     ),
     # on data without dynamics it would choose no term, or none with memory
     "NARMAXRegressor": lambda: NARMAXRegressor(1, n_terms=None),

@@ -1,5 +1,6 @@
 """The search on plants that are integrated independently, and on a measured recording."""
 
+import os
 import pickle
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pandas as pd
 import plants
@@ -33,7 +35,6 @@ EFFECTS = plants.EFFECTS[:11]  # those that are a stage of their own, or beside 
 SEED = 9000
 DECLARED = ("prandtl_ishlinskii", "cascade")
 PIEZO = Path(__file__).parents[2] / "../shared/data/piezo_afm/SG_data_triangle_sin_raw.mat"
-_found = {}
 
 
 def declared_model(name):
@@ -46,19 +47,35 @@ def search_of(declared="prandtl_ishlinskii", **options):
     return EffectSearchCV(declared_model(declared), **{"random_state": 0} | options)
 
 
-def found(effect, declared):
-    """Return a recording and the search of it over all effects, each made once."""
-    key = effect, declared
-    if key not in _found:
-        recording = make_recording(effect, declared, SEED, n_samples=5000)
-        # a cascade costs more: it is asked for the first name only
-        rounds = 1 if declared == "cascade" else 3
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            search = search_of(declared, max_effects=rounds)
-            search.fit(recording.X_train, recording.y_train)
-        _found[key] = recording, search
-    return _found[key]
+@pytest.fixture(scope="session")
+def found(tmp_path_factory):
+    """Give a recording and the search of it over all effects, each made once by all workers."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    known = {}
+
+    def of(effect, declared):
+        path = shared / f"{effect}-{declared}.joblib"
+        if (effect, declared) not in known:
+            if not path.exists():
+                part = path.with_suffix(f".{os.getpid()}")
+                joblib.dump(_searched(effect, declared), part)
+                part.replace(path)
+            known[effect, declared] = joblib.load(path)
+        return known[effect, declared]
+
+    return of
+
+
+def _searched(effect, declared):
+    recording = make_recording(effect, declared, SEED, n_samples=5000)
+    # a cascade costs more: it is asked for the first name only
+    search = search_of(declared, max_effects=1 if declared == "cascade" else 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        search.fit(recording.X_train, recording.y_train)
+    return recording, search
 
 
 # --------------------------------------------------------------------------------- what it names
@@ -69,7 +86,7 @@ def found(effect, declared):
     [(effect, "prandtl_ishlinskii") for effect in EFFECTS]
     + [(effect, "cascade") for effect in ("lag", "delay", "output_saturation", "drift")],
 )
-def test_the_missing_effect_is_named(effect, declared):
+def test_the_missing_effect_is_named(effect, declared, found):
     recording, search = found(effect, declared)
     assert search.effects_[:1] == [effect]
     limit = 1.25 if effect == "delay" else 1.10
@@ -81,7 +98,7 @@ def test_the_missing_effect_is_named(effect, declared):
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_what_is_left_is_noise_and_nothing_else_is_claimed(effect):
+def test_what_is_left_is_noise_and_nothing_else_is_claimed(effect, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     assert search.effects_ == [effect]
     assert search.verdict_ == "noise"
@@ -89,7 +106,7 @@ def test_what_is_left_is_noise_and_nothing_else_is_claimed(effect):
 
 
 @pytest.mark.parametrize("declared", DECLARED)
-def test_nothing_is_claimed_where_nothing_is_missing(declared):
+def test_nothing_is_claimed_where_nothing_is_missing(declared, found):
     recording, search = found("none", declared)
     assert search.effects_ == []
     assert search.verdict_ == "noise"
@@ -134,7 +151,7 @@ def test_structure_of_no_known_effect_is_called_unexplained(law):
 
 
 @pytest.mark.parametrize("effect", ["lag", "offset", "none"])
-def test_the_attributes_agree_with_each_other(effect):
+def test_the_attributes_agree_with_each_other(effect, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     y = recording.y_train.to_numpy()
     np.testing.assert_array_equal(search.response_, y)
@@ -164,7 +181,7 @@ def test_the_attributes_agree_with_each_other(effect):
     assert list(search.feature_names_in_) == ["drive"]
 
 
-def test_ambiguous_effects_come_with_an_experiment():
+def test_ambiguous_effects_come_with_an_experiment(found):
     rows = [
         row
         for effect in ("lag", "output_saturation", "drift")
@@ -177,7 +194,7 @@ def test_ambiguous_effects_come_with_an_experiment():
         assert bool(row.experiment) == bool(row.ambiguous_with)
 
 
-def test_the_best_model_is_a_model_like_any_other():
+def test_the_best_model_is_a_model_like_any_other(found):
     recording, search = found("lag", "prandtl_ishlinskii")
     model = search.best_estimator_
     assert isinstance(model, Cascade)
@@ -191,7 +208,7 @@ def test_the_best_model_is_a_model_like_any_other():
     assert search.score(recording.X_test, recording.y_test) > 0.999
 
 
-def test_held_out_error_is_that_of_the_free_run():
+def test_held_out_error_is_that_of_the_free_run(found):
     recording, search = found("lag", "prandtl_ishlinskii")
     X, y = recording.X_test, recording.y_test
     for model, declared in ((search.declared_estimator_, True), (search.best_estimator_, False)):
@@ -199,7 +216,7 @@ def test_held_out_error_is_that_of_the_free_run():
         assert search.held_out_error(X, y, declared=declared) == pytest.approx(expected, rel=2e-3)
 
 
-def test_held_out_error_of_one_sample_does_not_use_that_sample():
+def test_held_out_error_of_one_sample_does_not_use_that_sample(found):
     """A record's own constants are taken from other stretches of it."""
     recording, search = found("offset", "prandtl_ishlinskii")
     X, y = recording.X_test, recording.y_test.copy()
@@ -478,7 +495,7 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
 # ------------------------------------------------------------------------------ scikit-learn's ways
 
 
-def test_clone_has_the_same_parameters_and_no_results():
+def test_clone_has_the_same_parameters_and_no_results(found):
     _, search = found("lag", "prandtl_ishlinskii")
     copy = clone(search)
     assert copy.get_params().keys() == search.get_params().keys()
@@ -487,14 +504,14 @@ def test_clone_has_the_same_parameters_and_no_results():
     assert search.estimator.dt == 1.0
 
 
-def test_the_declared_model_is_left_unfitted():
+def test_the_declared_model_is_left_unfitted(found):
     _, search = found("lag", "prandtl_ishlinskii")
     assert not hasattr(search.estimator, "operator_")
     assert search.declared_estimator_ is not search.estimator
 
 
 @pytest.mark.parametrize("effect", ["lag", "periodic_disturbance"])
-def test_a_pickled_search_predicts_in_a_fresh_process(effect, tmp_path):
+def test_a_pickled_search_predicts_in_a_fresh_process(effect, tmp_path, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     path = tmp_path / "search.pickle"
     path.write_bytes(pickle.dumps((search, recording.X_test)))

@@ -18,7 +18,7 @@ NAMES = (
     "gain",
     "intercept",
 )
-N_PLANTS, N = 8, 1000
+N_PLANTS, N = 5, 1000
 
 
 def plants():

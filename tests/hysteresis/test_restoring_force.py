@@ -23,7 +23,7 @@ NAMES = (
     "gain",
     "intercept",
 )
-N_PLANTS, N = 10, 1200
+N_PLANTS, N = 6, 1200
 
 
 def plants():
