@@ -59,8 +59,7 @@ class SlowerThanDrive:
     model: object
 
     def structures(self, name, scene):
-        drives = [r.u if r.u.ndim == 1 else r.u[:, 0] for r in scene.records]
-        moving = [u for u in drives if np.ptp(u) > 0.0]
+        moving = [r.drive for r in scene.records if np.ptp(r.drive) > 0.0]
         few = min(self.model.degree, FEW_TURNS)
         if moving and all(visible_turns(u) <= few for u in moving):
             return []

@@ -99,8 +99,8 @@ def _has_own_lines(operator, motion, records):
 
 def _apart(frequencies, record):
     n = len(record.u)
-    period = near_period(record.u)
-    if not period and visible_turns(record.u) <= FEW_TURNS:
+    period = near_period(record.drive)
+    if not period and visible_turns(record.drive) <= FEW_TURNS:
         period = n  # a loop or two
     if not period:
         return True

@@ -51,6 +51,11 @@ class RecordData:
             y = np.interp(rows, rows[read], self.y[read]) if read.any() else np.zeros(len(rows))
             object.__setattr__(self, "y", y)
 
+    @property
+    def drive(self):
+        """The drive, or the first of several columns."""
+        return self.u if self.u.ndim == 1 else self.u[:, 0]
+
     def with_history(self):
         """Return the drive with the value at rest in front, and how many samples that is, 0 or 1.
 

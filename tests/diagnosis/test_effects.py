@@ -158,6 +158,7 @@ def test_lines_are_apart_and_not_those_of_a_drive_that_repeats_itself_roughly(fr
     time = 0.001 * np.arange(10_000)
     wander = 0.02 * np.sin(0.37 * time)  # a motion in a loop is never quite periodic
     drive = np.sin(4.0 * np.pi * time) + 0.3 * np.sin(8.0 * np.pi * time) + wander
-    record = RecordData(drive, drive, 0.001)
     operator = SinusoidOperator(np.zeros(2 * len(frequencies)), np.array(frequencies))
-    assert EFFECTS["periodic_disturbance"].plausible(operator, np.nan, [record]) == own
+    for u in (drive, np.column_stack([drive, np.ones_like(drive)])):
+        record = RecordData(u, drive, 0.001)
+        assert EFFECTS["periodic_disturbance"].plausible(operator, np.nan, [record]) == own
