@@ -8,6 +8,7 @@ import numpy as np
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import ColumnOperator, ModulatedOperator
+from ._record_numbers import amplitude
 
 __all__ = ["Modulated", "OnColumn"]
 
@@ -42,10 +43,10 @@ class _ColumnModel(ParametricModel):
                 f"skhyst. Got {self.estimator!r} instead."
             )
         if self.column == "amplitude":
-            amplitude = np.empty(len(X))
+            amplitudes = np.empty(len(X))
             for s in slices:
-                amplitude[s.rows] = 0.5 * np.ptp(X[s.rows, 0])
-            return np.column_stack([X, amplitude])
+                amplitudes[s.rows] = amplitude(X[s.rows, 0])
+            return np.column_stack([X, amplitudes])
         if self.column >= X.shape[1]:
             raise ValueError(
                 f"The 'column' parameter of {type(self).__name__} must be the number of a column "

@@ -10,10 +10,10 @@ from ..base import ParametricModel
 from ..exceptions import RecordError
 from ..operators import ScheduledOperator
 from ..optimize import RecordData, VariableProjection, identify
+from ._record_numbers import amplitude, is_held
 
 __all__ = ["ScheduledParameters"]
 
-_CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 _LEAST = 1e-3  # of a positive parameter, relative to its constant value
 _ROUGH = VariableProjection(tolerance=1e-4)
 
@@ -110,12 +110,12 @@ class ScheduledParameters(ParametricModel):
     def _schedules(self, slices, X):
         """Return the schedule of each record."""
         if self.by == "amplitude":
-            return [0.5 * float(np.ptp(X[s.rows, 0])) for s in slices]
+            return [amplitude(X[s.rows, 0]) for s in slices]
         column = self._column(X.shape[1])
         found = []
         for s in slices:
             values = X[s.rows, column]
-            if np.ptp(values) > _CONSTANT * np.abs(X[:, column]).max():
+            if not is_held(values, np.abs(X[:, column]).max()):
                 raise RecordError(
                     f"The column {self.by!r} of ScheduledParameters must be constant in each "
                     f"record. In record {s.label!r} it goes from {values.min():g} to "

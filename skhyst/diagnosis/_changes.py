@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..compose import Sum
+from ..compose._record_numbers import amplitude, is_held
 from ..fluid import TankChain
 from ..hysteresis import RateDependentPrandtlIshlinskii, RestoringForce
 from ..linear import TransferFunction
@@ -49,7 +50,6 @@ _BEYOND = 0.6  # of the largest response: levels of a knee start at least a tent
 _FULL = 0.98  # of the level of a knee, up to which the response is undone
 _FIRST = 4000  # samples that starting values of tanks are improved on
 _BRIEFLY = VariableProjection(tolerance=1e-3, max_evaluations=10)
-_CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 
 
 @dataclass(frozen=True)
@@ -347,7 +347,7 @@ class Scaled:
         if structure.modulation is not None or scene.multi_input:
             return []
         if self.by == "amplitude":
-            amplitudes = [0.5 * float(np.ptp(r.u)) for r in scene.records]
+            amplitudes = [amplitude(r.u) for r in scene.records]
             if not _differ(amplitudes):
                 return []
             mean = np.average(amplitudes, weights=[len(r.u) for r in scene.records])
@@ -474,7 +474,6 @@ def _levels(scene):
     found = []
     for column in _moving_columns(scene):
         size = np.abs(_column(scene, column)).max()
-        spreads = [np.ptp(r.auxiliary[:, column - 1]) for r in scene.records]
-        if max(spreads) <= _CONSTANT * size:
+        if all(is_held(r.auxiliary[:, column - 1], size) for r in scene.records):
             found.append(column)
     return found

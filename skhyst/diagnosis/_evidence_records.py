@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import welch
 
+from ..compose._record_numbers import amplitude
 from ..optimize import variable_projection
 from ._evidence_base import Picture, binned, compared
 
@@ -166,7 +167,7 @@ def describe_modulation(claim):
     ]
     if modulation.column == "amplitude":
         name, unit = "half range of the drive in a record", "drive"
-        x = np.array([0.5 * float(np.ptp(r.u)) for r in records])
+        x = np.array([amplitude(r.u) for r in records])
         gains = np.array([_slope(u, y) for u, y in zip(unscaled, measured, strict=True)])
     else:
         name = unit = _column_name(claim, modulation.column)

@@ -9,6 +9,7 @@ from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 
 from ..compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
+from ..compose._record_numbers import amplitude
 from ..operators import (
     ColumnOperator,
     ModulatedOperator,
@@ -60,7 +61,7 @@ class Schedule:
     def number(self, record):
         """Return the number of a record."""
         if self.by == "amplitude":
-            return 0.5 * float(np.ptp(record.u))
+            return amplitude(record.u)
         return float(record.auxiliary[:, self.by - 1].mean())
 
     def applied(self, series):
@@ -216,7 +217,7 @@ class Structure:
             if record.auxiliary is not None:
                 columns.append(record.auxiliary)
             if self.modulation is not None and self.modulation.column == "amplitude":
-                columns.append(np.full(len(record.u), 0.5 * np.ptp(record.u)))
+                columns.append(np.full(len(record.u), amplitude(record.u)))
             found.append(replace(record, u=np.column_stack(columns)))
         return found
 
