@@ -26,7 +26,6 @@ from ..operators import (
     FrictionStageOperator,
     RestoringForceOperator,
     SecondOrderModeOperator,
-    SumOperator,
 )
 from ..static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
 from ._changes import (
@@ -146,12 +145,10 @@ def _way_before_sliding(operator):
         return abs(operator.gain) * operator.slip_level / operator.hysteresis_stiffness
     if isinstance(operator, BoucWenStageOperator):
         return abs(operator.gain) * operator.level / operator.hysteresis_stiffness
-    if isinstance(operator, SumOperator):  # forces of a motion, the new one last
-        force = operator.stages[-1]
-        if isinstance(force, DahlOperator):
-            return force.presliding_displacement
-        if isinstance(force, BoucWenOperator):
-            return force.limit
+    if isinstance(operator, DahlOperator):
+        return operator.presliding_displacement
+    if isinstance(operator, BoucWenOperator):
+        return operator.limit
     return None
 
 

@@ -78,17 +78,12 @@ class Claim:
     @cached_property
     def is_part(self):
         """Whether the effect is one part of a sum of forces."""
-        stage = self.structure.operators[self.at]
-        return isinstance(stage, SumOperator) and self.label in stage.names
+        return self.structure.is_part(self.name)
 
     @cached_property
     def operator(self):
         """The operator that the effect is, or has become a part of."""
-        names = self.structure.beside_names
-        if self.label in names:
-            return self.structure.disturbances[names.index(self.label)]
-        stage = self.structure.operators[self.at]
-        return stage.stages[stage.names.index(self.label)] if self.is_part else stage
+        return self.structure.operator(self.name)
 
     @cached_property
     def values(self):

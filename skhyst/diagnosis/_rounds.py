@@ -13,7 +13,6 @@ from itertools import combinations
 import numpy as np
 from joblib import Parallel, delayed
 
-from ..operators import SumOperator
 from ._contest import (
     contest,
     held_out,
@@ -127,7 +126,7 @@ class Rounds:
         """Return the contestants that qualify, each with its row of the history."""
         begin = time.perf_counter()
         parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
-        taken = {name for name, _ in base.structure.added} | set(self.dropped)
+        taken = self._taken(base)
         effects = [effect for effect in self.effects if effect.name not in taken]
         screened = self._screened(base, [(effect, base) for effect in effects], parallel)
         bar = (1.0 - self.min_improvement) * base.cost
@@ -253,14 +252,12 @@ class Rounds:
         """
         shown = min(c.p_value for c in claims)
         claims = [
-            replace(c, p_value=min(c.p_value, shown))
+            replace(c, p_value=shown)
             for c in tested
             if self._matters(base, c) and self._p_value(base, c) < self.alpha
         ]
         best = min(claims, key=lambda c: c.error)
-        same = [
-            c for c in claims if c.error <= (1.0 + _SAME_ERROR) * best.error or self._alike(c, best)
-        ]
+        same = [c for c in claims if self._alike(c, best)]
         near = [c for c in same if c.error <= (1.0 + _SIMILAR_ERROR) * best.error]
         chosen = min(near, key=lambda c: (c.n_parameters, c.error))
         others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
@@ -293,12 +290,8 @@ class Rounds:
         pairs = list(combinations(hopeful[:_PAIRED], 2))
         if not pairs:
             return []
-        own = {effect.name: effect for effect in self.effects}
-        screened = self._screened(base, [(own[b.effect], a) for a, b in pairs], parallel)
-        both = contest([s for s in screened if s.variants], self.records, parallel)
-        tested = self._tested(
-            base, self._plausible(both), parallel, n_effects * (n_effects - 1) // 2
-        )
+        both = self._added(base, [(b.effect, a) for a, b in pairs], parallel)
+        tested = self._tested(base, both, parallel, n_effects * (n_effects - 1) // 2)
         alone = {c.effect: c for c in hopeful}
         firsts = [alone[c.structure.added[-2][0]] for c in tested]
         claims = [
@@ -346,28 +339,21 @@ class Rounds:
         Before the last effect was known, the one may have had a part of it to explain. So both are
         put in anew.
         """
-        known = {effect.name: effect for effect in self.effects}
-        taken = {name for name, _ in base.structure.added} | set(self.dropped)
+        taken = self._taken(base)
         names = [name for name in self._simpler.get(effect, ()) if name not in taken]
         if not names:
             return base
         last = base.structure.added[-1][0]
         rest = refitted(base, base.structure.without(last).without(effect), self.records)
         serial = Parallel(n_jobs=1)
-
-        def added(*pairs):
-            screened = self._screened(rest, pairs, serial)
-            return self._plausible(
-                contest([s for s in screened if s.variants], self.records, serial)
-            )
-
-        firsts = added(*((known[name], rest) for name in names))
-        for c in sorted(added(*((known[last], c) for c in firsts)), key=lambda c: c.n_parameters):
+        firsts = self._added(rest, [(name, rest) for name in names], serial)
+        both = self._added(rest, [(last, first) for first in firsts], serial)
+        for c in sorted(both, key=lambda c: c.n_parameters):
             c = held_out(c, self.records, self.folds)
             if (
                 c.n_parameters < base.n_parameters
                 and c.error <= (1.0 + _SIMILAR_ERROR) * base.error
-                and (c.error <= (1.0 + _SAME_ERROR) * base.error or self._alike(c, base))
+                and self._alike(c, base)
             ):
                 simpler = c.structure.added[-2][0]
                 self.dropped.append(effect)
@@ -379,8 +365,20 @@ class Rounds:
                 return replace(c, simpler=())
         return base
 
+    def _added(self, base, pairs, parallel):
+        """Return the plausible contestants that effects, given by name, make of contestants."""
+        known = {effect.name: effect for effect in self.effects}
+        screened = self._screened(base, [(known[name], c) for name, c in pairs], parallel)
+        found = contest([s for s in screened if s.variants], self.records, parallel)
+        return self._plausible(found)
+
+    def _taken(self, base):
+        return {name for name, _ in base.structure.added} | set(self.dropped)
+
     def _alike(self, worse, better):
-        return self._p_value(worse, better) > self.alpha
+        """Whether two held-out errors agree, or the data cannot tell them apart."""
+        same = worse.error <= (1.0 + _SAME_ERROR) * better.error
+        return same or self._p_value(worse, better) > self.alpha
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
@@ -403,12 +401,9 @@ def _is_plausible(contestant, records):
     plausible = EFFECTS[name].plausible
     if plausible is None:
         return True
-    label = structure.label(name)
-    if label in structure.beside_names:
-        operator = structure.disturbances[structure.beside_names.index(label)]
+    operator = structure.operator(name)
+    if structure.label(name) in structure.beside_names:
         return plausible(operator, np.nan, records)
-    at = structure.place(name)
-    operator = structure.operators[at]
-    last = at if isinstance(operator, SumOperator) else at + 1
+    last = structure.place(name) + (not structure.is_part(name))  # a force is driven by the motion
     motion = np.ptp(np.concatenate(structure.run(records, last=last)))
     return plausible(operator, float(motion), records)

@@ -322,6 +322,19 @@ class Structure:
         """Return the name of what was added for an effect."""
         return dict(self.labels).get(effect, effect)
 
+    def is_part(self, effect):
+        """Whether an effect is one part of a sum of forces."""
+        stage = self.operators[self.place(effect)]
+        return isinstance(stage, SumOperator) and self.label(effect) in stage.names
+
+    def operator(self, effect):
+        """Return the operator that an effect is, or has become a part of."""
+        label = self.label(effect)
+        if label in self.beside_names:
+            return self.disturbances[self.beside_names.index(label)]
+        stage = self.operators[self.place(effect)]
+        return stage.stages[stage.names.index(label)] if self.is_part(effect) else stage
+
     def labelled(self, effect):
         """Return the structure that has a free name for what is added for an effect."""
         parts = [stage.names for stage in self.operators if isinstance(stage, SumOperator)]
