@@ -212,9 +212,7 @@ def drive_period(u):
     n = len(u)
     if n < 6 or not np.ptp(u) > 0.0:
         return 0
-    v = u - u.mean()
-    spectrum = np.fft.rfft(v, 2 * n)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
+    v, correlation = _autocorrelation(u)
     lags = np.arange(2, n // 2)
     # a period makes the overlap's correlation about equal to its power
     lags = lags[correlation[lags] > 0.99 * (v @ v) * (1.0 - lags / n)]
@@ -227,6 +225,12 @@ def drive_period(u):
     return 0
 
 
+def _autocorrelation(u):
+    """Return the signal about its mean, and its products with itself, summed, by lag."""
+    v = u - u.mean()
+    return v, np.fft.irfft(np.abs(np.fft.rfft(v, 2 * len(u))) ** 2, 2 * len(u))[: len(u)]
+
+
 def near_period(u):
     """Return the lag in samples after which a moving signal repeats itself roughly, or 0.
 
@@ -235,8 +239,8 @@ def near_period(u):
     n = len(u)
     if n < 6 or not np.ptp(u) > 0.0:
         return 0
-    v = u - u.mean()
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(v, 2 * n)) ** 2, 2 * n)[: n // 2]
+    v, correlation = _autocorrelation(u)
+    correlation = correlation[: n // 2]
     power = np.concatenate([[0.0], np.cumsum(v * v)])
     lags = np.arange(n // 2)
     both = power[n - lags] + power[n] - power[lags]

@@ -3,7 +3,9 @@
 Effects are added one by one, the most convincing first. After each claim those before it are
 contested once more: one that a later effect has made needless is dropped, so that the order in
 which effects were added does not decide which are kept. Where no effect qualifies alone, the best
-few are contested in pairs: two effects of equal size may each leave too much for a claim.
+few are contested in pairs: two effects of equal size may each leave too much for a claim. Where
+most of what is left at the end is structure, the first choice may have been the wrong one: the
+search begins again from others of the first round.
 """
 
 import time
@@ -36,6 +38,8 @@ _SAME_ERROR = 0.005  # relative difference of held-out errors that is no differe
 _SIMILAR_ERROR = 0.05  # by so much a simpler candidate may be worse, if the data allow
 _THOROUGH = 1.5  # error, relative to the best, up to which a black box is fitted thoroughly
 _PAIRED = 4  # candidates that are contested in pairs
+_STRUCTURE = 0.5  # part of the power left from which on another beginning is tried
+_BEGINNINGS = 2  # other ones, best fit first
 
 
 @dataclass
@@ -56,6 +60,9 @@ class Rounds:
         Takes a line about progress.
     renew : callable or None
         Fits a declared black box again, see ``BlackBox.renew``.
+    structure_left : callable
+        Takes a contestant and the records, returns the part of the residual's power that is
+        structure.
     lost : list of ndarray of bool or None
         Lost readings of each record where the loss is Huber's; None where it is the square.
     history, ranking : list of dict
@@ -75,6 +82,7 @@ class Rounds:
     negligible: float
     say: object
     renew: object
+    structure_left: object
     lost: list | None = None
     history: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
@@ -82,16 +90,22 @@ class Rounds:
     seconds: dict = field(default_factory=dict)
     _number: int = 0
     _simpler: dict = field(default_factory=dict)  # effect -> simpler ones that were promising
+    _first: tuple = ()  # what the first round started from, its records and what it has tested
 
     def run(self, base):
         """Add effects to a contestant until none qualifies; return what it has become."""
-        self._groups = np.concatenate(
-            [np.full(len(r.segments), i) for i, r in enumerate(self.records)]
-        )
+        found = self._forward(base)
+        alike = self.renew is None and self.lost is None  # errors are of the same samples
+        if alike and self._first and self.max_effects > 1:
+            found = self._from_another(found)
+        return found
+
+    def _forward(self, base):
         while len(self.history) < self.max_effects and base.error > self.negligible:
             self._number += 1
             base = self.weighed(base)
-            claims = self._round(base)
+            claims, tested = self._round(base)
+            self._first = self._first or (base, self.records, tested)
             if not claims:
                 break
             for contestant, row in claims:
@@ -108,6 +122,50 @@ class Rounds:
             self.records = self._records(base)
         return base
 
+    def _from_another(self, found):
+        """Return what the search finds from another first effect, where that is far better.
+
+        What fits best alone may stand for two effects at once, and what is right alone may foretell
+        badly as long as the other is missing.
+        """
+        base, records, tested = self._first
+        if found.error <= self.negligible or self.structure_left(found, self.records) < _STRUCTURE:
+            return found
+        begun = found.structure.added[:1]
+        others = sorted((c for c in tested if c.effect not in dict(begun)), key=lambda c: c.cost)
+        others = [c for c in others if self._fits(base, c)][:_BEGINNINGS]
+        n_sets = max(len(tested) * (len(tested) - 1) // 2, 1)
+        best = self
+        for first in others:
+            self.say(f"beginning again with {first.effect}")
+            ranking = [
+                row | {"claimed": row["effect"] == first.effect}
+                for row in self.ranking
+                if row["round"] == 1
+            ]
+            trial = replace(
+                self,
+                records=records,
+                history=[_row(base, first, ())],
+                ranking=ranking,
+                dropped=[],
+                _number=1,
+                _simpler={},
+            )
+            end = trial._forward(first)
+            p_value = min(1.0, n_sets * self._p_value(base, end))
+            if (
+                end.error < (1.0 - self.min_improvement) * found.error
+                and self._matters(base, end)
+                and p_value < self.alpha
+                and len(others) * self._p_value(found, end) < self.alpha
+            ):
+                trial.history[0]["p_value"] = min(trial.history[0]["p_value"], p_value)
+                found, best = end, trial
+        self.records, self.history = best.records, best.history
+        self.ranking, self.dropped = best.ranking, best.dropped
+        return found
+
     def weighed(self, base):
         """Return a contestant refitted with the weights that its residual asks for."""
         if self.lost is None:
@@ -123,7 +181,7 @@ class Rounds:
     # ------------------------------------------------------------------ one round
 
     def _round(self, base):
-        """Return the contestants that qualify, each with its row of the history."""
+        """Return the contestants that qualify, each with its row, and all that were tested."""
         begin = time.perf_counter()
         parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
         taken = self._taken(base)
@@ -162,7 +220,7 @@ class Rounds:
             chosen = self._pair(base, tested, parallel, n_candidates)
             self._add_time("pairs", begin)
         self._rank(base, effects, screened, tested, {row["effect"] for _, row in chosen})
-        return chosen
+        return chosen, tested
 
     def _screened(self, base, candidates, parallel):
         """Return what screening finds for effects, each put into a contestant's structure.
@@ -205,16 +263,18 @@ class Rounds:
         return [replace(c, p_value=min(1.0, factor * self._p_value(base, c))) for c in finalists]
 
     def _or_simpler(self, base, finalists, parallel):
-        """Return the contestants, those that are no gain as the best of their simpler variants.
+        """Return the contestants, each as its simpler variant where that foretells better.
 
-        What fits best has learned what else is missing, too, where it has the parameters for that.
+        A simpler one is held out where it fits about as well, or where the contestant is no gain:
+        what fits best has learned what else is missing, too, if it has the parameters for that.
         """
         bar = (1.0 - self.min_improvement) * base.error
         jobs = [
             (number, simpler)
             for number, c in enumerate(finalists)
-            if c.error > bar and self.renew is None
+            if self.renew is None
             for simpler in self._plausible(c.simpler)
+            if c.error > bar or simpler.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost
         ]
         tried = parallel(delayed(held_out)(c, self.records, self.folds) for _, c in jobs)
         best = list(finalists)
@@ -234,12 +294,16 @@ class Rounds:
         return [c for c in contested if _is_plausible(c, self._records(c))]
 
     def _p_value(self, worse, better):
-        return paired_p_value(worse.squared_errors, better.squared_errors, self._groups)
+        groups = np.repeat(range(len(self.records)), [len(r.segments) for r in self.records])
+        return paired_p_value(worse.squared_errors, better.squared_errors, groups)
+
+    def _fits(self, base, contestant):
+        return contestant.cost < (1.0 - self.min_improvement) ** 2 * base.cost
 
     def _matters(self, base, contestant):
-        bar = 1.0 - self.min_improvement
         # a base that is foretold badly from some fold is not yet one that lacks something
-        return contestant.error < bar * base.error and contestant.cost < bar**2 * base.cost
+        lower = contestant.error < (1.0 - self.min_improvement) * base.error
+        return lower and self._fits(base, contestant)
 
     def _qualifies(self, base, contestant):
         return contestant.p_value < self.alpha and self._matters(base, contestant)

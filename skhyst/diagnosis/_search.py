@@ -43,7 +43,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     data-driven starting values), lets the best contest on held-out data after a joint refit of
     everything, and claims one whose improvement is significant after correction for the number
     of candidates, large enough to matter, and not reached by a simpler one. It stops when no
-    effect qualifies.
+    effect qualifies. Where much structure is then left, other first effects are tried.
 
     Parameters
     ----------
@@ -251,8 +251,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             blocks = np.linspace(lead, n, n_blocks + 1).astype(int)
             for block, (first, last) in enumerate(pairwise(blocks)):
                 start = min(first + washout, last - 1)
-                count = max(min(_SEGMENTS // n_blocks, (last - start) // _SHORTEST_SEGMENT), 1)
-                parts = _stretches(start, last, count)
+                parts = _stretches(start, last, _SEGMENTS // n_blocks)
                 flags = [False] * len(parts)
                 if start > first:
                     parts.insert(0, (int(first), int(start)))
@@ -303,6 +302,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             _NEGLIGIBLE * np.ptp(self.response_),
             self._say,
             declared.renew,
+            lambda c, seen: self._judgement(seen, declared.measured(seen), c).gain,
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
         for _ in range(_REWEIGHTED if rounds.lost else 0):
@@ -371,14 +371,17 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
+        judgement = self._judgement(records, measured, base)
+        self.noise_floor_ = judgement.error
+        self.verdict_ = "unexplained" if judgement.structured else "noise"
+
+    def _judgement(self, records, measured, base):
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         # of the fit to everything: a held-out record that goes further than the others shows what
         # they do not determine, which is no missing structure
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, *self._fitted(records, base))]
-        judgement = judge_residual(*seen, rng, alpha=self.alpha)
-        self.noise_floor_ = judgement.error
-        self.verdict_ = "unexplained" if judgement.structured else "noise"
+        return judge_residual(*seen, rng, alpha=self.alpha)
 
     @staticmethod
     def _fitted(records, base):
@@ -426,8 +429,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
             start = min(self._washed(s.n_samples, len(self.records_) == 1), s.n_samples - 1)
-            count = max(min(_SEGMENTS, (s.n_samples - start) // _SHORTEST_SEGMENT), 1)
-            segments = _stretches(start, s.n_samples, count)
+            segments = _stretches(start, s.n_samples, _SEGMENTS)
             records.append(_record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
         problem = structure.problem(records)
@@ -461,8 +463,9 @@ def _record_data(s, drive, others, response, segments):
     )
 
 
-def _stretches(start, stop, count):
-    """Cut rows into ``count`` stretches of one length; the last takes what is over."""
+def _stretches(start, stop, most):
+    """Cut rows into stretches of one length, ``most`` at most; the last takes what is over."""
+    count = max(min(most, (stop - start) // _SHORTEST_SEGMENT), 1)
     length = (stop - start) // count
     firsts = [int(start) + i * length for i in range(count)]
     return list(zip(firsts, [*firsts[1:], int(stop)], strict=True))

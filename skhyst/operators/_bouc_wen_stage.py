@@ -1,6 +1,5 @@
 """Mass, spring and damper with a Bouc-Wen force."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -140,29 +139,8 @@ class BoucWenStageOperator(OscillatorOperator):
         """Return the natural frequency of a small motion, rad/s."""
         return float(self.natural_frequency * math.sqrt(1.0 + self.hysteresis_stiffness))
 
-    def with_feedback(self, feedback, origin=0.0):
-        """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
-
-        Parameters
-        ----------
-        feedback : float
-            In drive/response, with ``feedback gain > -1``.
-        origin : float, default=0.0
-            Units of the response.
-
-        Returns
-        -------
-        BoucWenStageOperator
-        """
-        s = 1.0 + feedback * self.gain
-        return dataclasses.replace(
-            self,
-            natural_frequency=self.natural_frequency * math.sqrt(s),
-            damping_ratio=self.damping_ratio / math.sqrt(s),
-            hysteresis_stiffness=self.hysteresis_stiffness / s,
-            gain=self.gain / s,
-            intercept=origin + (self.intercept - origin) / s,
-        )
+    def _fed_back(self, s, shift):
+        return {"hysteresis_stiffness": self.hysteresis_stiffness / s}
 
     def _rest(self, u0):
         rho, level, shape, exponent, _ = self._law(np.empty(0))

@@ -1,6 +1,5 @@
 """Mass, spring and damper with LuGre friction."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -138,31 +137,12 @@ class FrictionStageOperator(OscillatorOperator):
         """Return the natural frequency before sliding, rad/s."""
         return float(self.natural_frequency * math.sqrt(1.0 + self.bristle_stiffness))
 
-    def with_feedback(self, feedback, origin=0.0):
-        """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
-
-        Parameters
-        ----------
-        feedback : float
-            In drive/response, with ``feedback gain > -1``.
-        origin : float, default=0.0
-            Units of the response.
-
-        Returns
-        -------
-        FrictionStageOperator
-        """
-        s = 1.0 + feedback * self.gain
-        return dataclasses.replace(
-            self,
-            natural_frequency=self.natural_frequency * math.sqrt(s),
-            damping_ratio=self.damping_ratio / math.sqrt(s),
-            stribeck_velocity=self.stribeck_velocity * s,
-            bristle_stiffness=self.bristle_stiffness / s,
-            bristle_damping=self.bristle_damping / math.sqrt(s),
-            gain=self.gain / s,
-            intercept=origin + (self.intercept - origin) / s,
-        )
+    def _fed_back(self, s, shift):
+        return {
+            "stribeck_velocity": self.stribeck_velocity * s,
+            "bristle_stiffness": self.bristle_stiffness / s,
+            "bristle_damping": self.bristle_damping / math.sqrt(s),
+        }
 
     def _rest(self, u0):
         level = float(self.static_level)

@@ -1,5 +1,7 @@
 """Base of the stages that have hysteresis inside their equation of motion."""
 
+import dataclasses
+import math
 from abc import abstractmethod
 from functools import cached_property
 
@@ -45,6 +47,38 @@ class OscillatorOperator(Operator):
     @abstractmethod
     def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
         """Write q (n,) and its tangents (n, m + n_own)."""
+
+    @abstractmethod
+    def _fed_back(self, s, shift):
+        """Return the subclass's own parameters behind a feedback that divides the gain by ``s``.
+
+        ``shift`` is what the feedback makes of the intercept, in units of the drive.
+        """
+
+    def with_feedback(self, feedback, origin=0.0):
+        """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
+
+        Parameters
+        ----------
+        feedback : float
+            In drive/response, with ``feedback gain > -1``.
+        origin : float, default=0.0
+            Units of the response.
+
+        Returns
+        -------
+        operator
+            Of the same kind.
+        """
+        s = 1.0 + feedback * self.gain
+        both = {
+            "natural_frequency": self.natural_frequency * math.sqrt(s),
+            "damping_ratio": self.damping_ratio / math.sqrt(s),
+            "gain": self.gain / s,
+            "intercept": origin + (self.intercept - origin) / s,
+        }
+        own = self._fed_back(s, feedback * (self.intercept - origin))
+        return dataclasses.replace(self, **(both | own))
 
     @cached_property
     def _mode(self):

@@ -1,6 +1,5 @@
 """Mass with polynomial spring and damper and a bilinear hysteretic force."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -156,33 +155,16 @@ class RestoringForceOperator(OscillatorOperator):
         """Return the natural frequency of a small motion without slip, rad/s."""
         return float(self.natural_frequency * math.sqrt(1.0 + self.hysteresis_stiffness))
 
-    def with_feedback(self, feedback, origin=0.0):
-        """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
-
-        Parameters
-        ----------
-        feedback : float
-            In drive/response, with ``feedback gain > -1``.
-        origin : float, default=0.0
-            Units of the response.
-
-        Returns
-        -------
-        RestoringForceOperator
-        """
-        s = 1.0 + feedback * self.gain
+    def _fed_back(self, s, shift):
         springs = np.arange(1, self.stiffness_coefficients.size + 1)
         dampers = np.arange(1, self.damping_coefficients.size + 1)
-        return dataclasses.replace(
-            self,
-            natural_frequency=self.natural_frequency * math.sqrt(s),
-            damping_ratio=self.damping_ratio / math.sqrt(s),
-            stiffness_coefficients=self.stiffness_coefficients / s ** (2 * springs + 1),
-            damping_coefficients=self.damping_coefficients / s ** (dampers + 0.5),
-            hysteresis_stiffness=self.hysteresis_stiffness / s,
-            preload=self.preload - feedback * (self.intercept - origin),
-            gain=self.gain / s,
-        )
+        return {
+            "stiffness_coefficients": self.stiffness_coefficients / s ** (2 * springs + 1),
+            "damping_coefficients": self.damping_coefficients / s ** (dampers + 0.5),
+            "hysteresis_stiffness": self.hysteresis_stiffness / s,
+            "preload": self.preload - shift,  # q keeps its origin
+            "intercept": self.intercept,
+        }
 
     def _spring(self, q):
         """Return the spring's force, its slope and its derivatives by the coefficients."""

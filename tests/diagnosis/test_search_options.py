@@ -1,0 +1,295 @@
+"""What the search makes of its options, of units, order, single records and of what it refuses."""
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+from plants import make_recording
+from sklearn.preprocessing import StandardScaler
+
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.records import stack_records
+
+SEED = 9000
+FEW = ["lag", "delay", "offset", "output_saturation"]
+SMALL = {"lag": 2500, "output_saturation": 2500}
+
+
+def small(effect):
+    return make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=SMALL[effect])
+
+
+def few(**options):
+    options = {"estimator": PrandtlIshlinskii(), "effects": FEW, "random_state": 0} | options
+    return EffectSearchCV(**options)
+
+
+@cache
+def found(effect):
+    recording = small(effect)
+    return few().fit(recording.X_train, recording.y_train)
+
+
+# -------------------------------------------------------------------------------------- symmetries
+
+
+@pytest.mark.parametrize("effect", SMALL)
+def test_units_change_nothing(effect):
+    recording, plain = small(effect), found(effect)
+    X = recording.X_train * 1e3
+    X.index = X.index.set_levels(X.index.levels[1] * 1e-3, level="time")
+    y = pd.Series(recording.y_train.to_numpy() * 1e-6, X.index)
+    other = few().fit(X, y)
+    assert other.effects_ == plain.effects_
+    assert other.effects_[:1] == [effect]
+    assert other.verdict_ == plain.verdict_
+    for name in ("error_before_", "error_after_", "noise_floor_"):
+        assert getattr(other, name) * 1e6 == pytest.approx(getattr(plain, name), rel=1e-6)
+    np.testing.assert_allclose(other.ranking_["screen"], plain.ranking_["screen"], atol=1e-6)
+    np.testing.assert_allclose(other.ranking_["p_value"], plain.ranking_["p_value"], rtol=1e-4)
+
+
+def test_same_seed_same_result():
+    recording, first = small("lag"), found("lag")
+    again = few().fit(recording.X_train, recording.y_train)
+    pd.testing.assert_frame_equal(first.ranking_, again.ranking_)
+    assert first.noise_floor_ == again.noise_floor_
+    np.testing.assert_array_equal(first.residual_after_, again.residual_after_)
+
+
+def test_number_of_threads_changes_nothing():
+    recording, one = small("lag"), found("lag")
+    two = few(n_jobs=2).fit(recording.X_train, recording.y_train)
+    pd.testing.assert_frame_equal(one.ranking_, two.ranking_)
+
+
+def test_order_of_the_records_changes_no_name():
+    recording, plain = small("lag"), found("lag")
+    order = [3, 0, 4, 2, 1]
+    X = pd.concat([recording.X_train.loc[[label]] for label in order])
+    y = pd.concat([recording.y_train.loc[[label]] for label in order])
+    other = few().fit(X, y)
+    assert other.effects_ == plain.effects_ == ["lag"]
+    assert other.verdict_ == plain.verdict_
+    assert other.error_after_ == pytest.approx(plain.error_after_, rel=1e-3)
+
+
+def test_data_are_left_as_they_were():
+    recording = small("lag")
+    X, y = recording.X_train.copy(), recording.y_train.copy()
+    few(effects=["offset", "lag"]).fit(X, y)
+    pd.testing.assert_frame_equal(X, recording.X_train)
+    pd.testing.assert_series_equal(y, recording.y_train)
+
+
+def test_a_shift_of_the_response_is_the_declared_models_intercept():
+    recording, plain = small("lag"), found("lag")
+    shift = 3.0 * np.ptp(recording.y_train)
+    other = few().fit(recording.X_train, recording.y_train + shift)
+    assert other.effects_ == plain.effects_
+    assert other.error_after_ == pytest.approx(plain.error_after_, rel=1e-3)
+
+
+# ------------------------------------------------------------------------------------- one record
+
+
+def one_record(effect="lag", n_samples=12500):
+    """Return the first record alone: arrays of the drive and the response, and the interval."""
+    recording = make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=n_samples)
+    X, y = recording.X_train.loc[0], recording.y_train.loc[0]
+    return X.to_numpy(), y.to_numpy(), recording
+
+
+def test_one_record_is_cut_into_blocks_that_are_washed_out():
+    X, y, recording = one_record()
+    model = PrandtlIshlinskii(dt=recording.sampling_interval)
+    search = EffectSearchCV(model, effects=FEW, cv=4, washout=23, random_state=0).fit(X, y)
+    assert search.effects_ == ["lag"]
+    edges = np.linspace(0, len(y), 5).astype(int)
+    washed = np.zeros(len(y), dtype=bool)
+    for edge in edges[:-1]:
+        washed[edge : edge + 23] = True
+    for stage in ("before", "after"):
+        residual = getattr(search, f"residual_{stage}_")
+        prediction = getattr(search, f"prediction_{stage}_")
+        np.testing.assert_array_equal(np.isnan(residual), washed)
+        np.testing.assert_array_equal(residual, y - prediction)
+        error = np.sqrt(np.nanmean(residual**2))
+        assert getattr(search, f"error_{stage}_") == pytest.approx(error, rel=1e-9)
+    assert search.error_after_ < 1.3 * recording.noise_std  # blocks of 600 samples
+
+
+def test_a_washout_of_nothing_scores_everything():
+    X, y, _ = one_record()
+    search = EffectSearchCV(PrandtlIshlinskii(), effects=["offset"], washout=0).fit(X, y)
+    assert np.isfinite(search.residual_before_).all()
+
+
+def test_arrays_with_an_interval_are_frames_with_a_time_index():
+    X, y, recording = one_record()
+    dt = recording.sampling_interval
+    array = EffectSearchCV(PrandtlIshlinskii(dt=dt), effects=FEW, random_state=0).fit(X, y)
+    index = pd.Index(dt * np.arange(len(y)), name="time")
+    frame = EffectSearchCV(PrandtlIshlinskii(), effects=FEW, random_state=0).fit(
+        pd.DataFrame(X, index=index), pd.Series(y, index)
+    )
+    assert array.effects_ == frame.effects_ == ["lag"]
+    assert array.records_[0].dt == pytest.approx(frame.records_[0].dt)
+    assert array.error_after_ == pytest.approx(frame.error_after_, rel=1e-6)
+    tau = recording.truth["parameters"]["tau"]
+    value, std, unit = array.evidence_["lag"].numbers["time constant"]
+    assert abs(value - tau) < max(5.0 * std, 0.01 * tau)
+    assert unit == "s"
+
+
+def test_repeated_periods_give_the_noise_floor():
+    rng = np.random.default_rng(SEED)
+    t = np.arange(4000)
+    drive = np.sin(2.0 * np.pi * t / 400) + 0.4 * np.sin(2.0 * np.pi * 3 * t / 400 + 1.0)
+    y = np.clip(drive, -1.0, 0.9) + 0.01 * rng.standard_normal(4000)
+    search = few(effects=["output_saturation"]).fit(drive.reshape(-1, 1), y)
+    assert search.effects_ == ["output_saturation"]
+    assert search.noise_floor_ == pytest.approx(0.01, rel=0.05)
+
+
+def test_repeated_records_give_the_noise_floor():
+    recording = small("lag")
+    X, y = recording.X_train.loc[[0, 1, 2]], recording.y_train_clean.loc[[0, 1, 2]]
+    rng = np.random.default_rng(SEED)
+    records = [
+        (X.loc[k, "drive"], y.loc[k] + recording.noise_std * rng.standard_normal(len(y.loc[k])))
+        for k in (0, 1, 2, 0, 1, 2)
+    ]
+    X, y = stack_records(
+        [(u.to_numpy(), v.to_numpy()) for u, v in records], dt=recording.sampling_interval
+    )
+    search = few(effects=["lag"]).fit(X, y)
+    assert search.noise_floor_ == pytest.approx(recording.noise_std, rel=0.06)
+
+
+def test_data_without_noise_end_the_search():
+    recording = make_recording("lag", "prandtl_ishlinskii", SEED, n_samples=2500, noise=0.0)
+    search = few().fit(recording.X_train, recording.y_train)
+    assert search.effects_[0] == "lag"
+    assert search.error_after_ < 0.05 * search.error_before_
+
+
+def test_blocks_of_records_that_foretell_nothing_of_each_other():
+    rng = np.random.default_rng(SEED)
+    found = []
+    for level in (1.0, 3.0):
+        u = level * np.sin(np.linspace(0.0, 40.0, 600))
+        found.append((u, u + 0.05 * u**2 + 0.005 * rng.standard_normal(600)))
+    X, y = stack_records(found, dt=0.01)
+    effects = ["static_nonlinearity", "lag", "drift"]
+    search = few(estimator=PrandtlIshlinskii(3), folds="blocks", effects=effects).fit(X, y)
+    assert search.effects_ == ["static_nonlinearity"]
+    assert search.error_after_ < 0.006
+    scored = np.isfinite(search.residual_after_)
+    assert scored.all()  # each sample is held out once
+
+
+# -------------------------------------------------------------------------- parameters and refusals
+
+
+def test_budget_of_effects():
+    recording = small("output_saturation")
+    none = few(max_effects=0).fit(recording.X_train, recording.y_train)
+    assert none.effects_ == []
+    assert len(none.ranking_) == 0
+    assert none.error_after_ == none.error_before_
+    one = few(max_effects=1).fit(recording.X_train, recording.y_train)
+    assert one.effects_ == ["output_saturation"]
+    assert set(one.ranking_["round"]) == {1}
+    assert set(one.ranking_["effect"]) == set(FEW)
+
+
+def test_two_missing_effects_are_both_found():
+    recording = small("lag")
+    y = recording.y_train.copy()
+    offsets = 0.03 * np.ptp(y) * np.array([1.0, -1.0, 0.5, -0.4, 0.8])
+    y += offsets[y.index.get_level_values("record")]
+    search = few().fit(recording.X_train, y)
+    assert sorted(search.effects_) == ["lag", "offset"]
+    assert search.error_after_ < 1.1 * recording.noise_std
+    assert (np.diff(search.history_["error_after"]) < 0.0).all()
+    assert search.history_["error_before"].iloc[1] == search.history_["error_after"].iloc[0]
+
+
+def test_one_name_is_a_list_of_one():
+    recording = small("lag")
+    assert few(effects="lag").fit(recording.X_train, recording.y_train).effects_ == ["lag"]
+
+
+def test_an_improvement_of_no_practical_size_is_not_claimed():
+    recording = small("lag")
+    fitted = few(effects=["lag"]).fit(recording.X_train, recording.y_train)
+    gain = 1.0 - fitted.error_after_ / fitted.error_before_
+    modest = few(effects=["lag"], min_improvement=min(1.05 * gain, 0.999))
+    assert modest.fit(recording.X_train, recording.y_train).effects_ == []
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"effects": ["magic", "lag"]}, ValueError, r"'effects' parameter.*asymmetry.*'magic'"),
+        ({"effects": "magic"}, ValueError, r"'effects' parameter.*'magic' instead"),
+        ({"estimator": StandardScaler()}, ValueError, r"'estimator' parameter of EffectSearchCV"),
+        ({"estimator": 3}, ValueError, r"'estimator' parameter of EffectSearchCV"),
+        ({"cv": 1}, ValueError, r"'cv' parameter of EffectSearchCV"),
+        ({"folds": "rows"}, ValueError, r"'folds' parameter of EffectSearchCV"),
+        ({"alpha": 0.0}, ValueError, r"'alpha' parameter of EffectSearchCV"),
+        ({"max_effects": -1}, ValueError, r"'max_effects' parameter of EffectSearchCV"),
+        ({"min_improvement": 1.0}, ValueError, r"'min_improvement' parameter of EffectSearchCV"),
+        ({"washout": -1}, ValueError, r"'washout' parameter of EffectSearchCV"),
+    ],
+)
+def test_wrong_parameters_are_refused_by_name(options, error, message):
+    X, y = np.linspace(0.0, 1.0, 100).reshape(-1, 1), np.linspace(0.0, 1.0, 100)
+    with pytest.raises(error, match=message):
+        EffectSearchCV(**{"estimator": PrandtlIshlinskii(2)} | options).fit(X, y)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("which", ["X", "y"])
+def test_readings_that_are_no_numbers_are_refused(value, which):
+    X, y = np.sin(np.arange(200.0)).reshape(-1, 1), np.sin(np.arange(200.0))
+    if which == "X":
+        X[17] = value
+    else:
+        y[17] = value
+    with pytest.raises(ValueError, match=r"NaN|infinity"):
+        few().fit(X, y)
+
+
+def test_too_few_samples_are_refused_with_the_number_that_is_enough():
+    X, y = np.arange(6.0).reshape(-1, 1), np.arange(6.0)
+    with pytest.raises(ValueError, match=r"at least 10 samples for 5 folds. Got 6 instead"):
+        EffectSearchCV(PrandtlIshlinskii(2), effects=["lag"]).fit(X, y)
+
+
+def test_a_constant_drive_claims_nothing():
+    rng = np.random.default_rng(SEED)
+    y = 2.0 + 0.1 * rng.standard_normal(400)
+    search = EffectSearchCV(PrandtlIshlinskii(2), effects=["lag", "offset"], random_state=0)
+    search.fit(np.ones((400, 1)), y)
+    assert search.effects_ == []
+    assert search.error_before_ == pytest.approx(0.1, rel=0.15)
+
+
+def test_an_unfitted_search_says_so():
+    for method in ("predict", "report"):
+        with pytest.raises(ValueError, match="not fitted"):
+            getattr(few(), method)(*([np.zeros((3, 1))] if method == "predict" else []))
+
+
+def test_progress_goes_to_the_standard_error_stream(capsys):
+    recording = small("lag")
+    few(verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert "round 1: lag, held-out error" in written.err
+    few(effects=["lag"]).fit(recording.X_train, recording.y_train)
+    assert capsys.readouterr().err == ""
