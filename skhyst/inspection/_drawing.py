@@ -104,7 +104,8 @@ def tidy(ax, *, title=None, x_label=None, y_label=None):
     ax.set_axisbelow(True)
     for name, scale in (("x", ax.get_xscale()), ("y", ax.get_yscale())):
         if scale == "linear":
-            ax.ticklabel_format(axis=name, scilimits=(-4, 5), useMathText=True)
+            ax.ticklabel_format(axis=name, scilimits=(-3, 5), useMathText=True)
+    ax.xaxis.get_offset_text().set(x=1.01, horizontalalignment="left")  # clear of the label
     if title is not None:
         ax.set_title(plain(title), loc="left", fontsize="medium", fontweight="bold")
     if x_label is not None:
