@@ -135,7 +135,7 @@ class Rounds:
         others = sorted((c for c in tested if c.effect not in dict(begun)), key=lambda c: c.cost)
         others = [c for c in others if self._fits(base, c)][:_BEGINNINGS]
         n_sets = max(len(tested) * (len(tested) - 1) // 2, 1)
-        best = self
+        ends = []
         for first in others:
             self.say(f"beginning again with {first.effect}")
             ranking = [
@@ -161,9 +161,13 @@ class Rounds:
                 and len(others) * self._p_value(found, end) < self.alpha
             ):
                 trial.history[0]["p_value"] = min(trial.history[0]["p_value"], p_value)
-                found, best = end, trial
-        self.records, self.history = best.records, best.history
-        self.ranking, self.dropped = best.ranking, best.dropped
+                ends.append((end, trial))
+        if not ends:
+            return found
+        found = self._simplest([end for end, _ in ends])
+        trial = next(trial for end, trial in ends if end is found)
+        self.records, self.history = trial.records, trial.history
+        self.ranking, self.dropped = trial.ranking, trial.dropped
         return found
 
     def weighed(self, base):
@@ -322,8 +326,7 @@ class Rounds:
         ]
         best = min(claims, key=lambda c: c.error)
         same = [c for c in claims if self._alike(c, best)]
-        near = [c for c in same if c.error <= (1.0 + _SIMILAR_ERROR) * best.error]
-        chosen = min(near, key=lambda c: (c.n_parameters, c.error))
+        chosen = self._simplest(same)
         others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
         return chosen, _row(base, chosen, others)
 
@@ -438,6 +441,16 @@ class Rounds:
 
     def _taken(self, base):
         return {name for name, _ in base.structure.added} | set(self.dropped)
+
+    def _simplest(self, contestants):
+        """Return the one with the fewest parameters among those about as good as the best."""
+        best = min(contestants, key=lambda c: c.error)
+        near = [
+            c
+            for c in contestants
+            if c.error <= (1.0 + _SIMILAR_ERROR) * best.error and self._alike(c, best)
+        ]
+        return min(near, key=lambda c: (c.n_parameters, c.error))
 
     def _alike(self, worse, better):
         """Whether two held-out errors agree, or the data cannot tell them apart."""

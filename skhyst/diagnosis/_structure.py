@@ -356,7 +356,7 @@ class Structure:
             "stage",
             names=(*self.names[:at], named.label(name), *self.names[at:]),
             models=(*self.models[:at], model, *self.models[at:]),
-            operators=(*self.operators[:at], operator, *self.operators[at:]),
+            operators=_scaled_by_last((*self.operators[:at], operator, *self.operators[at:])),
         )
 
     def _cut(self, name):
@@ -365,7 +365,7 @@ class Structure:
             self,
             names=self.names[:at] + self.names[at + 1 :],
             models=self.models[:at] + self.models[at + 1 :],
-            operators=self.operators[:at] + self.operators[at + 1 :],
+            operators=_scaled_by_last(self.operators, without=at),
         )
 
     def exchange(self, effect, at, model, operator):
@@ -510,6 +510,40 @@ class Structure:
             estimator.initial_drive_ = np.array([record.before for record in records])
         estimator._adopt(result)
         return estimator, result
+
+
+def _scaled_by_last(operators, without=None):
+    """Return a series with its static gain and intercept on the last linear stage.
+
+    That one keeps them where no stage carries a scale of its own; all others are held at one and
+    zero. Behind a saturation the gain is no linear parameter, which would be solved for anyway.
+
+    Parameters
+    ----------
+    operators : tuple of Operator
+    without : int, optional
+        Stage to leave out; the others take over its gain.
+    """
+    kept = [i for i in range(len(operators)) if i != without]
+    scaled = [i for i, operator in enumerate(operators) if operator.gauge_entries().any()]
+    between = operators[scaled[0] : scaled[-1] + 1] if scaled else ()
+    owner = max(set(scaled) & set(kept), default=None)
+    if (
+        owner is None
+        or any(operator.carries_scale for operator in operators)
+        or not all(operator.signal_linear for operator in between)
+        or not all({"gain", "intercept"} <= set(operators[i].sizes()) for i in scaled)
+    ):
+        return tuple(operators[i] for i in kept)
+    gain, intercept = 1.0, 0.0
+    for i in scaled:
+        gain *= operators[i].gain
+        intercept = operators[i].gain * intercept + operators[i].intercept
+    own = dict.fromkeys(scaled, (1.0, 0.0)) | {owner: (gain, intercept)}
+    return tuple(
+        replace(operators[i], gain=own[i][0], intercept=own[i][1]) if i in own else operators[i]
+        for i in kept
+    )
 
 
 def snake_case(name):

@@ -1,5 +1,7 @@
 """A model taken apart, with something put in, is the model with something put in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from skhyst.compose import Cascade, Sum
 from skhyst.diagnosis._structure import Schedule, Structure, snake_case
 from skhyst.disturbance import Drift, Offset
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, TransferFunction
+from skhyst.linear import FirstOrderLag, SecondOrderMode, TransferFunction
 from skhyst.operators import (
     DriftOperator,
     FirstOrderLagOperator,
@@ -166,3 +168,35 @@ def test_a_second_stage_of_a_name_gets_a_name_of_its_own_and_goes_again(schedule
 )
 def test_snake_case(name, expected):
     assert snake_case(name) == expected
+
+
+def behind_a_saturation(records):
+    """Return a mode whose gain a saturation has made a nonlinear parameter."""
+    result = SecondOrderMode()._identify(records)
+    structure = Structure.from_result(SecondOrderMode(), result)
+    mode = replace(result.operator, gain=3e-7, intercept=1e-8)
+    structure = replace(structure, operators=(mode,))
+    limit = SaturationOperator(-np.inf, 2e-7, rank=50)
+    return structure.insert("output_saturation", Saturation(rank=50), limit)
+
+
+def test_a_linear_stage_more_takes_the_gain_over(records):
+    structure = behind_a_saturation(records)
+    fast = FirstOrderLagOperator(1e-9)
+    more = structure.insert("lag", FirstOrderLag(), fast)
+    for y, expected in zip(more.run(records), structure.run(records), strict=True):
+        np.testing.assert_allclose(y, expected, atol=1e-6 * np.ptp(expected))
+    problem = more.problem(records)
+    at_start = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
+    for y, expected in zip(at_start, structure.run(records), strict=True):
+        np.testing.assert_allclose(y, expected, atol=1e-6 * np.ptp(expected))
+
+
+def test_a_linear_stage_less_gives_the_gain_back(records):
+    structure = behind_a_saturation(records)
+    lag = FirstOrderLagOperator(1e-9, 2.0, -1e-9)
+    rest = structure.insert("lag", FirstOrderLag(), lag).without("lag")
+    mode = rest.operators[0]
+    assert mode.gain == pytest.approx(6e-7)
+    assert mode.intercept == pytest.approx(2.0 * 1e-8 - 1e-9)
+    assert rest.operators[1] == structure.operators[1]
