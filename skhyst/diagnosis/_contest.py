@@ -8,12 +8,13 @@ from scipy.stats import t as student
 
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._shortened import are_long
-from ._starts import starting_structures
+from ._starts import dynamics_anew, starting_structures
 
 __all__ = [
     "Contestant",
     "Screened",
     "contest",
+    "dynamics_refitted",
     "held_out",
     "independent_share",
     "paired_p_value",
@@ -84,15 +85,10 @@ def screen(effect, structure, records):
     refitted for a few steps, since a prediction far from the solution says little. Where whole long
     records have to be screened the prediction is all: such an effect starts from the model so far.
     """
-    found = []
-    for candidates in starting_structures(effect, structure, records):
-        starts = []
-        for candidate in candidates:
-            problem = candidate.problem(records)
-            predicted = predicted_cost(problem, problem.x0)
-            n_parameters = len(problem.x0) + candidate.n_coefficients()
-            starts.append(Contestant(effect.name, candidate, predicted, n_parameters, problem.x0))
-        found.append(sorted(starts, key=lambda c: c.cost))
+    found = [
+        _predicted(effect.name, candidates, records)
+        for candidates in starting_structures(effect, structure, records)
+    ]
     if not found:
         return Screened([])
     hopeful = sorted(found, key=lambda starts: starts[0].cost)[:_SCREENED]
@@ -100,6 +96,25 @@ def screen(effect, structure, records):
         starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
     fewest = min(starts[0].n_parameters for starts in found)
     return Screened(found, min(starts[0].cost for starts in hopeful), fewest)
+
+
+def _predicted(effect, structures, records):
+    """Return contestants at starting values, the most promising first."""
+    starts = []
+    for structure in structures:
+        problem = structure.problem(records)
+        predicted = predicted_cost(problem, problem.x0)
+        n_parameters = len(problem.x0) + structure.n_coefficients()
+        starts.append(Contestant(effect, structure, predicted, n_parameters, problem.x0))
+    return sorted(starts, key=lambda c: c.cost)
+
+
+def dynamics_refitted(contestant, records):
+    """Return the contestant refitted from starting values of its linear dynamics, or None."""
+    if are_long(records):
+        return None
+    starts = _predicted(contestant.effect, dynamics_anew(contestant.structure, records), records)
+    return _refit_variant(starts, records)[1] if starts else None
 
 
 def refitted(contestant, structure, records):

@@ -17,6 +17,7 @@ from joblib import Parallel, delayed
 
 from ._contest import (
     contest,
+    dynamics_refitted,
     held_out,
     independent_share,
     paired_p_value,
@@ -108,6 +109,10 @@ class Rounds:
             self._first = self._first or (base, self.records, tested)
             if not claims:
                 break
+            last, row = claims[-1]
+            if self.renew is None:
+                last = self._refreshed(last)
+            claims[-1] = last, row | {"error_after": last.error}
             for contestant, row in claims:
                 self.history.append(row)
                 base = contestant
@@ -122,11 +127,24 @@ class Rounds:
             self.records = self._records(base)
         return base
 
+    def _refreshed(self, base):
+        """Return a contestant with linear dynamics identified anew, where that foretells better.
+
+        Before the claim they had made up for what was missing, and a local search may leave them
+        there.
+        """
+        anew = dynamics_refitted(base, self.records)
+        if anew is None or anew.cost > (1.0 - self.min_improvement) * base.cost:
+            return base
+        anew = replace(held_out(anew, self.records, self.folds), p_value=base.p_value)
+        return anew if anew.error < base.error else base
+
     def _from_another(self, found):
-        """Return what the search finds from another first effect, where that is far better.
+        """Return what the search finds from another first effect, where that explains what is left.
 
         What fits best alone may stand for two effects at once, and what is right alone may foretell
-        badly as long as the other is missing.
+        badly as long as the other is missing. Where no set leaves noise, none is known to be right,
+        and the first is kept.
         """
         base, records, tested = self._first
         if found.error <= self.negligible or self.structure_left(found, self.records) < _STRUCTURE:
@@ -154,11 +172,15 @@ class Rounds:
             )
             end = trial._forward(first)
             p_value = min(1.0, n_sets * self._p_value(base, end))
-            if (
+            better = (
                 end.error < (1.0 - self.min_improvement) * found.error
+                and len(others) * self._p_value(found, end) < self.alpha
+            )
+            if (
+                (better or self._is_simpler(end, found))
                 and self._matters(base, end)
                 and p_value < self.alpha
-                and len(others) * self._p_value(found, end) < self.alpha
+                and self.structure_left(end, trial.records) < _STRUCTURE
             ):
                 trial.history[0]["p_value"] = min(trial.history[0]["p_value"], p_value)
                 ends.append((end, trial))
@@ -417,11 +439,7 @@ class Rounds:
         both = self._added(rest, [(last, first) for first in firsts], serial)
         for c in sorted(both, key=lambda c: c.n_parameters):
             c = held_out(c, self.records, self.folds)
-            if (
-                c.n_parameters < base.n_parameters
-                and c.error <= (1.0 + _SIMILAR_ERROR) * base.error
-                and self._alike(c, base)
-            ):
+            if self._is_simpler(c, base):
                 simpler = c.structure.added[-2][0]
                 self.dropped.append(effect)
                 for row in self.history:
@@ -445,12 +463,16 @@ class Rounds:
     def _simplest(self, contestants):
         """Return the one with the fewest parameters among those about as good as the best."""
         best = min(contestants, key=lambda c: c.error)
-        near = [
-            c
-            for c in contestants
-            if c.error <= (1.0 + _SIMILAR_ERROR) * best.error and self._alike(c, best)
-        ]
+        near = [c for c in contestants if self._is_as_good(c, best)]
         return min(near, key=lambda c: (c.n_parameters, c.error))
+
+    def _is_simpler(self, contestant, than):
+        fewer = contestant.n_parameters < than.n_parameters
+        return fewer and self._is_as_good(contestant, than)
+
+    def _is_as_good(self, worse, better):
+        close = worse.error <= (1.0 + _SIMILAR_ERROR) * better.error
+        return close and self._alike(worse, better)
 
     def _alike(self, worse, better):
         """Whether two held-out errors agree, or the data cannot tell them apart."""

@@ -8,7 +8,7 @@ import numpy as np
 from ..operators import DelayOperator, LinearOperator, OscillatorOperator
 from ..optimize import distribute_poles, pole_starts
 
-__all__ = ["Scene", "beside", "inserted", "starting_structures"]
+__all__ = ["Scene", "beside", "dynamics_anew", "inserted", "starting_structures"]
 
 _STARTS = 3  # of many starting values, so many are linearised
 _THINNED = 3  # every so many samples decide which
@@ -111,16 +111,21 @@ def beside(name, model, scene):
         return found
     # what is missing has bent the declared hysteresis: identify it anew without
     first = found[0]
-    problem = first.problem(records)
-    blocks = problem.evaluate(problem.x0, jacobian=False)
-    coefficients = problem.coefficients(blocks)
+    anew = structure.models[0]._identify(_undisturbed(first, records)).operator
+    return [*found, replace(first, operators=(anew,))]
+
+
+def _undisturbed(structure, records):
+    """Return the records without what disturbances add to the response."""
+    if not structure.disturbances:
+        return records
+    problem = structure.problem(records)
+    coefficients = problem.coefficients(problem.evaluate(problem.x0, jacobian=False))
     known = problem.outputs(problem.operator, problem.disturbances, coefficients)
-    rest = [
+    return [
         replace(r, y=r.y - (y - driven))
         for r, y, driven in zip(records, known, structure.respond(records), strict=True)
     ]
-    anew = structure.models[0]._identify(rest).operator
-    return [*found, replace(first, operators=(anew,))]
 
 
 def inserted(name, model, scene):
@@ -153,21 +158,50 @@ def _redistributed(candidates, at, scene, first):
     stages = candidates[0].operators
     if not isinstance(stages[at], LinearOperator | DelayOperator):
         return []
-    block = [i for i, stage in enumerate(stages) if isinstance(stage, LinearOperator)]
     delayed = isinstance(stages[first], DelayOperator)
-    if len(block) + delayed < 2:
+    if len(_dynamics(stages)) + delayed < 2:
         return []
+    return [
+        anew
+        for candidate in (candidates if delayed else candidates[:1])
+        for anew in _started_anew(candidate, scene, first)
+    ]
+
+
+def dynamics_anew(structure, records):
+    """Return the structure with its linear dynamics at starting values of their own, a few.
+
+    What has been added since may have taken over what they had made up for.
+    """
+    scene = Scene(structure, _undisturbed(structure, records))
+    if scene.multi_input or structure.schedule is not None or not _dynamics(structure.operators):
+        return []
+    first = _first_dynamics(structure)
+    return scene.promising(_started_anew(structure, scene, first), first)
+
+
+def _dynamics(stages):
+    """Return the places of the linear stages that have poles."""
+    return [i for i, s in enumerate(stages) if isinstance(s, LinearOperator) and sum(s.n_poles)]
+
+
+def _started_anew(structure, scene, first):
+    """Return a structure with the poles that the signals suggest, in all ways to share them out.
+
+    It is that of the scene before the place ``first``.
+    """
+    stages = structure.operators
+    block = _dynamics(stages)
     n_poles = sum(sum((1, 2)[j] * n for j, n in enumerate(stages[i].n_poles)) for i in block)
-    found, records = [], scene.records
-    for candidate in candidates if delayed else candidates[:1]:
-        inputs = candidate.run(records, first=first, last=block[0], signals=scene.signals(first))
-        data = [(u, r.y, r.dt) for u, r in zip(inputs, records, strict=True)]
-        for poles in _distinct(pole_starts(data, n_poles)):
-            for own in distribute_poles([stages[i] for i in block], poles):
-                operators = list(candidate.operators)
-                for i, operator in zip(block, own, strict=True):
-                    operators[i] = operator
-                found.append(replace(candidate, operators=tuple(operators)))
+    inputs = structure.run(scene.records, first=first, last=block[0], signals=scene.signals(first))
+    data = [(u, r.y, r.dt) for u, r in zip(inputs, scene.records, strict=True)]
+    found = []
+    for poles in _distinct(pole_starts(data, n_poles)):
+        for own in distribute_poles([stages[i] for i in block], poles):
+            operators = list(stages)
+            for i, operator in zip(block, own, strict=True):
+                operators[i] = operator
+            found.append(replace(structure, operators=tuple(operators)))
     return found
 
 

@@ -25,7 +25,7 @@ from skhyst.diagnosis import (
     unregister_effect,
 )
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import TransferFunction
+from skhyst.linear import SecondOrderMode, TransferFunction
 from skhyst.operators import StaticOperator, parameter
 from skhyst.records import read_records
 
@@ -356,3 +356,14 @@ def test_a_first_claim_that_stood_for_two_is_given_up():
     claimed = search.ranking_.loc[search.ranking_["claimed"], "effect"]
     assert list(claimed) == search.effects_
     assert (search.history_["p_value"] < search.alpha).all()
+
+
+def test_dynamics_that_had_made_up_for_an_effect_start_anew():
+    hidden = ("drift", "slew_limit")
+    recording = make_recording(hidden, "second_order", 200057, n_samples=3000)
+    effects = [*hidden, "resonance", "creep"]
+    search = EffectSearchCV(SecondOrderMode(), effects=effects, random_state=0)
+    search.fit(recording.X_train, recording.y_train)
+    assert sorted(search.effects_) == sorted(hidden)
+    error = search.held_out_error(recording.X_test, recording.y_test)
+    assert error < 1.10 * recording.noise_std
