@@ -61,7 +61,7 @@ from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSatu
 
 DT = 0.01
 N = 240
-BRIEFLY = VariableProjection(max_evaluations=8)  # on what is no response of theirs
+BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of theirs
 
 # data from elsewhere do not determine all parameters of a model, and it says so
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")

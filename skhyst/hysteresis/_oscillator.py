@@ -112,7 +112,7 @@ class OscillatorModel(ParametricModel):
             linear = SecondOrderMode(
                 fit_intercept=self.fit_intercept,
                 initial_state=self._free_run_state(),
-                method=_ROUGHLY,
+                method=self._roughly(),
             )
             mode = linear._identify(records).operator
         laws = self._laws(length, mode.natural_frequency * length)
@@ -214,7 +214,7 @@ class OscillatorModel(ParametricModel):
             driven,
             fixed=self._fixed(),
             initial_state=self._free_run_state(),
-            method=_ROUGHLY,
+            method=self._roughly(),
         )
         share = feedback * stage.operator.gain
         if not share < 1.0:
@@ -257,6 +257,11 @@ class OscillatorModel(ParametricModel):
             result = identify([(stage, ())], data, **options, method=method)
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
+
+    def _roughly(self):
+        """Return how starting values are identified: no longer than the result is."""
+        most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
+        return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
 
     def _fixed(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})

@@ -5,6 +5,7 @@ from scipy.linalg.lapack import dposv
 
 __all__ = ["bounded_step"]
 
+_LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 
 
@@ -29,12 +30,12 @@ def bounded_step(hessian, gradient, lower, upper):
     ndarray of shape (n,)
     """
     scale = np.sqrt(np.diag(hessian))
-    moves = scale > 0.0
+    moves = scale > _LEAST
     if not moves.any():
         return np.zeros(len(scale))
     scale[~moves] = 1.0
     inverse = moves / scale
-    h = hessian * np.outer(inverse, inverse)
+    h = hessian * inverse * inverse[:, None]
     h[np.diag_indices_from(h)] += _RIDGE
     g = gradient * inverse
     low, high = lower * scale, upper * scale

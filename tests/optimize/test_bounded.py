@@ -98,3 +98,10 @@ def test_units_do_not_matter(unit):
     a = a * units
     other = bounded_step(a.T @ a, a.T @ r, lower / units, upper / units)
     assert objective(a, r, other) == pytest.approx(objective(a / units, r, step), rel=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_unknown_that_moves_nothing_but_rounding_stays():
+    hessian = np.diag([1.0, 1e-318])
+    step = bounded_step(hessian, np.array([-2.0, -1e-170]), *np.array([[-9.0] * 2, [9.0] * 2]))
+    np.testing.assert_allclose(step, [2.0, 0.0], rtol=1e-12)
