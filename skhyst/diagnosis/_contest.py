@@ -8,17 +8,17 @@ from scipy.stats import t as student
 
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._shortened import are_long
-from ._starts import dynamics_anew, starting_structures
+from ._starts import starting_structures
 
 __all__ = [
     "Contestant",
     "Screened",
     "contest",
-    "dynamics_refitted",
     "held_out",
     "independent_share",
     "paired_p_value",
     "refitted",
+    "refitted_from",
     "relative_gain",
     "screen",
 ]
@@ -109,12 +109,10 @@ def _predicted(effect, structures, records):
     return sorted(starts, key=lambda c: c.cost)
 
 
-def dynamics_refitted(contestant, records):
-    """Return the contestant refitted from starting values of its linear dynamics, or None."""
-    if are_long(records):
-        return None
-    starts = _predicted(contestant.effect, dynamics_anew(contestant.structure, records), records)
-    return _refit_variant(starts, records)[1] if starts else None
+def refitted_from(contestant, structures, records):
+    """Return the contestant refitted from the most promising of structures."""
+    starts = _predicted(contestant.effect, structures, records)
+    return _refit_variant(starts, records)[1]
 
 
 def refitted(contestant, structure, records):
@@ -245,7 +243,8 @@ def held_out(contestant, records, folds):
     ``folds`` are pairs of boolean masks over segments: those fitted, those scored.
     """
     problem = contestant.structure.problem(records)
-    blocks = problem.evaluate(problem.x0)
+    alike = not all(problem.depends_on(train) for train, _ in folds)
+    blocks = problem.evaluate(problem.x0) if alike else None
     predictions = [np.full(len(record.y), np.nan) for record in records]
     long = are_long(records)
     for train, test in folds:

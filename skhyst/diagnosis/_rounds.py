@@ -15,19 +15,21 @@ from itertools import combinations
 import numpy as np
 from joblib import Parallel, delayed
 
+from ..operators import OscillatorOperator
 from ._contest import (
     contest,
-    dynamics_refitted,
     held_out,
     independent_share,
     paired_p_value,
     refitted,
+    refitted_from,
     relative_gain,
     screen,
 )
 from ._effects import EFFECTS
 from ._robust import huber_weights
-from ._shortened import shortened, suffices
+from ._shortened import are_long, shortened, suffices
+from ._starts import dynamics_anew, stage_anew
 
 __all__ = ["Rounds"]
 
@@ -128,13 +130,23 @@ class Rounds:
         return base
 
     def _refreshed(self, base):
-        """Return a contestant with linear dynamics identified anew, where that foretells better.
+        """Return a contestant with its dynamics identified anew, where that foretells better.
 
         Before the claim they had made up for what was missing, and a local search may leave them
-        there.
+        there. What oscillates in itself is identified from nothing only where much is left.
         """
-        anew = dynamics_refitted(base, self.records)
-        if anew is None or anew.cost > (1.0 - self.min_improvement) * base.cost:
+        if are_long(self.records):
+            return base
+        structures = dynamics_anew(base.structure, self.records)
+        if (
+            isinstance(base.structure.operators[-1], OscillatorOperator)
+            and self.structure_left(base, self.records) >= _STRUCTURE
+        ):
+            structures += stage_anew(base.structure, self.records)
+        if not structures:
+            return base
+        anew = refitted_from(base, structures, self.records)
+        if anew.cost > (1.0 - self.min_improvement) * base.cost:
             return base
         anew = replace(held_out(anew, self.records, self.folds), p_value=base.p_value)
         return anew if anew.error < base.error else base

@@ -4,11 +4,12 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from sklearn.base import clone
 
 from ..operators import DelayOperator, LinearOperator, OscillatorOperator
 from ..optimize import distribute_poles, pole_starts
 
-__all__ = ["Scene", "beside", "dynamics_anew", "inserted", "starting_structures"]
+__all__ = ["Scene", "beside", "dynamics_anew", "inserted", "stage_anew", "starting_structures"]
 
 _STARTS = 3  # of many starting values, so many are linearised
 _THINNED = 3  # every so many samples decide which
@@ -178,6 +179,29 @@ def dynamics_anew(structure, records):
         return []
     first = _first_dynamics(structure)
     return scene.promising(_started_anew(structure, scene, first), first)
+
+
+def stage_anew(structure, records):
+    """Return the structure with its last stage identified from nothing, where that oscillates.
+
+    Friction and hysteresis inside an equation of motion have many minima. The model itself, with
+    all of its law, looks for them thoroughly, which takes its time.
+    """
+    scene = Scene(structure, _undisturbed(structure, records))
+    at = len(structure.operators) - 1
+    oscillates = isinstance(structure.operators[at], OscillatorOperator)
+    if not oscillates or scene.multi_input or structure.schedule is not None:
+        return []
+    model = clone(structure.models[at])
+    model.set_params(**model._complete)
+    anew = model._identify(scene.records_at(at)).operator
+    return [
+        replace(
+            structure,
+            models=(*structure.models[:at], model),
+            operators=(*structure.operators[:at], anew),
+        )
+    ]
 
 
 def _dynamics(stages):

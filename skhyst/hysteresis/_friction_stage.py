@@ -103,6 +103,8 @@ class FrictionStage(OscillatorModel):
     800
     """
 
+    _complete = {"stribeck": True, "fit_bristle_damping": True}
+
     _parameter_constraints = {
         **OscillatorModel._parameter_constraints,
         "stribeck": ["boolean"],

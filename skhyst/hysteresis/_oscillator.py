@@ -62,6 +62,7 @@ class OscillatorModel(ParametricModel):
     }
 
     _rank = 10
+    _complete = {}  # constructor parameters with which all of the law is fitted
 
     @abstractmethod
     def _laws(self, length, speed):

@@ -367,3 +367,13 @@ def test_dynamics_that_had_made_up_for_an_effect_start_anew():
     assert sorted(search.effects_) == sorted(hidden)
     error = search.held_out_error(recording.X_test, recording.y_test)
     assert error < 1.10 * recording.noise_std
+
+
+def test_a_stage_that_oscillates_is_identified_from_nothing():
+    recording = make_recording("friction", "second_order", 18050, noise=0.0005, n_samples=3000)
+    search = EffectSearchCV(SecondOrderMode(), effects=["friction", "backlash"], random_state=0)
+    search.fit(recording.X_train, recording.y_train)
+    assert search.effects_ == ["friction"]
+    assert search.verdict_ == "noise"
+    error = search.held_out_error(recording.X_test, recording.y_test)
+    assert error < 1.10 * recording.noise_std
