@@ -35,7 +35,12 @@ numpydoc_show_class_members = False
 
 
 def _examples_to_run():
-    """Return a pattern of the examples' paths: those of recordings where their folder is named."""
+    """Return a pattern of the examples' paths: those of recordings where their folder is named.
+
+    With SKHYST_GALLERY=papers only those of the papers, where the tests run all others.
+    """
+    if os.environ.get("SKHYST_GALLERY") == "papers":
+        return r"[\\/]papers[\\/]plot_"
     names = [path.stem for path in Path("../examples/recordings").glob("plot_*.py")]
     named = "SKHYST_DATA" in os.environ
     absent = [

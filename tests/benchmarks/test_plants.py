@@ -365,8 +365,9 @@ def test_noise_is_white_gaussian_and_of_the_level_asked_for(noise):
 
 @pytest.mark.parametrize("declared", BASES)
 def test_declared_model_without_effect_is_fitted_to_the_noise(declared):
-    r = make_recording("none", declared, 2, noise=0.002, n_samples=4000)
-    model = declared_model(declared).fit(r.X_train, r.y_train)
+    noise = 0.002
+    r = make_recording("none", declared, 2, noise=noise, n_samples=4000)
+    model = declared_model(declared, noise).fit(r.X_train, r.y_train)
     error = rms(r.y_test - model.predict(r.X_test))
     assert error < 1.10 * r.noise_std
 

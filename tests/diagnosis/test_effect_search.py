@@ -29,7 +29,8 @@ from skhyst.linear import SecondOrderMode, TransferFunction
 from skhyst.operators import StaticOperator, parameter
 from skhyst.records import read_records
 
-EFFECTS = plants.EFFECTS[:11]  # those that are a stage of their own, or beside the model
+# of those that are a stage of their own, or beside the model
+EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
 SEED = 9000
 DECLARED = ("prandtl_ishlinskii", "cascade")
 PIEZO = Path(__file__).parents[2] / "../shared/data/piezo_afm/SG_data_triangle_sin_raw.mat"
@@ -87,9 +88,8 @@ def _searched(effect, declared):
 def test_the_missing_effect_is_named(effect, declared, found):
     recording, search = found(effect, declared)
     assert search.effects_[:1] == [effect]
-    limit = 1.25 if effect == "delay" else 1.10
-    if declared == "cascade":
-        limit = 1.35  # so few samples do not determine all parameters of the declared model
+    # so few samples do not determine all parameters of a declared cascade
+    limit = 1.35 if declared == "cascade" else 1.10
     error = search.held_out_error(recording.X_test, recording.y_test)
     assert error < limit * recording.noise_std
     assert error < 0.5 * search.held_out_error(recording.X_test, recording.y_test, declared=True)
@@ -134,7 +134,7 @@ def rate(u):
     ids=["rate times response", "ripple of either branch", "ripple of the drive"],
 )
 def test_structure_of_no_known_effect_is_called_unexplained(law):
-    recording = make_recording("none", "prandtl_ishlinskii", SEED, n_samples=4000)
+    recording = make_recording("none", "prandtl_ishlinskii", SEED, n_samples=3000)
     drive, clean = recording.X_train["drive"], recording.y_train_clean
     u, y = drive / np.abs(drive).max(), clean / np.abs(clean).max()
     extra = [law(u.loc[[k]].to_numpy(), y.loc[[k]].to_numpy()) for k in range(5)]

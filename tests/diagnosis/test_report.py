@@ -212,7 +212,7 @@ def test_column_that_wants_to_be_a_script(nothing):
     assert json.loads(nothing.to_json())["drive_name"] == HOSTILE
 
 
-@pytest.mark.parametrize("name", ["a$b$", r"$\nope{", "line\nbreak", "x" * 300, "], |*`_"])
+@pytest.mark.parametrize("name", [r"a$b$ $\nope{ ], |*`_", "line\nbreak", "x" * 300])
 def test_any_column_name_is_drawn(nothing, name):
     signals = {**nothing.signals, "drive_name": name, "response_name": name}
     named = dataclasses.replace(nothing, drive_name=name, response_name=name, signals=signals)

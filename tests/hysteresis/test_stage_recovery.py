@@ -87,7 +87,7 @@ def integrate(rates, dt, u, n_steps=16):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("model", "law", "n", "n_samples"),
-    [(BoucWenStage, bouc_wen, 5, 1000), (FrictionStage, friction, 10, 1200)],
+    [(BoucWenStage, bouc_wen, 5, 1000), (FrictionStage, friction, 7, 1200)],
 )
 def test_recovery_from_noise(model, law, n, n_samples):
     """At the noise floor, and the standard errors are true, with starting values of its own."""
