@@ -318,11 +318,11 @@ def summary(rows):
         quantiles = ", ".join(f"{q:g}: {after.quantile(q):.3f}" for q in (0.5, 0.9, 0.95, 0.99))
         lines.append(f"held-out error after, over the noise, quantiles: {quantiles}")
     lines.append(f"  within {WITHIN:.2f}: {_share(known['within'], WITHIN_SHARE)}")
-    idle = none.groupby(["declared", "noise"], sort=False)["before"]
+    alone = none.groupby(["declared", "noise"], sort=False)["before"]
     lines += [
         f"    declared model where nothing is missing, {declared}, {100 * noise:g} %: "
         f"median {part.median():.3f}, most {part.max():.3f}"
-        for (declared, noise), part in idle
+        for (declared, noise), part in alone
     ]
     for noise, group in known.groupby("noise"):
         lines.append(f"    {100 * noise:g} % noise: {group['within'].sum()} of {len(group)}")

@@ -65,37 +65,40 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Screened:
-    """What screening found: the variants that apply, best first, and what the best reaches.
+    """What screening found: the variants that apply, and what the best reaches.
 
-    A variant is a list of contestants, best start first. ``parts`` are the first parts of the
-    records, where these were screened.
+    A variant is a list of contestants, best start first. ``beginnings`` are the lists of variants
+    from each structure that was screened. ``parts`` are the first parts of the records, where these
+    were screened.
     """
 
-    variants: list
+    beginnings: list
     cost: float = np.inf
     n_parameters: int = 0
     parts: list | None = None
 
 
-def screen(effect, structure, records):
-    """Refit an effect briefly.
+def screen(effect, structures, records):
+    """Refit an effect briefly, in each of structures.
 
     Each starting value is simulated once: the linear parameters are solved exactly and one
     Gauss-Newton step of all others is predicted. The best starts of the two best variants are then
     refitted for a few steps, since a prediction far from the solution says little. Where whole long
     records have to be screened the prediction is all: such an effect starts from the model so far.
     """
-    found = [
-        _predicted(effect.name, candidates, records)
-        for candidates in starting_structures(effect, structure, records)
-    ]
-    if not found:
-        return Screened([])
-    hopeful = sorted(found, key=lambda starts: starts[0].cost)[:_SCREENED]
-    for starts in [] if are_long(records) else hopeful:
-        starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
-    fewest = min(starts[0].n_parameters for starts in found)
-    return Screened(found, min(starts[0].cost for starts in hopeful), fewest)
+    beginnings, least = [], np.inf
+    for structure in structures:
+        found = [
+            _predicted(effect.name, candidates, records)
+            for candidates in starting_structures(effect, structure, records)
+        ]
+        hopeful = sorted(found, key=lambda starts: starts[0].cost)[:_SCREENED]
+        for starts in [] if are_long(records) else hopeful:
+            starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
+        least = min([least, *(starts[0].cost for starts in hopeful)])
+        beginnings += [found] if found else []
+    fewest = min((starts[0].n_parameters for found in beginnings for starts in found), default=0)
+    return Screened(beginnings, least, fewest)
 
 
 def _predicted(effect, structures, records):
@@ -144,7 +147,8 @@ def contest(candidates, records, parallel):
     jobs = [
         (number, starts)
         for number, screened in enumerate(candidates)
-        for starts in _hopeful(screened, are_long(screened.parts or records))
+        for variants in screened.beginnings
+        for starts in _hopeful(variants, are_long(screened.parts or records))
     ]
     refitted = parallel(
         delayed(_refit_variant)(starts, candidates[number].parts or records)
@@ -182,15 +186,15 @@ def _with_simpler(variants):
     return replace(best, simpler=simpler)
 
 
-def _hopeful(screened, long):
+def _hopeful(variants, long):
     """Return the variants of an effect that are worth a refit, best first.
 
     Of those on whole long records, where a refit is slow: the best and the simplest of what is near
     the best.
     """
-    least = min(starts[0].cost for starts in screened.variants)
+    least = min(starts[0].cost for starts in variants)
     bar = (_NEAR if long else _HOPEFUL) * least
-    near = [starts for starts in screened.variants if starts[0].cost <= bar]
+    near = [starts for starts in variants if starts[0].cost <= bar]
     near.sort(key=lambda starts: starts[0].cost)
     if not long:
         return near[:_VARIANTS]

@@ -26,6 +26,7 @@ from ..operators import (
     FrictionStageOperator,
     RestoringForceOperator,
     SecondOrderModeOperator,
+    SoftSaturationOperator,
 )
 from ..static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
 from ._changes import (
@@ -66,8 +67,8 @@ class Effect:
         ``rank`` says, which a model of your own repeats as ``_rank``.
     plausible : callable, optional
         Tells whether what was identified still is what the name says: called with the operator, the
-        peak-to-peak motion of its output, or of its input where several forces add up (NaN for what
-        stands beside), and the records.
+        samples of its output, or of its input where several forces add up (none for what stands
+        beside), and the records.
     """
 
     name: str
@@ -85,6 +86,21 @@ def _rings(operator, motion, records):
     mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
     rest, *near, fast = np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND))
     return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))
+
+
+def _levels_off(operator, motion, records):
+    """Tell whether a curve is nearly flat at an end of the motion, and does not merely bend."""
+    if not isinstance(operator, SoftSaturationOperator):
+        return True
+    reached = min(np.abs(motion - operator.center).max() / operator.level, 1.0)
+    slope = (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
+    return bool(slope < _FLAT)
+
+
+def _bends(operator, motion, records):
+    return not isinstance(operator, SoftSaturationOperator) or not _levels_off(
+        operator, motion, records
+    )
 
 
 def _has_own_lines(operator, motion, records):
@@ -107,18 +123,17 @@ def _apart(frequencies, record):
     return bool(np.all(np.abs(harmonics - np.round(harmonics)) * n >= period))
 
 
-def _saturations(rank):
-    sides = ("upper", "lower", "both")
-    rounded = Knee if rank == "sensor" else lambda model: model
-    return lambda: [
-        *(Saturation(sides=side, rank=rank) for side in sides),
-        rounded(SoftSaturation(rank=rank, fit_center=False)),
-        rounded(SoftSaturation(rank=rank)),
-    ]
+def _clips(rank):
+    return [Saturation(sides=side, rank=rank) for side in ("upper", "lower", "both")]
+
+
+def _knees():
+    return [Knee(SoftSaturation(fit_center=center)) for center in (False, True)]
 
 
 _AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
 _PEAK = 1.05  # of the gain, relative to that at rest and that of fast motion
+_FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
 _HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
 _WAY = 0.05  # before sliding, of the range of the motion: below it is friction, above hysteresis
 
@@ -126,7 +141,7 @@ _WAY = 0.05  # before sliding, of the range of the motion: below it is friction,
 def _slides(operator, motion, records):
     """Tell whether a force saturates soon after the motion turns round, as friction does."""
     way = _way_before_sliding(operator)
-    return way is None or way < _WAY * motion
+    return way is None or way < _WAY * np.ptp(motion)
 
 
 def _remembers(operator, motion, records):
@@ -134,7 +149,7 @@ def _remembers(operator, motion, records):
     if isinstance(operator, BoucWenStageOperator) and abs(operator.shape) > _HARD:
         return False
     way = _way_before_sliding(operator)
-    return way is None or way > 0.2 * _WAY * motion
+    return way is None or way > 0.2 * _WAY * np.ptp(motion)
 
 
 def _way_before_sliding(operator):
@@ -170,9 +185,14 @@ _BUILT_IN = (
     ),
     Effect(
         "input_saturation",
-        _saturations("drive"),
+        lambda: [
+            *_clips("drive"),
+            SoftSaturation(rank="drive", fit_center=False),
+            SoftSaturation(rank="drive"),
+        ],
         "The drive is clipped before it reaches the actuator.",
         "Drive beyond the suspected level in both directions: the loop then repeats unchanged.",
+        plausible=_levels_off,
     ),
     Effect(
         "dead_zone",
@@ -257,22 +277,26 @@ _BUILT_IN = (
         "static_nonlinearity",
         lambda: [
             *(SmoothCurve(degree) for degree in (2, 3, 5, 7, 9)),
+            *_knees(),
             InStages(overflow=False, fit_exponents=False),
             InStages(overflow=False, fit_exponents=True),
         ],
         "The reading is a smooth memoryless curve of the response, as of a nonlinear sensor.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",
+        plausible=_bends,
     ),
     Effect(
         "output_saturation",
         lambda: [
-            *_saturations("sensor")(),
+            *_clips("sensor"),
+            *_knees(),
             InStages(overflow=True, fit_exponents=False),
             InStages(overflow=True, fit_exponents=True),
         ],
         "The reading is clipped at a level.",
         "Shift the working point by a known amount: the level stays with the reading.",
+        plausible=_levels_off,
     ),
     Effect(
         "amplitude_dependence",

@@ -54,17 +54,6 @@ def _saturation(place):
 
 
 def _soft_saturation(place, claim):
-    level, center = claim.number("level", place), claim.number("center", place)
-    numbers = {"level": level, "center": center, "knee": claim.number("knee", "")}
-    statement = (
-        f"The {place} saturates gradually, towards {center[0] - level[0]:.4g} and "
-        f"{center[0] + level[0]:.4g}."
-    )
-    picture = _stage_picture(f"Saturation of the {place}", claim, f"{place} before it")
-    return statement, numbers, picture
-
-
-def _soft_saturation(place, claim):
     operator = claim.operator
     level, knee = claim.number("level", place), claim.number("knee", "")
     v = np.concatenate(claim.inputs())

@@ -11,6 +11,7 @@ search begins again from others of the first round.
 import time
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -29,7 +30,7 @@ from ._contest import (
 from ._effects import EFFECTS
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
-from ._starts import dynamics_anew, stage_anew
+from ._starts import dynamics_anew, hysteresis_anew, stage_anew
 
 __all__ = ["Rounds"]
 
@@ -63,9 +64,8 @@ class Rounds:
         Takes a line about progress.
     renew : callable or None
         Fits a declared black box again, see ``BlackBox.renew``.
-    structure_left : callable
-        Takes a contestant and the records, returns the part of the residual's power that is
-        structure.
+    judge : callable
+        Takes a contestant and the records, returns the :class:`Judgement` of what is left.
     lost : list of ndarray of bool or None
         Lost readings of each record where the loss is Huber's; None where it is the square.
     history, ranking : list of dict
@@ -85,7 +85,7 @@ class Rounds:
     negligible: float
     say: object
     renew: object
-    structure_left: object
+    judge: object
     lost: list | None = None
     history: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
@@ -94,6 +94,7 @@ class Rounds:
     _number: int = 0
     _simpler: dict = field(default_factory=dict)  # effect -> simpler ones that were promising
     _first: tuple = ()  # what the first round started from, its records and what it has tested
+    _judged: tuple = (None, None)  # the contestant that was judged last, and its judgement
 
     def run(self, base):
         """Add effects to a contestant until none qualifies; return what it has become."""
@@ -111,10 +112,10 @@ class Rounds:
             self._first = self._first or (base, self.records, tested)
             if not claims:
                 break
-            last, row = claims[-1]
             if self.renew is None:
+                last, row = claims[-1]
                 last = self._refreshed(last)
-            claims[-1] = last, row | {"error_after": last.error}
+                claims[-1] = last, row | {"error_after": last.error}
             for contestant, row in claims:
                 self.history.append(row)
                 base = contestant
@@ -129,6 +130,15 @@ class Rounds:
             self.records = self._records(base)
         return base
 
+    def judged(self, contestant):
+        """Return the judgement of what a contestant leaves."""
+        if self._judged[0] is not contestant:
+            self._judged = contestant, self.judge(contestant, self.records)
+        return self._judged[1]
+
+    def _leaves_structure(self, contestant):
+        return self.judged(contestant).gain >= _STRUCTURE
+
     def _refreshed(self, base):
         """Return a contestant with its dynamics identified anew, where that foretells better.
 
@@ -138,10 +148,8 @@ class Rounds:
         if are_long(self.records):
             return base
         structures = dynamics_anew(base.structure, self.records)
-        if (
-            isinstance(base.structure.operators[-1], OscillatorOperator)
-            and self.structure_left(base, self.records) >= _STRUCTURE
-        ):
+        oscillates = isinstance(base.structure.operators[-1], OscillatorOperator)
+        if oscillates and self._leaves_structure(base):
             structures += stage_anew(base.structure, self.records)
         if not structures:
             return base
@@ -159,12 +167,12 @@ class Rounds:
         and the first is kept.
         """
         base, records, tested = self._first
-        if found.error <= self.negligible or self.structure_left(found, self.records) < _STRUCTURE:
+        if found.error <= self.negligible or not self._leaves_structure(found):
             return found
         begun = found.structure.added[:1]
         others = sorted((c for c in tested if c.effect not in dict(begun)), key=lambda c: c.cost)
         others = [c for c in others if self._fits(base, c)][:_BEGINNINGS]
-        n_sets = max(len(tested) * (len(tested) - 1) // 2, 1)
+        n_sets = max(comb(len(tested), 2), 1)
         ends = []
         for first in others:
             self.say(f"beginning again with {first.effect}")
@@ -192,7 +200,7 @@ class Rounds:
                 (better or self._is_simpler(end, found))
                 and self._matters(base, end)
                 and p_value < self.alpha
-                and self.structure_left(end, trial.records) < _STRUCTURE
+                and not trial._leaves_structure(end)
             ):
                 trial.history[0]["p_value"] = min(trial.history[0]["p_value"], p_value)
                 ends.append((end, trial))
@@ -202,6 +210,7 @@ class Rounds:
         trial = next(trial for end, trial in ends if end is found)
         self.records, self.history = trial.records, trial.history
         self.ranking, self.dropped = trial.ranking, trial.dropped
+        self._judged = trial._judged
         return found
 
     def weighed(self, base):
@@ -273,8 +282,9 @@ class Rounds:
             else None
             for effect, c in candidates
         ]
+        beginnings = {id(c): self._beginnings(c) for _, c in candidates}
         found = parallel(
-            delayed(screen)(effect, c.structure, self.records if own is None else own)
+            delayed(screen)(effect, beginnings[id(c)], self.records if own is None else own)
             for (effect, c), own in zip(candidates, seen, strict=True)
         )
         if not any(seen):
@@ -284,6 +294,12 @@ class Rounds:
             s if own is None else replace(s, cost=s.cost * ratio, parts=own)
             for s, own in zip(found, seen, strict=True)
         ]
+
+    def _beginnings(self, contestant):
+        """Return the structures in which effects are screened: as it is, and begun anew."""
+        structure = contestant.structure
+        anew = None if are_long(self.records) else hysteresis_anew(structure, self.records)
+        return [structure] if anew is None else [structure, anew]
 
     def _tested(self, base, contested, parallel, n_candidates):
         """Return the contestants near the best, held out and tested against the base."""
@@ -311,8 +327,11 @@ class Rounds:
             (number, simpler)
             for number, c in enumerate(finalists)
             if self.renew is None
-            for simpler in self._plausible(c.simpler)
-            if c.error > bar or simpler.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost
+            for simpler in self._plausible(
+                s
+                for s in c.simpler
+                if c.error > bar or s.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost
+            )
         ]
         tried = parallel(delayed(held_out)(c, self.records, self.folds) for _, c in jobs)
         best = list(finalists)
@@ -392,7 +411,7 @@ class Rounds:
         if not pairs:
             return []
         both = self._added(base, [(b.effect, a) for a, b in pairs], parallel)
-        tested = self._tested(base, both, parallel, n_effects * (n_effects - 1) // 2)
+        tested = self._tested(base, both, parallel, comb(n_effects, 2))
         alone = {c.effect: c for c in hopeful}
         firsts = [alone[c.structure.added[-2][0]] for c in tested]
         claims = [
@@ -466,7 +485,7 @@ class Rounds:
         """Return the plausible contestants that effects, given by name, make of contestants."""
         known = {effect.name: effect for effect in self.effects}
         screened = self._screened(base, [(known[name], c) for name, c in pairs], parallel)
-        found = contest([s for s in screened if s.variants], self.records, parallel)
+        found = contest([s for s in screened if s.beginnings], self.records, parallel)
         return self._plausible(found)
 
     def _taken(self, base):
@@ -514,7 +533,6 @@ def _is_plausible(contestant, records):
         return True
     operator = structure.operator(name)
     if structure.label(name) in structure.beside_names:
-        return plausible(operator, np.nan, records)
+        return plausible(operator, np.array([]), records)
     last = structure.place(name) + (not structure.is_part(name))  # a force is driven by the motion
-    motion = np.ptp(np.concatenate(structure.run(records, last=last)))
-    return plausible(operator, float(motion), records)
+    return plausible(operator, np.concatenate(structure.run(records, last=last)), records)

@@ -302,7 +302,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             _NEGLIGIBLE * np.ptp(self.response_),
             self._say,
             declared.renew,
-            lambda c, seen: self._judgement(seen, declared.measured(seen), c).gain,
+            lambda c, seen: self._judgement(seen, declared.measured(seen), c),
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
         for _ in range(_REWEIGHTED if rounds.lost else 0):
@@ -318,7 +318,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
         measured = declared.measured(records)
-        self._judge(records, measured, base)
+        self._judge(measured, base, rounds)
         self.residual_location_ = locate(measured, base.residuals, [s.label for s in slices])
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
@@ -364,14 +364,14 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=columns)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _judge(self, records, measured, base):
+    def _judge(self, measured, base, rounds):
         """Set the noise floor and the verdict."""
         if base.error <= _NEGLIGIBLE * np.ptp(self.response_):
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
-        judgement = self._judgement(records, measured, base)
+        judgement = rounds.judged(base)
         self.noise_floor_ = judgement.error
         self.verdict_ = "unexplained" if judgement.structured else "noise"
 

@@ -7,9 +7,17 @@ import numpy as np
 from sklearn.base import clone
 
 from ..operators import DelayOperator, LinearOperator, OscillatorOperator
-from ..optimize import distribute_poles, pole_starts
+from ..optimize import distribute_poles, pole_starts, predicted_cost
 
-__all__ = ["Scene", "beside", "dynamics_anew", "inserted", "stage_anew", "starting_structures"]
+__all__ = [
+    "Scene",
+    "beside",
+    "dynamics_anew",
+    "hysteresis_anew",
+    "inserted",
+    "stage_anew",
+    "starting_structures",
+]
 
 _STARTS = 3  # of many starting values, so many are linearised
 _THINNED = 3  # every so many samples decide which
@@ -97,23 +105,11 @@ class Scene:
 
 def beside(name, model, scene):
     """Return the structures with a disturbance beside the series, at its starting values."""
-    structure, records = scene.structure, scene.records
-    found = [
-        structure.beside(name, model, disturbance)
+    return [
+        scene.structure.beside(name, model, disturbance)
         for _, disturbances in model._starts(scene.residuals)
         for disturbance in disturbances
     ]
-    stage = structure.operators[0]
-    if (
-        len(structure.operators) > 1
-        or isinstance(stage, LinearOperator | OscillatorOperator)
-        or structure.problem(records).linear.all()
-    ):
-        return found
-    # what is missing has bent the declared hysteresis: identify it anew without
-    first = found[0]
-    anew = structure.models[0]._identify(_undisturbed(first, records)).operator
-    return [*found, replace(first, operators=(anew,))]
 
 
 def _undisturbed(structure, records):
@@ -169,29 +165,46 @@ def _redistributed(candidates, at, scene, first):
     ]
 
 
+def hysteresis_anew(structure, records):
+    """Return the structure with its hysteresis at the model's own starting values, or None.
+
+    What is missing may have driven its shape so far off that a local search does not bring it back.
+    A hysteresis that stands alone, and is not linear in its parameters, starts again.
+    """
+    if len(structure.operators) > 1 or not _can_start_anew(structure, records):
+        return None
+    if isinstance(structure.operators[0], LinearOperator | OscillatorOperator):
+        return None
+    if structure.problem(records).linear.all():
+        return None
+    starts = structure.models[0]._starts(_undisturbed(structure, records))
+    found = [replace(structure, operators=(operator,)) for operator, _ in starts]
+    problems = [candidate.problem(records) for candidate in found]
+    return found[int(np.argmin([predicted_cost(p, p.x0) for p in problems]))]
+
+
 def dynamics_anew(structure, records):
     """Return the structure with its linear dynamics at starting values of their own, a few.
 
     What has been added since may have taken over what they had made up for.
     """
-    scene = Scene(structure, _undisturbed(structure, records))
-    if scene.multi_input or structure.schedule is not None or not _dynamics(structure.operators):
+    if not _can_start_anew(structure, records) or not _dynamics(structure.operators):
         return []
+    scene = Scene(structure, _undisturbed(structure, records))
     first = _first_dynamics(structure)
     return scene.promising(_started_anew(structure, scene, first), first)
 
 
 def stage_anew(structure, records):
-    """Return the structure with its last stage identified from nothing, where that oscillates.
+    """Return the structure with its last stage, which oscillates, identified from nothing.
 
     Friction and hysteresis inside an equation of motion have many minima. The model itself, with
     all of its law, looks for them thoroughly, which takes its time.
     """
+    if not _can_start_anew(structure, records):
+        return []
     scene = Scene(structure, _undisturbed(structure, records))
     at = len(structure.operators) - 1
-    oscillates = isinstance(structure.operators[at], OscillatorOperator)
-    if not oscillates or scene.multi_input or structure.schedule is not None:
-        return []
     model = clone(structure.models[at])
     model.set_params(**model._complete)
     anew = model._identify(scene.records_at(at)).operator
@@ -202,6 +215,10 @@ def stage_anew(structure, records):
             operators=(*structure.operators[:at], anew),
         )
     ]
+
+
+def _can_start_anew(structure, records):
+    return records[0].u.ndim == 1 and structure.schedule is None
 
 
 def _dynamics(stages):

@@ -269,7 +269,7 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
     structure = declared_with(records)
     base = contestant_of(structure, records)
     cost = variable_projection(structure.problem(records), base.x).cost
-    screened = screen(EFFECTS[name], structure, records)
+    screened = screen(EFFECTS[name], [structure], records)
     refitted = contest([screened], records, Parallel())[0]
     assert refitted.effect == name
     assert refitted.cost <= 1.001 * cost
@@ -281,10 +281,10 @@ def test_screening_promises_what_it_has_reached(name):
     """The cost that orders the candidates is that of a model that stands in the list."""
     records = some_records(9006)
     structure = declared_with(records)
-    screened = screen(EFFECTS[name], structure, records)
-    if not screened.variants:  # it has no place in plays alone
+    screened = screen(EFFECTS[name], [structure], records)
+    if not screened.beginnings:  # it has no place in plays alone
         return
-    best = next(c for starts in screened.variants for c in starts if c.cost == screened.cost)
+    best = next(c for starts in screened.beginnings[0] for c in starts if c.cost == screened.cost)
     problem = best.structure.problem(records)
     cost = problem.total(problem.evaluate(best.x))[-1, -1]
     assert cost == pytest.approx(screened.cost, rel=1e-6)
@@ -301,7 +301,7 @@ def test_the_contest_takes_the_simplest_variant_that_is_true(degree):
         y = v + 10.0 * (0.1 * z**2 if degree == 2 else 0.1 * z**3)
         y += 0.002 * np.ptp(y) * rng.standard_normal(len(y))
         bent.append(RecordData(record.u, y, record.dt, segments=record.segments))
-    screened = screen(EFFECTS["static_nonlinearity"], structure, bent)
+    screened = screen(EFFECTS["static_nonlinearity"], [structure], bent)
     chosen = contest([screened], bent, Parallel())[0]
     curve = chosen.structure.models[chosen.structure.names.index("static_nonlinearity")]
     assert curve.degree == degree

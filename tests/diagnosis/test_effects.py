@@ -15,6 +15,7 @@ from skhyst.linear import FirstOrderLag
 from skhyst.operators import (
     SecondOrderModeOperator,
     SinusoidOperator,
+    SoftSaturationOperator,
     TransferFunctionOperator,
 )
 from skhyst.optimize import RecordData
@@ -148,6 +149,20 @@ def test_a_mode_has_a_peak_or_a_notch():
     assert not rings(of(0.9, np.array([0.3, 0.3])), 1.0, [])
     assert rings(SecondOrderModeOperator(100.0, 0.5), 1.0, [])
     assert not rings(SecondOrderModeOperator(100.0, 0.8), 1.0, [])
+
+
+@pytest.mark.parametrize("knee", [1.0, 2.5, 40.0])
+def test_what_saturates_is_nearly_flat_at_an_end(knee):
+    saturates = EFFECTS["output_saturation"].plausible
+    operator = SoftSaturationOperator(0.7, knee, center=0.1)
+    drive = np.linspace(-3.0, 3.0, 6001)
+    response = operator.run(drive, 0.1, operator.init(drive[0], "rest"))[0]
+    slope = np.gradient(response, drive)
+    for end in (0.2, 0.3, 0.45, 0.6, 0.9, 1.5, 2.9):
+        seen = abs(drive) <= end
+        flat = slope[seen].min()
+        if abs(flat - 0.25) > 0.02:
+            assert saturates(operator, response[seen], []) == (flat < 0.25)
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,15 @@
 import numpy as np
 import plants
 import pytest
+from joblib import Parallel
 from plants import make_recording
 
 from skhyst.compose import Cascade
+from skhyst.diagnosis._contest import contest, screen
 from skhyst.diagnosis._effects import EFFECTS
-from skhyst.diagnosis._starts import _distinct, starting_structures
+from skhyst.diagnosis._starts import _distinct, hysteresis_anew, starting_structures
 from skhyst.diagnosis._structure import Structure
-from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
 from skhyst.linear import TransferFunction
 from skhyst.operators import LinearOperator
 from skhyst.optimize import RecordData
@@ -21,19 +23,26 @@ SEED = 9000
 def declared_model(kind):
     if kind == "prandtl_ishlinskii":
         return PrandtlIshlinskii(6)
+    if kind == "bouc_wen":
+        return BoucWen(exponent="fit")
     return Cascade([("hysteresis", PrandtlIshlinskii(6)), ("dynamics", TransferFunction(2))])
 
 
-def started(effect, kind, name=None, n_samples=3000):
-    """Return the recording, the declared structure and the starts of an effect on its plant."""
-    recording = make_recording(effect, kind, SEED, n_samples=n_samples)
+def declared(effect, kind, n_samples, seed=SEED):
+    """Return a recording, its records and the structure of the declared model."""
+    recording = make_recording(effect, kind, seed, n_samples=n_samples)
     y, dt = recording.y_train, recording.sampling_interval
     records = [
         RecordData(u.to_numpy(), y.loc[label].to_numpy(), dt)
         for label, u in recording.X_train["drive"].groupby(level="record")
     ]
     model = declared_model(kind)
-    structure = Structure.from_result(model, model._identify(records))
+    return recording, records, Structure.from_result(model, model._identify(records))
+
+
+def started(effect, kind, name=None, n_samples=3000):
+    """Return the recording, the declared structure and the starts of an effect on its plant."""
+    recording, records, structure = declared(effect, kind, n_samples)
     found = list(starting_structures(EFFECTS[name or effect], structure, records))
     return recording, records, structure, found
 
@@ -150,3 +159,23 @@ def test_distinct_pole_sets_are_apart_and_every_other_is_near_one():
     for i, poles in enumerate(kept):
         assert all(apart(poles, other) > 0.03 for other in kept[:i])
     assert all(min(apart(poles, other) for other in kept) <= 0.03 for poles in sets)
+
+
+@pytest.mark.parametrize("seed", [9104, 9117])
+def test_a_shape_that_has_run_away_begins_again(seed):
+    """Offsets widen the loop: no limit of a Bouc-Wen law is large enough to make up for them."""
+    recording, records, structure = declared("offset", "bouc_wen", 2000, seed)
+    reach = max(np.abs(record.u).max() for record in records)
+    assert structure.operators[0].limit > 1000.0 * reach
+    anew = hysteresis_anew(structure, records)
+    assert anew.operators[0].limit < 100.0 * reach
+    bar = 1.02 * recording.noise_std**2 * sum(len(record.y) for record in records)
+    for structures, reaches in (([structure], False), ([structure, anew], True)):
+        screened = screen(EFFECTS["offset"], structures, records)
+        assert (contest([screened], records, Parallel())[0].cost < bar) == reaches
+
+
+@pytest.mark.parametrize("kind", ["prandtl_ishlinskii", "cascade"])
+def test_plays_and_dynamics_need_no_other_beginning(kind):
+    _, records, structure = declared("none", kind, 1500)
+    assert hysteresis_anew(structure, records) is None
