@@ -36,6 +36,7 @@ from plants import (
 )
 
 NOISES = (0.0005, 0.002, 0.01)  # of the range
+PLAYS = {0.0005: 80, 0.002: 40, 0.01: 20}  # of a declared model: the noise hides their grid
 KINDS = ("single", "none", "two", "unknown")
 COUNTS = {"none": 100, "two": 60, "unknown": 40}  # plants, with --plants 5
 NAMED = {0.0005: 0.98, 0.002: 0.98, 0.01: 0.95}  # bars: smallest share named rightly
@@ -66,7 +67,7 @@ def declared_model(name, noise):
     from skhyst.linear import SecondOrderMode, TransferFunction
 
     # twenty even thresholds leave up to 0.08 % of the range of a plant whose own lie between them
-    plays = PrandtlIshlinskii() if noise > 0.001 else PrandtlIshlinskii(40)
+    plays = PrandtlIshlinskii(PLAYS[noise])
     if name == "prandtl_ishlinskii":
         return plays
     if name == "bouc_wen":

@@ -100,7 +100,8 @@ class Operator(ABC):
 
     def sizes(self) -> dict[str, int]:
         """Return the number of values in each identifiable field."""
-        return {name: np.size(getattr(self, name)) for name in self.parameter_specs()}
+        # a float is one value, and np.size would make an array of it
+        return {name: getattr(getattr(self, name), "size", 1) for name in self.parameter_specs()}
 
     @property
     def n_parameters(self) -> int:

@@ -1,6 +1,7 @@
 """Series and sums of operators, which are operators again, and operators held in them."""
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -89,17 +90,21 @@ class _Composition(Operator):
             ),
         )
 
+    @property
+    def n_parameters(self):
+        return sum(stage.n_parameters for stage in self.stages)
+
     def _split(self, vector):
-        ends = np.cumsum([stage.n_parameters for stage in self.stages], dtype=int)
+        sizes = [stage.n_parameters for stage in self.stages]
         return [
-            vector[end - s.n_parameters : end] for s, end in zip(self.stages, ends, strict=True)
+            vector[end - size : end] for size, end in zip(sizes, accumulate(sizes), strict=True)
         ]
 
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge."""
-        values = self.pack()
+        values, entries = self.pack(), self.entries()
         for i in np.flatnonzero(self.gauge_mask()):
-            values[i] = self.entries()[i][1].gauge
+            values[i] = entries[i][1].gauge
         return self.unpack(values)
 
     def released(self):

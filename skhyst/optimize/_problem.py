@@ -7,6 +7,8 @@ import numpy as np
 
 __all__ = ["OperatorProblem", "RecordData"]
 
+_LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
+
 
 @dataclass(frozen=True)
 class RecordData:
@@ -201,20 +203,19 @@ class OperatorProblem:
         root of their weight.
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
-        blocks = []
         d, n, driven = self._n_eliminated, len(x) * jacobian, len(self._free)
-        chain = np.ones(d + n + 1)
-        if jacobian:
-            chain[d:-1] = np.where(self.log, np.exp(np.where(self.log, x, 0.0)), 1.0)
-        for number, record in enumerate(self.records):
-            if select is not None and not select[self.segment_record == number].any():
-                blocks.append(np.zeros((len(record.segments), d + n + 1, d + n + 1)))
+        blocks, last = np.empty((len(self.segment_record), d + n + 1, d + n + 1)), 0
+        for record in self.records:
+            first, last = last, last + len(record.segments)
+            if select is not None and not select[first:last].any():
+                blocks[first:last] = 0.0
                 continue
-            if jacobian and not disturbances and record.before is None:
+            large = len(record.u) * n >= _LARGE and len(record.u) >= n * len(record.segments)
+            if jacobian and large and not disturbances and record.before is None:
                 y, dy = _scheduled(operator, record).linearize(
                     record.u, np.empty((len(record.u), 0)), record.dt, self.initial_state
                 )
-                blocks.append(_bordered_grams(dy, y - record.y, record, self._free))
+                _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
                 continue
             columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
@@ -233,13 +234,17 @@ class OperatorProblem:
                 if n > driven:
                     known = np.ones(len(record.segments), dtype=bool)
                     if select is not None:
-                        known = select[self.segment_record == number]
+                        known = select[first:last]
                     own = _calibrate(columns[:, :d], -columns[:, -1], record, known)
                     columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
             if record.weights is not None:
                 columns *= np.sqrt(record.weights)[:, None]
-            blocks.append(_segment_grams(columns, record.segments))
-        return np.concatenate(blocks) * np.outer(chain, chain)
+            _segment_grams(columns, record.segments, blocks[first:last])
+        if jacobian and self.log.any():
+            chain = np.ones(d + n + 1)
+            chain[d:-1] = np.where(self.log, np.exp(np.where(self.log, x, 0.0)), 1.0)
+            blocks *= np.outer(chain, chain)
+        return blocks
 
     @staticmethod
     def _moving_columns(disturbances, record, coefficients):
@@ -256,7 +261,7 @@ class OperatorProblem:
             select = np.ones(len(blocks), dtype=bool)
         d = self._n_eliminated
         if not d:
-            return blocks[select].sum(axis=0)
+            return (blocks if select.all() else blocks[select]).sum(axis=0)
         total = np.zeros((blocks.shape[1] - d,) * 2)
         for number in range(len(self.records)):
             rows = select & (self.segment_record == number)
@@ -331,9 +336,8 @@ def _runs(index):
     ]
 
 
-def _segment_grams(columns, segments):
-    """Return ``A' A`` of each segment's rows; runs of segments of one length in one product."""
-    grams = np.empty((len(segments), columns.shape[1], columns.shape[1]))
+def _segment_grams(columns, segments, grams):
+    """Write ``A' A`` of each segment's rows; runs of segments of one length in one product."""
     first = 0
     while first < len(segments):
         start, stop = segments[first]
@@ -343,25 +347,26 @@ def _segment_grams(columns, segments):
         part = columns[start:stop].reshape(last - first, length, -1)
         np.matmul(part.transpose(0, 2, 1), part, out=grams[first:last])
         first = last
-    return grams
 
 
-def _bordered_grams(columns, last, record, index):
-    """Return the Gram matrices of the columns at ``index`` and a last one, by segments.
+def _bordered_grams(columns, last, record, runs, grams):
+    """Write the Gram matrices of the columns in ``runs`` and a last one, by segments.
 
     Without weights no column is copied.
     """
     if record.weights is not None:
         root = np.sqrt(record.weights)
         columns, last = columns * root[:, None], last * root
-    n, segments = len(index), record.segments
-    grams = np.empty((len(segments), n + 1, n + 1))
-    every, corner = _segment_grams(columns, segments), _segment_grams(last[:, None], segments)
-    grams[:, :n, :n] = every[:, index[:, None], index]
-    for gram, (start, stop) in zip(grams, segments, strict=True):
-        gram[:n, n] = gram[n, :n] = (last[start:stop] @ columns[start:stop])[index]
-    grams[:, n, n] = corner[:, 0, 0]
-    return grams
+    every = np.empty((len(record.segments), columns.shape[1], columns.shape[1]))
+    _segment_grams(columns, record.segments, every)
+    for source, target in runs:
+        for other, place in runs:
+            grams[:, target, place] = every[:, source, other]
+    for gram, (start, stop) in zip(grams, record.segments, strict=True):
+        own, products = last[start:stop], last[start:stop] @ columns[start:stop]
+        for source, target in runs:
+            gram[target, -1] = gram[-1, target] = products[source]
+        gram[-1, -1] = own @ own
 
 
 def _calibrate(basis, rest, record, known):
