@@ -104,10 +104,10 @@ def _bends(operator, motion, records):
 
 
 def _has_own_lines(operator, motion, records):
-    """Tell whether sinusoids are apart, and no harmonics of the drive in one record at least."""
-    frequencies = np.asarray(operator.frequencies)
+    """Tell whether sinusoids repeat, are apart, and no harmonics of the drive in some record."""
+    frequencies = np.sort(operator.frequencies)
     longest = max(len(record.u) * record.dt for record in records)
-    if np.any(np.diff(np.sort(frequencies)) * longest < 1.0):
+    if frequencies[0] * longest < _REPEATS or np.any(np.diff(frequencies) * longest < 1.0):
         return False
     return any(_apart(frequencies, record) for record in records)
 
@@ -134,6 +134,7 @@ def _knees():
 _AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
 _PEAK = 1.05  # of the gain, relative to that at rest and that of fast motion
 _FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
+_REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
 _HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
 _WAY = 0.05  # before sliding, of the range of the motion: below it is friction, above hysteresis
 

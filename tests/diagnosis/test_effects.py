@@ -167,9 +167,18 @@ def test_what_saturates_is_nearly_flat_at_an_end(knee):
 
 @pytest.mark.parametrize(
     ("frequencies", "own"),
-    [([5.3], True), ([6.0], False), ([5.3, 5.35], False), ([5.3, 7.7], True)],
+    [
+        ([5.3], True),
+        ([6.0], False),
+        ([5.3, 5.35], False),
+        ([5.3, 7.7], True),
+        ([0.15, 5.3], False),
+        ([0.25, 5.3], True),
+    ],
 )
-def test_lines_are_apart_and_not_those_of_a_drive_that_repeats_itself_roughly(frequencies, own):
+def test_lines_repeat_are_apart_and_not_those_of_a_drive_that_repeats_itself_roughly(
+    frequencies, own
+):
     time = 0.001 * np.arange(10_000)
     wander = 0.02 * np.sin(0.37 * time)  # a motion in a loop is never quite periodic
     drive = np.sin(4.0 * np.pi * time) + 0.3 * np.sin(8.0 * np.pi * time) + wander
