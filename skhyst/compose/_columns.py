@@ -42,17 +42,20 @@ class _ColumnModel(ParametricModel):
                 f"The 'estimator' parameter of {type(self).__name__} must be a parametric model of "
                 f"skhyst. Got {self.estimator!r} instead."
             )
-        if self.column == "amplitude":
-            amplitudes = np.empty(len(X))
-            for s in slices:
-                amplitudes[s.rows] = amplitude(X[s.rows, 0])
-            return np.column_stack([X, amplitudes])
-        if self.column >= X.shape[1]:
-            raise ValueError(
-                f"The 'column' parameter of {type(self).__name__} must be the number of a column "
-                f"of X, which has {X.shape[1]}. Got {self.column} instead."
-            )
-        return X
+        signal = self.estimator._signal(X, slices) if self.estimator._reads_columns else X
+        if self.column != "amplitude":
+            if self.column >= X.shape[1]:
+                raise ValueError(
+                    f"The 'column' parameter of {type(self).__name__} must be the number of a "
+                    f"column of X, which has {X.shape[1]}. Got {self.column} instead."
+                )
+            return signal
+        if signal.shape[1] > X.shape[1]:  # the model reads the amplitudes already
+            return signal
+        amplitudes = np.empty(len(X))
+        for s in slices:
+            amplitudes[s.rows] = amplitude(X[s.rows, 0])
+        return np.column_stack([X, amplitudes])
 
     def _schedules(self, slices, X):
         return self.estimator._schedules(slices, X)
@@ -112,12 +115,12 @@ class Modulated(_ColumnModel):
 
     with the model :math:`\Gamma` of the drive u, the column a, or the half range of the drive in
     each record, and its mean :math:`a_0` in the records of the fit. It stands outermost, or is a
-    step of a :class:`Sum`.
+    step of a :class:`Sum`, or is modulated once more by another column.
 
     Parameters
     ----------
     estimator : estimator
-        A parametric model of skhyst, or a cascade of them, of one input.
+        A parametric model of skhyst, or a cascade of them, of one input; or another `Modulated`.
     column : int or "amplitude", default=1
         Number of the column of X, or the half range of the drive in a record.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
@@ -152,7 +155,8 @@ class Modulated(_ColumnModel):
     }
 
     def _starts(self, records):
-        driven = OnColumn(self.estimator, 0)
+        nested = isinstance(self.estimator, Modulated)
+        driven = self.estimator if nested else OnColumn(self.estimator, 0)
         column = -1 if self.column == "amplitude" else self.column
         reference = float(np.concatenate([r.u[:, column] for r in records]).mean())
         return [

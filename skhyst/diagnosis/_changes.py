@@ -27,9 +27,10 @@ from ..operators import (
 from ..optimize import VariableProjection, identify
 from ._noise import FEW_TURNS, visible_turns
 from ._starts import Scene, beside, inserted
-from ._structure import Modulation, Schedule
+from ._structure import Schedule
 
 __all__ = [
+    "DAMPED",
     "BesideForce",
     "Driven",
     "FirstHysteresis",
@@ -44,7 +45,7 @@ __all__ = [
 ]
 
 _SPREAD = 0.05  # of a number of the records, relative, above which parameters may depend on it
-_DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
+DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
 _TANKS = 3  # in a row, at the most
 _BEYOND = 0.6  # of the largest response: levels of a knee start at least a tenth above it
 _FULL = 0.98  # of the level of a knee, up to which the response is undone
@@ -132,7 +133,7 @@ class Knee:
     def structures(self, name, scene):
         structure = scene.structure
         at = structure.position(self.model._rank)
-        if at < len(structure.operators) or structure.branches or structure.modulation:
+        if at < len(structure.operators) or structure.branches or structure.modulations:
             return inserted(name, self.model, scene)
         found = []
         for start, _ in self.model._starts([replace(r, u=r.y) for r in scene.records]):
@@ -244,7 +245,7 @@ def _rates_of_lags(operator):
         constants = list(operator.time_constants)
     else:
         return []
-    if any(damping < _DAMPED for _, damping in pairs) or len(constants) + 2 * len(pairs) > _TANKS:
+    if any(damping < DAMPED for _, damping in pairs) or len(constants) + 2 * len(pairs) > _TANKS:
         return []
     rates = [1.0 / constant for constant in constants]
     for frequency, damping in pairs:  # a pair that does not ring is as two equal lags
@@ -344,17 +345,19 @@ class Scaled:
 
     def structures(self, name, scene):
         structure = scene.structure
-        if structure.modulation is not None or scene.multi_input:
+        taken = structure.modulated_by()
+        if scene.multi_input or self.by in taken:
             return []
         if self.by == "amplitude":
             amplitudes = [amplitude(r.u) for r in scene.records]
             if not _differ(amplitudes):
                 return []
             mean = np.average(amplitudes, weights=[len(r.u) for r in scene.records])
-            return [structure.modulated(name, Modulation("amplitude", float(mean)))]
+            return [structure.modulated(name, "amplitude", float(mean))]
         return [
-            structure.modulated(name, Modulation(column, float(_column(scene, column).mean())))
+            structure.modulated(name, column, float(_column(scene, column).mean()))
             for column in _moving_columns(scene)
+            if column not in taken
         ]
 
 

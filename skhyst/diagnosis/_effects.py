@@ -30,6 +30,7 @@ from ..operators import (
 )
 from ..static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
 from ._changes import (
+    DAMPED,
     BesideForce,
     Driven,
     FirstHysteresis,
@@ -82,7 +83,7 @@ class Effect:
 def _rings(operator, motion, records):
     """Tell whether the gain has a peak or a notch between that at rest and that of fast motion."""
     if isinstance(operator, SecondOrderModeOperator):
-        return bool(operator.damping_ratio < np.sqrt(0.5))
+        return bool(operator.damping_ratio < DAMPED)
     mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
     rest, *near, fast = np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND))
     return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))

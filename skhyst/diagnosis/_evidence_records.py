@@ -157,10 +157,11 @@ def describe_branch(claim):
 def describe_modulation(claim):
     """Describe a response that is scaled by the record's amplitude or by a column of X."""
     structure, records = claim.structure, claim.records
-    modulation = structure.modulation
-    plain = replace(structure, modulation=None, branches=())
+    (modulation,) = (m for m in structure.modulations if m.effect == claim.name)
+    others = tuple(m for m in structure.modulations if m is not modulation)
+    plain = replace(structure, modulations=others, branches=())
     unscaled = plain.respond(records)
-    with_branches = replace(structure, modulation=None).respond(records)
+    with_branches = replace(structure, modulations=others).respond(records)
     measured = [
         y - (both - alone)
         for y, both, alone in zip(claim.measured, with_branches, unscaled, strict=True)
@@ -174,9 +175,10 @@ def describe_modulation(claim):
         x, gains = _gains_by_column(
             _in_column(claim, modulation.column), np.concatenate(unscaled), np.concatenate(measured)
         )
+    place = 1 + structure.modulations.index(modulation)
+    entry = "sensitivity" if place == 1 else f"sensitivity_{place}"
     std = next(
-        (s for key, s in claim.result.params_std.items() if key.split("__")[-1] == "sensitivity"),
-        np.nan,
+        (s for key, s in claim.result.params_std.items() if key.split("__")[-1] == entry), np.nan
     )
     order = np.argsort(x)
     x, gains = x[order], gains[order]

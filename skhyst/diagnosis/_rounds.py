@@ -17,6 +17,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from ..operators import OscillatorOperator
+from ._changes import DAMPED
 from ._contest import (
     contest,
     held_out,
@@ -250,7 +251,7 @@ class Rounds:
                 if place < _ALWAYS_CONTESTED or s.cost <= _HOPEFUL * promising[0].cost
             ]
             promising = promising[len(batch) :]
-            contested = self._plausible(contest(batch, self.records, parallel))
+            contested = self._plausible(base, contest(batch, self.records, parallel))
             tested += self._tested(base, contested, parallel, n_candidates)
             claims = [c for c in tested if self._qualifies(base, c)]
             chosen = [self._choose(base, claims, tested)] if claims else []
@@ -328,9 +329,12 @@ class Rounds:
             for number, c in enumerate(finalists)
             if self.renew is None
             for simpler in self._plausible(
-                s
-                for s in c.simpler
-                if c.error > bar or s.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost
+                base,
+                (
+                    s
+                    for s in c.simpler
+                    if c.error > bar or s.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost
+                ),
             )
         ]
         tried = parallel(delayed(held_out)(c, self.records, self.folds) for _, c in jobs)
@@ -347,8 +351,12 @@ class Rounds:
         fine = parallel(delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best)
         return fine + [c for c in rough if c.error > bar]
 
-    def _plausible(self, contested):
-        return [c for c in contested if _is_plausible(c, self._records(c))]
+    def _plausible(self, base, contested):
+        return [
+            c
+            for c in contested
+            if _is_plausible(c, self._records(c)) and not _have_changed_places(base, c)
+        ]
 
     def _p_value(self, worse, better):
         groups = np.repeat(range(len(self.records)), [len(r.segments) for r in self.records])
@@ -486,7 +494,7 @@ class Rounds:
         known = {effect.name: effect for effect in self.effects}
         screened = self._screened(base, [(known[name], c) for name, c in pairs], parallel)
         found = contest([s for s in screened if s.beginnings], self.records, parallel)
-        return self._plausible(found)
+        return self._plausible(base, found)
 
     def _taken(self, base):
         return {name for name, _ in base.structure.added} | set(self.dropped)
@@ -536,3 +544,20 @@ def _is_plausible(contestant, records):
         return plausible(operator, np.array([]), records)
     last = structure.place(name) + (not structure.is_part(name))  # a force is driven by the motion
     return plausible(operator, np.concatenate(structure.run(records, last=last)), records)
+
+
+def _have_changed_places(base, contestant):
+    """Tell whether a stage was added that rings, in the place of one that no longer does.
+
+    It is then the mode that was there before, and what is new is what that one has become.
+    """
+    name, structure = contestant.effect, contestant.structure
+    if structure.label(name) not in structure.names or not _n_ringing([structure.operator(name)]):
+        return False
+    return _n_ringing(structure.operators) <= _n_ringing(base.structure.operators)
+
+
+def _n_ringing(stages):
+    """Return the number of pairs of poles that overshoot."""
+    ratios = [getattr(s, "damping_ratios", getattr(s, "damping_ratio", ())) for s in stages]
+    return sum(np.count_nonzero(np.asarray(own) < DAMPED) for own in ratios)

@@ -50,8 +50,7 @@ def suffices(effect, structure, records, parts):
     """
     if effect.beside:
         return False
-    amplitude = [structure.modulation and structure.modulation.column]
-    amplitude += [structure.schedule and structure.schedule.by]
+    amplitude = [*structure.modulated_by(), structure.schedule and structure.schedule.by]
     amplitude += [getattr(variant, "by", None) for variant in effect.variants()]
     return "amplitude" not in amplitude or all(
         np.ptp(part.u) >= _REACHED * np.ptp(record.u)

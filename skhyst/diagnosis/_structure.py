@@ -20,7 +20,7 @@ from ..operators import (
 from ..optimize import OperatorProblem, VariableProjection, identify
 from ._shortened import are_long
 
-__all__ = ["Branch", "Modulation", "Schedule", "Structure", "snake_case"]
+__all__ = ["Branch", "Schedule", "Structure", "snake_case"]
 
 _BRIEFLY = VariableProjection(tolerance=1e-5, max_evaluations=4)
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
@@ -38,8 +38,9 @@ class Branch:
 
 @dataclass(frozen=True)
 class Modulation:
-    """What scales the driven part: a column of X, or the amplitude of the record."""
+    """What scales the driven part, for an effect: a column of X, or the record's amplitude."""
 
+    effect: str
     column: int | str
     reference: float
     sensitivity: float = 0.0
@@ -100,7 +101,8 @@ class Structure:
     state : {"rest", "zero"}
         State before each record.
     branches : tuple of Branch
-    modulation : Modulation or None
+    modulations : tuple of Modulation
+        At most one for each column.
     schedule : Schedule or None
     added : tuple of (str, tuple)
         Effects in the order in which they were added, and what :meth:`without` needs to know: the
@@ -119,7 +121,7 @@ class Structure:
     disturbances: tuple = ()
     state: str = "rest"
     branches: tuple = ()
-    modulation: Modulation | None = None
+    modulations: tuple = ()
     schedule: Schedule | None = None
     added: tuple = ()
     places: tuple = ()
@@ -186,14 +188,12 @@ class Structure:
 
     def _driven(self, operator):
         """Return the driven part, from its stages as one operator."""
-        if not (self.branches or self.modulation):
+        if not (self.branches or self.modulations):
             return operator
         operator = ColumnOperator(operator, 0)
-        if self.modulation is not None:
-            column = -1 if self.modulation.column == "amplitude" else self.modulation.column
-            operator = ModulatedOperator(
-                operator, column, self.modulation.reference, self.modulation.sensitivity
-            )
+        for m in self.modulations:
+            column = -1 if m.column == "amplitude" else m.column
+            operator = ModulatedOperator(operator, column, m.reference, m.sensitivity)
         if not self.branches:
             return operator
         others = tuple(ColumnOperator(b.operator, b.column) for b in self.branches)
@@ -209,14 +209,14 @@ class Structure:
         """Return the records as the driven part reads them."""
         if self.schedule is not None:
             records = [replace(r, schedule=self.schedule.number(r)) for r in records]
-        if not (self.branches or self.modulation):
+        if not (self.branches or self.modulations):
             return records
         found = []
         for record in records:
             columns = [record.u]
             if record.auxiliary is not None:
                 columns.append(record.auxiliary)
-            if self.modulation is not None and self.modulation.column == "amplitude":
+            if "amplitude" in self.modulated_by():
                 columns.append(np.full(len(record.u), amplitude(record.u)))
             found.append(replace(record, u=np.column_stack(columns)))
         return found
@@ -241,17 +241,17 @@ class Structure:
     def at(self, problem, x):
         """Return the structure with the operators at ``x``."""
         operator, disturbances = problem.unpack(x)
-        branches, modulation, schedule = self.branches, self.modulation, self.schedule
+        branches, modulations, schedule = self.branches, [], self.schedule
         if branches:
             operator, *others = operator.stages
             branches = tuple(
                 replace(b, operator=other.operator)
                 for b, other in zip(branches, others, strict=True)
             )
-        if modulation is not None:
-            modulation = replace(modulation, sensitivity=operator.sensitivity)
+        for modulation in reversed(self.modulations):
+            modulations.insert(0, replace(modulation, sensitivity=operator.sensitivity))
             operator = operator.operator
-        if branches or modulation is not None:
+        if branches or modulations:
             operator = operator.operator
         if schedule is not None:
             schedule, operator = schedule.taken(operator)
@@ -260,7 +260,7 @@ class Structure:
             operators=operator.stages,
             disturbances=disturbances,
             branches=branches,
-            modulation=modulation,
+            modulations=tuple(modulations),
             schedule=schedule,
         )
 
@@ -294,7 +294,7 @@ class Structure:
 
     def respond(self, records):
         """Return the output of the driven part for each record."""
-        if not (self.branches or self.modulation):
+        if not (self.branches or self.modulations):
             return self.run(records)
         operator, outputs = self.driven(), []
         for record in self.inputs(records):
@@ -399,9 +399,14 @@ class Structure:
         new = Branch(named.label(name), model, operator, column)
         return named._with(name, "branch", branches=(*self.branches, new))
 
-    def modulated(self, effect, modulation):
-        """Return the structure whose driven part is scaled."""
-        return self._with(effect, "modulation", modulation=modulation)
+    def modulated(self, effect, column, reference):
+        """Return the structure whose driven part is scaled by one more column."""
+        new = Modulation(effect, column, reference)
+        return self._with(effect, "modulation", modulations=(*self.modulations, new))
+
+    def modulated_by(self):
+        """Return the columns that scale the driven part."""
+        return [modulation.column for modulation in self.modulations]
 
     def scheduled(self, effect, schedule):
         """Return the structure whose parameters depend on the record."""
@@ -450,7 +455,10 @@ class Structure:
                 beside_models=tuple(self.beside_models[i] for i in kept),
                 disturbances=tuple(self.disturbances[i] for i in kept),
             )
-        return replace(rest, **{kind: None})
+        if kind == "modulation":
+            kept = tuple(m for m in self.modulations if m.effect != effect)
+            return replace(rest, modulations=kept)
+        return replace(rest, schedule=None)
 
     # ------------------------------------------------------------------ as an estimator
 
@@ -475,8 +483,8 @@ class Structure:
                 parameters=[entry[strip:] for entry in self.schedule.lines],
                 **options,
             )
-        if self.modulation is not None:
-            driven = Modulated(driven, self.modulation.column, **options)
+        for column in self.modulated_by():
+            driven = Modulated(driven, column, **options)
         if not (self.beside_models or self.branches):
             return driven
         others = [(b.name, OnColumn(clone(b.model), b.column, **options)) for b in self.branches]

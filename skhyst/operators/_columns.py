@@ -100,7 +100,8 @@ class ModulatedOperator(_Wrapper):
     Parameters
     ----------
     operator : Operator
-        Of the whole input.
+        Of the whole input. One that is modulated already keeps the name of its sensitivity; that of
+        the next is ``sensitivity_2`` among the parameters.
     column : int
         Of a.
     reference : float
@@ -123,8 +124,13 @@ class ModulatedOperator(_Wrapper):
     reference: float
     sensitivity: float = 0.0
 
+    @property
+    def _depth(self):
+        return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
+
     def entries(self):
-        return [*self.operator.entries(), ("sensitivity", _SENSITIVITY)]
+        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
+        return [*self.operator.entries(), (name, _SENSITIVITY)]
 
     def pack(self):
         return np.append(self.operator.pack(), self.sensitivity)

@@ -29,7 +29,7 @@ def bounded_step(hessian, gradient, lower, upper):
     -------
     ndarray of shape (n,)
     """
-    scale = np.sqrt(np.diag(hessian))
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may leave less than nothing
     moves = scale > _LEAST
     if not moves.any():
         return np.zeros(len(scale))

@@ -153,6 +153,8 @@ def predicted_cost(problem, x):
     x, gram = solve_linear(problem, x, gram)
     if gram[-1, -1] < before * (1.0 - _STALE):
         gram = problem.total(problem.evaluate(x))
+        if not np.isfinite(gram).all():
+            return np.inf
     return max(gram[-1, -1] - _step(problem, x, gram)[1], 0.0)
 
 

@@ -81,6 +81,20 @@ def test_the_amplitude_scales_the_response(X):
     np.testing.assert_allclose(model.predict(one), y.loc[[2]], atol=1e-8)
 
 
+def test_the_amplitude_and_a_column_scale_the_response(X):
+    amplitude = X["drive"].groupby(level="record").transform(np.ptp) / 2
+    factor = (1.0 + 0.3 * amplitude) * (1.0 - 0.2 * X["load"])
+    y = by_record(X, lambda part: plays(part["drive"].to_numpy())) * factor
+    for model in (
+        Modulated(Modulated(thresholds(), "amplitude"), 1),
+        Modulated(Modulated(thresholds(), 1), "amplitude"),
+    ):
+        model.fit(X, y)
+        np.testing.assert_allclose(model.predict(X), y, atol=1e-8)
+        np.testing.assert_allclose(model.predict(X.loc[[2]]), y.loc[[2]], atol=1e-8)
+        assert {"sensitivity", "sensitivity_2"} <= set(model.params_)
+
+
 def test_scheduled_parameters_beside_a_column_and_an_offset(X):
     def law(part):
         drive = part["drive"].to_numpy()

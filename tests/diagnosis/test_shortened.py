@@ -11,7 +11,7 @@ from skhyst.diagnosis import EffectSearchCV, _shortened
 from skhyst.diagnosis._contest import Contestant, held_out, refitted
 from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._shortened import are_long, shortened, suffices
-from skhyst.diagnosis._structure import Modulation, Structure
+from skhyst.diagnosis._structure import Structure
 from skhyst.disturbance import PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode
@@ -50,7 +50,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
 def test_a_part_shows_dependence_on_the_amplitude_where_it_has_this_amplitude(short_is_long):
     records = some_records()
     structure = Structure.from_result(PrandtlIshlinskii(3), PrandtlIshlinskii(3)._identify(records))
-    scaled = structure.modulated("amplitude_dependence", Modulation("amplitude", 1.0))
+    scaled = structure.modulated("amplitude_dependence", "amplitude", 1.0)
     parts = shortened(records, [np.ones(900)] * 3)
     rising = [replace(r, u=r.u * np.linspace(0.1, 1.0, 900)) for r in records]
     small = shortened(rising, [np.ones(900)] * 3)

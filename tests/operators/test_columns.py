@@ -19,6 +19,9 @@ PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.6, 0.4])
 OPERATORS = {
     "column": ColumnOperator(LAG, 1),
     "modulated": ModulatedOperator(ColumnOperator(PLAYS, 0), 2, 0.4, 0.3),
+    "modulated twice": ModulatedOperator(
+        ModulatedOperator(ColumnOperator(PLAYS, 0), 2, 0.4, 0.3), 1, -0.1, 0.2
+    ),
     "sum": SumOperator(
         ("model", "load"),
         (

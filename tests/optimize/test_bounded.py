@@ -101,7 +101,8 @@ def test_units_do_not_matter(unit):
 
 
 @pytest.mark.filterwarnings("error")
-def test_an_unknown_that_moves_nothing_but_rounding_stays():
-    hessian = np.diag([1.0, 1e-318])
+@pytest.mark.parametrize("rounding", [1e-318, -1e-17])
+def test_an_unknown_that_moves_nothing_but_rounding_stays(rounding):
+    hessian = np.diag([1.0, rounding])
     step = bounded_step(hessian, np.array([-2.0, -1e-170]), *np.array([[-9.0] * 2, [9.0] * 2]))
     np.testing.assert_allclose(step, [2.0, 0.0], rtol=1e-12)
