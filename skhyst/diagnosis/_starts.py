@@ -21,6 +21,7 @@ __all__ = [
 
 _STARTS = 3  # of many starting values, so many are linearised
 _THINNED = 3  # every so many samples decide which
+_LARGEST_CONDITION = 1e6  # of the scaled normal equations; a shape that can be told has some 1e3
 _SAME_POLES = 0.03  # relative distance of poles that need no start of their own
 
 
@@ -168,19 +169,28 @@ def _redistributed(candidates, at, scene, first):
 def hysteresis_anew(structure, records):
     """Return the structure with its hysteresis at the model's own starting values, or None.
 
-    What is missing may have driven its shape so far off that a local search does not bring it back.
-    A hysteresis that stands alone, and is not linear in its parameters, starts again.
+    What is missing may have driven the shape of a hysteresis that stands alone so far off that a
+    local search does not bring it back: to where the data no longer determine it.
     """
     if len(structure.operators) > 1 or not _can_start_anew(structure, records):
         return None
     if isinstance(structure.operators[0], LinearOperator | OscillatorOperator):
         return None
-    if structure.problem(records).linear.all():
+    problem = structure.problem(records)
+    if problem.linear.all() or _is_determined(problem):
         return None
     starts = structure.models[0]._starts(_undisturbed(structure, records))
     found = [replace(structure, operators=(operator,)) for operator, _ in starts]
     problems = [candidate.problem(records) for candidate in found]
     return found[int(np.argmin([predicted_cost(p, p.x0) for p in problems]))]
+
+
+def _is_determined(problem):
+    """Whether all unknowns are, well enough, at the starting values of a problem."""
+    hessian = problem.total(problem.evaluate(problem.x0))[:-1, :-1]
+    scale = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
+    values = np.linalg.eigvalsh(hessian / np.outer(scale, scale))
+    return values[0] > values[-1] / _LARGEST_CONDITION
 
 
 def dynamics_anew(structure, records):

@@ -100,8 +100,9 @@ class Operator(ABC):
 
     def sizes(self) -> dict[str, int]:
         """Return the number of values in each identifiable field."""
-        # a float is one value, and np.size would make an array of it
-        return {name: getattr(getattr(self, name), "size", 1) for name in self.parameter_specs()}
+        values = {name: getattr(self, name) for name in self.parameter_specs()}
+        # np.size would make an array of a float
+        return {name: 1 if isinstance(v, float) else np.size(v) for name, v in values.items()}
 
     @property
     def n_parameters(self) -> int:

@@ -36,7 +36,8 @@ def test_repeated_records_give_the_noise(seed, noise):
     rng = np.random.default_rng(seed)
     u = smooth(3000, rng)
     records = [RecordData(u, response(u, rng, noise), 1e-3) for _ in range(2)]
-    assert repeatability(records) == pytest.approx(noise, rel=0.06)
+    # six standard deviations of the estimate: Hypothesis draws many seeds
+    assert repeatability(records) == pytest.approx(noise, rel=0.1)
 
 
 @settings(deadline=None, max_examples=25)

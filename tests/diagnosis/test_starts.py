@@ -175,7 +175,7 @@ def test_a_shape_that_has_run_away_begins_again(seed):
         assert (contest([screened], records, Parallel())[0].cost < bar) == reaches
 
 
-@pytest.mark.parametrize("kind", ["prandtl_ishlinskii", "cascade"])
-def test_plays_and_dynamics_need_no_other_beginning(kind):
+@pytest.mark.parametrize("kind", ["prandtl_ishlinskii", "cascade", "bouc_wen"])
+def test_a_model_that_the_data_determine_needs_no_other_beginning(kind):
     _, records, structure = declared("none", kind, 1500)
     assert hysteresis_anew(structure, records) is None
