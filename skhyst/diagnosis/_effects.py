@@ -81,9 +81,11 @@ class Effect:
 
 
 def _rings(operator, motion, records):
-    """Tell whether the gain has a peak or a notch between that at rest and that of fast motion."""
+    """Tell whether a mode overshoots, and shows in the gain: as a peak or a notch."""
     if isinstance(operator, SecondOrderModeOperator):
         return bool(operator.damping_ratio < DAMPED)
+    if not np.any(operator.damping_ratios < DAMPED):
+        return False
     mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
     rest, *near, fast = np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND))
     return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))

@@ -147,6 +147,8 @@ def test_a_mode_has_a_peak_or_a_notch():
     assert rings(of(0.05, np.array([0.0, 0.9])), 1.0, [])
     assert not rings(of(0.9, np.array([])), 1.0, [])
     assert not rings(of(0.9, np.array([0.3, 0.3])), 1.0, [])
+    assert rings(of(0.5, np.array([9.0, 0.0])), 1.0, [])
+    assert not rings(of(0.9, np.array([9.0, 0.0])), 1.0, [])
     assert rings(SecondOrderModeOperator(100.0, 0.5), 1.0, [])
     assert not rings(SecondOrderModeOperator(100.0, 0.8), 1.0, [])
 
