@@ -54,5 +54,5 @@ class Delay(LinearModel):
         dt, span = time_span(records)
         return [
             (DelayOperator(float(delay)), ())
-            for delay in [0.5 * dt, *log_grid(2.0 * dt, max(0.1 * span, 4.0 * dt), 2)]
+            for delay in [0.5 * dt, *log_grid(2.0 * dt, max(0.1 * span, 4.0 * dt), 5)]
         ]
