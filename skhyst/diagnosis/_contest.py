@@ -23,7 +23,8 @@ __all__ = [
     "screen",
 ]
 
-_SCREENED = 2  # variants of an effect whose best start is refitted briefly in screening
+_SCREENED = 2  # variants of an effect, at least, whose best start is refitted in screening
+_BROKEN_PROMISE = 2.0  # sum of squares reached, relative to what the next variant promises
 _TRIALS = 3  # starts of a variant that are refitted briefly in the contest
 _TRIAL_EVALUATIONS = 4
 _EVALUATIONS = 60
@@ -83,8 +84,9 @@ def screen(effect, structures, records):
 
     Each starting value is simulated once: the linear parameters are solved exactly and one
     Gauss-Newton step of all others is predicted. The best starts of the two best variants are then
-    refitted for a few steps, since a prediction far from the solution says little. Where whole long
-    records have to be screened the prediction is all: such an effect starts from the model so far.
+    refitted for a few steps, since a prediction far from the solution says little, and of further
+    ones as long as these keep far less than they have promised. Where whole long records have to be
+    screened the prediction is all: such an effect starts from the model so far.
     """
     beginnings, least = [], np.inf
     for structure in structures:
@@ -92,11 +94,20 @@ def screen(effect, structures, records):
             _predicted(effect.name, candidates, records)
             for candidates in starting_structures(effect, structure, records)
         ]
-        hopeful = sorted(found, key=lambda starts: starts[0].cost)[:_SCREENED]
-        for starts in [] if are_long(records) else hopeful:
+        if not found:
+            continue
+        beginnings.append(found)
+        hopeful = sorted(found, key=lambda starts: starts[0].cost)
+        if are_long(records):
+            least = min(least, hopeful[0][0].cost)
+            continue
+        reached = np.inf
+        for number, starts in enumerate(hopeful):
+            if number >= _SCREENED and reached <= _BROKEN_PROMISE * starts[0].cost:
+                break
             starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
-        least = min([least, *(starts[0].cost for starts in hopeful)])
-        beginnings += [found] if found else []
+            reached = min(reached, starts[0].cost)
+        least = min(least, reached)
     fewest = min((starts[0].n_parameters for found in beginnings for starts in found), default=0)
     return Screened(beginnings, least, fewest)
 
