@@ -30,7 +30,6 @@ from ._starts import Scene, beside, inserted
 from ._structure import Schedule
 
 __all__ = [
-    "DAMPED",
     "BesideForce",
     "Driven",
     "FirstHysteresis",
@@ -42,15 +41,22 @@ __all__ = [
     "RateDependence",
     "Scaled",
     "SlowerThanDrive",
+    "n_ringing",
 ]
 
 _SPREAD = 0.05  # of a number of the records, relative, above which parameters may depend on it
-DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
+_DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
 _TANKS = 3  # in a row, at the most
 _BEYOND = 0.6  # of the largest response: levels of a knee start at least a tenth above it
 _FULL = 0.98  # of the level of a knee, up to which the response is undone
 _FIRST = 4000  # samples that starting values of tanks are improved on
 _BRIEFLY = VariableProjection(tolerance=1e-3, max_evaluations=10)
+
+
+def n_ringing(stages):
+    """Return the number of pairs of poles that overshoot."""
+    ratios = [getattr(s, "damping_ratios", getattr(s, "damping_ratio", ())) for s in stages]
+    return sum(np.count_nonzero(np.asarray(own) < _DAMPED) for own in ratios)
 
 
 @dataclass(frozen=True)
@@ -245,7 +251,7 @@ def _rates_of_lags(operator):
         constants = list(operator.time_constants)
     else:
         return []
-    if any(damping < DAMPED for _, damping in pairs) or len(constants) + 2 * len(pairs) > _TANKS:
+    if any(damping < _DAMPED for _, damping in pairs) or len(constants) + 2 * len(pairs) > _TANKS:
         return []
     rates = [1.0 / constant for constant in constants]
     for frequency, damping in pairs:  # a pair that does not ring is as two equal lags

@@ -88,28 +88,33 @@ def screen(effect, structures, records):
     ones as long as these keep far less than they have promised. Where whole long records have to be
     screened the prediction is all: such an effect starts from the model so far.
     """
-    beginnings, least = [], np.inf
+    beginnings, reached = [], []
     for structure in structures:
-        found = [
+        variants = [
             _predicted(effect.name, candidates, records)
             for candidates in starting_structures(effect, structure, records)
         ]
-        if not found:
-            continue
-        beginnings.append(found)
-        hopeful = sorted(found, key=lambda starts: starts[0].cost)
-        if are_long(records):
-            least = min(least, hopeful[0][0].cost)
-            continue
-        reached = np.inf
-        for number, starts in enumerate(hopeful):
-            if number >= _SCREENED and reached <= _BROKEN_PROMISE * starts[0].cost:
-                break
-            starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
-            reached = min(reached, starts[0].cost)
-        least = min(least, reached)
-    fewest = min((starts[0].n_parameters for found in beginnings for starts in found), default=0)
-    return Screened(beginnings, least, fewest)
+        if variants:
+            beginnings.append(variants)
+            reached.append(_best_of(variants, records))
+    if not beginnings:
+        return Screened([])
+    fewest = min(starts[0].n_parameters for variants in beginnings for starts in variants)
+    return Screened(beginnings, min(reached), fewest)
+
+
+def _best_of(variants, records):
+    """Refit the best starts of the hopeful variants briefly; return the least sum of squares."""
+    hopeful = sorted(variants, key=lambda starts: starts[0].cost)
+    if are_long(records):
+        return hopeful[0][0].cost
+    reached = np.inf
+    for number, starts in enumerate(hopeful):
+        if number >= _SCREENED and reached <= _BROKEN_PROMISE * starts[0].cost:
+            break
+        starts[0] = _refit(starts[0], records, _TRIAL_EVALUATIONS)[0]
+        reached = min(reached, starts[0].cost)
+    return reached
 
 
 def _predicted(effect, structures, records):

@@ -30,7 +30,6 @@ from ..operators import (
 )
 from ..static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
 from ._changes import (
-    DAMPED,
     BesideForce,
     Driven,
     FirstHysteresis,
@@ -42,6 +41,7 @@ from ._changes import (
     RateDependence,
     Scaled,
     SlowerThanDrive,
+    n_ringing,
 )
 from ._noise import FEW_TURNS, near_period, visible_turns
 
@@ -82,10 +82,9 @@ class Effect:
 
 def _rings(operator, motion, records):
     """Tell whether a mode overshoots, and shows in the gain: as a peak or a notch."""
-    if isinstance(operator, SecondOrderModeOperator):
-        return bool(operator.damping_ratio < DAMPED)
-    if not np.any(operator.damping_ratios < DAMPED):
-        return False
+    rings = n_ringing([operator]) > 0
+    if not rings or isinstance(operator, SecondOrderModeOperator):
+        return rings
     mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
     rest, *near, fast = np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND))
     return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))
@@ -101,9 +100,9 @@ def _levels_off(operator, motion, records):
 
 
 def _bends(operator, motion, records):
-    return not isinstance(operator, SoftSaturationOperator) or not _levels_off(
-        operator, motion, records
-    )
+    """Tell whether a curve that could saturate does not."""
+    soft = isinstance(operator, SoftSaturationOperator)
+    return not (soft and _levels_off(operator, motion, records))
 
 
 def _has_own_lines(operator, motion, records):

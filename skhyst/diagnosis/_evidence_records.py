@@ -6,6 +6,7 @@ import numpy as np
 from scipy.signal import welch
 
 from ..compose._record_numbers import amplitude
+from ..operators._columns import sensitivity_name
 from ..optimize import variable_projection
 from ._evidence_base import Picture, binned, compared
 
@@ -175,8 +176,7 @@ def describe_modulation(claim):
         x, gains = _gains_by_column(
             _in_column(claim, modulation.column), np.concatenate(unscaled), np.concatenate(measured)
         )
-    place = 1 + structure.modulations.index(modulation)
-    entry = "sensitivity" if place == 1 else f"sensitivity_{place}"
+    entry = sensitivity_name(1 + structure.modulations.index(modulation))
     std = next(
         (s for key, s in claim.result.params_std.items() if key.split("__")[-1] == entry), np.nan
     )

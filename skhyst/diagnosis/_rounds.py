@@ -17,7 +17,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from ..operators import OscillatorOperator
-from ._changes import DAMPED
+from ._changes import n_ringing
 from ._contest import (
     contest,
     held_out,
@@ -328,14 +328,9 @@ class Rounds:
             (number, simpler)
             for number, c in enumerate(finalists)
             if self.renew is None
-            for simpler in self._plausible(
-                base,
-                (
-                    s
-                    for s in c.simpler
-                    if c.error > bar or s.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost
-                ),
-            )
+            for simpler in c.simpler
+            if (c.error > bar or simpler.cost <= (1.0 + _SIMILAR_ERROR) ** 2 * c.cost)
+            and self._is_plausible(base, simpler)
         ]
         tried = parallel(delayed(held_out)(c, self.records, self.folds) for _, c in jobs)
         best = list(finalists)
@@ -351,12 +346,14 @@ class Rounds:
         fine = parallel(delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best)
         return fine + [c for c in rough if c.error > bar]
 
+    def _is_plausible(self, base, contestant):
+        """Tell whether the identified effect is still what its name says."""
+        if _have_changed_places(base, contestant):
+            return False
+        return _is_plausible(contestant, self._records(contestant))
+
     def _plausible(self, base, contested):
-        return [
-            c
-            for c in contested
-            if _is_plausible(c, self._records(c)) and not _have_changed_places(base, c)
-        ]
+        return [c for c in contested if self._is_plausible(base, c)]
 
     def _p_value(self, worse, better):
         groups = np.repeat(range(len(self.records)), [len(r.segments) for r in self.records])
@@ -534,7 +531,7 @@ def _row(base, chosen, others):
 
 
 def _is_plausible(contestant, records):
-    """Tell whether the identified effect is still what its name says."""
+    """Tell whether the operator of an effect is still what the name says."""
     name, structure = contestant.effect, contestant.structure
     plausible = EFFECTS[name].plausible
     if plausible is None:
@@ -552,12 +549,6 @@ def _have_changed_places(base, contestant):
     It is then the mode that was there before, and what is new is what that one has become.
     """
     name, structure = contestant.effect, contestant.structure
-    if structure.label(name) not in structure.names or not _n_ringing([structure.operator(name)]):
+    if structure.label(name) not in structure.names or not n_ringing([structure.operator(name)]):
         return False
-    return _n_ringing(structure.operators) <= _n_ringing(base.structure.operators)
-
-
-def _n_ringing(stages):
-    """Return the number of pairs of poles that overshoot."""
-    ratios = [getattr(s, "damping_ratios", getattr(s, "damping_ratio", ())) for s in stages]
-    return sum(np.count_nonzero(np.asarray(own) < DAMPED) for own in ratios)
+    return n_ringing(structure.operators) <= n_ringing(base.structure.operators)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ._base import Operator, ParameterSpec
 
-__all__ = ["ColumnOperator", "ModulatedOperator"]
+__all__ = ["ColumnOperator", "ModulatedOperator", "sensitivity_name"]
 
 _SENSITIVITY = ParameterSpec(unit="1/column")
 
@@ -129,8 +129,7 @@ class ModulatedOperator(_Wrapper):
         return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
 
     def entries(self):
-        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
-        return [*self.operator.entries(), (name, _SENSITIVITY)]
+        return [*self.operator.entries(), (sensitivity_name(self._depth), _SENSITIVITY)]
 
     def pack(self):
         return np.append(self.operator.pack(), self.sensitivity)
@@ -164,6 +163,11 @@ class ModulatedOperator(_Wrapper):
         factor = self._factor(u)
         own = y * (_one(u, self.column) - self.reference)
         return y * factor, np.column_stack([dy * factor[:, None], own])
+
+
+def sensitivity_name(number):
+    """Return what the sensitivity to the first, second, ... column is called as a parameter."""
+    return "sensitivity" if number == 1 else f"sensitivity_{number}"
 
 
 def _one(u, column):

@@ -179,3 +179,11 @@ def test_a_shape_that_has_run_away_begins_again(seed):
 def test_a_model_that_the_data_determine_needs_no_other_beginning(kind):
     _, records, structure = declared("none", kind, 1500)
     assert hysteresis_anew(structure, records) is None
+
+
+def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
+    """A knee cannot harden, whatever one linear step from its starting values promises."""
+    recording, records, structure = declared("static_nonlinearity", "bouc_wen", 6000, 2151)
+    screened = screen(EFFECTS["static_nonlinearity"], [structure], records)
+    n_samples = sum(len(record.y) for record in records)
+    assert screened.cost < 4.0 * recording.noise_std**2 * n_samples
