@@ -151,14 +151,15 @@ def _refit(contestant, records, max_evaluations):
     return replace(contestant, structure=structure, cost=solution.cost, x=solution.x), problem
 
 
-def contest(candidates, records, parallel):
+def contest(candidates, records, parallel, is_plausible):
     """Refit the promising variants of effects; return those that Schwarz's criterion prefers.
 
     ``candidates`` are, for each effect, what :func:`screen` has found; ``parallel`` is a joblib
-    ``Parallel``. Of variants that were screened on the first parts of the records, the two that are
-    best there are refitted on the whole. One contestant an effect is returned, which knows the
-    simpler ones; the sum of squares is infinite where the first parts tell that another effect is
-    far better.
+    ``Parallel``; ``is_plausible`` tells of a contestant whether its name still says what it is. Of
+    variants that were screened on the first parts of the records, the two that are best there are
+    refitted on the whole. One contestant is returned of each effect with a plausible variant, which
+    knows the simpler ones; the sum of squares is infinite where the first parts tell that another
+    effect is far better.
     """
     jobs = [
         (number, starts)
@@ -192,14 +193,17 @@ def contest(candidates, records, parallel):
     )
     for (number, *_), variant in zip(jobs, refitted, strict=True):
         found[number].append(variant)
-    return [_with_simpler(variants) for variants in found]
+    preferred = [_preferred(variants, is_plausible) for variants in found]
+    return [contestant for contestant in preferred if contestant is not None]
 
 
-def _with_simpler(variants):
-    """Return the variant that the criterion prefers, which knows the simpler ones."""
-    _, best = min(variants, key=lambda v: v[0])
-    simpler = tuple(c for _, c in variants if c.n_parameters < best.n_parameters)
-    return replace(best, simpler=simpler)
+def _preferred(variants, is_plausible):
+    """Return the plausible variant that the criterion prefers, which knows the simpler ones."""
+    ordered = [c for _, c in sorted(variants, key=lambda v: v[0])]
+    best = next((c for c in ordered if is_plausible(c)), None)
+    if best is None:
+        return None
+    return replace(best, simpler=tuple(c for c in ordered if c.n_parameters < best.n_parameters))
 
 
 def _hopeful(variants, long):

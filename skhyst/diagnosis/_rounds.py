@@ -251,7 +251,7 @@ class Rounds:
                 if place < _ALWAYS_CONTESTED or s.cost <= _HOPEFUL * promising[0].cost
             ]
             promising = promising[len(batch) :]
-            contested = self._plausible(base, contest(batch, self.records, parallel))
+            contested = self._contest(base, batch, parallel)
             tested += self._tested(base, contested, parallel, n_candidates)
             claims = [c for c in tested if self._qualifies(base, c)]
             chosen = [self._choose(base, claims, tested)] if claims else []
@@ -302,6 +302,9 @@ class Rounds:
         anew = None if are_long(self.records) else hysteresis_anew(structure, self.records)
         return [structure] if anew is None else [structure, anew]
 
+    def _contest(self, base, screened, parallel):
+        return contest(screened, self.records, parallel, lambda c: self._is_plausible(base, c))
+
     def _tested(self, base, contested, parallel, n_candidates):
         """Return the contestants near the best, held out and tested against the base."""
         if self.renew is not None:
@@ -351,9 +354,6 @@ class Rounds:
         if _have_changed_places(base, contestant):
             return False
         return _is_plausible(contestant, self._records(contestant))
-
-    def _plausible(self, base, contested):
-        return [c for c in contested if self._is_plausible(base, c)]
 
     def _p_value(self, worse, better):
         groups = np.repeat(range(len(self.records)), [len(r.segments) for r in self.records])
@@ -490,8 +490,7 @@ class Rounds:
         """Return the plausible contestants that effects, given by name, make of contestants."""
         known = {effect.name: effect for effect in self.effects}
         screened = self._screened(base, [(known[name], c) for name, c in pairs], parallel)
-        found = contest([s for s in screened if s.beginnings], self.records, parallel)
-        return self._plausible(base, found)
+        return self._contest(base, [s for s in screened if s.beginnings], parallel)
 
     def _taken(self, base):
         return {name for name, _ in base.structure.added} | set(self.dropped)

@@ -1,5 +1,6 @@
 """The paired test keeps its level, and a sample is never predicted from itself."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -270,7 +271,7 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
     base = contestant_of(structure, records)
     cost = variable_projection(structure.problem(records), base.x).cost
     screened = screen(EFFECTS[name], [structure], records)
-    refitted = contest([screened], records, Parallel())[0]
+    refitted = contest([screened], records, Parallel(), lambda c: True)[0]
     assert refitted.effect == name
     assert refitted.cost <= 1.001 * cost
     assert refitted.n_parameters > base.n_parameters
@@ -302,6 +303,23 @@ def test_the_contest_takes_the_simplest_variant_that_is_true(degree):
         y += 0.002 * np.ptp(y) * rng.standard_normal(len(y))
         bent.append(RecordData(record.u, y, record.dt, segments=record.segments))
     screened = screen(EFFECTS["static_nonlinearity"], [structure], bent)
-    chosen = contest([screened], bent, Parallel())[0]
+    chosen = contest([screened], bent, Parallel(), lambda c: True)[0]
     curve = chosen.structure.models[chosen.structure.names.index("static_nonlinearity")]
     assert curve.degree == degree
+
+
+def test_a_variant_that_is_not_plausible_leaves_the_effect_to_another():
+    records = some_records(9007, n=480)
+    time = np.arange(480) * records[0].dt
+    lines = sum(np.sin(2 * np.pi * n * time / (480 * records[0].dt)) for n in (17.3, 31.9, 60.7))
+    disturbed = [replace(record, y=record.y + lines) for record in records]
+    screened = [screen(EFFECTS["periodic_disturbance"], [declared_with(records)], disturbed)]
+
+    def count(c):
+        return len(c.structure.disturbances[-1].frequencies)
+
+    for most in (3, 2, 1):
+        (chosen,) = contest(screened, disturbed, Parallel(), lambda c, m=most: count(c) <= m)
+        assert count(chosen) == most
+        assert [count(c) for c in chosen.simpler] == list(range(most - 1, 0, -1))
+    assert contest(screened, disturbed, Parallel(), lambda c: False) == []
