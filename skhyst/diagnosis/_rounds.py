@@ -4,7 +4,8 @@ Effects are added one by one, the most convincing first. After each claim those 
 contested once more: one that a later effect has made needless is dropped, so that the order in
 which effects were added does not decide which are kept. Where no effect qualifies alone, the best
 few are contested in pairs: two effects of equal size may each leave too much for a claim. Where
-most of what is left at the end is structure, the first choice may have been the wrong one: the
+most of what is left is structure, an effect that explains most of it need not be significant among
+all that were tried. Where that is so at the end, the first choice may have been the wrong one: the
 search begins again from others of the first round.
 """
 
@@ -43,7 +44,7 @@ _SAME_ERROR = 0.005  # relative difference of held-out errors that is no differe
 _SIMILAR_ERROR = 0.05  # by so much a simpler candidate may be worse, if the data allow
 _THOROUGH = 1.5  # error, relative to the best, up to which a black box is fitted thoroughly
 _PAIRED = 4  # candidates that are contested in pairs
-_STRUCTURE = 0.5  # part of the power left from which on another beginning is tried
+_STRUCTURE = 0.5  # part of the power left from which on something is known to be missing
 _BEGINNINGS = 2  # other ones, best fit first
 
 
@@ -267,6 +268,8 @@ class Rounds:
             begin = time.perf_counter()
             chosen = self._pair(base, tested, parallel, n_candidates)
             self._add_time("pairs", begin)
+        if not chosen and self.renew is None:
+            chosen = self._evident(base, tested)
         self._rank(base, effects, screened, tested, {row["effect"] for _, row in chosen})
         return chosen, tested
 
@@ -369,6 +372,18 @@ class Rounds:
 
     def _qualifies(self, base, contestant):
         return contestant.p_value < self.alpha and self._matters(base, contestant)
+
+    def _evident(self, base, tested):
+        """Return the choice among effects that explain most of what is known to be structure.
+
+        That something is missing is certain then, however many effects were tried.
+        """
+        bar = np.sqrt(1.0 - _STRUCTURE) * base.error
+        most = [replace(c, p_value=self._p_value(base, c)) for c in tested if c.error <= bar]
+        claims = [c for c in most if self._qualifies(base, c)]
+        if not claims or not self._leaves_structure(base):
+            return []
+        return [self._choose(base, claims, tested)]
 
     def _choose(self, base, claims, tested):
         """Return the simplest of the candidates that the data cannot tell from the best.

@@ -43,7 +43,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     data-driven starting values), lets the best contest on held-out data after a joint refit of
     everything, and claims one whose improvement is significant after correction for the number
     of candidates, large enough to matter, and not reached by a simpler one. It stops when no
-    effect qualifies. Where much structure is then left, other first effects are tried.
+    effect qualifies. Where most of what is then left is structure, an effect that explains most of
+    it needs no correction, and other first effects are tried.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         The error that no model can beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
         One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (that nothing is
-        missing, corrected), ``ambiguous_with``, ``experiment``, ``evidence``.
+        missing, corrected unless that is known), ``ambiguous_with``, ``experiment``, ``evidence``.
     ranking_ : DataFrame
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
