@@ -14,8 +14,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from threadpoolctl import threadpool_limits
 
-from skhyst.hysteresis import BoucWen
-from skhyst.operators import BoucWenOperator
+from skhyst.hysteresis import BoucWen, BoucWenOperator
 from skhyst.optimize import RecordData, identify
 
 N_SAMPLES = 100_000
@@ -98,7 +97,7 @@ def fit(u, y):
     whole = time.process_time() - start
     records = [RecordData(u, y, 1.0)]
     start = time.process_time()
-    result = identify(model._starts(records), records, fixed=model._fixed())
+    result = identify(model.starting_values(records), records, fixed=model.held_parameters())
     return result.error, model.n_evaluations_, whole, time.process_time() - start
 
 

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from skhyst.operators import DahlOperator, DuhemOperator, LuGreOperator, MaxwellSlipOperator
+from skhyst.hysteresis import DahlOperator, DuhemOperator, LuGreOperator, MaxwellSlipOperator
 
 LIMIT = 150.0  # ns a sample
 N_SAMPLES = 100_000

@@ -18,15 +18,9 @@ from bench_bouc_wen import AT_FLOOR, plant
 
 from skhyst.compose import Cascade
 from skhyst.datasets import steps, triangle
-from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
-from skhyst.linear import KelvinVoigt, SecondOrderMode
-from skhyst.operators import (
-    BoucWenOperator,
-    KelvinVoigtOperator,
-    PrandtlIshlinskiiOperator,
-    SecondOrderModeOperator,
-    SeriesOperator,
-)
+from skhyst.hysteresis import BoucWen, BoucWenOperator, PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import KelvinVoigt, KelvinVoigtOperator, SecondOrderMode, SecondOrderModeOperator
+from skhyst.operators import SeriesOperator
 from skhyst.optimize import (
     CuckooSearch,
     DifferentialEvolution,

@@ -13,13 +13,9 @@ from functools import partial
 import numpy as np
 
 from skhyst._jit import jit
-from skhyst._kernels._play import play_basis, stop_basis
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.operators import (
-    LogCreepOperator,
-    PrandtlIshlinskiiOperator,
-    TransferFunctionOperator,
-)
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import LogCreepOperator, TransferFunctionOperator
+from skhyst.operators import play_basis, stop_basis
 
 REPEATS = 9
 LINEAR_LIMIT = 5.0  # ns a sample and state

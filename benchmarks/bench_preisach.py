@@ -11,8 +11,12 @@ import time
 
 import numpy as np
 
-from skhyst.hysteresis import KrasnoselskiiPokrovskii, Preisach
-from skhyst.operators import KrasnoselskiiPokrovskiiOperator, PreisachOperator
+from skhyst.hysteresis import (
+    KrasnoselskiiPokrovskii,
+    KrasnoselskiiPokrovskiiOperator,
+    Preisach,
+    PreisachOperator,
+)
 
 BAR = 25.0  # ns a sample
 REPEATS = 9

@@ -29,10 +29,17 @@ from recordings import (
 )
 
 from skhyst.compose import Cascade, ScheduledParameters, Sum
-from skhyst.hysteresis import Backlash, BoucWen, CoulombFriction, Dahl, LuGre, MaxwellSlip
+from skhyst.hysteresis import (
+    Backlash,
+    BoucWen,
+    CoulombFriction,
+    Dahl,
+    FrictionStageOperator,
+    LuGre,
+    MaxwellSlip,
+)
 from skhyst.linear import DynamicStiffness, FirstOrderLag, SecondOrderMode
 from skhyst.metrics import nrmse
-from skhyst.operators import FrictionStageOperator
 from skhyst.optimize import RecordData, identify
 
 COARSE = 10  # samples of the robot's drive that the free run takes as one

@@ -140,12 +140,12 @@ def compare(vibration, X, y, arguments):
     ours, seconds = fit(cascade(vibration), X, y)
     rows["skhyst"] = relative_errors(ours, X, y).mean(), ours.n_evaluations_, seconds
     start = ours.operator_
-    held = (*start.stages[:2], cascade(vibration)._models()[2]._starts(None)[0][0])
+    held = (*start.stages[:2], cascade(vibration)._models()[2].starting_values(None)[0][0])
     slices, array, response = read_data(ours, X, y, reset=True, dt=1.0)
     problem = OperatorProblem(
         type(start)(start.names, held).normalized(),
         ours._record_data(slices, array, response),
-        fixed=ours._fixed(),
+        fixed=ours.held_parameters(),
     )
     begin = time.perf_counter()
     options = {"candidates": arguments.candidates, "iterations": arguments.iterations}

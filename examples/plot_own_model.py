@@ -62,7 +62,7 @@ class Derivative(ParametricModel):
         self.initial_state = initial_state
         self.dt = dt
 
-    def _starts(self, records):
+    def starting_values(self, records):
         return [(DerivativeOperator(0.0), ())]
 
 

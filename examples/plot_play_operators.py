@@ -15,7 +15,7 @@ slack is used up. A weighted sum of plays is the Prandtl-Ishlinskii model.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from skhyst.operators import PrandtlIshlinskiiOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
 
 time = np.linspace(0.0, 3.0, 1501)  # s
 dt = time[1]

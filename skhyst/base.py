@@ -65,7 +65,8 @@ def _indexed(X, array):
 class ParametricModel(RegressorMixin, BaseEstimator):
     """Base of the models whose free run is that of an operator.
 
-    A subclass gives :meth:`_starts` and, where some of its parameters are held, :meth:`_fixed`.
+    A subclass gives :meth:`starting_values` and, where some of its parameters are held,
+    :meth:`held_parameters`.
 
     Attributes
     ----------
@@ -91,16 +92,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     }
 
     method = "variable_projection"  # of a model of your own that takes no such parameter
-    _rank = 30  # of the operator, see Operator.rank
+    series_rank = 30  # of the operator, see Operator.rank
     _reads_columns = False  # of X beside the first
     _one_interval = False  # an operator runs at the interval of each record
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
     @abstractmethod
-    def _starts(self, records):
+    def starting_values(self, records):
         """Return the starting values: a list of (operator, disturbances), for ``RecordData``."""
 
-    def _fixed(self):
+    def held_parameters(self):
         """Return the names of entries that are held at their starting values."""
         return frozenset()
 
@@ -150,9 +151,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _identify(self, data):
         """Identify from ``RecordData``; return an ``IdentificationResult``."""
         return identify(
-            self._starts(data),
+            self.starting_values(data),
             data,
-            fixed=self._fixed(),
+            fixed=self.held_parameters(),
             initial_state=self._free_run_state(),
             method=self.method,
         )

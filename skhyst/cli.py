@@ -15,13 +15,12 @@ from pathlib import Path
 import joblib
 import numpy as np
 
-from . import __version__
+from .__init__ import __version__
 from ._demo import make_demo_recording
 from .base import ParametricModel
 from .compose import Cascade
-from .diagnosis import EffectSearchCV, effect_names
+from .diagnosis import EffectSearchCV, Report, effect_names
 from .diagnosis._effects import EFFECTS
-from .diagnosis._report import Report
 from .diagnosis._structure import snake_case
 from .discovery import all_estimators
 from .records import iter_records, read_records, record_slices

@@ -12,16 +12,16 @@ from sklearn.base import clone
 from skhyst.base import ParametricModel, run_records
 from skhyst.compose import Cascade
 from skhyst.exceptions import ConvergenceWarning, DivergenceWarning, RecordError
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, SecondOrderMode
-from skhyst.operators import (
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    FirstOrderLag,
     FirstOrderLagOperator,
-    PrandtlIshlinskiiOperator,
-    SaturationOperator,
+    SecondOrderMode,
     SecondOrderModeOperator,
-    SeriesOperator,
 )
+from skhyst.operators import SeriesOperator
 from skhyst.records import record_slices
+from skhyst.static import SaturationOperator
 
 DT, N = 0.01, 300
 TIME = DT * np.arange(N)
@@ -378,7 +378,7 @@ def test_a_model_of_ones_own():
             self.initial_state = initial_state
             self.dt = dt
 
-        def _starts(self, records):
+        def starting_values(self, records):
             return [(SecondOrderModeOperator(30.0, 0.5), ())]
 
     y, _ = SecondOrderModeOperator(40.0, 0.2, gain=2.0).run(U, DT)

@@ -36,6 +36,7 @@ from skhyst.hysteresis import (
     MaxwellSlip,
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
     Preisach,
     RateDependentPrandtlIshlinskii,
     RestoringForce,
@@ -47,6 +48,7 @@ from skhyst.linear import (
     Delay,
     DynamicStiffness,
     FirstOrderLag,
+    FirstOrderLagOperator,
     Gain,
     KelvinVoigt,
     LogCreep,
@@ -54,7 +56,6 @@ from skhyst.linear import (
     TransferFunction,
 )
 from skhyst.neural import GrayBoxHysteresis
-from skhyst.operators import FirstOrderLagOperator, PrandtlIshlinskiiOperator
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
 from skhyst.records import stack_records
 from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation

@@ -25,9 +25,8 @@ from sklearn.metrics import r2_score, root_mean_squared_error
 
 from skhyst.datasets import load_tanh_parameters, make_tanh_recording
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import BoucWen, PrandtlIshlinskii, TanhHysteresis
+from skhyst.hysteresis import BoucWen, PrandtlIshlinskii, TanhHysteresis, TanhHysteresisOperator
 from skhyst.metrics import mape, smape
-from skhyst.operators import TanhHysteresisOperator
 from skhyst.optimize import (
     CuckooSearch,
     DifferentialEvolution,

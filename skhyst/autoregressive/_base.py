@@ -87,7 +87,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self._given_history()
         self._fit_records(X, y, records)
         if self.initial_output == "estimate":
-            starts = self._starts(X, records, y)
+            starts = self.starting_values(X, records, y)
             self.initial_outputs_ = np.array([start.history for start in starts])
         return self
 
@@ -126,7 +126,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 )
         records, X, y = read_data(self, X, y, reset=False, dt=self.dt)
         X, _ = self._widen(X, records)
-        starts = self._starts(X, records, y)
+        starts = self.starting_values(X, records, y)
         if horizon is None:
             parts, good = self._free_runs(starts)
         else:
@@ -218,7 +218,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             )
         return np.concatenate(parts), np.concatenate(targets)
 
-    def _starts(self, X, records, y=None):
+    def starting_values(self, X, records, y=None):
         """Return where the run over each record begins; ``y`` may be None."""
         n_outputs, kind = self._n_outputs(), self.initial_output
         if isinstance(kind, str) and kind == "measured" and y is not None:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._kernels._polynomial import plan_polynomial
-from .._kernels._recurrent import ACTIVATIONS
 from ._forest import flatten_boosting, flatten_histograms, flatten_trees
+from ._polynomial_loops import plan_polynomial
+from ._recurrent_loops import ACTIVATIONS
 from ._steps import GaussianStep, LinearStep, NetworkStep, PolynomialStep, TreesStep
 
 __all__ = ["EXTRACTORS", "Scaling", "extract_step"]

@@ -1,8 +1,8 @@
-"""The trees of scikit-learn's ensembles as one array of nodes, see ``skhyst._kernels._trees``."""
+"""The trees of scikit-learn's ensembles as one array of nodes, see ``_tree_loops``."""
 
 import numpy as np
 
-from .._kernels._trees import NODE
+from ._tree_loops import NODE
 
 __all__ = ["flatten_boosting", "flatten_histograms", "flatten_trees"]
 

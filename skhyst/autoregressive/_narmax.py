@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
-from .._kernels._polynomial import plan_polynomial, polynomial_run
 from .._sklearn import Interval, StrOptions
 from ..base import _threads
 from ..exceptions import ConvergenceWarning, RecordError
 from ..preprocessing import GeneralizedInputGradient, PlayOperators
 from ..preprocessing._lagged_features import read_lags
 from ._base import AutoregressiveRegressor
+from ._polynomial_loops import plan_polynomial, polynomial_run
 from ._problems import PULLS, FreeRunProblem, InnovationProblem, RecordPart, innovations, solve
 from ._selection import Criterion, Search, condense, error_reduction, subset_solution
 from ._terms import candidate_terms, count_terms, term_name, term_products, unit_scale

@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from .._kernels._polynomial import plan_polynomial, polynomial_run, polynomial_tangents
 from ..preprocessing._lagged_features import write_lags
+from ._polynomial_loops import plan_polynomial, polynomial_run, polynomial_tangents
 from ._runs import bounded
 from ._selection import condense
 from ._starts import rest_outputs

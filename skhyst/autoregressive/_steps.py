@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from .._kernels._gaussian import gaussian_run
-from .._kernels._polynomial import polynomial_run
-from .._kernels._recurrent import ACTIVATIONS, linear_run, network_run
-from .._kernels._trees import trees_rows, trees_run
 from ..preprocessing._lagged_features import write_lags
+from ._gaussian_loops import gaussian_run
+from ._polynomial_loops import polynomial_run
+from ._recurrent_loops import ACTIVATIONS, linear_run, network_run
 from ._terms import term_products
+from ._tree_loops import trees_rows, trees_run
 
 __all__ = ["GaussianStep", "Lags", "LinearStep", "NetworkStep", "PolynomialStep", "TreesStep"]
 

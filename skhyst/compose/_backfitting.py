@@ -20,15 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.base import clone
 
-from ..operators import (
-    ColumnOperator,
-    DisturbanceOperator,
-    FrozenOperator,
-    ModulatedOperator,
-    ScheduledOperator,
-    SeriesOperator,
-    SumOperator,
-)
+from ..disturbance import DisturbanceOperator
+from ..operators import FrozenOperator, SeriesOperator, SumOperator
+from ._columns import ColumnOperator, ModulatedOperator
+from ._scheduled_parameters import ScheduledOperator
 
 __all__ = ["Backfitting", "Turn", "explained_change", "fold_of_rows"]
 

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from ..operators import LinearOperator, SeriesOperator
+from ..linear import LinearOperator
+from ..operators import SeriesOperator
 from ..optimize import VariableProjection, identify
 from ._composition import Composition, HeldStep
 from ._thinning import thin_records
@@ -66,7 +67,7 @@ class Cascade(Composition):
     >>> from skhyst.compose import Cascade
     >>> from skhyst.hysteresis import PrandtlIshlinskii
     >>> from skhyst.linear import FirstOrderLag
-    >>> from skhyst.operators import FirstOrderLagOperator
+    >>> from skhyst.linear import FirstOrderLagOperator
     >>> drive = np.sin(np.linspace(0, 40, 2000)) * np.linspace(0, 1, 2000)
     >>> y, _ = FirstOrderLagOperator(0.05).run(drive, 0.01)
     >>> steps = [("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]
@@ -136,7 +137,7 @@ class Cascade(Composition):
         return identify(
             [(operator, ()) for operator in starts],
             data,
-            fixed=self._fixed(),
+            fixed=self.held_parameters(),
             initial_state=self._free_run_state(),
             method=method,
         )
@@ -151,9 +152,9 @@ class Cascade(Composition):
             if isinstance(model, Cascade) and isinstance(stage, SeriesOperator):
                 stage = model._resume(stage.stages, records)
             elif isinstance(model, HeldStep):
-                stage = model._starts(records)[0][0]
+                stage = model.starting_values(records)[0][0]
             elif not isinstance(model, Composition):
-                start = model._starts(records)[0][0]
+                start = model.starting_values(records)[0][0]
                 same = [name for name, _ in start.entries()] == [n for n, _ in stage.entries()]
                 stage = _to_unit_gain(start.unpack(stage.pack())) if same else None
             else:
@@ -184,7 +185,7 @@ class Cascade(Composition):
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
-        dynamics = [i for i in given if models[i]._rank == LinearOperator.rank]
+        dynamics = [i for i in given if models[i].series_rank == LinearOperator.rank]
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
         other = [turned.get(i, i) for i in given]
         return [given] if other == given else [given, other]
@@ -195,14 +196,14 @@ class Cascade(Composition):
         stages, evaluations, result = {}, 0, None
         for i, model in enumerate(models):
             if isinstance(model, HeldStep):
-                [(stages[i], _)] = model._starts(data)
+                [(stages[i], _)] = model.starting_values(data)
         for i in order or [0]:
             places = sorted({*stages, i})
             records = self._behind([stages[j] for j in places if j < i], data)
             names = [self.steps[j][0] for j in places]
             candidates = [
                 self._compose(names, [(stages | {i: operator})[j] for j in places])
-                for operator, disturbances in models[i]._starts(records)
+                for operator, disturbances in models[i].starting_values(records)
                 if not disturbances
             ]
             if not candidates:

@@ -23,14 +23,14 @@ class HeldStep(ParametricModel):
         self.model = model
 
     @property
-    def _rank(self):
-        return self.model._rank
+    def series_rank(self):
+        return self.model.series_rank
 
     @property
     def _any_interval(self):
         return self.model._any_interval
 
-    def _starts(self, records):
+    def starting_values(self, records):
         return [(FrozenOperator(self.model.operator_), ())]
 
 
@@ -112,15 +112,15 @@ class Composition(ParametricModel, BaseComposition):
     def _compose(self, names, stages):
         """Return the operator made of stages."""
 
-    def _starts(self, records):
+    def starting_values(self, records):
         result = self._identify(records)
         return [(result.operator, result.disturbances)]
 
-    def _fixed(self):
+    def held_parameters(self):
         return frozenset(
             f"{name}__{entry}"
             for (name, _), model in zip(self.steps, self._models(), strict=True)
-            for entry in model._fixed()
+            for entry in model.held_parameters()
         )
 
     def _adopt(self, result):

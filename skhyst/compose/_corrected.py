@@ -73,7 +73,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     >>> from sklearn.linear_model import LinearRegression
     >>> from skhyst.compose import Corrected
     >>> from skhyst.linear import FirstOrderLag
-    >>> from skhyst.operators import FirstOrderLagOperator
+    >>> from skhyst.linear import FirstOrderLagOperator
     >>> u = np.random.default_rng(0).normal(size=1000).cumsum()
     >>> y, _ = FirstOrderLagOperator(0.05).run(2.0 * u + 1.0, 0.01)
     >>> model = Corrected(LinearRegression(), FirstOrderLag(), dt=0.01).fit(u.reshape(-1, 1), y)
@@ -216,7 +216,7 @@ def _identify(effects, records, last):
     return identify(
         [(last.operator, last.disturbances)],
         records,
-        fixed=effects._fixed(),
+        fixed=effects.held_parameters(),
         initial_state=effects._free_run_state(),
     )
 

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from ..operators import DriftOperator, OffsetOperator, SeriesOperator, SumOperator
+from ..disturbance import DriftOperator, OffsetOperator
+from ..operators import SeriesOperator, SumOperator
 from ..optimize import identify
 from ._columns import OnColumn
 from ._composition import Composition, HeldStep
@@ -107,7 +108,7 @@ class Sum(Composition):
             self._compose(self._driven_names(), [stages[i] for i in sorted(stages)])
             for stages in branches
         ]
-        fixed = self._fixed()
+        fixed = self.held_parameters()
         if any(isinstance(d, OffsetOperator | DriftOperator) for d in disturbances):
             constants = _constants(starts[0])
             held = [name in constants for name, _ in starts[0].entries()]
@@ -132,7 +133,7 @@ class Sum(Composition):
         model = self._models()[i]
         if len(found) == 1 or isinstance(model, Composition) or found[i].signal_linear:
             return []
-        starts = [operator for operator, _ in model._starts(records)]
+        starts = [operator for operator, _ in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
 
     @property

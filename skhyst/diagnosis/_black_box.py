@@ -250,7 +250,7 @@ def _of_columns(estimator, other):
 
 def _behind(variants):
     """Return the variants that do not act on the drive."""
-    return [v for v in variants() if hasattr(v, "structures") or v._rank > _DRIVE_LIMITS]
+    return [v for v in variants() if hasattr(v, "structures") or v.series_rank > _DRIVE_LIMITS]
 
 
 def _seeded(estimator, random_state):

@@ -11,19 +11,22 @@ import numpy as np
 from ..compose import Sum
 from ..compose._record_numbers import amplitude, is_held
 from ..fluid import TankChain
-from ..hysteresis import RateDependentPrandtlIshlinskii, RestoringForce
-from ..linear import TransferFunction
-from ..operators import (
+from ..hysteresis import (
     CoulombFrictionOperator,
+    PrandtlIshlinskiiOperator,
+    RateDependentPrandtlIshlinskii,
+    RestoringForce,
+)
+from ..linear import (
     DynamicStiffnessOperator,
     FirstOrderLagOperator,
     GainOperator,
     LinearOperator,
-    PrandtlIshlinskiiOperator,
     SecondOrderModeOperator,
-    SumOperator,
+    TransferFunction,
     TransferFunctionOperator,
 )
+from ..operators import SumOperator
 from ..optimize import VariableProjection, identify
 from ._noise import FEW_TURNS, visible_turns
 from ._starts import Scene, beside, inserted
@@ -101,7 +104,9 @@ class InMotion:
             if _is_moved(model, operator, self.model) and not any(
                 stage.carries_scale for stage in structure.operators[:at]
             ):
-                starts = self.model._starts(scene.records_at(at), mode=_linear_part(operator))
+                starts = self.model.starting_values(
+                    scene.records_at(at), mode=_linear_part(operator)
+                )
                 candidates = [
                     structure.exchange(name, at, self.model, start) for start, _ in starts
                 ]
@@ -138,11 +143,11 @@ class Knee:
 
     def structures(self, name, scene):
         structure = scene.structure
-        at = structure.position(self.model._rank)
+        at = structure.position(self.model.series_rank)
         if at < len(structure.operators) or structure.branches or structure.modulations:
             return inserted(name, self.model, scene)
         found = []
-        for start, _ in self.model._starts([replace(r, u=r.y) for r in scene.records]):
+        for start, _ in self.model.starting_values([replace(r, u=r.y) for r in scene.records]):
             reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records)
             # of the levels that the response stays below
             start = replace(start, level=start.level + (reach or 1.0) * _BEYOND)
@@ -227,7 +232,9 @@ class InStages:
                 replace(r, u=r.u[:n], y=r.y[:n], segments=(), weights=weights, auxiliary=None)
             )
         exponents = frozenset(name for name, _ in starts[0].entries() if "exponents" in name)
-        for held in [model._fixed() | exponents, model._fixed()][: 1 + model.fit_exponents]:
+        for held in [model.held_parameters() | exponents, model.held_parameters()][
+            : 1 + model.fit_exponents
+        ]:
             result = identify(
                 [(start, ()) for start in starts],
                 parts,
@@ -280,7 +287,7 @@ class BesideForce:
             rest = [
                 replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
             ]
-            starts = [start for start, _ in self.model._starts(rest)]
+            starts = [start for start, _ in self.model.starting_values(rest)]
             if any(isinstance(part, type(starts[0])) for part in parts):
                 continue
             model = Sum([*steps, (label, self.model)])
@@ -316,7 +323,7 @@ class RateDependence:
                 non_negative=operator.non_negative,
                 fit_intercept=old.fit_intercept,
             )
-            for start, _ in model._starts(scene.records_at(at)):
+            for start, _ in model.starting_values(scene.records_at(at)):
                 warm = replace(
                     start, weights=np.array(operator.weights), intercept=operator.intercept
                 )
@@ -338,7 +345,7 @@ class Driven:
                 replace(r, u=np.ascontiguousarray(r.auxiliary[:, column - 1]), before=None)
                 for r in scene.residuals
             ]
-            starts = [operator for operator, _ in self.model._starts(records)]
+            starts = [operator for operator, _ in self.model.starting_values(records)]
             found += [scene.structure.branch(name, self.model, s, column) for s in starts]
         return found
 
@@ -405,7 +412,7 @@ class PerRecord:
         held = {
             f"{stage}__{entry}"
             for stage, model in zip(structure.names, structure.models, strict=True)
-            for entry in model._fixed()
+            for entry in model.held_parameters()
         }
         dynamics = {
             f"{stage}__{entry}"

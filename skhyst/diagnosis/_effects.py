@@ -9,26 +9,37 @@ from ..disturbance import Drift, Offset, PeriodicDisturbance
 from ..hysteresis import (
     Backlash,
     BoucWen,
+    BoucWenOperator,
     BoucWenStage,
+    BoucWenStageOperator,
     CoulombFriction,
     Dahl,
+    DahlOperator,
     FrictionStage,
+    FrictionStageOperator,
     MaxwellSlip,
     PrandtlIshlinskii,
     RestoringForce,
+    RestoringForceOperator,
     SlewLimit,
 )
-from ..linear import Delay, FirstOrderLag, Gain, KelvinVoigt, SecondOrderMode, TransferFunction
-from ..operators import (
-    BoucWenOperator,
-    BoucWenStageOperator,
-    DahlOperator,
-    FrictionStageOperator,
-    RestoringForceOperator,
+from ..linear import (
+    Delay,
+    FirstOrderLag,
+    Gain,
+    KelvinVoigt,
+    SecondOrderMode,
     SecondOrderModeOperator,
+    TransferFunction,
+)
+from ..static import (
+    DeadBand,
+    DeadZones,
+    Saturation,
+    SmoothCurve,
+    SoftSaturation,
     SoftSaturationOperator,
 )
-from ..static import DeadBand, DeadZones, Saturation, SmoothCurve, SoftSaturation
 from ._changes import (
     BesideForce,
     Driven,
@@ -65,7 +76,7 @@ class Effect:
         The measurement that shows it best and tells it apart from others.
     beside : bool, default=False
         It is added to the response; otherwise it is a step of the series, where its operator's
-        ``rank`` says, which a model of your own repeats as ``_rank``.
+        ``rank`` says, which a model of your own repeats as ``series_rank``.
     plausible : callable, optional
         Tells whether what was identified still is what the name says: called with the operator, the
         samples of its output, or of its input where several forces add up (none for what stands

@@ -1,6 +1,6 @@
 """What a claim rests on: a sentence, numbers with their errors, and a picture."""
 
-from ..operators import TankChainOperator
+from ..fluid import TankChainOperator
 from ._evidence_base import Claim, Evidence, Picture
 from ._evidence_curves import CURVES, describe_stage, describe_tanks
 from ._evidence_forces import FORCES

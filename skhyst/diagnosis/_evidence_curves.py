@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import LinearOperator, SoftSaturationOperator
+from ..linear import LinearOperator
+from ..static import SoftSaturationOperator
 from ._evidence_base import Picture, binned, by_direction, compared, directions
 
 __all__ = ["CURVES", "describe_stage", "describe_tanks", "hysteresis_in_series"]

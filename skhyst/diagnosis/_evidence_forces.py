@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import savgol_filter
 
-from ..operators import (
+from ..hysteresis import (
     BoucWenOperator,
     BoucWenStageOperator,
     CoulombFrictionOperator,

@@ -16,7 +16,8 @@ from scipy.stats import t as student
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
-from ..operators import PrandtlIshlinskiiOperator, turning_points
+from ..hysteresis import PrandtlIshlinskiiOperator
+from ..operators import turning_points
 
 __all__ = [
     "FEW_TURNS",

@@ -17,7 +17,7 @@ from math import comb
 import numpy as np
 from joblib import Parallel, delayed
 
-from ..operators import OscillatorOperator
+from ..hysteresis import OscillatorOperator
 from ._changes import n_ringing
 from ._contest import (
     contest,
@@ -270,7 +270,7 @@ class Rounds:
             self._add_time("pairs", begin)
         if not chosen and self.renew is None:
             chosen = self._evident(base, tested)
-        self._rank(base, effects, screened, tested, {row["effect"] for _, row in chosen})
+        self.series_rank(base, effects, screened, tested, {row["effect"] for _, row in chosen})
         return chosen, tested
 
     def _screened(self, base, candidates, parallel):
@@ -403,7 +403,7 @@ class Rounds:
         others = tuple(c.effect for c in sorted(same, key=lambda c: c.error) if c is not chosen)
         return chosen, _row(base, chosen, others)
 
-    def _rank(self, base, effects, screened, tested, claimed):
+    def series_rank(self, base, effects, screened, tested, claimed):
         tested = {c.effect: c for c in tested}
         for effect, s in zip(effects, screened, strict=True):
             c = tested.get(effect.name)

@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 from sklearn.base import clone
 
-from ..operators import DelayOperator, LinearOperator, OscillatorOperator
+from ..hysteresis import OscillatorOperator
+from ..linear import DelayOperator, LinearOperator
 from ..optimize import distribute_poles, pole_starts, predicted_cost
 
 __all__ = [
@@ -108,7 +109,7 @@ def beside(name, model, scene):
     """Return the structures with a disturbance beside the series, at its starting values."""
     return [
         scene.structure.beside(name, model, disturbance)
-        for _, disturbances in model._starts(scene.residuals)
+        for _, disturbances in model.starting_values(scene.residuals)
         for disturbance in disturbances
     ]
 
@@ -129,12 +130,12 @@ def _undisturbed(structure, records):
 def inserted(name, model, scene):
     """Return the structures with a model where its rank says, at its promising starting values."""
     structure = scene.structure
-    at = structure.position(model._rank)
+    at = structure.position(model.series_rank)
     if at == 0 and scene.multi_input:
         return []
     candidates = [
         structure.insert(name, model, _unit_gain(operator, structure))
-        for operator, _ in model._starts(scene.records_at(at))
+        for operator, _ in model.starting_values(scene.records_at(at))
     ]
     first = min(at, _first_dynamics(structure))
     candidates += _redistributed(candidates, at, scene, first)
@@ -179,7 +180,7 @@ def hysteresis_anew(structure, records):
     problem = structure.problem(records)
     if problem.linear.all() or _is_determined(problem):
         return None
-    starts = structure.models[0]._starts(_undisturbed(structure, records))
+    starts = structure.models[0].starting_values(_undisturbed(structure, records))
     found = [replace(structure, operators=(operator,)) for operator, _ in starts]
     problems = [candidate.problem(records) for candidate in found]
     return found[int(np.argmin([predicted_cost(p, p.x0) for p in problems]))]

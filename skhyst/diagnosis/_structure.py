@@ -8,15 +8,18 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 
-from ..compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
-from ..compose._record_numbers import amplitude
-from ..operators import (
+from ..compose import (
+    Cascade,
     ColumnOperator,
+    Modulated,
     ModulatedOperator,
+    OnColumn,
     ScheduledOperator,
-    SeriesOperator,
-    SumOperator,
+    ScheduledParameters,
+    Sum,
 )
+from ..compose._record_numbers import amplitude
+from ..operators import SeriesOperator, SumOperator
 from ..optimize import OperatorProblem, VariableProjection, identify
 from ._shortened import are_long
 
@@ -227,9 +230,11 @@ class Structure:
         fixed = {
             f"{before}{name}__{entry}"
             for name, model in zip(self.names, self.models, strict=True)
-            for entry in model._fixed()
+            for entry in model.held_parameters()
         }
-        fixed |= {f"{b.name}__{entry}" for b in self.branches for entry in b.model._fixed()}
+        fixed |= {
+            f"{b.name}__{entry}" for b in self.branches for entry in b.model.held_parameters()
+        }
         return OperatorProblem(
             self.driven(),
             self.inputs(records),
@@ -350,7 +355,7 @@ class Structure:
 
     def insert(self, name, model, operator):
         """Return the structure with one more stage, where its rank says."""
-        at, named = self.position(model._rank), self.labelled(name)
+        at, named = self.position(model.series_rank), self.labelled(name)
         return named._with(
             name,
             "stage",
@@ -508,7 +513,7 @@ class Structure:
         result = identify(
             [(operator, self.disturbances)],
             self.inputs(records),
-            fixed=estimator._fixed(),
+            fixed=estimator.held_parameters(),
             initial_state=self.state,
             # the search has refitted these operators to the same records already
             method=_BRIEFLY if are_long(records) else "variable_projection",

@@ -1,5 +1,21 @@
 """Disturbances: functions of time in each record, whatever the drive."""
 
-from ._models import Drift, Offset, PeriodicDisturbance
+from ._models import (
+    DisturbanceOperator,
+    Drift,
+    DriftOperator,
+    Offset,
+    OffsetOperator,
+    PeriodicDisturbance,
+    SinusoidOperator,
+)
 
-__all__ = ["Drift", "Offset", "PeriodicDisturbance"]
+__all__ = [
+    "DisturbanceOperator",
+    "Drift",
+    "DriftOperator",
+    "Offset",
+    "OffsetOperator",
+    "PeriodicDisturbance",
+    "SinusoidOperator",
+]

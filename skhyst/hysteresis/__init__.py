@@ -1,43 +1,69 @@
 """Hysteresis models."""
 
-from ._backlash import Backlash
-from ._bouc_wen import BoucWen
-from ._bouc_wen_stage import BoucWenStage
-from ._coulomb_friction import CoulombFriction
-from ._dahl import Dahl
-from ._duhem import Duhem
-from ._friction_stage import FrictionStage
-from ._jiles_atherton import JilesAtherton
-from ._krasnoselskii_pokrovskii import KrasnoselskiiPokrovskii
-from ._lugre import LuGre
-from ._maxwell_slip import MaxwellSlip
+from ._backlash import Backlash, BacklashOperator
+from ._bouc_wen import BoucWen, BoucWenOperator, BoucWenState
+from ._bouc_wen_stage import BoucWenStage, BoucWenStageOperator
+from ._coulomb_friction import CoulombFriction, CoulombFrictionOperator
+from ._dahl import Dahl, DahlOperator
+from ._duhem import Duhem, DuhemOperator
+from ._friction_stage import FrictionStage, FrictionStageOperator
+from ._jiles_atherton import JilesAtherton, JilesAthertonOperator
+from ._krasnoselskii_pokrovskii import KrasnoselskiiPokrovskii, KrasnoselskiiPokrovskiiOperator
+from ._lugre import LuGre, LuGreOperator
+from ._maxwell_slip import MaxwellSlip, MaxwellSlipOperator
 from ._modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from ._prandtl_ishlinskii import PrandtlIshlinskii
-from ._preisach import Preisach
-from ._rate_dependent_prandtl_ishlinskii import RateDependentPrandtlIshlinskii
-from ._restoring_force import RestoringForce
-from ._slew_limit import SlewLimit
-from ._system_level import SystemLevelHysteresis
-from ._tanh import TanhHysteresis
+from ._oscillator import OscillatorOperator
+from ._prandtl_ishlinskii import PlayMemory, PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from ._preisach import Preisach, PreisachMemory, PreisachOperator
+from ._rate_dependent_prandtl_ishlinskii import (
+    RateDependentPrandtlIshlinskii,
+    RateDependentPrandtlIshlinskiiOperator,
+)
+from ._restoring_force import RestoringForce, RestoringForceOperator
+from ._slew_limit import SlewLimit, SlewLimitOperator
+from ._system_level import SystemLevelHysteresis, SystemLevelOperator
+from ._tanh import TanhHysteresis, TanhHysteresisOperator
 
 __all__ = [
     "Backlash",
+    "BacklashOperator",
     "BoucWen",
+    "BoucWenOperator",
     "BoucWenStage",
+    "BoucWenStageOperator",
+    "BoucWenState",
     "CoulombFriction",
+    "CoulombFrictionOperator",
     "Dahl",
+    "DahlOperator",
     "Duhem",
+    "DuhemOperator",
     "FrictionStage",
+    "FrictionStageOperator",
     "JilesAtherton",
+    "JilesAthertonOperator",
     "KrasnoselskiiPokrovskii",
+    "KrasnoselskiiPokrovskiiOperator",
     "LuGre",
+    "LuGreOperator",
     "MaxwellSlip",
+    "MaxwellSlipOperator",
     "ModifiedPrandtlIshlinskii",
+    "OscillatorOperator",
+    "PlayMemory",
     "PrandtlIshlinskii",
+    "PrandtlIshlinskiiOperator",
     "Preisach",
+    "PreisachMemory",
+    "PreisachOperator",
     "RateDependentPrandtlIshlinskii",
+    "RateDependentPrandtlIshlinskiiOperator",
     "RestoringForce",
+    "RestoringForceOperator",
     "SlewLimit",
+    "SlewLimitOperator",
     "SystemLevelHysteresis",
+    "SystemLevelOperator",
     "TanhHysteresis",
+    "TanhHysteresisOperator",
 ]

@@ -1,15 +1,144 @@
-"""Coulomb friction model."""
+"""Coulomb friction model.
 
+Friction that is a function of the velocity alone.
+"""
+
+import dataclasses
+from dataclasses import dataclass
 from itertools import product
 from numbers import Integral
 
 import numpy as np
 
 from .._sklearn import Interval
-from ..operators import CoulombFrictionOperator
-from ._friction import FrictionModel, half_range, speed_noise, top_speed
+from ..operators import as_signal, latest, parameter, samples_before, slopes
+from ._friction import FrictionModel, FrictionOperator, half_range, speed_noise, top_speed
 
-__all__ = ["CoulombFriction"]
+__all__ = [
+    "CoulombFriction",
+    "CoulombFrictionOperator",
+]
+
+_FAR = 30.0  # Stribeck velocities; nothing is left there, and squares stay small
+
+
+@dataclass(frozen=True)
+class CoulombFrictionOperator(FrictionOperator):
+    r"""Coulomb friction with a smooth transition, Stribeck effect, spring, dashpot and constant.
+
+    .. math::
+
+        y = \left(F_c + F_d e^{-(v/v_s)^2} + a s\right) s + k u + d v + c, \qquad
+        s = \tanh(v / v_0), \quad v = \dot u
+
+    Parameters
+    ----------
+    transition_velocity : float
+        ``v_0`` in drive/s, positive: far below it friction is proportional to the velocity.
+    coulomb_force : float
+        ``F_c``, friction of fast sliding, units of the response.
+    stribeck_velocity : float, default=1.0
+        ``v_s`` in drive/s, positive.
+    stribeck_force : float, default=0.0
+        ``F_d = F_s - F_c``, by which friction is larger in slow sliding, units of the response.
+    asymmetry : float, default=0.0
+        ``a``, half the difference of the friction in either direction, which is ``F_c + a`` forward
+        and ``F_c - a`` backward, units of the response.
+    stiffness : float, default=0.0
+        Spring ``k`` in response/drive.
+    damping : float, default=0.0
+        Dashpot ``d`` in response s/drive.
+    intercept : float, default=0.0
+        Constant ``c`` in units of the response.
+    slowest, fastest : float, default=0.0 and infinity
+        Bounds of ``v_0`` and ``v_s`` in drive/s. Fixed structure.
+    smoothing : int, default=1
+        Intervals over which the velocity is taken. Fixed structure.
+
+    Notes
+    -----
+    The velocity is the least-squares slope over the last ``smoothing`` intervals, the backward
+    difference by default, and lags behind by half of them. In ``"rest"`` it counts as zero until a
+    record is that long. The state is the last samples, at most ``smoothing``.
+
+    References
+    ----------
+    B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and
+    compensation methods for the control of machines with friction", Automatica 30(7), 1994.
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import CoulombFrictionOperator
+    >>> operator = CoulombFrictionOperator(0.01, coulomb_force=3.0, damping=1.0)
+    >>> operator.run([0.0, 0.5, 1.0, 1.0, 0.0], dt=1.0)[0]
+    array([ 0. ,  3.5,  3.5,  0. , -4. ])
+    """
+
+    transition_velocity: float = parameter(log=True, lower=0.0, unit="drive/s")
+    coulomb_force: float = parameter(linear=True, unit="response")
+    stribeck_velocity: float = parameter(default=1.0, log=True, lower=0.0, unit="drive/s")
+    stribeck_force: float = parameter(default=0.0, linear=True, unit="response")
+    asymmetry: float = parameter(default=0.0, linear=True, unit="response")
+    stiffness: float = parameter(default=0.0, linear=True, unit="response/drive")
+    damping: float = parameter(default=0.0, linear=True, unit="response s/drive")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+    slowest: float = 0.0
+    fastest: float = np.inf
+    smoothing: int = 1
+
+    def parameter_specs(self):
+        """Return the identifiable fields; both velocities are between slowest and fastest."""
+        specs = super().parameter_specs()
+        for name in ("transition_velocity", "stribeck_velocity"):
+            specs[name] = dataclasses.replace(specs[name], lower=self.slowest, upper=self.fastest)
+        return specs
+
+    def _curves(self, v):
+        """Return ``s`` and the Stribeck curve, and ``v/v_s`` as far as it matters."""
+        ratio = np.clip(v / self.stribeck_velocity, -_FAR, _FAR)
+        return np.tanh(v / self.transition_velocity), np.exp(-(ratio**2)), ratio
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample: what is known of the samples before."""
+        return samples_before((), self.smoothing, initial_state)
+
+    def _velocity(self, u, past, dt):
+        return latest(slopes(np.concatenate([past, u]), dt, self.smoothing), len(u))
+
+    def run(self, u, dt, state=None):
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else 0.0)
+        if not u.size:
+            return np.empty(0), state
+        v = self._velocity(u, state, dt)
+        after = np.concatenate([state, u])[-self.smoothing :]
+        return self._force(u, v, *self._curves(v)), after
+
+    def _force(self, u, v, s, fall, _ratio):
+        level = self.coulomb_force + self.stribeck_force * fall + self.asymmetry * s
+        return level * s + self.stiffness * u + self.damping * v + self.intercept
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        u, m = as_signal(u), du.shape[1]
+        v = self._velocity(u, self.init(u[0], initial_state), dt)
+        s, fall, ratio = self._curves(v)
+        dy = np.empty((u.size, m + self.n_parameters))
+        by_s = self.coulomb_force + self.stribeck_force * fall + 2.0 * self.asymmetry * s
+        steep = by_s * (1.0 - s**2) / self.transition_velocity
+        falling = 2.0 * self.stribeck_force * s * fall * ratio / self.stribeck_velocity
+        if m:
+            dv = self._velocity(du, samples_before((m,), self.smoothing, initial_state), dt)
+            by_v = steep - falling + self.damping
+            dy[:, :m] = by_v[:, None] * dv + self.stiffness * du
+        dy[:, m] = -steep * (v / self.transition_velocity)
+        dy[:, m + 1] = s
+        dy[:, m + 2] = falling * ratio
+        dy[:, m + 3] = fall * s
+        dy[:, m + 4] = s**2
+        dy[:, m + 5], dy[:, m + 6], dy[:, m + 7] = u, v, 1.0
+        return self._force(u, v, s, fall, ratio), dy
+
 
 # parts of the drive's top speed: transition and Stribeck velocities to start from, bounds of both
 _TRANSITIONS = (0.0005, 0.005, 0.03, 0.15)
@@ -117,7 +246,7 @@ class CoulombFriction(FrictionModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         smoothing, force = int(self.smoothing), half_range(records)
         top = top_speed(records, smoothing)
         noise = min(_QUIET * speed_noise(records, smoothing), _NOISIEST * top)
@@ -140,8 +269,8 @@ class CoulombFriction(FrictionModel):
             if velocity > transition
         ]
 
-    def _fixed(self):
-        fixed = super()._fixed()
+    def held_parameters(self):
+        fixed = super().held_parameters()
         if not self.stribeck:
             fixed |= {"stribeck_velocity", "stribeck_force"}
         return fixed if self.asymmetry else fixed | {"asymmetry"}

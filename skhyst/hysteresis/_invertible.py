@@ -4,7 +4,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..base import ParametricModel, read_data, run_records
 
-__all__ = ["InvertibleModel"]
+__all__ = [
+    "InvertibleModel",
+]
 
 
 class InvertibleModel(ParametricModel):

@@ -1,15 +1,170 @@
-"""Maxwell-slip friction model: elasto-slide elements in parallel."""
+"""Maxwell-slip friction model: elasto-slide elements in parallel.
 
+Maxwell-slip friction: springs that slide, in parallel.
+"""
+
+import dataclasses
+from functools import cached_property
 from numbers import Integral
 
 import numpy as np
 from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..operators import MaxwellSlipOperator, play_thresholds
-from ._friction import FrictionModel
+from ..operators import as_signal, parameter, play_thresholds
+from ._friction import FrictionModel, FrictionOperator
+from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 
-__all__ = ["MaxwellSlip"]
+__all__ = [
+    "MaxwellSlip",
+    "MaxwellSlipOperator",
+]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MaxwellSlipOperator(FrictionOperator):
+    r"""Elasto-slide elements, a spring, a dashpot and a constant in parallel.
+
+    .. math::
+
+        y = \sum_i k_i E_{r_i}[u] + k u + d \dot u + c, \qquad
+        E_r[u](t) = \max(-r, \min(r, E_r[u](t^-) + u(t) - u(t^-)))
+
+    An element is a spring of stiffness ``k_i`` that slides once it is deflected by ``r_i``, a stop
+    operator: what is left of the drive when a play has taken its part, ``E_r[u] = u - F_r[u]``.
+
+    Parameters
+    ----------
+    thresholds : array-like of shape (n_elements,)
+        Deflections ``r_i`` at which the elements slide, units of the drive, ascending, positive.
+        Fixed structure.
+    weights : array-like of shape (n_elements,)
+        Stiffnesses ``k_i`` in response/drive; the saturation forces are ``k_i r_i``.
+    stiffness : float, default=0.0
+        Spring ``k`` that never slides, in response/drive.
+    damping : float, default=0.0
+        Dashpot ``d`` in response s/drive.
+    intercept : float, default=0.0
+        Constant ``c`` in units of the response.
+    non_negative : bool, default=True
+        Whether the weights are bounded below by zero when they are identified.
+
+    Raises
+    ------
+    ValueError
+        If the thresholds are not positive or do not ascend, or there is not one weight for each.
+
+    Notes
+    -----
+    The elements are evaluated from the turning points of the drive, like those of
+    :class:`PrandtlIshlinskiiOperator`; the state is its :class:`PlayMemory`. The velocity at a
+    sample is the slope of the straight line that ends there.
+
+    References
+    ----------
+    W. D. Iwan, "A distributed-element model for hysteresis and its steady-state dynamic response",
+    Journal of Applied Mechanics 33(4), 1966; F. Al-Bender, V. Lampaert, J. Swevers, "The
+    generalized Maxwell-slip model", IEEE Trans. Automatic Control 50(11), 2005.
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import MaxwellSlipOperator
+    >>> operator = MaxwellSlipOperator(thresholds=[1.0, 2.0], weights=[3.0, 1.0])
+    >>> operator.run([0.0, 1.0, 2.0, 9.0, 8.0], dt=1e-3)[0]
+    array([0., 4., 5., 5., 1.])
+    """
+
+    thresholds: np.ndarray
+    weights: np.ndarray = parameter(linear=True, lower=0.0, unit="response/drive")
+    stiffness: float = parameter(default=0.0, linear=True, unit="response/drive")
+    damping: float = parameter(default=0.0, linear=True, unit="response s/drive")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+    non_negative: bool = True
+
+    def __post_init__(self):
+        for name in ("thresholds", "weights"):
+            constant = np.array(getattr(self, name), dtype=float, ndmin=1)
+            constant.flags.writeable = False
+            object.__setattr__(self, name, constant)
+        r = self.thresholds
+        if r.ndim != 1 or r.size == 0 or not (r[0] > 0.0 and np.all(r[1:] >= r[:-1])):
+            raise ValueError(
+                "The 'thresholds' parameter of MaxwellSlipOperator must be a list of ascending "
+                f"positive values. Got {r!r} instead."
+            )
+        if self.weights.shape != r.shape:
+            raise ValueError(
+                "The 'weights' parameter of MaxwellSlipOperator must have one value for each of "
+                f"the {r.size} thresholds. Got shape {self.weights.shape} instead."
+            )
+
+    def __reduce__(self):
+        fields = dataclasses.fields(self)
+        return type(self), tuple(getattr(self, field.name) for field in fields)
+
+    def parameter_specs(self):
+        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
+        specs = super().parameter_specs()
+        if not self.non_negative:
+            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
+        return specs
+
+    @cached_property
+    def _plays(self):
+        """All stops as one gain, the sum of their stiffnesses, less their plays."""
+        return PrandtlIshlinskiiOperator(
+            np.append(0.0, self.thresholds), np.append(self.weights.sum(), -self.weights)
+        )
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
+        return self._plays.init(u0, initial_state)
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else 0.0)
+        y, after = self._plays.run(u, dt, state)
+        y += self._beside(u, state.last, dt)
+        return y, after
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+        u, du = as_signal(u), as_signal(du)
+        m, n_elements = du.shape[1], self.thresholds.size
+        y, plays = self._plays.linearize(u, du, dt, initial_state)
+        dy = np.empty((u.size, m + n_elements + 3))
+        dy[:, :m] = plays[:, :m]
+        np.subtract(u[:, None], plays[:, m + 1 : -2], out=dy[:, m : m + n_elements])
+        self._linearize_beside(u, du, dt, initial_state, y, dy)
+        return y, dy
+
+    def elements(self, state):
+        """Return the deflections of the elements in a state, shape (n_elements,)."""
+        return state.last - self._plays.plays(state)[1:]
+
+    def state_from_elements(self, deflections, u):
+        """Return the state in which the elements are deflected while the drive is ``u``.
+
+        Parameters
+        ----------
+        deflections : array-like of shape (n_elements,)
+            Units of the drive.
+        u : float
+            Drive.
+
+        Returns
+        -------
+        state : PlayMemory
+
+        Raises
+        ------
+        ValueError
+            If no history of the drive deflects the elements so.
+        """
+        plays = np.append(float(u), float(u) - np.asarray(deflections, dtype=float))
+        return self._plays.state_from_plays(plays, u)
 
 
 class MaxwellSlip(FrictionModel):
@@ -111,7 +266,7 @@ class MaxwellSlip(FrictionModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         if isinstance(self.thresholds, str):
             # the first of the thresholds of plays is zero: no stop at all
             drives = [record.u for record in records]

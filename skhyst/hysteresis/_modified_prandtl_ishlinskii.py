@@ -6,12 +6,15 @@ import numpy as np
 from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..operators import MonotoneDeadZoneOperator, PrandtlIshlinskiiOperator, SeriesOperator
+from ..operators import SeriesOperator
 from ..optimize import bounded_step
+from ..static import MonotoneDeadZoneOperator
 from ._invertible import InvertibleModel
-from ._prandtl_ishlinskii import PrandtlIshlinskii
+from ._prandtl_ishlinskii import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
-__all__ = ["ModifiedPrandtlIshlinskii"]
+__all__ = [
+    "ModifiedPrandtlIshlinskii",
+]
 
 _STEEPEST = 10.0  # slope of the dead zones at the start; noise in the response asks for more
 
@@ -97,7 +100,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
     }
     del _parameter_constraints["form"]
 
-    _rank = PrandtlIshlinskiiOperator.rank
+    series_rank = PrandtlIshlinskiiOperator.rank
 
     def __init__(
         self,
@@ -124,13 +127,13 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         plays = PrandtlIshlinskii(
             self.n_operators,
             thresholds=self.thresholds,
             non_negative=self.non_negative,
             drive_offset=self.drive_offset,
-        )._starts(records)[0][0]
+        ).starting_values(records)[0][0]
         levels, n_lower = self._levels(np.concatenate([record.y for record in records]))
         unit = MonotoneDeadZoneOperator(np.ones(levels.size), levels, n_lower)
         gram = self._inverse_gram(plays, unit, records)
@@ -179,7 +182,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
         step = bounded_step(gram[:-1, :-1], gram[:-1, -1], lower, upper)
         return 1.0 + step[:n_zones], step[n_zones:-1], step[-1]
 
-    def _fixed(self):
+    def held_parameters(self):
         fixed = set() if self.drive_offset == "fit" else {"plays__drive_offset"}
         return frozenset(fixed if self.fit_intercept else fixed | {"plays__intercept"})
 

@@ -1,7 +1,12 @@
-"""What the stages share that have hysteresis inside their equation of motion."""
+"""What the stages share that have hysteresis inside their equation of motion.
+
+Base of the stages that have hysteresis inside their equation of motion.
+"""
 
 import dataclasses
+import math
 from abc import abstractmethod
+from functools import cached_property
 from numbers import Integral, Real
 from typing import NamedTuple
 
@@ -9,11 +14,135 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..base import ParametricModel
-from ..linear import SecondOrderMode
-from ..operators import SecondOrderModeOperator
+from ..linear import SecondOrderMode, SecondOrderModeOperator
+from ..operators import Operator, as_signal
 from ..optimize import VariableProjection, identify
 
-__all__ = ["LEVEL", "OscillatorModel"]
+__all__ = [
+    "LEVEL",
+    "OscillatorModel",
+    "OscillatorOperator",
+]
+
+
+class OscillatorOperator(Operator):
+    """Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
+
+    The first two parameters are ``natural_frequency`` and ``damping_ratio``, the last two ``gain``
+    and ``intercept``. The state is the tuple (q, q'/w, hysteretic force, last drive), all in units
+    of the drive. A subclass gives the state at rest and the loops.
+    """
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        n = self.n_substeps
+        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+            raise ValueError(
+                f"The 'n_substeps' parameter of {type(self).__name__} must be an integer above 0. "
+                f"Got {n!r} instead."
+            )
+
+    @abstractmethod
+    def _rest(self, u0):
+        """Return q and the hysteretic force at rest, and their derivatives (2, 1 + n_own).
+
+        The derivatives are those by ``u0`` and by all parameters but the last two.
+        """
+
+    @abstractmethod
+    def _run(self, mode, h, u, before, state, out):
+        """Write q (n,) and return the last (q, p, f)."""
+
+    @abstractmethod
+    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
+        """Write q (n,) and its tangents (n, m + n_own)."""
+
+    @abstractmethod
+    def _fed_back(self, s, shift):
+        """Return the subclass's own parameters behind a feedback that divides the gain by ``s``.
+
+        ``shift`` is what the feedback makes of the intercept, in units of the drive.
+        """
+
+    def with_feedback(self, feedback, origin=0.0):
+        """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
+
+        Parameters
+        ----------
+        feedback : float
+            In drive/response, with ``feedback gain > -1``.
+        origin : float, default=0.0
+            Units of the response.
+
+        Returns
+        -------
+        operator
+            Of the same kind.
+        """
+        s = 1.0 + feedback * self.gain
+        both = {
+            "natural_frequency": self.natural_frequency * math.sqrt(s),
+            "damping_ratio": self.damping_ratio / math.sqrt(s),
+            "gain": self.gain / s,
+            "intercept": origin + (self.intercept - origin) / s,
+        }
+        own = self._fed_back(s, feedback * (self.intercept - origin))
+        return dataclasses.replace(self, **(both | own))
+
+    @cached_property
+    def _mode(self):
+        return SecondOrderModeOperator(float(self.natural_frequency), float(self.damping_ratio))
+
+    def _substep(self, dt):
+        """Return the length of a substep and what moves the oscillator over it, (6,)."""
+        h = float(dt) / self.n_substeps
+        ad, b0, b1, _, _ = self._mode._discrete(h)
+        return h, np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1])
+
+    def _substep_tangents(self, dt):
+        """Return the derivatives of the oscillator's step, (2, 6)."""
+        ad, b0, b1, _, _, _ = self._mode._discrete_tangents(float(dt) / self.n_substeps)
+        return np.column_stack([ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]])
+
+    def init(self, u0, initial_state="rest"):
+        if initial_state == "zero":
+            return 0.0, 0.0, 0.0, 0.0
+        q, force, _ = self._rest(float(u0))
+        return q, 0.0, force, float(u0)
+
+    def run(self, u, dt, state=None):
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else 0.0)
+        *state, before = state
+        q = np.empty(u.size)
+        h, mode = self._substep(dt)
+        state = self._run(mode, h, u, before, state, q)
+        return self.gain * q + self.intercept, (*state, float(u[-1]) if u.size else before)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        u, du = as_signal(u), as_signal(du)
+        m, n_own = du.shape[1], self.n_parameters - 2
+        u0 = float(u[0]) if u.size else 0.0
+        d, dbefore = np.zeros((3, m + n_own)), np.zeros(m)
+        *state, before = self.init(u0, initial_state)
+        if initial_state == "rest" and u.size:
+            dbefore = du[0]
+            _, _, by = self._rest(u0)
+            d[::2, :m] = np.outer(by[:, 0], dbefore)
+            d[::2, m:] = by[:, 1:]
+        q, dq = np.empty(u.size), np.empty((u.size, m + n_own))
+        h, mode = self._substep(dt)
+        mode_by = self._substep_tangents(dt)
+        self._tangents(mode, mode_by, h, u, du, before, as_signal(dbefore), state, d, q, dq)
+        dy = np.empty((u.size, m + n_own + 2))
+        dy[:, :-2] = self.gain * dq
+        dy[:, -2] = q
+        dy[:, -1] = 1.0
+        return self.gain * q + self.intercept, dy
+
 
 _COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
 _MOST_COARSE, _MOST_FINE = 16, 64
@@ -61,7 +190,7 @@ class OscillatorModel(ParametricModel):
         "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
     }
 
-    _rank = 10
+    series_rank = 10
     _complete = {}  # constructor parameters with which all of the law is fitted
 
     @abstractmethod
@@ -84,7 +213,7 @@ class OscillatorModel(ParametricModel):
         """Return those of the stages to follow to the end, because the one found is degenerate."""
         return []
 
-    def _starts(self, records, mode=None):
+    def starting_values(self, records, mode=None):
         """Return a dozen at most, with substeps that need not be made finer.
 
         One of them is almost linear: ``mode``, where the linear part is known already.
@@ -213,7 +342,7 @@ class OscillatorModel(ParametricModel):
         stage = identify(
             tied,
             driven,
-            fixed=self._fixed(),
+            fixed=self.held_parameters(),
             initial_state=self._free_run_state(),
             method=self._roughly(),
         )
@@ -221,7 +350,7 @@ class OscillatorModel(ParametricModel):
         if not share < 1.0:
             return [], stage.n_evaluations
         # what is held, a preload for one, has not followed the intercept of the tied stage
-        held = {name: getattr(stages[0], name) for name in self._fixed()}
+        held = {name: getattr(stages[0], name) for name in self.held_parameters()}
         free = dataclasses.replace(stage.operator.with_feedback(-feedback, origin), **held)
         return [self._divided(free, records, _COARSE, _MOST_COARSE)], stage.n_evaluations
 
@@ -235,7 +364,7 @@ class OscillatorModel(ParametricModel):
 
     def _identify(self, data):
         """Identify with coarse substeps, then once more with those that the result asks for."""
-        options = {"fixed": self._fixed(), "initial_state": self._free_run_state()}
+        options = {"fixed": self.held_parameters(), "initial_state": self._free_run_state()}
         stages = self._stages(data)
         starts, evaluations = [], 0
         if stages[0].gain:
@@ -264,7 +393,7 @@ class OscillatorModel(ParametricModel):
         most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
         return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
 
-    def _fixed(self):
+    def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def _adopt(self, result):

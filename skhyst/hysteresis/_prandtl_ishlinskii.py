@@ -1,15 +1,328 @@
-"""Prandtl-Ishlinskii model: a weighted superposition of play or stop operators."""
+"""Prandtl-Ishlinskii model: a weighted superposition of play or stop operators.
 
+Prandtl-Ishlinskii operator: a weighted sum of plays or stops, with an exact inverse.
+"""
+
+import dataclasses
+from functools import cached_property
 from numbers import Integral, Real
 
 import numpy as np
 from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..operators import PrandtlIshlinskiiOperator, play_thresholds
+from ..operators import Operator, as_signal, parameter, play_basis, play_tangents, play_thresholds
 from ._invertible import InvertibleModel
+from ._prandtl_ishlinskii_loops import build_table, restore_stack, stack_size, turning_point_run
 
-__all__ = ["PrandtlIshlinskii"]
+__all__ = [
+    "PlayMemory",
+    "PlaySum",
+    "PrandtlIshlinskii",
+    "PrandtlIshlinskiiOperator",
+    "as_constant",
+]
+
+
+def as_constant(values):
+    """Return a read-only copy."""
+    constant = np.array(values, dtype=float, ndmin=1)
+    constant.flags.writeable = False
+    return constant
+
+
+class PlaySum(Operator):
+    """Base of the weighted sums of plays: fields ``thresholds``, ``weights``, ``non_negative``."""
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        for name in ("thresholds", "weights"):
+            object.__setattr__(self, name, as_constant(getattr(self, name)))
+        kind, r = type(self).__name__, self.thresholds
+        if r.ndim != 1 or r.size == 0 or not (r[0] >= 0.0 and np.all(r[1:] >= r[:-1])):
+            raise ValueError(
+                f"The 'thresholds' parameter of {kind} must be a list of ascending values that "
+                f"are not negative. Got {r!r} instead."
+            )
+        if self.weights.shape != r.shape:
+            raise ValueError(
+                f"The 'weights' parameter of {kind} must have one value for each of the {r.size} "
+                f"thresholds. Got shape {self.weights.shape} instead."
+            )
+
+    def __reduce__(self):
+        fields = dataclasses.fields(self)
+        return type(self), tuple(getattr(self, field.name) for field in fields)
+
+    def parameter_specs(self):
+        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
+        specs = super().parameter_specs()
+        if not self.non_negative:
+            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
+        return specs
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PlayMemory:
+    """What a set of play operators remembers of its past input.
+
+    Parameters
+    ----------
+    turning_points : ndarray of shape (n_points,)
+        Nested turning points of the drive (less its offset), the oldest and largest first. Empty:
+        the drive has only ever moved away from zero (first loading).
+    last : float
+        Last value of the drive (less its offset).
+    """
+
+    turning_points: np.ndarray
+    last: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PrandtlIshlinskiiOperator(PlaySum):
+    r"""Weighted sum of play or stop operators.
+
+    .. math::
+
+        y = c + \sum_k w_k F_{r_k}[u - d], \qquad
+        F_r[v](t) = \max(v - r, \min(v + r, F_r[v](t^-)))
+
+    A play of threshold ``r`` follows its input once the slack ``2 r`` is used up. In the stop form
+    the :math:`F_{r_k}` are replaced by stops :math:`E_r[v] = v - F_r[v]`, springs that yield at
+    ``r``. The output is evaluated from the turning points of the drive and costs the same for any
+    number of plays.
+
+    Parameters
+    ----------
+    thresholds : array-like of shape (n_plays,)
+        Thresholds ``r_k`` in units of the drive, ascending, not negative. Fixed structure. A first
+        threshold of zero is the plain gain, without which there is no inverse; so it is in the stop
+        form too, where it stands for a spring that never yields.
+    weights : array-like of shape (n_plays,)
+        Weights ``w_k`` in response/drive.
+    intercept : float, default=0.0
+        Constant ``c`` in units of the response.
+    drive_offset : float, default=0.0
+        Drive ``d`` at which the virgin device rests, in units of the drive.
+    non_negative : bool, default=True
+        Whether the weights are bounded below by zero when they are identified.
+    form : {"play", "stop"}, default="play"
+        What the weights are those of. Positive weights of plays give loops that run counter-
+        clockwise (response over drive), those of stops clockwise ones, as of a force over a
+        displacement.
+
+    Raises
+    ------
+    ValueError
+        If the thresholds are negative or do not ascend, there is not one weight for each, or the
+        form is neither of the two.
+
+    Notes
+    -----
+    The state is a :class:`PlayMemory`. ``"rest"`` is the first loading from ``drive_offset`` to the
+    first sample, where a play stands at ``max(v - r, min(v + r, 0))`` with ``v = u - d``; in
+    ``"zero"`` all plays and ``v`` are zero. Both give the same output, since the way to the first
+    sample is that first loading. The operator is rate-independent: ``dt`` is not used.
+
+    A sum of stops is a sum of plays, with the gain :math:`\sum_k w_k` and the weights
+    :math:`-w_k`, and is evaluated as such.
+
+    References
+    ----------
+    Equations (3.1) to (3.5) of the thesis on Prandtl-Ishlinskii cascades, where ``a_0`` is the
+    weight of the threshold zero here. Inverse: K. Kuhnen, "Modeling, identification and
+    compensation of complex hysteretic nonlinearities", European Journal of Control 9 (2003).
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> operator = PrandtlIshlinskiiOperator(thresholds=[0.0, 1.0], weights=[1.0, 0.5])
+    >>> y, state = operator.run([0.0, 4.0, 0.0], dt=1e-3)
+    >>> y
+    array([0. , 5.5, 0.5])
+    >>> u, _ = operator.inverse().run(y, dt=1e-3)
+    >>> u
+    array([0., 4., 0.])
+    """
+
+    thresholds: np.ndarray
+    weights: np.ndarray = parameter(linear=True, lower=0.0, unit="response/drive")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+    drive_offset: float = parameter(default=0.0, unit="drive")
+    non_negative: bool = True
+    form: str = "play"
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.form not in ("play", "stop"):
+            raise ValueError(
+                "The 'form' parameter of PrandtlIshlinskiiOperator must be 'play' or 'stop'. "
+                f"Got {self.form!r} instead."
+            )
+
+    @cached_property
+    def _play_form(self):
+        """Thresholds (n,) and weights (n,) as plays, and the sums of the first weights (n + 1,)."""
+        r, w = self.thresholds, self.weights
+        if self.form == "play":
+            return r, w, as_constant(np.concatenate(([0.0], np.cumsum(w))))
+        yielding = np.where(r > 0.0, w, 0.0)
+        # springs that have not yielded: the sums from the end, so that none left is exactly zero
+        left = np.append(np.cumsum(yielding[::-1])[::-1], 0.0)
+        sums = np.concatenate(([0.0], np.sum(w - yielding) + left))
+        return tuple(map(as_constant, (np.append(0.0, r), np.diff(sums), sums)))
+
+    @cached_property
+    def _tables(self):
+        thresholds, weights, _ = self._play_form
+        table = np.empty((thresholds.size + 1, 4))
+        bins = np.empty(16 * thresholds.size + 2, dtype=np.int32)
+        scale = build_table(thresholds, weights, table, bins)
+        return table, bins, scale
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
+        last = float(u0) - self.drive_offset if initial_state == "rest" else 0.0
+        return PlayMemory(np.empty(0), last)
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        y = np.empty(u.size)
+        if state is None:
+            state = self.init(u[0] if u.size else self.drive_offset)
+        table, bins, scale = self._tables
+        size = stack_size(table.shape[0] - 1)
+        if state.turning_points.size > size - 2:
+            size += state.turning_points.size
+        points, values = np.empty((2, size))
+        top = restore_stack(as_signal(state.turning_points), points, values, table, bins, scale)
+        top, last = turning_point_run(
+            u,
+            float(self.drive_offset),
+            float(self.intercept),
+            table,
+            bins,
+            scale,
+            points,
+            values,
+            top,
+            float(state.last),
+            y,
+        )
+        return y, PlayMemory(points[1 : top + 1].copy(), last)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`.
+
+        A play that moves has the tangent of the drive, one that sticks keeps the tangent it had
+        when it moved last.
+        """
+        u, du = as_signal(u), as_signal(du)
+        y, _ = self.run(u, dt, self.init(u[0] if u.size else 0.0, initial_state))
+        thresholds, _, sums = self._play_form
+        m, n_plays = du.shape[1], thresholds.size
+        dy = np.empty((u.size, m + n_plays + 2))
+        v = as_signal(u - self.drive_offset)
+        play_tangents(v, du, thresholds, sums, np.zeros(n_plays), dy)
+        if self.form == "stop":
+            own = dy[:, m + 1 : m + n_plays]
+            np.subtract(v[:, None], own, out=own, where=self.thresholds > 0.0)
+            dy = np.delete(dy, m, axis=1)
+        return y, dy
+
+    def plays(self, state):
+        """Return the values of the plays in a state, shape (n_plays,), less the drive's offset."""
+        plays = np.zeros(self.thresholds.size)
+        path = as_signal(np.append(state.turning_points, state.last))
+        play_basis(path, self.thresholds, plays, np.empty((path.size, plays.size)))
+        return plays
+
+    def state_from_plays(self, plays, u):
+        """Return the state in which the plays stand at ``plays`` while the drive is ``u``.
+
+        Parameters
+        ----------
+        plays : array-like of shape (n_plays,)
+            Values of the plays, less the drive's offset, as :meth:`plays` returns them.
+        u : float
+            Drive.
+
+        Returns
+        -------
+        state : PlayMemory
+
+        Raises
+        ------
+        ValueError
+            If no history of the drive leaves the plays so: neighbours differ by more than their
+            thresholds, or a play is further from the drive than its threshold.
+        """
+        plays = np.asarray(plays, dtype=float)
+        v = float(u) - self.drive_offset
+        reachable = plays.shape == self.thresholds.shape
+        if reachable:
+            slack = np.diff(self.thresholds, prepend=0.0)
+            slack += 1e-12 * (np.abs(plays).max() + self.thresholds[-1])
+            reachable = np.all(np.abs(np.diff(plays, prepend=v)) <= slack)
+        if not reachable:
+            raise ValueError(
+                "The 'plays' parameter of PrandtlIshlinskiiOperator.state_from_plays must be "
+                "reachable: neighbours may differ by the difference of their thresholds at most. "
+                f"Got {plays!r} at the drive {u!r} instead."
+            )
+        # From the widest play inwards, visit both ends of its slack; inner plays follow later.
+        path = np.ravel(np.column_stack((plays + self.thresholds, plays - self.thresholds))[::-1])
+        path = np.append(path, v) + self.drive_offset
+        _, state = self.run(path, 1.0, PlayMemory(np.empty(0), 0.0))
+        return state
+
+    def inverse(self):
+        """Return the exact inverse: an operator of the same kind, from response to drive.
+
+        Returns
+        -------
+        inverse : PrandtlIshlinskiiOperator
+            In the play form: thresholds ``sum_j w_j max(r_k - r_j, 0)``, slopes the reciprocals of
+            the slopes of this operator, ``intercept`` and ``drive_offset`` exchanged.
+
+        Raises
+        ------
+        ValueError
+            If the first threshold is not zero (the operator has a dead zone after each reversal)
+            or a partial sum of the weights is not positive (the response is not monotone).
+        """
+        thresholds, _, sums = self._play_form
+        slopes = sums[1:]
+        if thresholds[0] != 0.0 or not np.all(slopes > 0.0):
+            needs = (
+                "positive sums w_0 + ... + w_k of the weights"
+                if self.form == "play"
+                else "springs of positive sum left at each threshold"
+            )
+            raise ValueError(
+                f"PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and {needs}: the "
+                f"response must be strictly monotone. Got thresholds[0]={self.thresholds[0]!r} and "
+                f"the smallest sum {slopes.min()!r} instead."
+            )
+        steps = np.diff(thresholds) * slopes[:-1]
+        return PrandtlIshlinskiiOperator(
+            thresholds=np.concatenate(([0.0], np.cumsum(steps))),
+            weights=np.diff(1.0 / slopes, prepend=0.0),
+            intercept=self.drive_offset,
+            drive_offset=self.intercept,
+            non_negative=False,
+        )
+
+    def inverse_state(self, state):
+        """Return the state of :meth:`inverse` that belongs to a state of this operator."""
+        path = np.append(state.turning_points, state.last) + self.drive_offset
+        y, _ = self.run(path, 1.0, PlayMemory(np.empty(0), 0.0))
+        y -= self.intercept
+        return PlayMemory(y[:-1], float(y[-1]))
 
 
 class PrandtlIshlinskii(InvertibleModel):
@@ -86,7 +399,7 @@ class PrandtlIshlinskii(InvertibleModel):
         "fit_intercept": ["boolean"],
     }
 
-    _rank = PrandtlIshlinskiiOperator.rank
+    series_rank = PrandtlIshlinskiiOperator.rank
     _any_interval = True
 
     def __init__(
@@ -112,7 +425,7 @@ class PrandtlIshlinskii(InvertibleModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         if isinstance(self.thresholds, str):
             thresholds = play_thresholds(
                 [record.u for record in records], self.n_operators, self.thresholds
@@ -129,7 +442,7 @@ class PrandtlIshlinskii(InvertibleModel):
         )
         return [(operator, ())]
 
-    def _fixed(self):
+    def held_parameters(self):
         fixed = set() if self.drive_offset == "fit" else {"drive_offset"}
         return frozenset(fixed if self.fit_intercept else fixed | {"intercept"})
 

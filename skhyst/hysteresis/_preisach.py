@@ -1,12 +1,272 @@
-"""Preisach model: relays with a density on the half plane of their thresholds."""
+"""Preisach model: relays with a density on the half plane of their thresholds.
+
+Preisach operator: relays with a density that is constant in the cells of a grid.
+"""
+
+import dataclasses
+from functools import cached_property
 
 import numpy as np
 
-from ..operators import PreisachOperator
-from ..operators._relay_grid import cell_indices
-from ._relay_grid import RelayGridModel
+from ..operators import Operator, as_signal, parameter
+from ._preisach_loops import (
+    build_bins,
+    everett_run,
+    everett_tangents,
+    everett_value,
+    find_interval,
+    first_loading_table,
+    restore_values,
+    staircase_rows,
+)
+from ._relay_grid import RelayGridModel, cell_indices, check_grid
 
-__all__ = ["Preisach"]
+__all__ = [
+    "Preisach",
+    "PreisachMemory",
+    "PreisachOperator",
+]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PreisachMemory:
+    """What the relays remember of their past drive: the corners of the staircase.
+
+    Parameters
+    ----------
+    turning_points : ndarray of shape (n_points,)
+        Nested turning points of the drive, the oldest and largest first. Empty: first loading.
+    last : float
+        Last value of the drive, clipped to the levels' range.
+    """
+
+    turning_points: np.ndarray
+    last: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PreisachOperator(Operator):
+    r"""Superposition of relays with a piecewise-constant density.
+
+    .. math::
+
+        y = c + \iint_{\alpha \ge \beta} \mu(\alpha, \beta)\, \gamma_{\alpha\beta}[u]\,
+        d\alpha\, d\beta + \sum_k g_k\, s_k(u)
+
+    A relay is +1 once ``u`` has reached ``alpha``, -1 once it has fallen to ``beta``. The levels
+    cut the half plane into ``n (n - 1) / 2`` cells, inside which the density is constant: the
+    output is continuous. The last sum is the density on the line ``alpha = beta``, the reversible
+    part, where ``s_k`` rises from -1 to 1 between levels ``k`` and ``k + 1``. The output is
+    evaluated from the turning points of the drive by the Everett function and costs the same for
+    any number of cells.
+
+    Parameters
+    ----------
+    levels : array-like of shape (n,)
+        Levels of the drive, ascending, in its unit. Fixed structure. Beyond the first and the last
+        the model is saturated: no relay switches and the output stays constant.
+    weights : array-like of shape (n (n - 1) / 2,)
+        Density times area of each cell, units of the response. The cell of interval ``i`` of alpha
+        and interval ``j <= i`` of beta has the number ``i (i + 1) / 2 + j``.
+    reversible : array-like of shape (n - 1,) or (0,), default=()
+        Weights ``g_k`` of the reversible part, units of the response.
+    intercept : float, default=0.0
+        Constant ``c`` in units of the response: midway between the two saturations.
+    center : float, default=0.0
+        Drive at which the virgin device is demagnetised: relays with ``alpha + beta`` above
+        ``2 center`` are down, the others up. ``-inf`` (or the lowest level): all down at first,
+        ``inf``: all up.
+    non_negative : bool, default=True
+        Whether the weights are bounded below by zero when they are identified.
+
+    Raises
+    ------
+    ValueError
+        If the levels do not ascend, or the number of weights does not fit to them.
+
+    Notes
+    -----
+    The state is a :class:`PreisachMemory`. ``"rest"`` is the first loading from ``center`` to the
+    first sample; in ``"zero"`` the drive stands at ``center`` still. Both give the same output,
+    since the way to the first sample is that first loading. The operator is rate-independent:
+    ``dt`` is not used.
+
+    References
+    ----------
+    I. D. Mayergoyz, "Mathematical Models of Hysteresis and Their Applications", Elsevier 2003,
+    sections 1.2 (staircase, wiping-out, congruency) and 1.3 (Everett function, numerical form).
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import PreisachOperator
+    >>> operator = PreisachOperator(levels=[-1.0, 0.0, 1.0], weights=[0.0, 1.0, 0.0])
+    >>> y, state = operator.run([0.0, 1.0, 0.0, -0.5, -1.0, 0.5], dt=1e-3)
+    >>> y
+    array([ 0.,  1.,  1.,  0., -1.,  0.])
+    """
+
+    levels: np.ndarray
+    weights: np.ndarray = parameter(linear=True, lower=0.0, unit="response")
+    reversible: np.ndarray = parameter(default=(), linear=True, lower=0.0, unit="response")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+    center: float = 0.0
+    non_negative: bool = True
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        check_grid(self)
+        size = self.reversible.size
+        if size not in (0, self.levels.size - 1):
+            raise ValueError(
+                "The 'reversible' parameter of PreisachOperator must be empty or have one value "
+                f"for each of the {self.levels.size - 1} intervals. Got {size} instead."
+            )
+
+    def __reduce__(self):
+        fields = dataclasses.fields(self)
+        return type(self), tuple(getattr(self, field.name) for field in fields)
+
+    def parameter_specs(self):
+        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
+        specs = super().parameter_specs()
+        if not self.non_negative:
+            for name in ("weights", "reversible"):
+                specs[name] = dataclasses.replace(specs[name], lower=-np.inf)
+        return specs
+
+    @cached_property
+    def _center(self):
+        return float(np.clip(self.center, self.levels[0], self.levels[-1]))
+
+    @cached_property
+    def _bins(self):
+        bins = np.empty(4 * self.levels.size + 1, dtype=np.int64)
+        return bins, build_bins(self.levels, bins)
+
+    @cached_property
+    def _tables(self):
+        n = self.levels.size
+        grid = np.zeros((n - 1, n - 1))
+        grid[np.tril_indices(n - 1)] = self.weights
+        reversible = self.reversible if self.reversible.size else np.zeros(n - 1)
+        everett = np.zeros((n, n))
+        everett[1:, :-1] = np.cumsum(np.cumsum(grid[:, ::-1], axis=1)[:, ::-1], axis=0)
+        everett += np.tril(np.subtract.outer(*2 * [np.append(0.0, np.cumsum(reversible))]))
+        everett = 2.0 * np.tril(everett, -1)
+        everett += everett.T
+        diagonal = 2.0 * np.column_stack((grid.diagonal(), reversible))
+        low, high = self.levels[[0, -1]]
+        knots = np.unique(np.r_[self.levels, 2.0 * self._center - self.levels, self._center])
+        knots = knots[(knots >= low) & (knots <= high)]
+        loading = np.zeros((knots.size, 4))
+        loading[0, 1] = -(self.weights.sum() + reversible.sum())
+        first_loading_table(
+            knots, self._center, self.levels, everett, diagonal, *self._bins, loading
+        )
+        return self.levels, everett, diagonal, loading, *self._bins
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample ``u0``, a :class:`PreisachMemory`."""
+        last = np.clip(u0, *self.levels[[0, -1]]) if initial_state == "rest" else self._center
+        return PreisachMemory(np.empty(0), float(last))
+
+    def _stack(self, state, n_samples):
+        """Return a stack with room for all turning points to come, and its depth."""
+        top = state.turning_points.size
+        points = np.empty(top + n_samples + 2)
+        points[1 : top + 1] = state.turning_points
+        if top:
+            points[0] = 2.0 * self._center - points[1]
+        return points, top
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else self._center)
+        points, top = self._stack(state, u.size)
+        values, y = np.empty(points.size), np.empty(u.size)
+        restore_values(points, top, values, *self._tables)
+        top, last = everett_run(
+            u, self._center, *self._tables, points, values, top, float(state.last), y
+        )
+        y += self.intercept
+        return y, PreisachMemory(points[1 : top + 1].copy(), last)
+
+    def basis(self, u, state=None):
+        """Return the derivatives of the response with respect to all parameters, and the state.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples,)
+            Drive.
+        state : PreisachMemory, optional
+            State before the first sample; first loading by default.
+
+        Returns
+        -------
+        rows : ndarray of shape (n_samples, n_parameters)
+            Mean states of the relays of each cell and of the reversible part, between -1 and 1,
+            then a one, in the order of ``pack``.
+        state : PreisachMemory
+        """
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else self._center)
+        rows = np.empty((u.size, self.n_parameters))
+        return rows, self._fill(u, state, rows)
+
+    def _fill(self, u, state, rows):
+        points, top = self._stack(state, u.size)
+        top, last = staircase_rows(
+            u,
+            self._center,
+            self.levels,
+            *self._bins,
+            self.reversible.size,
+            points,
+            top,
+            float(state.last),
+            rows,
+        )
+        rows[:, -1] = 1.0
+        return PreisachMemory(points[1 : top + 1].copy(), last)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`.
+
+        A sample on the staircase depends on itself and on the turning points before it.
+        """
+        u, du = as_signal(u), as_signal(du)
+        state = self.init(u[0] if u.size else self._center, initial_state)
+        y, _ = self.run(u, dt, state)
+        m = du.shape[1]
+        dy = np.empty((u.size, m + self.n_parameters))
+        if m:
+            points, _ = self._stack(state, u.size)
+            everett_tangents(u, du, self._center, *self._tables, points, state.last, dy)
+        self._fill(u, state, dy[:, m:])
+        return y, dy
+
+    def everett(self, alpha, beta):
+        """Return the Everett function: half the response's change from ``beta`` up to ``alpha``.
+
+        Parameters
+        ----------
+        alpha, beta : float
+            Drives, ``alpha >= beta``; beyond the levels the function stays constant.
+
+        Returns
+        -------
+        float
+            Units of the response.
+        """
+        high, low = np.clip([alpha, beta], *self.levels[[0, -1]])
+        levels, everett, diagonal, _, *bins = self._tables
+        i, j = find_interval(high, levels, *bins), find_interval(low, levels, *bins)
+        return 0.5 * everett_value(high, i, low, j, levels, everett, diagonal)
 
 
 class Preisach(RelayGridModel):

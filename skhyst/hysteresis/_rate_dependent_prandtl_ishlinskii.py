@@ -1,14 +1,253 @@
-"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the drive."""
+"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the drive.
+
+Prandtl-Ishlinskii operator whose thresholds, or weights, follow the rate of the drive.
+"""
+
+import dataclasses
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import StrOptions
 from ..base import ParametricModel, read_data
-from ..operators import RateDependentPrandtlIshlinskiiOperator
-from ._prandtl_ishlinskii import PrandtlIshlinskii
+from ..operators import as_signal, parameter
+from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskii, as_constant
+from ._rate_dependent_prandtl_ishlinskii_loops import (
+    rate_play_inverse,
+    rate_play_run,
+    rate_play_tangents,
+)
 
-__all__ = ["RateDependentPrandtlIshlinskii"]
+__all__ = [
+    "RateDependentPrandtlIshlinskii",
+    "RateDependentPrandtlIshlinskiiOperator",
+]
+
+_PASSES = 40  # of the inverse with one window, at most
+_GAIN = 0.99  # part of the error that a pass must leave at most, for another one
+_RESERVE = 0.9  # of the rate at which the response is no longer monotone
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RateDependentPrandtlIshlinskiiOperator(PlaySum):
+    r"""Weighted sum of play operators that depend on the rate of the drive.
+
+    .. math::
+
+        y = c + \sum_k (w_k + s_k |u'|) F_{r_k(t)}[u], \qquad r_k(t) = r_k + \beta |u'(t)|,
+
+    with :math:`F_r[u](t) = \max(u - r, \min(u + r, F_r[u](t^-)))`. A threshold of zero is the plain
+    gain and does not grow. The rate at a sample is that of the straight line that leads to it;
+    thresholds are straight lines between samples.
+
+    Parameters
+    ----------
+    thresholds : array-like of shape (n_plays,)
+        Thresholds ``r_k`` at rest in units of the drive, ascending, not negative. Fixed structure.
+    weights : array-like of shape (n_plays,)
+        Weights ``w_k`` at rest in response/drive.
+    rate_weights : array-like of shape (n_plays,) or (0,), default=()
+        Change ``s_k`` of the weights with the rate in response s/drive^2; empty: none, and not
+        identified.
+    intercept : float, default=0.0
+        Constant ``c`` in units of the response.
+    dilation : float, default=0.0
+        Growth ``beta`` of the thresholds with the rate, in s; zero: none, and not identified.
+    non_negative : bool, default=True
+        Whether the weights at rest are bounded below by zero when they are identified.
+
+    Raises
+    ------
+    ValueError
+        If the thresholds are negative or do not ascend, or there is not one weight for each.
+
+    Notes
+    -----
+    The state is a tuple of the plays (n_plays,) and the last drive. ``"rest"`` is a first loading
+    from zero, infinitely slow.
+
+    References
+    ----------
+    Thresholds: M. Al Janaideh and P. Krejci, "Inverse rate-dependent Prandtl-Ishlinskii model for
+    feedforward compensation of hysteresis in a piezomicropositioning actuator", IEEE/ASME Trans.
+    Mechatronics 18(5), 2013. Weights: W. T. Ang, P. K. Khosla and C. N. Riviere, "Feedforward
+    controller with inverse rate-dependent model for piezoelectric actuators in
+    trajectory-tracking applications", IEEE/ASME Trans. Mechatronics 12(2), 2007.
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import RateDependentPrandtlIshlinskiiOperator
+    >>> operator = RateDependentPrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 0.5], dilation=0.1)
+    >>> operator.run([0.0, 4.0, 0.0], dt=1.0)[0]
+    array([0. , 5.3, 0.7])
+    >>> operator.run([0.0, 4.0, 0.0], dt=1e9)[0]
+    array([0. , 5.5, 0.5])
+    """
+
+    thresholds: np.ndarray
+    weights: np.ndarray = parameter(linear=True, lower=0.0, unit="response/drive")
+    rate_weights: np.ndarray = parameter(default=(), linear=True, unit="response s/drive^2")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+    dilation: float = parameter(default=0.0, log=True, lower=0.0, unit="s")
+    non_negative: bool = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        object.__setattr__(self, "rate_weights", as_constant(self.rate_weights))
+        if self.rate_weights.size and self.rate_weights.shape != self.thresholds.shape:
+            raise ValueError(
+                "The 'rate_weights' parameter of RateDependentPrandtlIshlinskiiOperator must have "
+                f"one value for each of the {self.thresholds.size} thresholds, or none. Got shape "
+                f"{self.rate_weights.shape} instead."
+            )
+
+    def parameter_specs(self):
+        """Return the identifiable fields; without ``dilation`` where it is zero."""
+        specs = super().parameter_specs()
+        if self.dilation == 0.0:
+            del specs["dilation"]
+        return specs
+
+    @property
+    def _grows(self):
+        return (self.thresholds > 0.0).astype(float)
+
+    def _arguments(self):
+        rate_weights = self.rate_weights if self.rate_weights.size else np.zeros_like(self.weights)
+        return self.thresholds, self.dilation * self._grows, self.weights, rate_weights
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample ``u0``: plays (n_plays,) and last drive."""
+        last = float(u0) if initial_state == "rest" else 0.0
+        return np.clip(0.0, last - self.thresholds, last + self.thresholds), last
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        y = np.empty(u.size)
+        plays, last = self.init(u[0] if u.size else 0.0) if state is None else state
+        plays = plays.copy()
+        rates = np.abs(np.diff(u, prepend=last)) / dt
+        rate_play_run(u, rates, *self._arguments(), plays, y)
+        y += self.intercept
+        return y, (plays, float(u[-1]) if u.size else last)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+        u, du = as_signal(u), as_signal(du)
+        state = self.init(u[0] if u.size else 0.0, initial_state)
+        y, _ = self.run(u, dt, state)
+        # the first sample is the first loading, so that its tangents are those of a sample
+        steps = np.diff(u, prepend=state[1])
+        before = du[:1] if initial_state == "rest" else np.zeros((1, du.shape[1]))
+        drates = np.diff(du, axis=0, prepend=before[: len(du)]) * (np.sign(steps) / dt)[:, None]
+        n_plays, n_rates = self.thresholds.size, self.rate_weights.size
+        dy = np.empty((u.size, du.shape[1] + n_plays + n_rates + 2))
+        rate_play_tangents(
+            u,
+            du,
+            np.abs(steps) / dt,
+            as_signal(drates),
+            self.thresholds,
+            self._grows,
+            float(self.dilation),
+            self.weights,
+            self.rate_weights,
+            np.zeros(n_plays),
+            dy,
+        )
+        return y, dy if self.dilation else np.ascontiguousarray(dy[:, :-1])
+
+    def drive_at_rates(self, y, rates, plays=None):
+        """Return the drive under which the response is ``y``, its rates being known.
+
+        Parameters
+        ----------
+        y : array-like of shape (n_samples,)
+            Response.
+        rates : array-like of shape (n_samples,)
+            Sizes of the drive's rates, units of the drive over s.
+        plays : ndarray of shape (n_plays,), optional
+            The plays before the first sample; by default they are zero.
+
+        Returns
+        -------
+        u : ndarray of shape (n_samples,)
+
+        Raises
+        ------
+        ValueError
+            If the response is not a strictly monotone function of the drive at one of the rates.
+        """
+        y, rates = as_signal(np.asarray(y) - self.intercept), as_signal(rates)
+        thresholds, growth, weights, rate_weights = self._arguments()
+        fastest = rates.max(initial=0.0)
+        slopes = np.cumsum(weights), np.cumsum(weights + fastest * rate_weights)
+        if thresholds[0] != 0.0 or not np.all(np.concatenate(slopes) > 0.0):
+            raise ValueError(
+                "RateDependentPrandtlIshlinskiiOperator.drive_at_rates needs a first threshold of "
+                "0 and positive sums of the first weights at all rates: the response must be "
+                f"strictly monotone. Got thresholds[0]={thresholds[0]!r} and the smallest sum "
+                f"{min(part.min() for part in slopes)!r} instead."
+            )
+        u = np.empty(y.size)
+        plays = np.zeros(thresholds.size) if plays is None else plays.copy()
+        rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, u)
+        return u
+
+    def inverse_run(self, y, dt, initial_state="rest"):
+        """Return a drive that makes the response follow ``y``.
+
+        With the rates known, the inverse is exact (Al Janaideh and Krejci 2013). Here the rates are
+        those of the drive that is sought, which is found by repetition, beginning with the inverse
+        at rest, as long as the response comes closer to ``y``. Repetition amplifies fast changes
+        of the rate, so the rates are smoothed over windows of time, ever smaller ones: what is left
+        is small where thresholds or weights change little within the smallest window that
+        converges, but it is not zero.
+
+        Parameters
+        ----------
+        y : array-like of shape (n_samples,)
+            Desired response, from the ``initial_state`` on.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"}
+            As in :meth:`init`.
+
+        Returns
+        -------
+        u : ndarray of shape (n_samples,)
+        """
+        y = as_signal(y)
+        fastest = self._fastest_monotone()
+
+        def advance(rates):
+            u = self.drive_at_rates(y, np.minimum(rates, fastest))
+            return u, np.linalg.norm(self.run(u, dt, self.init(u[0], initial_state))[0] - y)
+
+        best, smallest = advance(np.zeros(y.size))
+        for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
+            u = best
+            for _ in range(_PASSES):
+                rates = np.abs(uniform_filter1d(np.diff(u, prepend=u[0]), 2 * half + 1)) / dt
+                if initial_state == "zero":
+                    rates[0] = np.abs(u[0]) / dt
+                u, error = advance(rates)
+                gained = error < _GAIN * smallest
+                if error < smallest:
+                    best, smallest = u, error
+                if not gained:
+                    break
+        return best
+
+    def _fastest_monotone(self):
+        """Return a rate up to which the response is a strictly monotone function of the drive."""
+        falls = -np.cumsum(self.rate_weights)
+        slopes = np.cumsum(self.weights)[: falls.size]
+        falling = falls > 0.0
+        return _RESERVE * np.min(slopes[falling] / falls[falling], initial=np.inf)
+
 
 _GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range
 
@@ -79,7 +318,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     --------
     >>> import numpy as np
     >>> from skhyst.hysteresis import RateDependentPrandtlIshlinskii
-    >>> from skhyst.operators import RateDependentPrandtlIshlinskiiOperator
+    >>> from skhyst.hysteresis import RateDependentPrandtlIshlinskiiOperator
     >>> truth = RateDependentPrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.5], dilation=0.02)
     >>> drive = np.sin(np.linspace(0, 8, 500) ** 2)
     >>> y, _ = truth.run(drive, 0.01)
@@ -94,7 +333,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     }
     del _parameter_constraints["form"], _parameter_constraints["drive_offset"]
 
-    _rank = RateDependentPrandtlIshlinskiiOperator.rank
+    series_rank = RateDependentPrandtlIshlinskiiOperator.rank
 
     def __init__(
         self,
@@ -117,9 +356,9 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         plays = PrandtlIshlinskii(self.n_operators, thresholds=self.thresholds)
-        thresholds = plays._starts(records)[0][0].thresholds
+        thresholds = plays.starting_values(records)[0][0].thresholds
         zeros = np.zeros(thresholds.size)
         if self.variant == "slope":
             rates, dilations = zeros, [0.0]
@@ -146,7 +385,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
         half_range = 0.5 * max(np.ptp(record.u) for record in records)
         return _GROWTHS * (half_range / fastest if fastest > 0.0 else records[0].dt)
 
-    def _fixed(self):
+    def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def _adopt(self, result):

@@ -11,6 +11,8 @@ itself. On an uneven grid the weights are smooth as functions of the level's num
 drive. ``lambda`` is ``smoothness`` times the mean squared norm of the columns of A less their
 means, so that ``smoothness`` has no unit and does not depend on the number of samples. The normal
 equations are added up over stretches of the records.
+
+What the operators over the half plane ``alpha >= beta`` share: levels and cells.
 """
 
 import dataclasses
@@ -26,11 +28,42 @@ from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators._relay_grid import cell_indices
 from ..optimize import IdentificationResult
 from ..optimize._nonnegative import nonnegative_minimum
 
-__all__ = ["RelayGridModel"]
+__all__ = [
+    "RelayGridModel",
+    "cell_indices",
+    "check_grid",
+]
+
+
+def cell_indices(n_levels):
+    """Return the intervals of alpha and of beta of each cell, two arrays (n (n - 1) / 2,)."""
+    return np.tril_indices(n_levels - 1)
+
+
+def check_grid(operator):
+    """Turn array fields into read-only arrays; refuse levels and weights that do not fit."""
+    kind = type(operator).__name__
+    for name in ("levels", "weights", "reversible"):
+        if hasattr(operator, name):
+            constant = np.array(getattr(operator, name), dtype=float, ndmin=1)
+            constant.flags.writeable = False
+            object.__setattr__(operator, name, constant)
+    levels, weights = operator.levels, operator.weights
+    if levels.ndim != 1 or levels.size < 2 or not np.all(levels[1:] > levels[:-1]):
+        raise ValueError(
+            f"The 'levels' parameter of {kind} must be a list of two or more ascending values. "
+            f"Got {levels!r} instead."
+        )
+    n_cells = levels.size * (levels.size - 1) // 2
+    if weights.shape != (n_cells,):
+        raise ValueError(
+            f"The 'weights' parameter of {kind} must have one value for each of the {n_cells} "
+            f"cells between {levels.size} levels. Got shape {weights.shape} instead."
+        )
+
 
 _STRETCH = 1024  # rows of the design matrix at a time
 _BINS = 200  # of the drive, to see where the response changes
@@ -52,7 +85,7 @@ class RelayGridModel(ParametricModel):
         "center": [Interval(Real, None, None, closed="both")],
     }
 
-    _rank = 10
+    series_rank = 10
     _diagonal_is_reversible = False  # the cells (i, i) have no loop
 
     @abstractmethod
@@ -71,10 +104,10 @@ class RelayGridModel(ParametricModel):
             return np.linspace(low, high, self.n_levels)
         return _response_levels(records, np.linspace(low, high, _BINS + 1), self.n_levels)
 
-    def _starts(self, records):
+    def starting_values(self, records):
         return [(self._operator(self._levels(records)), ())]
 
-    def _fixed(self):
+    def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def _identify(self, data):

@@ -43,7 +43,7 @@ class FrequencyResponseDisplay:
     >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import FrequencyResponseDisplay
-    >>> from skhyst.operators import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderModeOperator
     >>> mode = SecondOrderModeOperator(60.0, 0.05, gain=3.0)
     >>> drive = np.random.default_rng(0).normal(size=5000)
     >>> y, _ = mode.run(drive, 0.01)

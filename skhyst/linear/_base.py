@@ -39,7 +39,7 @@ class LinearModel(ParametricModel):
     def _any_interval(self):
         return getattr(self, "hold", "foh") == "foh"  # a delay has none
 
-    def _fixed(self):
+    def held_parameters(self):
         free = {"gain": self.fit_gain, "intercept": self.fit_intercept}
         return frozenset(name for name, is_free in free.items() if not is_free)
 

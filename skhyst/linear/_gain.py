@@ -1,10 +1,63 @@
-"""Static gain."""
+"""Static gain.
+
+A static gain.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
 
 from ..base import ParametricModel
-from ..operators import GainOperator
+from ..operators import Operator, as_signal, parameter
 from ._base import LinearModel, slope
 
-__all__ = ["Gain"]
+__all__ = [
+    "Gain",
+    "GainOperator",
+]
+
+
+@dataclass(frozen=True)
+class GainOperator(Operator):
+    r"""A static gain and a constant: :math:`y = g u + c`.
+
+    Parameters
+    ----------
+    gain : float, default=1.0
+        ``g`` in response/drive.
+    intercept : float, default=0.0
+        ``c``, units of the response.
+
+    Examples
+    --------
+    >>> from skhyst.linear import GainOperator
+    >>> GainOperator(2.0, 1.0).run([0.0, 1.5], 0.1)[0]
+    array([1., 4.])
+    """
+
+    gain: float = parameter(default=1.0, linear=True, gauge=1.0, unit="response/drive")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+
+    signal_linear = True
+
+    def init(self, u0, initial_state="rest"):
+        return None
+
+    def run(self, u, dt, state=None):
+        return self.gain * as_signal(u) + self.intercept, None
+
+    def inverse(self):
+        """Return the gain that undoes this one."""
+        return GainOperator(1.0 / self.gain, -self.intercept / self.gain)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        u = as_signal(u)
+        m = du.shape[1]
+        dy = np.empty((u.size, m + 2))
+        np.multiply(du, self.gain, out=dy[:, :m])
+        dy[:, m] = u
+        dy[:, m + 1] = 1.0
+        return self.gain * u + self.intercept, dy
 
 
 class Gain(LinearModel):
@@ -60,5 +113,5 @@ class Gain(LinearModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         return [(GainOperator(slope(records) if self.fit_gain else 1.0), ())]

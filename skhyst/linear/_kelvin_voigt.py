@@ -8,8 +8,8 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..exceptions import ConvergenceWarning
-from ..operators import KelvinVoigtOperator
 from ._base import LinearModel, log_grid, slope, time_span
+from ._dynamics import KelvinVoigtOperator
 from ._static_gain import static_gain_error
 
 __all__ = ["KelvinVoigt"]
@@ -64,7 +64,7 @@ class KelvinVoigt(LinearModel):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import KelvinVoigt
-    >>> from skhyst.operators import KelvinVoigtOperator
+    >>> from skhyst.linear import KelvinVoigtOperator
     >>> truth = KelvinVoigtOperator(np.array([0.2]), np.array([0.5]))
     >>> drive = np.repeat([0.0, 1.0, -1.0, 0.5], 100)
     >>> y, _ = truth.run(drive, 0.01)
@@ -99,7 +99,7 @@ class KelvinVoigt(LinearModel):
         )
         self.n_units = n_units
 
-    def _starts(self, records):
+    def starting_values(self, records):
         dt, span = time_span(records)
         gain = slope(records) if self.fit_gain else 1.0
         return [
@@ -125,7 +125,7 @@ class KelvinVoigt(LinearModel):
             data = [replace(record, before=float(drive)) for record, drive in drives]
         self.static_gain_ = float(operator.gain * (1.0 + np.sum(operator.compliances)))
         self.static_gain_std_ = static_gain_error(
-            operator, data, fixed=self._fixed(), initial_state=state, error=self.fit_error_
+            operator, data, fixed=self.held_parameters(), initial_state=state, error=self.fit_error_
         )
         if not self.static_gain_std_ <= _KNOWN * abs(self.static_gain_):
             undetermined = self.identifiability_["undetermined"]

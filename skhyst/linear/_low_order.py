@@ -1,8 +1,8 @@
 """First-order lag and second-order mode."""
 
-from ..operators import FirstOrderLagOperator, SecondOrderModeOperator
 from ..optimize import pole_starts, sections
 from ._base import LinearModel, log_grid, time_span
+from ._dynamics import FirstOrderLagOperator, SecondOrderModeOperator
 
 __all__ = ["FirstOrderLag", "SecondOrderMode"]
 
@@ -43,7 +43,7 @@ class FirstOrderLag(LinearModel):
     0.100 s
     """
 
-    def _starts(self, records):
+    def starting_values(self, records):
         dt, span = time_span(records)
         return [
             (FirstOrderLagOperator(float(tau), hold=self.hold), ())
@@ -80,7 +80,7 @@ class SecondOrderMode(LinearModel):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import SecondOrderMode
-    >>> from skhyst.operators import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderModeOperator
     >>> drive = np.random.default_rng(0).normal(size=500)
     >>> y, _ = SecondOrderModeOperator(60.0, 0.05).run(drive, 0.01)
     >>> model = SecondOrderMode(dt=0.01).fit(drive.reshape(-1, 1), y)
@@ -88,7 +88,7 @@ class SecondOrderMode(LinearModel):
     60.00 rad/s
     """
 
-    def _starts(self, records):
+    def starting_values(self, records):
         dt, span = time_span(records)
         starts = [
             SecondOrderModeOperator(float(w), zeta, hold=self.hold)

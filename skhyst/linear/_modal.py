@@ -10,7 +10,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from .._sklearn import Interval, StrOptions, fit_context
 from ..base import one_thread, run_records
 from ..exceptions import ConvergenceWarning
-from ..operators import SampledStateSpace
 from ..optimize import (
     ModalProblem,
     RationalBlock,
@@ -23,6 +22,7 @@ from ..optimize import (
 from ..records import record_slices
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period
+from ._state_space import SampledStateSpace
 
 __all__ = ["ModalModel"]
 
@@ -96,7 +96,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import ModalModel
-    >>> from skhyst.operators import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderModeOperator
     >>> X = np.random.default_rng(0).normal(size=(400, 2))
     >>> mode, _ = SecondOrderModeOperator(60.0, 0.05).run(X @ [1.0, 0.5], 0.01)
     >>> model = ModalModel(n_poles=2, dt=0.01).fit(X, np.stack([mode, -2.0 * mode], axis=1))

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from ..operators import DriftOperator, FirstOrderLagOperator, SumOperator
+from ..disturbance import DriftOperator
+from ..operators import SumOperator
 from ..optimize import OperatorProblem
+from ._dynamics import FirstOrderLagOperator
 
 __all__ = ["static_gain_error"]
 

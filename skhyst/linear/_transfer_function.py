@@ -9,16 +9,11 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from .._sklearn import Interval, StrOptions
 from ..base import one_thread, run_records
 from ..exceptions import DivergenceWarning
-from ..operators import TransferFunctionOperator
-from ..operators._conversion import (
-    control_system,
-    operator_of_system,
-    refuse_delay,
-    scipy_system,
-)
 from ..optimize import identify
 from ..records import record_slices
 from ._base import LinearModel
+from ._conversion import control_system, operator_of_system, refuse_delay, scipy_system
+from ._dynamics import TransferFunctionOperator
 from ._modes import ModesMixin, section_poles
 from ._transfer_function_fit import choose_orders, fit_response, held_names, record_starts
 
@@ -107,7 +102,7 @@ class TransferFunction(ModesMixin, LinearModel):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import TransferFunction
-    >>> from skhyst.operators import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderModeOperator
     >>> drive = np.random.default_rng(0).normal(size=500)
     >>> y, _ = SecondOrderModeOperator(60.0, 0.05, gain=3.0).run(drive, 0.01)
     >>> model = TransferFunction(n_poles=2, dt=0.01).fit(drive.reshape(-1, 1), y)
@@ -209,8 +204,8 @@ class TransferFunction(ModesMixin, LinearModel):
 
     # ------------------------------------------------------------------------- what is identified
 
-    def _fixed(self):
-        fixed = super()._fixed()
+    def held_parameters(self):
+        fixed = super().held_parameters()
         if not self._one():
             n_inputs = getattr(self, "_n_inputs", 1)
             held = held_names(n_inputs, self._delay_of(n_inputs), self.fit_gain)
@@ -245,7 +240,7 @@ class TransferFunction(ModesMixin, LinearModel):
                 )
         return records
 
-    def _starts(self, records):
+    def starting_values(self, records):
         self._check_orders()
         if self._chooses():
             return [(self._choose(records).operator, ())]
@@ -268,7 +263,7 @@ class TransferFunction(ModesMixin, LinearModel):
             result = identify(
                 self._starts_of(records, n_poles, n_zeros),
                 records,
-                fixed=self._fixed(),
+                fixed=self.held_parameters(),
                 initial_state=self._free_run_state(),
                 method=self.method,
             )

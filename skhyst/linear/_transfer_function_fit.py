@@ -4,12 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import (
-    DelayOperator,
-    MultiInputTransferFunctionOperator,
-    SeriesOperator,
-    TransferFunctionOperator,
-)
+from ..operators import SeriesOperator
 from ..optimize import (
     FrequencyProblem,
     RationalBlock,
@@ -20,6 +15,9 @@ from ..optimize import (
     vector_fit,
 )
 from ._base import log_grid, time_span
+from ._delay import DelayOperator
+from ._dynamics import TransferFunctionOperator
+from ._multi_input import MultiInputTransferFunctionOperator
 
 __all__ = ["choose_orders", "fit_response", "held_names", "record_starts"]
 

@@ -12,9 +12,9 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..exceptions import DivergenceWarning, RecordError
 from ..hysteresis import SystemLevelHysteresis
-from ..operators import GrayBoxOperator
 from ..optimize import IdentificationResult, identify
 from ..records import record_slices
+from ._gray_box_operator import GrayBoxOperator
 
 __all__ = ["GrayBoxHysteresis"]
 
@@ -33,7 +33,7 @@ class GrayBoxHysteresis(ParametricModel):
     the parameters of this model. They are trained by Levenberg-Marquardt on the error of the free
     run, with the exact Jacobian of the whole recursion. The signals :math:`x_i` are changes of
     :math:`d_H` and of past outputs, which vanish at rest, or as printed the past drives and outputs
-    themselves; see :class:`~skhyst.operators.GrayBoxOperator`.
+    themselves; see :class:`~skhyst.neural.GrayBoxOperator`.
 
     Parameters
     ----------
@@ -96,7 +96,8 @@ class GrayBoxHysteresis(ParametricModel):
     --------
     >>> import numpy as np
     >>> from skhyst.neural import GrayBoxHysteresis
-    >>> from skhyst.operators import GrayBoxOperator, SystemLevelOperator
+    >>> from skhyst.neural import GrayBoxOperator
+    >>> from skhyst.hysteresis import SystemLevelOperator
     >>> from skhyst.records import stack_records
     >>> plant = GrayBoxOperator(SystemLevelOperator(0.1, 0.002, 0.03), [0.3], 0, 1)
     >>> time = 0.01 * np.arange(1000)
@@ -120,7 +121,7 @@ class GrayBoxHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _rank = GrayBoxOperator.rank
+    series_rank = GrayBoxOperator.rank
     _one_interval = True
 
     def __init__(
@@ -183,10 +184,10 @@ class GrayBoxHysteresis(ParametricModel):
             y = np.clip(y, -self.bound_, self.bound_)
         return y
 
-    def _fixed(self):
+    def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
-    def _starts(self, records):
+    def starting_values(self, records):
         return [(self._identify(records).operator, ())]
 
     def _identify(self, data):
@@ -195,8 +196,8 @@ class GrayBoxHysteresis(ParametricModel):
         self.bound_ = float(largest + _BOUND * (span or largest or 1.0))
         options = {"initial_state": self._free_run_state(), "method": self.method}
         slow = self._slow_records(data)
-        first = SystemLevelHysteresis(self.variant)._starts(slow)
-        static = identify(first, slow, fixed=self._fixed(), **options)
+        first = SystemLevelHysteresis(self.variant).starting_values(slow)
+        static = identify(first, slow, fixed=self.held_parameters(), **options)
         stages = [_Stage.of("static", static, slow)]
         network = GrayBoxOperator.at_rest(
             static.operator,
@@ -215,7 +216,7 @@ class GrayBoxHysteresis(ParametricModel):
         else:
             result = dataclasses.replace(static, operator=network)
         if self.training == "joint":
-            joint = identify([(result.operator, ())], data, fixed=self._fixed(), **options)
+            joint = identify([(result.operator, ())], data, fixed=self.held_parameters(), **options)
             stages.append(_Stage.of("joint", joint, data))
             result = dataclasses.replace(
                 joint, n_evaluations=result.n_evaluations + joint.n_evaluations

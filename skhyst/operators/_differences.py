@@ -10,7 +10,11 @@ from functools import cache
 
 import numpy as np
 
-__all__ = ["latest", "samples_before", "slopes"]
+__all__ = [
+    "latest",
+    "samples_before",
+    "slopes",
+]
 
 
 @cache

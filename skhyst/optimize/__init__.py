@@ -13,7 +13,8 @@ from ._multistart import VariableProjection
 from ._particle_swarm import ParticleSwarm
 from ._population import PopulationMethod
 from ._problem import OperatorProblem, RecordData
-from ._starts import distribute_poles, pole_starts, record_poles, sections, warp
+from ._sections import sections
+from ._starts import distribute_poles, pole_starts, record_poles, warp
 from ._variable_projection import predicted_cost, single_step, variable_projection
 from ._vector_fitting import RationalBlock, rational_residues, vector_fit
 

@@ -1,6 +1,6 @@
 r"""Modes of several inputs and responses, in the frequency domain.
 
-With the sections of :mod:`skhyst.operators._dynamics`, one after the other on the diagonal of A,
+With the sections of :mod:`skhyst.linear`, one after the other on the diagonal of A,
 
 .. math:: Y_o(k) = \bigl(C_o (s_k I - A)^{-1} B + D_o\bigr) U(k)
 
@@ -12,7 +12,7 @@ the two scales that B and C of a section share are left to the damping of the so
 import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
-from ..operators._sections import sections
+from ._sections import sections
 
 __all__ = ["ModalProblem", "modal_start"]
 

@@ -5,7 +5,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 from scipy.signal import lfilter
 
-from ..operators._sections import sections
+from ._sections import sections
 from ._vector_fitting import RationalBlock, vector_fit
 
 __all__ = ["distribute_poles", "pole_starts", "record_poles", "sections", "warp"]

@@ -4,10 +4,8 @@ from numbers import Integral
 
 import numpy as np
 
-from .._kernels._arrays import as_signal
-from .._kernels._play import play_basis, stop_basis
 from .._sklearn import Interval, StrOptions
-from ..operators import play_thresholds
+from ..operators import as_signal, play_basis, play_thresholds, stop_basis
 from ._base import RecordTransformer
 
 __all__ = ["PlayOperators", "StopOperators"]

@@ -6,12 +6,7 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import (
-    DeadBandOperator,
-    DeadZoneOperator,
-    PolynomialCurveOperator,
-    SaturationOperator,
-)
+from ._static import DeadBandOperator, DeadZoneOperator, PolynomialCurveOperator, SaturationOperator
 
 __all__ = ["DeadBand", "DeadZones", "Saturation", "SmoothCurve", "limits_of_drive"]
 
@@ -78,10 +73,10 @@ class Saturation(ParametricModel):
         self.method = method
 
     @property
-    def _rank(self):
+    def series_rank(self):
         return 0 if self.rank == "drive" else 50
 
-    def _starts(self, records):
+    def starting_values(self, records):
         low, high = limits_of_drive(records)
         starts = []
         for part in (0.03, 0.08, 0.15, 0.25, 0.35):
@@ -90,7 +85,7 @@ class Saturation(ParametricModel):
                 "upper": {"upper": high - part * (high - low)},
             }
             levels["both"] = levels["lower"] | levels["upper"]
-            starts.append((SaturationOperator(**levels[self.sides], rank=self._rank), ()))
+            starts.append((SaturationOperator(**levels[self.sides], rank=self.series_rank), ()))
         return starts
 
 
@@ -122,7 +117,7 @@ class DeadBand(ParametricModel):
     (0.1, 0.2)
     """
 
-    _rank = DeadBandOperator.rank
+    series_rank = DeadBandOperator.rank
     _any_interval = True
 
     def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
@@ -130,7 +125,7 @@ class DeadBand(ParametricModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         low, high = limits_of_drive(records)
         centers = {0.0, 0.5 * (low + high)} if low < 0.0 < high else {0.5 * (low + high)}
         return [
@@ -179,7 +174,7 @@ class DeadZones(ParametricModel):
         "sides": [StrOptions({"both", "lower", "upper"})],
     }
 
-    _rank = DeadZoneOperator.rank
+    series_rank = DeadZoneOperator.rank
     _any_interval = True
 
     def __init__(
@@ -191,7 +186,7 @@ class DeadZones(ParametricModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         low, high = limits_of_drive(records)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         parts = half * np.arange(self.n_zones) / self.n_zones
@@ -235,7 +230,7 @@ class SmoothCurve(ParametricModel):
         "degree": [Interval(Integral, 2, None, closed="left")],
     }
 
-    _rank = PolynomialCurveOperator.rank
+    series_rank = PolynomialCurveOperator.rank
     _any_interval = True
 
     def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
@@ -244,7 +239,7 @@ class SmoothCurve(ParametricModel):
         self.dt = dt
         self.method = method
 
-    def _starts(self, records):
+    def starting_values(self, records):
         low, high = limits_of_drive(records)
         scale = _MARGIN * 0.5 * (high - low) or 1.0
         operator = PolynomialCurveOperator(

@@ -11,19 +11,20 @@ from sklearn.utils.validation import check_is_fitted
 from skhyst.compose import Cascade, Sum
 from skhyst.compose._thinning import thin_records
 from skhyst.disturbance import Drift
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import Delay, FirstOrderLag, KelvinVoigt, SecondOrderMode
-from skhyst.operators import (
-    DeadZoneOperator,
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    Delay,
     DelayOperator,
+    FirstOrderLag,
     FirstOrderLagOperator,
+    KelvinVoigt,
     KelvinVoigtOperator,
-    PrandtlIshlinskiiOperator,
+    SecondOrderMode,
     SecondOrderModeOperator,
-    SeriesOperator,
 )
+from skhyst.operators import SeriesOperator
 from skhyst.optimize import RecordData
-from skhyst.static import DeadZones, Saturation
+from skhyst.static import DeadZoneOperator, DeadZones, Saturation
 
 DT = 0.005
 THRESHOLDS = (0.0, 0.3, 0.8)

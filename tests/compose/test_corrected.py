@@ -14,13 +14,15 @@ from sklearn.pipeline import make_pipeline
 from skhyst.compose import Cascade, Corrected, Modulated, Sum
 from skhyst.compose._backfitting import Backfitting, Turn, explained_change, fold_of_rows
 from skhyst.disturbance import Offset
-from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode
-from skhyst.operators import (
+from skhyst.linear import (
+    FirstOrderLag,
     FirstOrderLagOperator,
+    Gain,
     GainOperator,
+    SecondOrderMode,
     SecondOrderModeOperator,
-    SeriesOperator,
 )
+from skhyst.operators import SeriesOperator
 from skhyst.optimize import OperatorProblem, RecordData
 from skhyst.preprocessing import PlayOperators
 from skhyst.records import record_slices, stack_records

@@ -9,15 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from skhyst.compose import Cascade, ScheduledParameters, Sum
+from skhyst.compose import Cascade, ScheduledOperator, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ConvergenceWarning, RecordError
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, SecondOrderMode
-from skhyst.operators import (
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    FirstOrderLag,
     FirstOrderLagOperator,
-    PrandtlIshlinskiiOperator,
-    ScheduledOperator,
+    SecondOrderMode,
     SecondOrderModeOperator,
 )
 from skhyst.records import stack_records

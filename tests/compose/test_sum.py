@@ -8,11 +8,11 @@ from sklearn.frozen import FrozenEstimator
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, SecondOrderMode
-from skhyst.operators import (
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    FirstOrderLag,
     FirstOrderLagOperator,
-    PrandtlIshlinskiiOperator,
+    SecondOrderMode,
     SecondOrderModeOperator,
 )
 from skhyst.static import Saturation

@@ -26,8 +26,9 @@ from skhyst.diagnosis import (
 )
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode, TransferFunction
-from skhyst.operators import StaticOperator, parameter
+from skhyst.operators import parameter
 from skhyst.records import read_records
+from skhyst.static import StaticOperator
 
 # of those that are a stage of their own, or beside the model
 EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
@@ -287,13 +288,13 @@ class DeadBandOperator(StaticOperator):
 
 
 class DeadBand(ParametricModel):
-    _rank = DeadBandOperator.rank
+    series_rank = DeadBandOperator.rank
 
     def __init__(self, *, initial_state="rest", dt=1.0):
         self.initial_state = initial_state
         self.dt = dt
 
-    def _starts(self, records):
+    def starting_values(self, records):
         largest = max(np.abs(record.u).max() for record in records)
         return [(DeadBandOperator(part * largest), ()) for part in (0.05, 0.15, 0.3)]
 

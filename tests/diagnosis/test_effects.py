@@ -11,14 +11,10 @@ from sklearn.base import clone
 from skhyst.base import ParametricModel
 from skhyst.diagnosis import Effect, effect_names, register_effect, unregister_effect
 from skhyst.diagnosis._effects import EFFECTS
-from skhyst.linear import FirstOrderLag
-from skhyst.operators import (
-    SecondOrderModeOperator,
-    SinusoidOperator,
-    SoftSaturationOperator,
-    TransferFunctionOperator,
-)
+from skhyst.disturbance import SinusoidOperator
+from skhyst.linear import FirstOrderLag, SecondOrderModeOperator, TransferFunctionOperator
 from skhyst.optimize import RecordData
+from skhyst.static import SoftSaturationOperator
 
 PROMISED = set(plants.EFFECTS)
 PAGES = Path(__file__).parents[2] / "docs" / "user_guide" / "effects"
@@ -68,7 +64,7 @@ def test_its_variants_are_unfitted_models_or_changes(name, record):
     for model in models_of(name):
         assert not hasattr(model, "operator_")
         clone(model)
-        for operator, disturbances in model._starts([record]):
+        for operator, disturbances in model.starting_values([record]):
             assert bool(disturbances) == effect.beside
             values = [operator, *disturbances][-1].pack()
             assert np.isfinite(values).all()
@@ -77,7 +73,7 @@ def test_its_variants_are_unfitted_models_or_changes(name, record):
 
 
 def ranks(name, record):
-    return {model._starts([record])[0][0].rank for model in models_of(name)}
+    return {model.starting_values([record])[0][0].rank for model in models_of(name)}
 
 
 @pytest.mark.parametrize("name", sorted(n for n in PROMISED if not EFFECTS[n].beside))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
 from skhyst.diagnosis._noise import black_box_gain, judge_residual, repeatability
-from skhyst.operators import PrandtlIshlinskiiOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
 
 NOISE = 0.03

@@ -9,8 +9,7 @@ from plants import make_recording
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.diagnosis._data_quality import lost_readings
 from skhyst.diagnosis._robust import huber_weights
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.operators import PrandtlIshlinskiiOperator
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData, identify
 from skhyst.records import record_slices
 

@@ -9,8 +9,7 @@ from skhyst.diagnosis._contest import Contestant
 from skhyst.diagnosis._noise import Judgement
 from skhyst.diagnosis._rounds import Rounds, _have_changed_places
 from skhyst.diagnosis._structure import Structure
-from skhyst.linear import KelvinVoigt, SecondOrderMode
-from skhyst.operators import KelvinVoigtOperator, SecondOrderModeOperator
+from skhyst.linear import KelvinVoigt, KelvinVoigtOperator, SecondOrderMode, SecondOrderModeOperator
 from skhyst.optimize import RecordData
 
 MODE = SecondOrderModeOperator(30.0, 0.05)

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import SecondOrderMode, TransferFunction
-from skhyst.operators import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
 
 matplotlib.use("Agg")

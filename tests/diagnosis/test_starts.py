@@ -12,8 +12,7 @@ from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._starts import _distinct, hysteresis_anew, starting_structures
 from skhyst.diagnosis._structure import Structure
 from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
-from skhyst.linear import TransferFunction
-from skhyst.operators import LinearOperator
+from skhyst.linear import LinearOperator, TransferFunction
 from skhyst.optimize import RecordData
 
 KINDS = plants.EFFECTS[:11]  # those that are a stage of their own, or beside the model

@@ -7,17 +7,11 @@ import pytest
 
 from skhyst.compose import Cascade, Sum
 from skhyst.diagnosis._structure import Schedule, Structure, snake_case
-from skhyst.disturbance import Drift, Offset
+from skhyst.disturbance import Drift, DriftOperator, Offset, OffsetOperator
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, SecondOrderMode, TransferFunction
-from skhyst.operators import (
-    DriftOperator,
-    FirstOrderLagOperator,
-    OffsetOperator,
-    SaturationOperator,
-)
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, SecondOrderMode, TransferFunction
 from skhyst.optimize import RecordData
-from skhyst.static import Saturation, SmoothCurve
+from skhyst.static import Saturation, SaturationOperator, SmoothCurve
 
 
 def drive(seed=0, n=400):
@@ -69,7 +63,7 @@ def test_stages_stand_in_the_order_of_the_signal(records):
         (Saturation(sides="upper", rank="drive"), "amplifier"),
         (TransferFunction(n_poles=2), "mode"),
     ]:
-        structure = structure.insert(name, model, model._starts(records)[0][0])
+        structure = structure.insert(name, model, model.starting_values(records)[0][0])
     ranks = [operator.rank for operator in structure.operators]
     assert ranks == sorted(ranks)
     assert structure.names == ("amplifier", "hysteresis", "dynamics", "mode", "sensor", "limit")
@@ -79,14 +73,14 @@ def test_stages_stand_in_the_order_of_the_signal(records):
 
 def test_a_stage_of_equal_rank_goes_behind(records):
     structure, _ = taken_apart(cascade(), records)
-    operator = FirstOrderLag()._starts(records)[0][0]
+    operator = FirstOrderLag().starting_values(records)[0][0]
     assert structure.insert("lag", FirstOrderLag(), operator).names[-1] == "lag"
 
 
 def test_nothing_is_changed_in_place(records):
     structure, _ = taken_apart(cascade(), records)
     before = structure.names, structure.operators, structure.disturbances
-    structure.insert("lag", FirstOrderLag(), FirstOrderLag()._starts(records)[0][0])
+    structure.insert("lag", FirstOrderLag(), FirstOrderLag().starting_values(records)[0][0])
     structure.beside("offset", Offset(), OffsetOperator(np.zeros(1)))
     assert (structure.names, structure.operators, structure.disturbances) == before
 
@@ -118,7 +112,7 @@ def test_estimator_is_the_declared_model_with_what_was_added(records):
     declared = PrandtlIshlinskii(4, dt=0.01)
     structure, _ = taken_apart(declared, records)
     assert type(structure.estimator(declared)) is PrandtlIshlinskii
-    lag = FirstOrderLag()._starts(records)[0][0]
+    lag = FirstOrderLag().starting_values(records)[0][0]
     model = structure.insert("lag", FirstOrderLag(), lag).estimator(declared)
     assert isinstance(model, Cascade)
     assert [name for name, _ in model.steps] == ["prandtl_ishlinskii", "lag"]
@@ -132,7 +126,7 @@ def test_estimator_is_the_declared_model_with_what_was_added(records):
 def test_fitted_model_predicts_what_the_structure_runs(records):
     declared = PrandtlIshlinskii(4, dt=0.01)
     structure, _ = taken_apart(declared, records)
-    lag = FirstOrderLag()._starts(records)[0][0]
+    lag = FirstOrderLag().starting_values(records)[0][0]
     structure = structure.insert("lag", FirstOrderLag(), lag)
     model, result = structure.fitted(declared, records, ())
     model.n_features_in_ = 1

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from skhyst._kernels import _tank_chain
-from skhyst.fluid import TankChain
-from skhyst.operators import FirstOrderLagOperator, TankChainOperator
+from skhyst.fluid import TankChain, TankChainOperator
+from skhyst.fluid import _tank_chain_loops as _tank_chain
+from skhyst.linear import FirstOrderLagOperator
 
 DT = 2.0
 

@@ -6,8 +6,7 @@ import pytest
 from sklearn.base import clone
 
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import BoucWen
-from skhyst.operators import BoucWenOperator
+from skhyst.hysteresis import BoucWen, BoucWenOperator
 
 N = 1000
 N_PLANTS = 20

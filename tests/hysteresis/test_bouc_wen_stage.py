@@ -2,8 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.hysteresis import BoucWenStage
-from skhyst.operators import BoucWenStageOperator
+from skhyst.hysteresis import BoucWenStage, BoucWenStageOperator
 
 DT = 0.01
 TIME = DT * np.arange(1500)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import CoulombFriction
-from skhyst.operators import CoulombFrictionOperator
+from skhyst.hysteresis import CoulombFriction, CoulombFrictionOperator
 
 DT = 1e-3
 TIME = DT * np.arange(6000)

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import Dahl
-from skhyst.operators import DahlOperator
+from skhyst.hysteresis import Dahl, DahlOperator
 
 DT = 0.01
 U = np.sin(np.linspace(0, 20, 800)) * np.linspace(0, 1, 800)

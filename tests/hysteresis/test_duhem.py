@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import Dahl, Duhem
-from skhyst.operators import DuhemOperator
+from skhyst.hysteresis import Dahl, Duhem, DuhemOperator
 
 U = np.sin(np.linspace(0, 20, 800)) * np.linspace(0, 1, 800) + 0.3
 

@@ -2,8 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.hysteresis import FrictionStage
-from skhyst.operators import FrictionStageOperator
+from skhyst.hysteresis import FrictionStage, FrictionStageOperator
 
 DT = 0.01
 TIME = DT * np.arange(1500)

@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
 
-from skhyst.hysteresis import JilesAtherton
-from skhyst.operators import JilesAthertonOperator
+from skhyst.hysteresis import JilesAtherton, JilesAthertonOperator
 
 MU0 = 4e-7 * np.pi
 LOOPS = Path(__file__).parents[3] / "shared" / "data" / "bh_loops"

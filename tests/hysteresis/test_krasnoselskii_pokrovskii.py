@@ -3,8 +3,7 @@ import pytest
 
 from skhyst.compose import Cascade
 from skhyst.hysteresis import KrasnoselskiiPokrovskii
-from skhyst.linear import FirstOrderLag
-from skhyst.operators import FirstOrderLagOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
 
 LEVELS = np.linspace(-1.0, 1.0, 6)
 

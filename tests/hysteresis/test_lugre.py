@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import LuGre
-from skhyst.operators import LuGreOperator
+from skhyst.hysteresis import LuGre, LuGreOperator
 
 DT = 0.005
 T = DT * np.arange(3000)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import MaxwellSlip
-from skhyst.operators import MaxwellSlipOperator, play_thresholds
+from skhyst.hysteresis import MaxwellSlip, MaxwellSlipOperator
+from skhyst.operators import play_thresholds
 
 DT = 0.01
 U = np.sin(np.linspace(0, 20, 800)) * np.linspace(0, 1, 800)

@@ -5,9 +5,8 @@ from sklearn.base import clone
 
 from skhyst.compose import Cascade
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import PrandtlIshlinskii, Preisach
-from skhyst.linear import FirstOrderLag
-from skhyst.operators import FirstOrderLagOperator, PreisachOperator
+from skhyst.hysteresis import PrandtlIshlinskii, Preisach, PreisachOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
 
 LEVELS = np.linspace(-1.0, 1.0, 6)
 FINE = 200

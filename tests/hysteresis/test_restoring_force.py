@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from skhyst.hysteresis import RestoringForce
-from skhyst.operators import RestoringForceOperator
+from skhyst.hysteresis import RestoringForce, RestoringForceOperator
 
 DT = 0.01
 TIME = DT * np.arange(1500)

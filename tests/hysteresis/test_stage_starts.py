@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from skhyst.hysteresis import BoucWenStage, FrictionStage, RestoringForce
-from skhyst.operators import (
+from skhyst.hysteresis import (
+    BoucWenStage,
     BoucWenStageOperator,
+    FrictionStage,
     FrictionStageOperator,
+    RestoringForce,
     RestoringForceOperator,
-    SecondOrderModeOperator,
 )
+from skhyst.linear import SecondOrderModeOperator
 from skhyst.optimize import RecordData
 
 DT, N = 1e-3, 4000
@@ -62,7 +64,7 @@ def test_starts(case, n):
     """Also where only a part of the records is looked at."""
     plant, model = CASES[case]
     data = records(plant, 2, n)
-    starts = model._starts(data)
+    starts = model.starting_values(data)
     assert 1 < len(starts) <= 12
     assert all(disturbances == () for _, disturbances in starts)
     operators = [operator for operator, _ in starts]

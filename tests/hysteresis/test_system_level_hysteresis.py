@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.hysteresis import SystemLevelHysteresis
-from skhyst.operators import SystemLevelOperator
+from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
 
 PAPER = {"delta_d": 0.4783, "gamma": -370.47, "v_c": 24629.0}  # identified there
 H_S = 1967.0

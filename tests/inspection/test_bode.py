@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 
 from skhyst.inspection import FrequencyResponseDisplay
-from skhyst.linear import FirstOrderLag, FrequencyResponse, frequency_response
-from skhyst.operators import SecondOrderModeOperator
+from skhyst.linear import (
+    FirstOrderLag,
+    FrequencyResponse,
+    SecondOrderModeOperator,
+    frequency_response,
+)
 from skhyst.records import stack_records
 
 matplotlib.use("Agg")

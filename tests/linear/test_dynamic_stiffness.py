@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import lsim
 
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.linear import DynamicStiffness
-from skhyst.operators import DynamicStiffnessOperator
+from skhyst.linear import DynamicStiffness, DynamicStiffnessOperator
 from skhyst.records import stack_records
 
 N, DT = 600, 1e-3

@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from skhyst._kernels._creep_bank import creep_bank
 from skhyst.datasets import multisine, steps
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.linear import LogCreep
-from skhyst.operators import LogCreepOperator
+from skhyst.linear import LogCreep, LogCreepOperator
+from skhyst.linear._log_creep import creep_bank
 from skhyst.records import stack_records
 
 

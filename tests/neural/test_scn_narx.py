@@ -7,8 +7,8 @@ import pytest
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from skhyst._kernels._gaussian import gaussian_run
 from skhyst.autoregressive import NARXRegressor
+from skhyst.autoregressive._gaussian_loops import gaussian_run
 from skhyst.neural import SCNRegressor
 
 

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skhyst.operators import (
-    DeadZoneOperator,
+from skhyst.disturbance import OffsetOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.linear import (
     DelayOperator,
     FirstOrderLagOperator,
     KelvinVoigtOperator,
-    OffsetOperator,
-    PrandtlIshlinskiiOperator,
     SecondOrderModeOperator,
-    SeriesOperator,
-    SumOperator,
 )
+from skhyst.operators import SeriesOperator, SumOperator
+from skhyst.static import DeadZoneOperator
 
 DT = 0.01
 U = 0.3 + np.cumsum(np.random.default_rng(0).normal(size=60)) / 4

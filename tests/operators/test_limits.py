@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skhyst._kernels import _backlash, _slew_limit
-from skhyst.operators import (
+from skhyst.hysteresis import (
     BacklashOperator,
-    DeadBandOperator,
     PrandtlIshlinskiiOperator,
     SlewLimitOperator,
+    _backlash,
+    _slew_limit,
 )
+from skhyst.static import DeadBandOperator
 
 DT = 0.01
 

@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from skhyst._kernels._play import play_basis
-from skhyst.operators import play_thresholds, turning_points
+from skhyst.operators import play_basis, play_thresholds, turning_points
 
 drives = arrays(float, st.integers(1, 50), elements=st.integers(-9, 9).map(float))
 spacings = st.sampled_from(["grid", "quantile"])

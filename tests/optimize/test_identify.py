@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 
-from skhyst.operators import (
-    DriftOperator,
+from skhyst.disturbance import DriftOperator, OffsetOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.linear import (
     FirstOrderLagOperator,
     KelvinVoigtOperator,
-    OffsetOperator,
-    PrandtlIshlinskiiOperator,
     SecondOrderModeOperator,
-    SeriesOperator,
-    SumOperator,
     TransferFunctionOperator,
 )
+from skhyst.operators import SeriesOperator, SumOperator
 from skhyst.optimize import RecordData, estimate_histories, identify, pole_starts, sections
 
 DT = 0.02

@@ -8,13 +8,9 @@ import pytest
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold
 
-from skhyst.linear import SecondOrderMode
-from skhyst.operators import (
-    FirstOrderLagOperator,
-    OffsetOperator,
-    PrandtlIshlinskiiOperator,
-    SecondOrderModeOperator,
-)
+from skhyst.disturbance import OffsetOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.linear import FirstOrderLagOperator, SecondOrderMode, SecondOrderModeOperator
 from skhyst.optimize import (
     METHODS,
     CuckooSearch,

@@ -7,18 +7,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from skhyst.operators import (
+from skhyst.disturbance import DriftOperator, OffsetOperator, SinusoidOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.linear import (
     DelayOperator,
-    DriftOperator,
     FirstOrderLagOperator,
     KelvinVoigtOperator,
-    OffsetOperator,
-    PrandtlIshlinskiiOperator,
     SecondOrderModeOperator,
-    SeriesOperator,
-    SinusoidOperator,
-    SumOperator,
 )
+from skhyst.operators import SeriesOperator, SumOperator
 from skhyst.optimize import (
     OperatorProblem,
     RecordData,

@@ -8,13 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skhyst.compose._thinning import thin_records
+from skhyst.disturbance import OffsetOperator, SinusoidOperator
 from skhyst.hysteresis import Preisach
-from skhyst.operators import (
-    FirstOrderLagOperator,
-    OffsetOperator,
-    SecondOrderModeOperator,
-    SinusoidOperator,
-)
+from skhyst.linear import FirstOrderLagOperator, SecondOrderModeOperator
 from skhyst.optimize import DifferentialEvolution, OperatorProblem, RecordData, identify
 
 DT, N = 0.02, 240

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from skhyst.operators import PrandtlIshlinskiiOperator
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.preprocessing import GeneralizedInputGradient
 
 

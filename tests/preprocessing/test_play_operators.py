@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from skhyst.operators import PrandtlIshlinskiiOperator, play_thresholds
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.operators import play_thresholds
 from skhyst.preprocessing import PlayOperators, StopOperators
 from skhyst.records import stack_records
 

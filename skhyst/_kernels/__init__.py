@@ -1,1 +1,0 @@
-"""Compiled array loops: no classes, no validation."""

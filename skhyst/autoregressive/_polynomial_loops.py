@@ -1,0 +1,478 @@
+r"""Free runs of polynomial models with past inputs and past outputs, and their exact derivatives.
+
+A model is a sum of terms, each a coefficient times a product of lagged signals. The recursion
+
+.. math:: y(k) = \sum_g w_g(k) \, \prod_j y(k - l_{gj})
+
+has one group for each distinct product of outputs; its weight ``w_g`` collects the inputs of all
+terms that share it. The weights know no output, so they are computed ahead, a block of samples at a
+time. The groups are ordered by the power of ``y(k-1)`` and summed by Horner's rule: from one sample
+to the next only one product and one sum a power have to wait for each other. Models up to the third
+degree in at most one output before ``y(k-1)``, the common ones, have a loop without tables.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._jit import jit
+from ..operators import as_signal
+
+__all__ = [
+    "Polynomial",
+    "plan_polynomial",
+    "polynomial_run",
+    "polynomial_tangents",
+]
+
+_BLOCK = 500  # samples; the weights of a block stay in the first cache
+
+
+class Polynomial(NamedTuple):
+    """The terms of a model in the order in which the loops need them.
+
+    Arrays of lags are padded with 0 beyond the counts.
+    """
+
+    n_columns: int  # of the inputs
+    start: int  # outputs before a record that the recursion needs: the longest output lag
+    reach: int  # the longest input lag
+    n_factors: np.ndarray  # (n_terms,): inputs in each term
+    columns: np.ndarray  # (n_terms, degree)
+    lags: np.ndarray  # (n_terms, degree)
+    group: np.ndarray  # (n_terms,)
+    n_outputs: np.ndarray  # (n_groups,): outputs in each group
+    output_lags: np.ndarray  # (n_groups, degree)
+    n_older: np.ndarray  # (n_groups,): outputs in each group but for y(k-1)
+    older: np.ndarray  # (n_groups, degree): their lags
+    powers: np.ndarray  # (n_powers, 3), highest power of y(k-1) first: the group without older
+    # outputs, and where the groups with one older output and those with several end
+    short: np.ndarray  # (10,): group of y(k-1)^i y(k-lag)^j, i + j <= 3, n_groups for none; or (0,)
+    older_lag: int  # that lag; 1 where there is none
+
+
+def plan_polynomial(terms, input_lags, output_lags, n_columns):
+    """Arrange the terms of a model for :func:`polynomial_run`.
+
+    Parameters
+    ----------
+    terms : array-like of int, shape (n_terms, degree)
+        Factors of each term: positions in the list of lagged signals, inputs first, then outputs.
+        -1 stands for the factor one.
+    input_lags : sequence of (int, int)
+        Column and lag (0 or more) of each lagged input.
+    output_lags : sequence of int
+        Lag (1 or more) of each lagged output.
+    n_columns : int
+        Number of inputs.
+
+    Returns
+    -------
+    Polynomial
+    """
+    terms = np.atleast_2d(np.asarray(terms, dtype=np.int64))
+    n_terms, degree = terms.shape
+    n_inputs = len(input_lags)
+    n_factors = np.zeros(n_terms, dtype=np.int64)
+    columns = np.zeros((n_terms, degree), dtype=np.int64)
+    lags = np.zeros((n_terms, degree), dtype=np.int64)
+    products = []
+    for t, factors in enumerate(terms):
+        outputs = []
+        for factor in factors[factors >= 0]:
+            if factor < n_inputs:
+                columns[t, n_factors[t]], lags[t, n_factors[t]] = input_lags[factor]
+                n_factors[t] += 1
+            else:
+                outputs.append(int(output_lags[factor - n_inputs]))
+        products.append(tuple(sorted(outputs)))
+    n_powers = 1 + max((product.count(1) for product in products), default=0)
+    bare = {(1,) * power for power in range(n_powers)}
+    groups = sorted({*products, *bare}, key=lambda p: (-p.count(1), len(p), p))
+    place = {product: g for g, product in enumerate(groups)}
+    ones = np.array([product.count(1) for product in groups])
+    n_older = np.array([len(product) for product in groups]) - ones
+    powers = [
+        [
+            place[(1,) * p],
+            *(1 + np.flatnonzero((ones == p) & (n_older <= most))[-1] for most in (1, degree)),
+        ]
+        for p in reversed(range(n_powers))
+    ]
+    older_lags = {lag for product in groups for lag in product if lag > 1}
+    lag, short = max(older_lags, default=0), []
+    if len(older_lags) <= 1 and max(map(len, groups)) <= 3:
+        pairs = [(1,) * i + (lag,) * j for i in range(4) for j in range(4 - i)]
+        short = [place.get(product, len(groups)) for product in pairs]
+    return Polynomial(
+        int(n_columns),
+        max((int(lag) for lag in output_lags), default=0),
+        max((int(lag) for _, lag in input_lags), default=0),
+        n_factors,
+        columns,
+        lags,
+        np.array([place[product] for product in products], dtype=np.int64),
+        n_older + ones,
+        _table(groups, degree),
+        n_older,
+        _table([[lag for lag in product if lag > 1] for product in groups], degree),
+        np.array(powers, dtype=np.int64),
+        np.array(short, dtype=np.int64),
+        max(lag, 1),
+    )
+
+
+def _table(rows, width):
+    out = np.zeros((len(rows), width), dtype=np.int64)
+    for row, values in zip(out, rows, strict=True):
+        row[: len(values)] = values
+    return out
+
+
+def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
+    """Run a model freely over one record.
+
+    Parameters
+    ----------
+    plan : Polynomial
+        Arrangement of the terms.
+    coefficients : ndarray of shape (n_terms,)
+        Coefficients.
+    inputs : ndarray of shape (n_past + n_samples, n_columns)
+        Inputs; before the first row they have rested at it.
+    initial : ndarray of shape (start,)
+        Outputs before the record, the latest last.
+    bound : float
+        Outputs beyond this magnitude, and those that are no numbers, are cut off there.
+    n_past : int
+        Rows of ``inputs`` that lie before the record.
+
+    Returns
+    -------
+    y : ndarray of shape (n_samples,)
+        Output.
+    n_good : int
+        Samples before the first one that was cut off; ``n_samples`` where none was.
+    """
+    inputs = np.asarray(inputs, dtype=float)
+    n_samples = len(inputs) - n_past
+    y = np.empty(plan.start + n_samples)
+    y[: plan.start] = initial
+    coefficients = np.ascontiguousarray(coefficients, dtype=float)
+    bound, n_good = float(bound), n_samples
+    # only the first samples look beyond the first row; the long rest is not copied
+    n_head = min(max(plan.reach - n_past, 0), n_samples)
+    pieces = [(n_head, n_samples, as_signal(inputs.T), n_past + n_head)]
+    if n_head:
+        pieces.insert(
+            0, (0, n_head, _with_past(plan, inputs[: n_past + n_head], n_past), plan.reach)
+        )
+    for first, stop, signals, origin in pieces:
+        inputs_of = (origin, plan.n_factors, plan.columns, plan.lags, plan.group)
+        last = (coefficients, signals, bound, y[first : plan.start + stop])
+        if len(plan.short) and plan.start:
+            n_groups = len(plan.n_outputs)
+            good = _run_short(plan.start, plan.older_lag, plan.short, n_groups, *inputs_of, *last)
+        else:
+            tables = (plan.n_older, plan.older, plan.powers)
+            tables = (table.astype(np.uint64) for table in tables)
+            good = _run(plan.start, *inputs_of, *tables, *last)
+        if good < stop - first:
+            n_good = min(n_good, first + good)
+    return y[plan.start :], n_good
+
+
+def polynomial_tangents(
+    plan, coefficients, inputs, initial, d_initial, bound=np.inf, n_past=0, measured=None, pull=0.0
+):
+    """Run a model and differentiate the run by its coefficients.
+
+    Parameters
+    ----------
+    plan, coefficients, inputs, initial, bound, n_past
+        As in :func:`polynomial_run`.
+    d_initial : ndarray of shape (start, n_terms + m)
+        Derivatives of the initial outputs by the coefficients and by ``m`` further parameters.
+    measured : ndarray of shape (n_samples,), optional
+        Measured outputs.
+    pull : float
+        How far each output is drawn to the measured one before the recursion goes on: 0 is the free
+        run, 1 the prediction one step ahead.
+
+    Returns
+    -------
+    y : ndarray of shape (n_samples,)
+        Output.
+    dy : ndarray of shape (n_samples, n_terms + m)
+        Its derivatives: those of what is computed, so zero where the output was cut off.
+    n_good : int
+        As in :func:`polynomial_run`.
+    """
+    inputs = np.asarray(inputs, dtype=float)
+    n_samples = len(inputs) - n_past
+    y = np.empty(plan.start + n_samples)
+    y[: plan.start] = initial
+    state, dy = y.copy(), np.empty((len(y), d_initial.shape[1]))
+    dy[: plan.start] = d_initial
+    n_good = _tangents(
+        plan.start,
+        plan.reach,
+        plan.n_factors,
+        plan.columns,
+        plan.lags,
+        plan.group,
+        plan.n_outputs,
+        plan.output_lags,
+        np.ascontiguousarray(coefficients, dtype=float),
+        _with_past(plan, inputs, n_past),
+        float(bound),
+        np.zeros(n_samples) if measured is None else np.ascontiguousarray(measured, dtype=float),
+        float(pull),
+        y,
+        state,
+        dy,
+    )
+    return y[plan.start :], dy[plan.start :], n_good
+
+
+def _with_past(plan, inputs, n_past):
+    """Return the inputs, one row a column, with what they were before in front."""
+    signals = np.empty((plan.n_columns, plan.reach + len(inputs) - n_past))
+    rest = max(plan.reach - n_past, 0)
+    signals[:, :rest] = inputs[:1].T
+    signals[:, rest:] = inputs[max(n_past - plan.reach, 0) :].T
+    return as_signal(signals)
+
+
+@jit
+def _products(first, stop, origin, n_factors, columns, lags, signals, out):
+    """Fill ``out`` (n_terms, block) with the product of the inputs in each term."""
+    for t in range(len(n_factors)):
+        row = out[t]
+        for i in range(stop - first):
+            row[i] = 1.0
+        for j in range(n_factors[t]):
+            signal = signals[columns[t, j], origin + first - lags[t, j] :]
+            for i in range(stop - first):
+                row[i] *= signal[i]
+
+
+@jit
+def _weights(first, stop, origin, n_factors, columns, lags, group, coefficients, signals, row, out):
+    """Fill ``out`` (n_groups, block) with the sum of the terms of each group."""
+    size = stop - first
+    out[:, :size] = 0.0
+    for t in range(len(n_factors)):
+        weight, c = out[group[t]], coefficients[t]
+        if n_factors[t] == 0:
+            for i in range(size):
+                weight[i] += c
+            continue
+        one = signals[columns[t, 0], origin + first - lags[t, 0] :]
+        if n_factors[t] == 1:
+            for i in range(size):
+                weight[i] += c * one[i]
+            continue
+        other = signals[columns[t, 1], origin + first - lags[t, 1] :]
+        if n_factors[t] == 2:
+            for i in range(size):
+                weight[i] += c * one[i] * other[i]
+            continue
+        for i in range(size):
+            row[i] = c * one[i] * other[i]
+        for j in range(2, n_factors[t]):
+            other = signals[columns[t, j], origin + first - lags[t, j] :]
+            for i in range(size):
+                row[i] *= other[i]
+        for i in range(size):
+            weight[i] += row[i]
+
+
+@jit
+def _run(
+    start,
+    origin,
+    n_factors,
+    columns,
+    lags,
+    group,
+    n_older,
+    older,
+    powers,
+    coefficients,
+    signals,
+    bound,
+    y,
+):
+    """Fill ``y``. Places are unsigned: no check whether they are counted from the end."""
+    n_samples, n_powers = len(y) - start, len(powers)
+    n_good, one = n_samples, np.uint64(1)
+    row, weights = np.empty(_BLOCK), np.empty((len(n_older), _BLOCK))
+    previous = y[start - 1] if start > 0 else 0.0
+    for first in range(0, n_samples, _BLOCK):
+        stop = min(first + _BLOCK, n_samples)
+        _weights(
+            first,
+            stop,
+            origin,
+            n_factors,
+            columns,
+            lags,
+            group,
+            coefficients,
+            signals,
+            row,
+            weights,
+        )
+        for i in range(np.uint64(stop - first)):
+            k = np.uint64(start + first) + i
+            total = 0.0
+            for p in range(n_powers):
+                part = weights[powers[p, 0], i]
+                for g in range(powers[p, 0] + one, powers[p, 1]):
+                    part += weights[g, i] * y[k - older[g, 0]]
+                for g in range(powers[p, 1], powers[p, 2]):
+                    value = weights[g, i] * y[k - older[g, 0]]
+                    for j in range(one, n_older[g]):
+                        value *= y[k - older[g, j]]
+                    part += value
+                total = total * previous + part
+            if not abs(total) <= bound:
+                n_good = min(n_good, first + np.int64(i))
+                total = -bound if total < 0.0 else bound
+            y[k] = total
+            previous = total
+    return n_good
+
+
+@jit
+def _run_short(
+    start,
+    older,
+    short,
+    n_groups,
+    origin,
+    n_factors,
+    columns,
+    lags,
+    group,
+    coefficients,
+    signals,
+    bound,
+    y,
+):
+    """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; one more group stays zero."""
+    n_samples = len(y) - start
+    n_good = n_samples
+    row, weights = np.empty(_BLOCK), np.empty((n_groups + 1, _BLOCK))
+    w00, w01, w02, w03 = weights[short[0]], weights[short[1]], weights[short[2]], weights[short[3]]
+    w10, w11, w12 = weights[short[4]], weights[short[5]], weights[short[6]]
+    w20, w21, w30 = weights[short[7]], weights[short[8]], weights[short[9]]
+    q = y[start - 1]
+    for first in range(0, n_samples, _BLOCK):
+        stop = min(first + _BLOCK, n_samples)
+        _weights(
+            first,
+            stop,
+            origin,
+            n_factors,
+            columns,
+            lags,
+            group,
+            coefficients,
+            signals,
+            row,
+            weights,
+        )
+        new = y[start + first :]
+        old = y[start + first - older :]
+        for i in range(stop - first):
+            r = old[i]
+            third = w30[i] * q + (w20[i] + w21[i] * r)
+            second = third * q + (w10[i] + r * (w11[i] + r * w12[i]))
+            total = second * q + (w00[i] + r * (w01[i] + r * (w02[i] + r * w03[i])))
+            if not abs(total) <= bound:
+                n_good = min(n_good, first + i)
+                total = -bound if total < 0.0 else bound
+            new[i] = total
+            q = total
+    return n_good
+
+
+@jit
+def _tangents(
+    start,
+    origin,
+    n_factors,
+    columns,
+    lags,
+    group,
+    n_outputs,
+    output_lags,
+    coefficients,
+    signals,
+    bound,
+    measured,
+    pull,
+    y,
+    state,
+    dy,
+):
+    """Fill ``y``, and ``dy`` with its derivatives; ``state`` is what the recursion goes on from."""
+    n_samples, n_terms, n_groups = len(y) - start, len(group), len(n_outputs)
+    n_parameters = dy.shape[1]
+    n_good = n_samples
+    keep = 1.0 - pull
+    products, row = np.empty((n_terms, _BLOCK)), np.empty(_BLOCK)
+    weights = np.empty((n_groups, _BLOCK))
+    monomials, slopes = np.empty(n_groups), np.zeros(start + 1)
+    for first in range(0, n_samples, _BLOCK):
+        stop = min(first + _BLOCK, n_samples)
+        _products(first, stop, origin, n_factors, columns, lags, signals, products)
+        _weights(
+            first,
+            stop,
+            origin,
+            n_factors,
+            columns,
+            lags,
+            group,
+            coefficients,
+            signals,
+            row,
+            weights,
+        )
+        for i in range(stop - first):
+            k = start + first + i
+            slopes[:] = 0.0
+            total = 0.0
+            for g in range(n_groups):
+                value = 1.0
+                for j in range(n_outputs[g]):
+                    others = weights[g, i]
+                    for other in range(n_outputs[g]):
+                        if other != j:
+                            others *= state[k - output_lags[g, other]]
+                    slopes[output_lags[g, j]] += others
+                    value *= state[k - output_lags[g, j]]
+                monomials[g] = value
+                total += weights[g, i] * value
+            tangent = dy[k]
+            if not abs(total) <= bound:
+                n_good = min(n_good, first + i)
+                total = -bound if total < 0.0 else bound
+                tangent[:] = 0.0
+            else:
+                for t in range(n_terms):
+                    tangent[t] = products[t, i] * monomials[group[t]]
+                for q in range(n_terms, n_parameters):
+                    tangent[q] = 0.0
+                for lag in range(1, start + 1):
+                    slope = slopes[lag] if k - lag < start else keep * slopes[lag]
+                    if slope != 0.0:
+                        past = dy[k - lag]
+                        for q in range(n_parameters):
+                            tangent[q] += slope * past[q]
+            y[k] = total
+            state[k] = total + pull * (measured[first + i] - total)
+    return n_good

@@ -1,0 +1,167 @@
+"""Free runs of linear models and neural networks that see their own past outputs.
+
+``inputs`` (n, n_inputs) are lagged inputs, the first signals that a model sees; the past outputs
+come after them. ``y`` holds the outputs before the run in front; each loop fills the rest and
+returns the samples before the first one that was cut off.
+"""
+
+import numpy as np
+
+from .._jit import jit
+
+__all__ = [
+    "ACTIVATIONS",
+    "linear_run",
+    "network_run",
+]
+
+ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
+
+_LOG2_E = 1.4426950408889634
+_LN2_HIGH = 6.93147180369123816490e-01  # few enough digits that whole multiples are exact
+_LN2_LOW = 1.90821492927058770002e-10
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to a whole number, in the lowest bits
+
+
+@jit
+def linear_run(inputs, weights, intercept, lags, bound, y):
+    """Fill ``y`` with ``intercept + weights . signals``; ``weights`` (n_inputs + n_lags,)."""
+    n_samples, n_inputs = inputs.shape
+    before = len(y) - n_samples
+    n_good = n_samples
+    for i in range(n_samples):
+        k = before + i
+        value = intercept
+        for j in range(n_inputs):
+            value += weights[j] * inputs[i, j]
+        for j in range(len(lags)):
+            value += weights[n_inputs + j] * y[k - lags[j]]
+        if not abs(value) <= bound:
+            n_good = min(n_good, i)
+            value = -bound if value < 0.0 else bound
+        y[k] = value
+    return n_good
+
+
+@jit(fastmath={"contract"})
+def _exponentials(x, width, bits, powers):
+    """Replace ``x[:width]`` by its exponential, exact to the last digits, in packed arithmetic.
+
+    ``exp(x) = 2^m exp(r)`` with ``|r| <= ln(2) / 2``, where the Taylor series to the 13th power is
+    exact to the last digits. ``bits`` and ``powers`` are one memory, seen as integers and as
+    floats: a number that was rounded by adding ``_ROUND`` has ``m`` in its last bits, which are
+    shifted to where a float has its exponent. Powers are paired, so that fewer products wait for
+    each other.
+    """
+    for i in range(width):
+        value = x[i]
+        value = value if value > -700.0 else -700.0
+        value = value if value < 700.0 else 700.0
+        shifted = value * _LOG2_E + _ROUND
+        powers[i] = shifted
+        whole = shifted - _ROUND
+        r = (value - whole * _LN2_HIGH) - whole * _LN2_LOW
+        r2 = r * r
+        r4 = r2 * r2
+        low = (1.0 + r) + r2 * (0.5 + r * (1.0 / 6.0))
+        mid = (1.0 / 24.0 + r * (1.0 / 120.0)) + r2 * (1.0 / 720.0 + r * (1.0 / 5040.0))
+        high = (1.0 / 40320.0 + r * (1.0 / 362880.0)) + r2 * (
+            1.0 / 3628800.0 + r * (1.0 / 39916800.0)
+        )
+        top = 1.0 / 479001600.0 + r * (1.0 / 6227020800.0)
+        x[i] = low + r4 * (mid + r4 * (high + r4 * top))
+    for i in range(width):
+        bits[i] = (bits[i] + 1023) << 52
+    for i in range(width):
+        x[i] *= powers[i]
+
+
+@jit(fastmath={"contract"})
+def _squash(kind, x, width, bits, powers):
+    """Apply the logistic function or the hyperbolic tangent to ``x[:width]``."""
+    factor = -1.0 if kind == 2 else 2.0
+    for i in range(width):
+        x[i] *= factor
+    _exponentials(x, width, bits, powers)
+    offset, scale = (0.0, 1.0) if kind == 2 else (1.0, -2.0)
+    for i in range(width):
+        x[i] = offset + scale / (1.0 + x[i])
+
+
+@jit(fastmath={"contract", "reassoc", "nsz"})
+def network_run(inputs, first, offsets, widths, weights, biases, last, kind, lags, bound, y):
+    """Run a network with one output over its past outputs.
+
+    Parameters
+    ----------
+    inputs : ndarray of shape (n, n_inputs)
+        Lagged inputs.
+    first : ndarray of shape (n_inputs + n_lags, widths[0])
+        Weights from the signals to the first hidden layer.
+    offsets : ndarray of shape (widths[0],)
+        Biases of the first hidden layer.
+    widths : ndarray of int, shape (n_layers,)
+        Units of each hidden layer.
+    weights : ndarray of shape (n_layers - 1, widest, widest)
+        Weights from each hidden layer to the next, a row for each unit that they come from; zero
+        beyond the widths. ``widest`` is a multiple of 4.
+    biases : ndarray of shape (n_layers - 1, widest)
+        Biases of the hidden layers after the first.
+    last : ndarray of shape (widths[-1] + 1,)
+        Weights of the output and, at the end, its bias.
+    kind : int
+        Activation of the hidden layers, see ``ACTIVATIONS``.
+    lags : ndarray of int, shape (n_lags,)
+        Lags of the output.
+    bound : float
+        Magnitude beyond which outputs are cut off.
+    y : ndarray of shape (start + n,)
+        Outputs.
+    """
+    (n_samples, n_inputs), widest = inputs.shape, weights.shape[2]
+    before = len(y) - n_samples
+    n_good = n_samples
+    now, after, powers = np.zeros(widest), np.zeros(widest), np.empty(widest)
+    bits = powers.view(np.int64)
+    for i in range(n_samples):
+        k = before + i
+        width = widths[0]
+        for q in range(width):
+            now[q] = offsets[q]
+        for j in range(len(first)):
+            signal = inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]]
+            row = first[j]
+            for q in range(width):
+                now[q] += signal * row[q]
+        if kind == 1:
+            for q in range(width):
+                now[q] = now[q] if now[q] > 0.0 else 0.0
+        elif kind > 1:
+            _squash(kind, now, width, bits, powers)
+        for layer in range(len(weights)):
+            matrix, n_in = weights[layer], width
+            width = widths[layer + 1]
+            for q in range(width):
+                after[q] = biases[layer, q]
+            for p in range(n_in, min(n_in + 3, widest)):
+                now[p] = 0.0
+            # four rows at a time: the sums are loaded and stored a quarter as often
+            for p in range(0, n_in, 4):
+                a, b, c, d = now[p], now[p + 1], now[p + 2], now[p + 3]
+                row_a, row_b, row_c, row_d = matrix[p], matrix[p + 1], matrix[p + 2], matrix[p + 3]
+                for q in range(width):
+                    after[q] += (a * row_a[q] + b * row_b[q]) + (c * row_c[q] + d * row_d[q])
+            if kind == 1:
+                for q in range(width):
+                    after[q] = after[q] if after[q] > 0.0 else 0.0
+            elif kind > 1:
+                _squash(kind, after, width, bits, powers)
+            now, after = after, now
+        value = last[width]
+        for q in range(width):
+            value += now[q] * last[q]
+        if not abs(value) <= bound:
+            n_good = min(n_good, i)
+            value = -bound if value < 0.0 else bound
+        y[k] = value
+    return n_good

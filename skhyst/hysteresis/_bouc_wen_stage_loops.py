@@ -1,0 +1,444 @@
+r"""Loops over a mass, spring and damper with a Bouc-Wen force.
+
+In units of the drive, with the level L and the shape g,
+
+    f' = rho q' - rho |f/L|^n (|q'| sgn f + g q').
+
+Along the way D of a substep (see ``_oscillator``), in the direction s of D, ``w = s f / L`` is a
+function of ``t = rho |D| / L``,
+
+    dw/dt = 1 - c w,   c = (1 + g) sigma for w > 0, (1 - g) sigma for w < 0,   sigma = |w|^(n-1),
+
+which is linear in two pieces while sigma is held: its end and its mean over the way are known in
+closed form (:func:`branch`), for any sign of c. D is the root of an increasing function, found by
+Newton's method (:func:`way`). Sigma is 1 for ``n = 1``. Otherwise D is solved for twice, with sigma
+at the start of the substep, then with that of the mean w found; it never exceeds its value at the
+limit of w, so that substeps of any length end there. The end and the mean belong together, which
+keeps the energy balance.
+"""
+
+import math
+
+import numpy as np
+
+from .._jit import jit
+from ._friction_stage_loops import decay
+from ._oscillator_loops import FREE, carry, oscillator, oscillator_tangents
+
+__all__ = [
+    "bouc_wen_run",
+    "bouc_wen_tangents",
+    "branch",
+    "first_loading",
+    "follow",
+]
+
+_TINY = 1e-100  # level: without hysteresis it may be 0
+_STEEPEST = 600.0  # exponent of a force that grows: far beyond what ends a run
+_LONGEST = 1e100  # way in units of the level
+_FAR = 1e6  # force in units of the level
+_SENSITIVE = 1e100  # tangents
+_ITERATIONS = 60
+_CLOSE = 1e-8  # relative step of Newton's method behind which the square is rounding
+_PART, _FEWEST, _MOST = 0.05, 32, 100_000  # of a time constant of the first loading; steps
+_SETTLED = 1e-14
+_RHO, _LEVEL, _SHAPE, _EXPONENT = 2, 3, 4, 5  # place among the parameters
+_N_OWN = 6
+
+
+@jit
+def piece(t, w, c):
+    """Return the end and the mean over the way t, and the quotients of ``a = c t``."""
+    a = min(max(c * t, -_STEEPEST), _LONGEST)
+    gone, phi, psi, chi = decay(a)
+    return w - gone * w + t * phi, phi * w + t * psi, gone, phi, psi, chi, a
+
+
+@jit
+def crossing(w, c):
+    """Return the way from ``w < 0`` to 0; infinite where there is none."""
+    z = -c * w
+    if z == 0.0:
+        return -w
+    return -w * math.log1p(z) / z if z > -1.0 else math.inf
+
+
+@jit
+def branch(t, w, behind, ahead):
+    """Return w behind the way t, its mean over the way, and the slope of the mean by t.
+
+    ``behind`` and ``ahead`` are c below and above zero.
+    """
+    c = behind if w < 0.0 else ahead
+    if w < 0.0:
+        first = crossing(w, behind)
+        if t > first:
+            _, mean, _, _, _, _, _ = piece(first, w, behind)
+            end, rest, _, _, _, _, _ = piece(t - first, 0.0, ahead)
+            mean = (first * mean + (t - first) * rest) / t
+            return end, mean, (end - mean) / t
+    end, mean, _, phi, psi, chi, a = piece(t, w, c)
+    return end, mean, c * w * (psi - phi) + psi + a * (2.0 * chi - psi)
+
+
+@jit
+def branch_derivatives(t, w, behind, ahead):
+    """Return the derivatives of :func:`branch`'s end by (t, w, behind, ahead), and the mean's."""
+    c = behind if w < 0.0 else ahead
+    if w < 0.0:
+        first = crossing(w, behind)
+        if t > first:
+            _, mean, gone, phi, psi, chi, _ = piece(first, w, behind)
+            # of w at the way ``first``, on which the way to zero depends with the opposite sign
+            left = 1.0 - gone
+            by_c = first * (first * (psi - phi) - left * w)
+            mean_c = first * (w * (psi - phi) + first * (2.0 * chi - psi))
+            rest = t - first
+            end, rest_mean, gone2, phi2, psi2, chi2, _ = piece(rest, 0.0, ahead)
+            left2 = 1.0 - gone2
+            mean = (first * mean + rest * rest_mean) / t
+            return (
+                (left2, left2 * left, left2 * by_c, rest * rest * (psi2 - phi2)),
+                (
+                    (end - mean) / t,
+                    (first * phi + end * left) / t,
+                    (first * mean_c + end * by_c) / t,
+                    rest * (rest * (rest * (2.0 * chi2 - psi2))) / t,
+                ),
+            )
+    _, _, gone, phi, psi, chi, a = piece(t, w, c)
+    left = 1.0 - gone
+    by_c = t * (t * (psi - phi) - left * w)
+    mean_c = t * (w * (psi - phi) + t * (2.0 * chi - psi))
+    is_behind = 1.0 if w < 0.0 else 0.0
+    return (
+        (left * (1.0 - c * w), left, is_behind * by_c, (1.0 - is_behind) * by_c),
+        (
+            c * w * (psi - phi) + psi + a * (2.0 * chi - psi),
+            phi,
+            is_behind * mean_c,
+            (1.0 - is_behind) * mean_c,
+        ),
+    )
+
+
+@jit
+def sharpness(w, shape, exponent):
+    """Return sigma and its derivatives by (w, shape, exponent)."""
+    if exponent == 1.0:
+        return 1.0, 0.0, 0.0, math.log(max(abs(w), _TINY)) if w != 0.0 else 0.0
+    n, size = exponent, abs(w)
+    if shape > -1.0:
+        limit = (1.0 + shape) ** (-1.0 / n)
+        if size > limit:
+            sigma = limit ** (n - 1.0)
+            return (
+                sigma,
+                0.0,
+                -(1.0 - 1.0 / n) * sigma / (1.0 + shape),
+                -sigma * math.log(1.0 + shape) / (n * n),
+            )
+    if size < _TINY:
+        return 0.0, 0.0, 0.0, 0.0
+    sigma = size ** (n - 1.0)
+    return sigma, (n - 1.0) * sigma / w, 0.0, sigma * math.log(size)
+
+
+@jit
+def way(reach, b, w, rate, level, shape, sigma):
+    """Return ``x = |D| >= 0`` that solves ``x + b level mean(w) = reach``; the end and mean of w.
+
+    ``rate`` is rho / level.
+    """
+    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
+    pull = b * level
+    left = reach - pull * w
+    if not left > 0.0:
+        return 0.0, w, w
+    start = 1.0 - (behind if w < 0.0 else ahead) * w
+    x = left / (1.0 + 0.5 * pull * rate * max(start, 0.0))
+    end, mean = w, w
+    for _ in range(_ITERATIONS):
+        t = min(rate * x, _LONGEST)
+        end, mean, slope = branch(t, w, behind, ahead)
+        step = (reach - x - pull * mean) / (1.0 + pull * rate * max(slope, 0.0))
+        # a step back never passes the begin
+        step = max(step, -0.9 * x)
+        x += step
+        if abs(step) <= _CLOSE * x:
+            # the rest is a straight line
+            mean += slope * rate * step
+            end += (1.0 - (behind if end < 0.0 else ahead) * end) * rate * step
+            break
+    return x, end, mean
+
+
+@jit
+def bouc_wen_run(mode, law, h, n_substeps, u, before, q, p, f, out):
+    """Write q to ``out`` (n,) and return the last q, p and f.
+
+    ``law`` is (rho, level, shape, exponent, bound); beyond the bound the stage is lost: all that
+    follows is NaN.
+    """
+    rho, level, shape, exponent, bound = law
+    size = max(level, _TINY)
+    rate = rho / size
+    b, bp = mode[2], mode[3]
+    for k in range(u.size):
+        u0 = before
+        for i in range(n_substeps):
+            u1 = before + (u[k] - before) * ((i + 1) / n_substeps)
+            reach, speed = oscillator(mode, q, p, u0, u1)
+            side = 1.0 if reach >= b * f else -1.0
+            w = side * f / size
+            sigma = 1.0
+            if exponent != 1.0:
+                sigma, _, _, _ = sharpness(w, shape, exponent)
+                _, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
+                sigma, _, _, _ = sharpness(mean, shape, exponent)
+            x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+            q += side * x
+            p = speed - bp * side * size * mean
+            f = side * size * end
+            u0 = u1
+        if not (abs(q) <= bound and abs(f) <= bound):
+            out[k:] = np.nan
+            return np.nan, np.nan, np.nan
+        before = u[k]
+        out[k] = q
+    return q, p, f
+
+
+@jit
+def force_derivatives(x, w, rho, level, shape, sigma):
+    """Return the derivatives of the end and of the mean of the force, in the direction of D.
+
+    These are by (|D|, force before, rho, level, shape, sigma), (6,) each.
+    """
+    rate = rho / level
+    t = min(rate * x, _LONGEST)
+    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
+    end, mean, _ = branch(t, w, behind, ahead)
+    by_end, by_mean = branch_derivatives(t, w, behind, ahead)
+    return (
+        (
+            by_end[0] * rho,
+            by_end[1],
+            by_end[0] * x,
+            end - by_end[0] * t - by_end[1] * w,
+            level * sigma * (by_end[3] - by_end[2]),
+            level * ((1.0 - shape) * by_end[2] + (1.0 + shape) * by_end[3]),
+        ),
+        (
+            by_mean[0] * rho,
+            by_mean[1],
+            by_mean[0] * x,
+            mean - by_mean[0] * t - by_mean[1] * w,
+            level * sigma * (by_mean[3] - by_mean[2]),
+            level * ((1.0 - shape) * by_mean[2] + (1.0 + shape) * by_mean[3]),
+        ),
+    )
+
+
+@jit
+def way_tangents(by, side, b, force, mode_by, dreach, df, dsigma, dx, dforce):
+    """Write the tangents of ``|D|`` and of the mean force in its direction, (n_columns,) each.
+
+    ``by`` are the derivatives of the mean force, ``force`` its value, ``df`` the tangents of the
+    force before, all but ``by`` and ``force`` in the direction of the drive.
+    """
+    one = 1.0 / (1.0 + b * by[0])
+    for j in range(dx.size):
+        dforce[j] = side * by[1] * df[j] + by[5] * dsigma[j]
+    for i in range(3):
+        dforce[FREE + _RHO + i] += by[2 + i]
+    for j in range(dx.size):
+        dx[j] = one * (side * dreach[j] - b * dforce[j])
+    for i in range(2):
+        dx[FREE + i] -= one * mode_by[i, 2] * force
+    for j in range(dx.size):
+        dforce[j] += by[0] * dx[j]
+
+
+@jit
+def bouc_wen_tangents(
+    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
+):
+    """Write q (n,) and its tangents (n, m + 6).
+
+    The columns are those of ``du`` (n, m), then the derivatives by w, zeta, rho, level, shape and
+    exponent. ``dbefore`` (m,) and ``d`` (3, m + 6) are the tangents of the drive and of the state
+    before the first sample; ``law`` as in :func:`bouc_wen_run`.
+    """
+    rho, level, shape, exponent, bound = law
+    size = max(level, _TINY)
+    rate = rho / size
+    b, bp = mode[2], mode[3]
+    n_columns = FREE + _N_OWN
+    step = np.empty((3, n_columns))
+    dreach, dspeed, dsigma, dx, dforce = np.empty((5, n_columns))
+    for k in range(u.size):
+        u0 = before
+        step[:] = 0.0
+        step[0, 0] = step[1, 1] = step[2, 2] = 1.0
+        for i in range(n_substeps):
+            start, stop = i / n_substeps, (i + 1) / n_substeps
+            u1 = before + (u[k] - before) * stop
+            reach, speed = oscillator(mode, q, p, u0, u1)
+            oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, step, dreach, dspeed)
+            side = 1.0 if reach >= b * f else -1.0
+            w = side * f / size
+            sigma = 1.0
+            if exponent != 1.0:
+                sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
+                for j in range(n_columns):
+                    dsigma[j] = by_w * side * step[2, j] / size
+                dsigma[FREE + _LEVEL] -= by_w * w / size
+                dsigma[FREE + _SHAPE] += by_shape
+                dsigma[FREE + _EXPONENT] += by_exponent
+                x, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
+                _, by_mean = force_derivatives(x, w, rho, size, shape, sigma)
+                way_tangents(
+                    by_mean, side, b, size * mean, mode_by, dreach, step[2], dsigma, dx, dforce
+                )
+                sigma, by_w, by_shape, by_exponent = sharpness(mean, shape, exponent)
+                for j in range(n_columns):
+                    dsigma[j] = by_w * dforce[j] / size
+                dsigma[FREE + _LEVEL] -= by_w * mean / size
+                dsigma[FREE + _SHAPE] += by_shape
+                dsigma[FREE + _EXPONENT] += by_exponent
+                x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+            else:
+                x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+                dsigma[:] = 0.0
+                dsigma[FREE + _EXPONENT] = sharpness(mean, shape, exponent)[3]
+            by_end, by_mean = force_derivatives(x, w, rho, size, shape, sigma)
+            force = size * mean
+            way_tangents(by_mean, side, b, force, mode_by, dreach, step[2], dsigma, dx, dforce)
+            for j in range(n_columns):
+                step[0, j] += side * dx[j]
+                step[1, j] = dspeed[j] - bp * side * dforce[j]
+                hidden = by_end[0] * dx[j] + by_end[5] * dsigma[j]
+                step[2, j] = side * hidden + by_end[1] * step[2, j]
+            for j in range(3):
+                step[2, FREE + _RHO + j] += side * by_end[2 + j]
+            step[1, FREE] -= mode_by[0, 3] * side * force
+            step[1, FREE + 1] -= mode_by[1, 3] * side * force
+            q += side * x
+            p = speed - bp * side * force
+            f = side * size * end
+            u0 = u1
+        if not (abs(q) <= bound and abs(f) <= bound):
+            out[k:] = np.nan
+            dout[k:] = np.nan
+            return
+        carry(step, dbefore if k == 0 else du[k - 1], du[k], d)
+        before = u[k]
+        out[k] = q
+        dout[k] = d[0]
+        largest = 0.0
+        for i in range(3):
+            for j in range(d.shape[1]):
+                largest = max(largest, abs(d[i, j]))
+        if not largest <= _SENSITIVE:
+            # a chaotic motion, whose sums of squares would overflow
+            dout[k + 1 :] = np.nan
+            bouc_wen_run(mode, law, h, n_substeps, u[k + 1 :], before, q, p, f, out[k + 1 :])
+            return
+
+
+@jit
+def slope_at(f, rho, level, shape, exponent, by):
+    """Return ``df/dq`` of a first loading; its derivatives by f and four parameters go to ``by``.
+
+    The parameters are rho, level, shape and exponent.
+    """
+    w = f / level
+    if w <= 0.0:
+        by[:] = 0.0
+        by[1] = 1.0
+        return rho
+    log = math.log(w)
+    power = math.exp(min(exponent * log, _STEEPEST))
+    by[0] = -rho * (1.0 + shape) * exponent * power / f
+    by[1] = 1.0 - (1.0 + shape) * power
+    by[2] = -by[0] * w
+    by[3] = -rho * power
+    by[4] = -rho * (1.0 + shape) * power * log
+    return rho * by[1]
+
+
+@jit
+def first_loading(load, rho, level, shape, exponent, by):
+    """Return the force f at rest under ``load = q + f`` and write its derivatives to ``by`` (5,).
+
+    These are by the load and by rho, level, shape and exponent. Over the load as it grows from zero
+    ``df = k / (1 + k)`` with ``k = df/dq``, which is always bounded.
+    """
+    by[:] = 0.0
+    if not (load > 0.0 and rho > 0.0 and level > 0.0):
+        return 0.0
+    # at most so steep, where f is largest
+    largest = load
+    if shape > -1.0:
+        largest = min(load, level * (1.0 + shape) ** (-1.0 / exponent))
+    slopes, rates = np.empty((2, 5))
+    k = slope_at(largest, rho, level, shape, exponent, slopes)
+    steep = load * abs(slopes[0]) / (1.0 + max(k, 0.0))
+    n = int(min(max(steep / _PART, _FEWEST), _MOST))
+    h = load / n
+    f = 0.0
+    weights = (0.0, 0.5, 0.5, 1.0)
+    values, change = np.zeros(5), np.zeros(5)
+    moved = np.empty(5)
+    for _ in range(n):
+        total, last = 0.0, 0.0
+        change[:] = 0.0
+        rates[:] = 0.0
+        for stage in range(4):
+            part = weights[stage] * h
+            k = slope_at(f + part * last, rho, level, shape, exponent, slopes)
+            last = k / (1.0 + k)
+            # of the rate, by the force and directly
+            inner = 1.0 / ((1.0 + k) * (1.0 + k))
+            for j in range(1, 5):
+                moved[j] = inner * (slopes[j] + slopes[0] * (values[j] + part * rates[j]))
+            share = (1.0 if stage == 0 or stage == 3 else 2.0) / 6.0
+            total += share * last
+            for j in range(1, 5):
+                rates[j] = moved[j]
+                change[j] += share * moved[j]
+        f += h * total
+        for j in range(1, 5):
+            values[j] += h * change[j]
+        if total < _SETTLED:
+            break
+    k = slope_at(f, rho, level, shape, exponent, slopes)
+    by[0] = k / (1.0 + k)
+    by[1:] = values[1:]
+    return f
+
+
+@jit
+def follow(q, level, shape, exponent, out):
+    """Write the force of a stage that moves as ``q`` (n,) prescribes, rho = 1, to ``out`` (n,).
+
+    A law without a limit ends in NaN where it leaves all bounds.
+    """
+    f, before = 0.0, q[0] if q.size else 0.0
+    for k in range(q.size):
+        change = q[k] - before
+        if change != 0.0:
+            side = 1.0 if change > 0.0 else -1.0
+            w, t = side * f / level, abs(change) / level
+            sigma, _, _, _ = sharpness(w, shape, exponent)
+            if exponent != 1.0:
+                _, mean, _ = branch(t, w, (1.0 - shape) * sigma, (1.0 + shape) * sigma)
+                sigma, _, _, _ = sharpness(mean, shape, exponent)
+            w, _, _ = branch(t, w, (1.0 - shape) * sigma, (1.0 + shape) * sigma)
+            f = side * level * w
+        if not abs(f) <= _FAR * level:
+            out[k:] = np.nan
+            return
+        before = q[k]
+        out[k] = f

@@ -1,0 +1,227 @@
+"""Linear operators, stepped exactly.
+
+A linear operator is given by its continuous-time matrices ``x' = A x + B u``, ``y = C x + D u``
+(+ intercept) as functions of its parameters. Between samples the input is a straight line
+(first-order hold, "foh") or constant (zero-order hold, "zoh"); for such an input the discrete form
+is exact. With ``h`` the interval,
+
+    exp [[A h, B h, 0], [0, 0, 1], [0, 0, 0]] = [[Ad, G1, G2], [0, 1, 1], [0, 0, 1]]
+
+gives ``x[k] = Ad x[k-1] + (G1 - G2) u[k-1] + G2 u[k]`` for the first-order hold and
+``x[k] = Ad x[k-1] + G1 u[k-1]`` for the zero-order hold (Van Loan, IEEE Trans. Autom. Control
+23(3), 1978). Derivatives with respect to the parameters are taken by a complex step through the
+same formulas, which is exact to rounding (Al-Mohy and Higham, Numer. Algorithms 53, 2010).
+"""
+
+from abc import abstractmethod
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import expm
+
+from ..operators import Operator
+from ._state_space import (
+    block_run,
+    block_table,
+    first_order_run,
+    second_order_run,
+    state_space_run,
+    state_space_tangents,
+)
+
+__all__ = [
+    "LinearOperator",
+    "discretize",
+]
+
+_STEP = 1e-30  # of the complex step; far below rounding, far above underflow
+_BLOCK = 16  # samples that are advanced at once
+_LONG = 512  # samples for which the table of a block pays
+
+
+def discretize(a, b, dt, hold):
+    """Return Ad, B0, B1 for stacked matrices ``a`` (..., n, n) and ``b`` (..., n)."""
+    n = a.shape[-1]
+    block = np.zeros((*a.shape[:-2], n + 2, n + 2), dtype=a.dtype)
+    block[..., :n, :n] = a * dt
+    block[..., :n, n] = b * dt
+    block[..., n, n + 1] = 1.0
+    e = expm(block)
+    ad, g1, g2 = e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]
+    return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
+
+
+def _equilibrium(a, b):
+    """Return the state at rest for a unit input."""
+    return -np.linalg.solve(a, b[..., None])[..., 0]
+
+
+class LinearOperator(Operator):
+    """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
+
+    ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` puts them:
+    rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
+    """
+
+    signal_linear = True
+    hold = "foh"
+    intercept = 0.0
+    n_poles = (0, 0)
+
+    @abstractmethod
+    def with_poles(self, rates, pairs):
+        """Return a copy with other poles."""
+
+    @abstractmethod
+    def _matrices(self, p):
+        """Return A (n, n), B (n,), C (n,), D as analytic functions of ``p``, shaped as `pack`."""
+
+    def _intercept_column(self):
+        return next((i for i, (name, _) in enumerate(self.entries()) if name == "intercept"), None)
+
+    def state_space(self):
+        """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
+        a, b, c, d = self._matrices(self.pack())
+        return (*(np.ascontiguousarray(np.real(part)) for part in (a, b, c)), float(np.real(d)))
+
+    def frequency_response(self, frequency):
+        """Return the complex gain at ``frequency`` (Hz), shape of ``frequency``."""
+        a, b, c, d = self.state_space()
+        s = 2j * np.pi * np.asarray(frequency, dtype=float)
+        solve = np.linalg.solve(
+            s[..., None, None] * np.eye(len(b)) - a,
+            np.broadcast_to(b[:, None], (*s.shape, len(b), 1)),
+        )
+        return solve[..., 0] @ c + d
+
+    def frequency_tangents(self, frequency):
+        """Return the complex gain and its derivatives by the parameters.
+
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            Hz.
+
+        Returns
+        -------
+        gain : ndarray of shape (n, 1)
+        tangents : ndarray of shape (n, 1, n_parameters)
+            In the order of :meth:`pack`.
+        """
+        a, b, c, d = self.state_space()
+        da, db, dc, dd = self._continuous_tangents()
+        s = 2j * np.pi * np.asarray(frequency, dtype=float)
+        resolvent = s[:, None, None] * np.eye(len(b)) - a
+        x = np.linalg.solve(resolvent, np.broadcast_to(b[:, None], (len(s), len(b), 1)))[..., 0]
+        z = np.linalg.solve(
+            resolvent.transpose(0, 2, 1), np.broadcast_to(c[:, None], (len(s), len(b), 1))
+        )[..., 0]
+        tangents = x @ dc.T + dd + z @ db.T
+        moving = np.flatnonzero(np.any(da, axis=(1, 2)))
+        for q in moving:
+            tangents[:, q] += np.sum(z * (x @ da[q].T), axis=1)
+        return (x @ c + d)[:, None], tangents[:, None, :]
+
+    def poles(self):
+        """Return the poles in rad/s, complex, shape (n_states,)."""
+        return np.linalg.eigvals(self.state_space()[0])
+
+    @cached_property
+    def _memory(self):
+        return {}  # by interval: discretising costs as much as a short record
+
+    def __getstate__(self):
+        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
+
+    def _rest(self):
+        """Return the state at rest for a unit input."""
+        if "rest" not in self._memory:
+            a, b, _, _ = self.state_space()
+            self._memory["rest"] = _equilibrium(a, b)
+        return self._memory["rest"]
+
+    def _discrete(self, dt):
+        """Return Ad, B0, B1, C, D."""
+        if dt not in self._memory:
+            a, b, c, d = self.state_space()
+            self._memory[dt] = (*discretize(a, b, dt, self.hold), c, float(d))
+        return self._memory[dt]
+
+    def _stepped(self):
+        """Return A, B, C, D at complex steps in each parameter, (p, ...) each."""
+        values = self.pack()
+        points = values + 1j * _STEP * np.eye(values.size)
+        return [
+            np.stack([np.asarray(part, dtype=complex) for part in parts])
+            for parts in zip(*(self._matrices(point) for point in points), strict=True)
+        ]
+
+    def _continuous_tangents(self):
+        """Return the derivatives of A, B, C, D by the parameters, (p, ...) each."""
+        return [part.imag / _STEP for part in self._stepped()]
+
+    def _discrete_tangents(self, dt):
+        """Return the derivatives of the discrete form and of the state at rest, (p, ...) each."""
+        if (dt, "tangents") not in self._memory:
+            a, b, c, d = self._stepped()
+            parts = (*discretize(a, b, dt, self.hold), c, d, _equilibrium(a, b))
+            self._memory[dt, "tangents"] = [
+                np.ascontiguousarray(part.imag / _STEP) for part in parts
+            ]
+        return self._memory[dt, "tangents"]
+
+    def init(self, u0, initial_state="rest"):
+        if initial_state == "zero":
+            return np.zeros_like(self._rest()), 0.0
+        return self._rest() * u0, float(u0)
+
+    def run(self, u, dt, state=None):
+        u = np.ascontiguousarray(u, dtype=float)
+        x, previous = self.init(u[0]) if state is None else state
+        y, x = self._advance(u, dt, x, previous)
+        return y + self.intercept, (x, float(u[-1]))
+
+    def _advance(self, u, dt, x, previous):
+        """Return the output without intercept and the last state, by the shortest way."""
+        discrete = self._discrete(dt)
+        if len(x) in (1, 2):
+            run = first_order_run if len(x) == 1 else second_order_run
+            return run(*discrete, u, x, previous)
+        if len(x) == 0 or len(u) < _LONG or not np.isfinite(u).all():
+            return state_space_run(*discrete, u, x, previous)
+        if (dt, "block") not in self._memory:
+            self._memory[dt, "block"] = block_table(*discrete, _BLOCK)
+        y, x = block_run(self._memory[dt, "block"], u, x, previous)
+        rest, x = state_space_run(*discrete, u[len(y) :], x, float(u[len(y) - 1]))
+        return np.concatenate([y, rest]), x
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        y, dy = self._tangents(u, du, dt, initial_state, self._discrete_tangents(dt))
+        column = self._intercept_column()
+        if column is not None:
+            dy[:, du.shape[1] + column] = 1.0
+        return y, dy
+
+    def carry(self, u, du, dt, initial_state="rest"):
+        if du.shape[1] == 0:
+            return super().carry(u, du, dt, initial_state)
+        n = len(self._rest())
+        none = [np.empty((0, *shape)) for shape in ((n, n), (n,), (n,), (n,), (), (n,))]
+        return self._tangents(u, du, dt, initial_state, none)
+
+    def _tangents(self, u, du, dt, initial_state, own):
+        """Return the output and its tangents, those of the parameters by ``own``."""
+        u = np.ascontiguousarray(u, dtype=float)
+        m = du.shape[1]
+        *steps, rest_steps = own
+        x, u0 = self.init(u[0], initial_state)
+        dx = np.zeros((len(x), m + len(rest_steps)))
+        du0 = np.zeros(m)
+        if initial_state == "rest":
+            du0 = du[0].copy()
+            dx[:, :m] = np.outer(self._rest(), du0)
+            dx[:, m:] = u0 * rest_steps.T
+        y, dy = state_space_tangents(
+            *self._discrete(dt), *steps, u, np.ascontiguousarray(du), x, dx, u0, du0
+        )
+        return y + self.intercept, dy

@@ -1,0 +1,427 @@
+"""The gray-box network: a quasi-static sub-model and a NARMAX sub-model of its dynamics.
+
+A recursion that adds a polynomial of past signals to a known output.
+
+With the window ``z = [w(k), ..., w(k - n_w), y(k - 1), ..., y(k - n_y)]`` and ``x = mix z``
+
+    y(k) = level(k) + sum_t weights[t] prod_j x[terms[t, j]]
+
+where -1 among the ``terms`` is the factor one. ``w`` and ``y`` carry their past in front.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from .._jit import jit
+from ..hysteresis import SystemLevelOperator
+from ..operators import Operator, ParameterSpec, as_signal
+
+__all__ = [
+    "GrayBoxOperator",
+    "gray_box_run",
+    "gray_box_tangents",
+]
+
+_BOUND = 1e100  # beyond, the recursion has left the range in which squares are finite
+
+
+@jit
+def gray_box_run(level, w, mix, terms, weights, y):
+    """Fill ``y``, (n_y + n_samples,); from where it diverges on it is no number."""
+    n_samples = level.size
+    n_w, n_y = w.size - n_samples, y.size - n_samples
+    x = np.empty(mix.shape[0])
+    for k in range(n_samples):
+        now = n_y + k
+        if n_y > 0 and math.isnan(y[now - 1]):
+            y[now] = math.nan
+            continue
+        for i in range(x.size):
+            value = 0.0
+            for j in range(n_w + 1):
+                value += mix[i, j] * w[n_w + k - j]
+            for j in range(1, n_y + 1):
+                value += mix[i, n_w + j] * y[now - j]
+            x[i] = value
+        total = level[k]
+        for t in range(weights.size):
+            value = weights[t]
+            for j in range(terms.shape[1]):
+                if terms[t, j] >= 0:
+                    value *= x[terms[t, j]]
+            total += value
+        y[now] = total if abs(total) <= _BOUND else math.nan
+
+
+@jit
+def gray_box_tangents(w, mix, terms, weights, y, dlevel, dw, dy):
+    """Fill ``dy``, (n_y + n_samples, m), behind the past in front.
+
+    ``dlevel`` (n_samples, m) and ``dw`` (n_w + n_samples, m) are the tangents of the known output
+    and of ``w``; the last columns of ``dy`` are those of the weights. Returns the number of samples
+    before the tangents leave the range of floating point.
+    """
+    n_samples, m = dlevel.shape
+    n_w, n_y = w.size - n_samples, y.size - n_samples
+    first = m - weights.size
+    x, slopes = np.empty(mix.shape[0]), np.empty(mix.shape[0])
+    for k in range(n_samples):
+        now = n_y + k
+        row = dy[now]
+        for q in range(m):
+            row[q] = dlevel[k, q]
+        for i in range(x.size):
+            value = 0.0
+            for j in range(n_w + 1):
+                value += mix[i, j] * w[n_w + k - j]
+            for j in range(1, n_y + 1):
+                value += mix[i, n_w + j] * y[now - j]
+            x[i] = value
+            slopes[i] = 0.0
+        for t in range(weights.size):
+            product = 1.0
+            for j in range(terms.shape[1]):
+                if terms[t, j] < 0:
+                    continue
+                product *= x[terms[t, j]]
+                others = weights[t]
+                for i in range(terms.shape[1]):
+                    if i != j and terms[t, i] >= 0:
+                        others *= x[terms[t, i]]
+                slopes[terms[t, j]] += others
+            row[first + t] += product
+        for j in range(mix.shape[1]):
+            slope = 0.0
+            for i in range(x.size):
+                slope += slopes[i] * mix[i, j]
+            if slope == 0.0:
+                continue
+            past = dw[n_w + k - j] if j <= n_w else dy[now - (j - n_w)]
+            for q in range(m):
+                row[q] += slope * past[q]
+        for q in range(m):
+            if not abs(row[q]) <= _BOUND:
+                return k
+    return n_samples
+
+
+@dataclass(frozen=True)
+class GrayBoxOperator(Operator):
+    r"""Quasi-static hysteresis plus a polynomial of past signals.
+
+    .. math:: y(k) = d_H(k) + \sum_i \theta_i x_i(k) + \sum_{i \le j} \theta_{ij} x_i(k) x_j(k)
+
+    where :math:`d_H` is the response of the system-level model to the drive. With
+    ``dynamics="rate"`` the signals x are
+
+    .. math:: \Delta d_H(k), \ldots, \Delta d_H(k - n_f + 1), \quad y(k - 1) - d_H(k), \quad
+        \Delta y(k - 1), \ldots, \Delta y(k - n_y + 1), \qquad \Delta s(k) = s(k) - s(k - 1)
+
+    and products may also have :math:`d_H(k)` less its constant as a factor. All of them
+    vanish at rest, so that the static response is that of :math:`d_H` alone. With ``degree=1`` and
+    two lags each, this is the quasi-static model followed by any linear dynamics of second order
+    of unit gain. With ``dynamics="printed"`` the signals are those of the paper,
+    :math:`u(k - 1), \ldots, u(k - n_f), y(k - 1), \ldots, y(k - n_y)`.
+
+    Parameters
+    ----------
+    static : SystemLevelOperator
+        The quasi-static sub-model.
+    weights : ndarray of shape (n_terms,)
+        The weights theta, by degree; see :meth:`term_names`.
+    input_lags, output_lags : int, default=2
+        The numbers :math:`n_f` and :math:`n_y`.
+    degree : {1, 2}, default=1
+        Highest degree of a product.
+    dynamics : {"rate", "printed"}, default="rate"
+
+    Raises
+    ------
+    ValueError
+        If ``dynamics`` or ``degree`` is unknown, a number of lags is negative, or the number of
+        weights is not that of the terms.
+
+    Notes
+    -----
+    Lags are in samples: the weights hold for one sampling interval. The tangents of
+    :meth:`linearize` are NaN where the linear terms alone are unstable or the tangents leave the
+    range of floating point; identification refuses such weights. A run that diverges is NaN
+    from there on.
+
+    The state is the tuple (state of the static sub-model, last inputs, last outputs), the latest
+    last. Where the printed form has no rest at a drive, ``"rest"`` starts at :math:`d_H`.
+
+    References
+    ----------
+    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
+    a gray box neural network based approach", equations (15) to (22) and (30) to (38).
+
+    Examples
+    --------
+    >>> from skhyst.neural import GrayBoxOperator
+    >>> from skhyst.hysteresis import SystemLevelOperator
+    >>> operator = GrayBoxOperator(SystemLevelOperator(1.0, 0.0, 0.0), [0.5], 0, 1)
+    >>> operator.run([0.0, 1.0, 1.0, 1.0], dt=0.1)[0]
+    array([0.   , 0.5  , 0.75 , 0.875])
+    """
+
+    static: SystemLevelOperator
+    weights: np.ndarray
+    input_lags: int = 2
+    output_lags: int = 2
+    degree: int = 1
+    dynamics: str = "rate"
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        if self.dynamics not in ("rate", "printed"):
+            raise ValueError(
+                "The 'dynamics' parameter of GrayBoxOperator must be 'rate' or 'printed'. "
+                f"Got {self.dynamics!r} instead."
+            )
+        if self.degree not in (1, 2):
+            raise ValueError(
+                "The 'degree' parameter of GrayBoxOperator must be 1 or 2. "
+                f"Got {self.degree!r} instead."
+            )
+        for name in ("input_lags", "output_lags"):
+            if getattr(self, name) < 0:
+                raise ValueError(
+                    f"The '{name}' parameter of GrayBoxOperator must not be negative. "
+                    f"Got {getattr(self, name)!r} instead."
+                )
+        if np.shape(self.weights) != (len(self._terms),):
+            raise ValueError(
+                f"The 'weights' parameter of GrayBoxOperator must have {len(self._terms)} values, "
+                f"one a term. Got shape {np.shape(self.weights)} instead."
+            )
+
+    @classmethod
+    def at_rest(cls, static, **structure):
+        """Return an operator without dynamics: all weights are zero.
+
+        Parameters
+        ----------
+        static : SystemLevelOperator
+        **structure
+            ``input_lags``, ``output_lags``, ``degree``, ``dynamics``.
+
+        Returns
+        -------
+        operator : GrayBoxOperator
+        """
+        terms = _terms(
+            structure.get("input_lags", 2),
+            structure.get("output_lags", 2),
+            structure.get("degree", 1),
+            structure.get("dynamics", "rate"),
+        )
+        return cls(static, np.zeros(len(terms)), **structure)
+
+    # ---------------------------------------------------------------------------- the parameters
+
+    @cached_property
+    def _terms(self):
+        return _terms(self.input_lags, self.output_lags, self.degree, self.dynamics)
+
+    def term_names(self):
+        """Return the name of each term, such as ``"dy(k-1)"``; ``e`` is y(k-1) less ``d(k)``."""
+        n_f, n_y = self.input_lags, self.output_lags
+        if self.dynamics == "printed":
+            names = [f"u(k-{j})" for j in range(1, n_f + 1)]
+            names += [f"y(k-{j})" for j in range(1, n_y + 1)]
+        else:
+            names = ["d(k)", *(f"dd(k-{j})" if j else "dd(k)" for j in range(n_f))]
+            names += ["e(k)", *(f"dy(k-{j})" for j in range(1, n_y))][:n_y]
+        return [" ".join(names[i] for i in factors if i >= 0) for factors in self._terms]
+
+    def parameter_specs(self):
+        return dict(self.entries())
+
+    def entries(self):
+        # the recursion is linear, then, so that the output is linear in what drives it
+        linear = self.degree == 1
+        found = [
+            (name, dataclasses.replace(spec, linear=spec.linear and linear))
+            for name, spec in self.static.entries()
+        ]
+        return found + [(f"theta[{name}]", ParameterSpec()) for name in self.term_names()]
+
+    def sizes(self):
+        return dict.fromkeys((name for name, _ in self.entries()), 1)
+
+    def pack(self):
+        return np.concatenate([self.static.pack(), np.asarray(self.weights, dtype=float)])
+
+    def unpack(self, vector):
+        vector, n = np.asarray(vector, dtype=float), self.static.n_parameters
+        return dataclasses.replace(
+            self, static=self.static.unpack(vector[:n]), weights=vector[n:].copy()
+        )
+
+    # --------------------------------------------------------------------------------- the runs
+
+    @cached_property
+    def _mix(self):
+        """The signals x in terms of the window of past inputs and outputs."""
+        n_f, n_y = self.input_lags, self.output_lags
+        if self.dynamics == "printed":
+            return np.eye(n_f + n_y, n_f + n_y + 1, 1)
+        mix = np.zeros((1 + n_f + n_y, 1 + n_f + n_y))
+        mix[0, 0] = 1.0
+        for j in range(n_f):
+            mix[1 + j, j], mix[1 + j, j + 1] = 1.0, -1.0
+        if n_y:
+            mix[1 + n_f, 0], mix[1 + n_f, 1 + n_f] = -1.0, 1.0
+        for j in range(1, n_y):
+            mix[1 + n_f + j, n_f + j], mix[1 + n_f + j, n_f + j + 1] = 1.0, -1.0
+        return mix
+
+    def poles(self):
+        """Return the poles of the linear terms alone, in the z plane, shape (output_lags,)."""
+        n_f, n_y = self.input_lags, self.output_lags
+        linear = self._terms[:, 1] < 0 if self.degree == 2 else slice(None)
+        gains = np.asarray(self.weights)[linear] @ self._mix[self._terms[linear, 0]][:, n_f + 1 :]
+        if not n_y:
+            return np.empty(0, dtype=complex)
+        return np.linalg.eigvals(np.vstack([gains, np.eye(n_y - 1, n_y)])).astype(complex)
+
+    @property
+    def _constant(self):
+        """What is taken off the signals of the recursion and put back on its output."""
+        return float(self.static.intercept) if self.dynamics == "rate" else 0.0
+
+    def init(self, u0, initial_state="rest"):
+        static = self.static.init(u0, initial_state)
+        w, y = np.zeros(self.input_lags), np.zeros(self.output_lags)
+        if initial_state == "rest":
+            level = self.static.run(np.array([u0], dtype=float), 1.0, static)[0][0]
+            w[:] = level - self._constant if self.dynamics == "rate" else u0
+            y[:] = self._rest(float(u0), level)[0] - self._constant
+        return static, w, y
+
+    def _rest(self, u0, level):
+        """Return the output at rest and its derivatives by level, drive and weights."""
+        by_weights = np.zeros(len(self._terms))
+        if self.dynamics == "rate" or not len(self._terms):
+            return level, 1.0, 0.0, by_weights
+        # level + c0 - (1 - c1) y + c2 y^2 = 0; the root that is there for zero weights
+        weights, is_output = np.asarray(self.weights, dtype=float), self._terms >= self.input_lags
+        outputs = is_output.sum(axis=1)
+        inputs = (self._terms >= 0).sum(axis=1) - outputs
+        parts = weights * u0**inputs
+        c0, c1, c2 = (float(parts[outputs == power].sum()) for power in range(3))
+        square = (1.0 - c1) ** 2 - 4.0 * c2 * (level + c0)
+        if not (c1 < 1.0 and square > 0.0):
+            return level, 1.0, 0.0, by_weights
+        root = np.sqrt(square)
+        y = 2.0 * (level + c0) / (1.0 - c1 + root)
+        by_weights = u0**inputs * y**outputs / root
+        by_drive = np.sum(weights * inputs * u0 ** np.maximum(inputs - 1, 0) * y**outputs) / root
+        return y, 1.0 / root, by_drive, by_weights
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else 0.0)
+        static, w, y = state
+        level, static = self.static.run(u, dt, static)
+        level = level - self._constant
+        w = np.concatenate([w, level if self.dynamics == "rate" else u])
+        y = np.concatenate([y, np.empty(u.size)])
+        gray_box_run(level, w, self._mix, self._terms, as_signal(self.weights), y)
+        start = y.size - u.size
+        last = w[w.size - self.input_lags :].copy(), y[y.size - start :].copy()
+        return y[start:] + self._constant, (static, *last)
+
+    def regressors(self, u, y, dt, initial_state="rest"):
+        """Return the terms with measured outputs in them, and what is left for them to explain.
+
+        Parameters
+        ----------
+        u, y : ndarray of shape (n_samples,)
+            Drive and measured response; before the record both have rested at their first value.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"}
+
+        Returns
+        -------
+        columns : ndarray of shape (n_samples, n_terms)
+        rest : ndarray of shape (n_samples,)
+            Measured response less that of the static sub-model.
+        """
+        u, y = as_signal(u), as_signal(y)
+        level, _ = self.static.run(u, dt, self.static.init(u[0], initial_state))
+        w = level - self._constant if self.dynamics == "rate" else u
+        shifted = [np.append(np.full(j, w[0]), w)[: w.size] for j in range(self.input_lags + 1)]
+        past = y - self._constant
+        for j in range(1, self.output_lags + 1):
+            shifted.append(np.append(np.full(j, past[0]), past)[: w.size])
+        # a row of ones stands for the factor -1
+        x = np.vstack([self._mix @ np.array(shifted), np.ones(w.size)])
+        return np.prod(x[self._terms], axis=1).T, y - level
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+        u, du = as_signal(u), as_signal(du)
+        n, m, n_own = u.size, du.shape[1], self.static.n_parameters
+        level, dlevel = self.static.linearize(u, du, dt, initial_state)
+        state = self.init(u[0] if n else 0.0, initial_state)
+        y, _ = self.run(u, dt, state)
+        wide = np.zeros((n, m + n_own + len(self._terms)))
+        wide[:, : m + n_own] = dlevel
+        column = m + [name for name, _ in self.static.entries()].index("intercept")
+        rate = self.dynamics == "rate"
+        if rate:
+            level = level - self._constant
+            wide[:, column] = 0.0
+            driven = wide
+        else:
+            driven = np.zeros_like(wide)
+            driven[:, :m] = du
+        dw = np.zeros((self.input_lags + n, wide.shape[1]))
+        dy = np.zeros((self.output_lags + n, wide.shape[1]))
+        dw[self.input_lags :] = driven
+        if initial_state == "rest" and n:
+            dw[: self.input_lags] = driven[0]
+            _, by_level, by_drive, by_weights = self._rest(u[0], level[0])
+            past = by_level * wide[0] + by_drive * driven[0]
+            past[m + n_own :] += by_weights
+            dy[: self.output_lags] = past
+        w = np.concatenate([state[1], level if rate else u])
+        full = np.concatenate([state[2], y - self._constant])
+        bad = not np.isfinite(y).all() or np.any(np.abs(self.poles()) >= 1.0)
+        if not bad:
+            good = gray_box_tangents(
+                w, self._mix, self._terms, as_signal(self.weights), full, wide, dw, dy
+            )
+            bad = good < n
+        dy = np.ascontiguousarray(dy[self.output_lags :])
+        if bad:
+            dy[:] = np.nan
+        elif rate:
+            dy[:, column] = 1.0
+        return y, dy
+
+
+def _terms(input_lags, output_lags, degree, dynamics):
+    """Return the factors of each term, (n_terms, degree), by degree; -1 for none."""
+    rate = dynamics == "rate"
+    signals = range(input_lags + output_lags + rate)
+    rows = [
+        (*factors, *[-1] * (degree - size))
+        for size in range(1, degree + 1)
+        for factors in combinations_with_replacement(signals, size)
+        # the first signal of the rates is the level, and something has to vanish at rest
+        if not rate or any(factors)
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, degree)

@@ -1,0 +1,214 @@
+"""The protocol of an operator: frozen numbers plus a state, that map a signal to a signal.
+
+An operator is a frozen dataclass whose fields are physical parameters. It knows no data and no
+estimator. Fields made with :func:`parameter` can be identified; all others are fixed structure
+(thresholds, orders). ``pack`` lists the parameters as one vector, ``unpack`` puts such a vector
+back, ``linearize`` returns the output together with its exact derivatives (forward mode), so that
+a series or a sum of operators is differentiated by handing tangents from one to the next.
+
+Between two samples the input is a straight line (first-order hold) unless an operator says
+otherwise. The state before sample ``k`` holds everything that the operator remembers of the
+samples before ``k``, the last input included, so a signal may be cut anywhere:
+``run(u)`` equals ``run(u[:m])`` followed by ``run(u[m:], state=...)``.
+
+The one kind of array that kernels get as a signal.
+"""
+
+import dataclasses
+from abc import ABC, abstractmethod
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+__all__ = [
+    "Operator",
+    "ParameterSpec",
+    "as_signal",
+    "parameter",
+]
+
+
+def as_signal(values):
+    """Return a contiguous read-only view of floats, copied only where needed.
+
+    A kernel is compiled once for each kind of array; a column of a frame is read-only, an array
+    mostly is not.
+    """
+    signal = np.ascontiguousarray(values, dtype=float).view()
+    signal.flags.writeable = False
+    return signal
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterSpec:
+    """How one field of an operator is identified.
+
+    Parameters
+    ----------
+    linear : bool
+        The output is an affine function of the field while all other fields stand still.
+    lower, upper : float
+        Bounds in the field's own unit.
+    log : bool
+        The field is positive and is searched on a logarithmic scale.
+    gauge : float or None
+        Value at which the field is held when another stage of a series carries the same freedom
+        (a static gain at 1, an intercept at 0). None: the freedom is the operator's own.
+    unit : str
+        Unit in terms of ``s``, ``drive`` and ``response``, for reports.
+    """
+
+    linear: bool = False
+    lower: float = -np.inf
+    upper: float = np.inf
+    log: bool = False
+    gauge: float | None = None
+    unit: str = ""
+
+
+def parameter(*, default=dataclasses.MISSING, **options):
+    """Declare a dataclass field as an identifiable parameter; see :class:`ParameterSpec`."""
+    return dataclasses.field(default=default, metadata={"parameter": ParameterSpec(**options)})
+
+
+class Operator(ABC):
+    """Base of all operators. Subclasses are frozen dataclasses.
+
+    Attributes
+    ----------
+    signal_linear : bool
+        The output is an affine function of the input signal, whatever the input.
+    carries_scale : bool
+        The static gain and the intercept are the operator's own, as those of a hysteresis are;
+        in a series every other stage then has unit gain and no intercept.
+    rank : int
+        Where a stage stands in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind
+        the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
+    """
+
+    signal_linear = False
+    carries_scale = False
+    rank = 30
+
+    def parameter_specs(self) -> dict[str, ParameterSpec]:
+        """Return the identifiable fields, in the order of declaration."""
+        return dict(_declared(type(self)))
+
+    def entries(self) -> list[tuple[str, ParameterSpec]]:
+        """Return one (name, spec) a value of :meth:`pack`; array fields are numbered."""
+        sizes = self.sizes()
+        return [
+            (name if np.ndim(getattr(self, name)) == 0 else f"{name}[{i}]", spec)
+            for name, spec in self.parameter_specs().items()
+            for i in range(sizes[name])
+        ]
+
+    def linear_mask(self) -> np.ndarray:
+        """Mark the values of :meth:`pack` that the output depends on linearly, all at once."""
+        return np.array([spec.linear for _, spec in self.entries()], dtype=bool)
+
+    def gauge_entries(self) -> np.ndarray:
+        """Mark the values of :meth:`pack` whose freedom another stage of a series can carry."""
+        return np.array([spec.gauge is not None for _, spec in self.entries()], dtype=bool)
+
+    def gauge_mask(self) -> np.ndarray:
+        """Mark the values of :meth:`pack` that must be held because others carry their freedom."""
+        return np.zeros(self.n_parameters, dtype=bool)
+
+    def sizes(self) -> dict[str, int]:
+        """Return the number of values in each identifiable field."""
+        values = {name: getattr(self, name) for name in self.parameter_specs()}
+        # np.size would make an array of a float
+        return {name: 1 if isinstance(v, float) else np.size(v) for name, v in values.items()}
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of values in :meth:`pack`."""
+        return sum(self.sizes().values())
+
+    def pack(self) -> np.ndarray:
+        """Return all identifiable values as one vector."""
+        values = [np.ravel(getattr(self, name)) for name in self.parameter_specs()]
+        return np.concatenate(values).astype(float) if values else np.empty(0)
+
+    def unpack(self, vector) -> "Operator":
+        """Return a copy with the identifiable values taken from ``vector``."""
+        vector = np.asarray(vector, dtype=float)
+        changes, start = {}, 0
+        for name, size in self.sizes().items():
+            part = vector[start : start + size]
+            changes[name] = float(part[0]) if np.ndim(getattr(self, name)) == 0 else part.copy()
+            start += size
+        return dataclasses.replace(self, **changes)
+
+    def at(self, schedule) -> "Operator":
+        """Return the operator of a record, where parameters depend on a number of it."""
+        return self
+
+    @abstractmethod
+    def init(self, u0: float, initial_state: str = "rest") -> Any:
+        """Return the state before the first sample ``u0``.
+
+        ``"rest"``: the device has rested at ``u0`` until all dynamics settled, and its hysteresis
+        memory is that of a first loading from zero to ``u0``. ``"zero"``: every state is zero and
+        so was the input.
+        """
+
+    @abstractmethod
+    def run(self, u, dt: float, state=None) -> tuple[np.ndarray, Any]:
+        """Map a signal of shape (n_samples,), interval ``dt`` in s; ``state=None`` means at rest.
+
+        Returns the output, shape (n_samples,), and the state after the last sample. The state
+        passed in is left as it was.
+        """
+
+    @abstractmethod
+    def linearize(self, u, du, dt: float, initial_state: str = "rest"):
+        """Return the output and its tangents.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        du : ndarray of shape (n_samples, m)
+            Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"}
+            As in :meth:`init`.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+            The same as :meth:`run` returns.
+        dy : ndarray of shape (n_samples, m + n_parameters), C-contiguous
+            The ``m`` tangents carried through, then the derivatives with respect to the
+            operator's own parameters in the order of :meth:`pack`.
+        """
+
+    def carry(self, u, du, dt: float, initial_state: str = "rest"):
+        """Return the output and the tangents carried through, (n_samples, m), of no own parameter.
+
+        The first columns of :meth:`linearize`, which they are taken from unless an operator knows
+        a shorter way.
+        """
+        m = du.shape[1]
+        if m == 0:
+            return self.run(u, dt, self.init(u[0], initial_state))[0], du
+        y, dy = self.linearize(u, du, dt, initial_state)
+        return y, np.ascontiguousarray(dy[:, :m])
+
+    def step(self, state, u: float, dt: float) -> tuple[Any, float]:
+        """Advance by one sample: return the new state and the output."""
+        y, state = self.run(np.array([u], dtype=float), dt, state)
+        return state, float(y[0])
+
+
+@cache
+def _declared(kind):
+    return {
+        f.name: f.metadata["parameter"]
+        for f in dataclasses.fields(kind)
+        if "parameter" in f.metadata
+    }

@@ -1,0 +1,277 @@
+"""Linear operators: exact between samples, whatever the interval."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
+
+from skhyst.linear import (
+    FirstOrderLagOperator,
+    KelvinVoigtOperator,
+    LinearOperator,
+    SecondOrderModeOperator,
+    TransferFunctionOperator,
+)
+from skhyst.linear._state_space import state_space_run
+from skhyst.operators import parameter
+
+DT = 0.01
+LAG = FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
+OPERATORS = {
+    "lag": LAG,
+    "mode": SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1),
+    "overdamped mode": SecondOrderModeOperator(90.0, 4.0),
+    "stiff mode": SecondOrderModeOperator(5e4, 1e-3),
+    "creep": KelvinVoigtOperator(np.array([0.2, 0.1]), np.array([0.02, 30.0]), 1.5, 0.3),
+    "transfer function": TransferFunctionOperator(
+        np.array([0.02]), np.array([70.0, 200.0]), np.array([0.3, 0.02]), np.array([0.2, -0.1, 0.3])
+    ),
+}
+
+
+@pytest.fixture(params=OPERATORS)
+def operator(request):
+    return OPERATORS[request.param]
+
+
+@pytest.fixture(params=["foh", "zoh"])
+def held(operator, request):
+    return dataclasses.replace(operator, hold=request.param)
+
+
+@pytest.fixture
+def u():
+    return 0.7 + np.cumsum(np.random.default_rng(0).normal(size=80)) / 5
+
+
+def test_agrees_with_scipy(held, u):
+    a, b, c, d = held.state_space()
+    system = (a, b[:, None], c[None, :], np.array([[d]]))
+    rest = np.linalg.solve(a, -b * u[0])
+    time = DT * np.arange(len(u))
+    _, expected, _ = lsim(system, u, time, X0=rest, interp=held.hold == "foh")
+    y, _ = held.run(u, DT)
+    np.testing.assert_allclose(y - held.intercept, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lag", "mode", "creep", "transfer function"])
+def test_agrees_with_the_integrated_differential_equation(name, u):
+    operator = OPERATORS[name]
+    a, b, c, d = operator.state_space()
+    time = DT * np.arange(len(u))
+    x, y = np.linalg.solve(a, -b * u[0]), [c @ np.linalg.solve(a, -b * u[0]) + d * u[0]]
+    for k in range(len(u) - 1):
+        solution = solve_ivp(
+            lambda t, x, k=k: a @ x + b * np.interp(t, time[k : k + 2], u[k : k + 2]),
+            (time[k], time[k + 1]),
+            x,
+            rtol=1e-10,
+            atol=1e-12,
+            method="DOP853",
+        )
+        x = solution.y[:, -1]
+        y.append(c @ x + d * u[k + 1])
+    np.testing.assert_allclose(operator.run(u, DT)[0] - operator.intercept, y, atol=1e-8)
+
+
+@pytest.mark.parametrize("factor", [2, 7])
+def test_finer_sampling_of_the_same_drive_changes_nothing(held, u, factor):
+    """Both holds are exact: a straight line or a constant, cut up, is the same drive."""
+    n = factor * (len(u) - 1) + 1
+    if held.hold == "foh":
+        fine = np.interp(np.arange(n) / factor, np.arange(len(u)), u)
+    else:
+        # u[k] acts from sample k on, so it is there at all fine samples before sample k + 1
+        fine = np.repeat(u, factor)[:n]
+    y, _ = held.run(fine, DT / factor)
+    expected, _ = held.run(u, DT)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(y[::factor], expected, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize(("hold", "order"), [("foh", 2.0), ("zoh", 1.0)])
+@pytest.mark.parametrize("name", ["lag", "mode", "overdamped mode", "creep", "transfer function"])
+def test_order_for_a_smooth_drive(name, hold, order):
+    operator = dataclasses.replace(OPERATORS[name], hold=hold)
+    f, duration, errors = 2.0, 3.0, []
+    counts = 2 ** np.arange(9, 14)
+    for n in counts:
+        time = duration / n * np.arange(n + 1)
+        y, _ = operator.run(np.sin(2 * np.pi * f * time), duration / n)
+        fine = np.linspace(0, duration, 2**16 + 1)
+        reference, _ = dataclasses.replace(operator, hold="foh").run(
+            np.sin(2 * np.pi * f * fine), fine[1]
+        )
+        errors.append(np.abs(y - reference[:: 2**16 // n]).max())
+    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert slope == pytest.approx(-order, abs=0.12)
+
+
+@pytest.mark.parametrize("name", ["lag", "mode", "overdamped mode", "transfer function"])
+def test_steady_state_of_a_sine_has_the_complex_gain(name):
+    operator, f = OPERATORS[name], 3.0
+    slowest = 1.0 / np.abs(operator.poles().real).min()
+    n = int(np.ceil(30 * slowest * f)) + 3
+    time = np.arange(n * 1000) / (1000 * f)
+    drive = np.cos(2 * np.pi * f * time)
+    y, _ = operator.run(drive, time[1])
+    last = slice(-1000, None)
+    gain = 2 * np.mean((y[last] - operator.intercept) * np.exp(-2j * np.pi * f * time[last]))
+    assert gain == pytest.approx(complex(operator.frequency_response(f)), rel=2e-5)
+
+
+def test_static_gain_and_rest(operator):
+    gain = float(np.real(operator.frequency_response(0.0)))
+    y, _ = operator.run(np.full(5, 2.0), DT)
+    np.testing.assert_allclose(y, 2.0 * gain + operator.intercept, rtol=1e-12)
+
+
+def test_transfer_functions_by_their_formulas():
+    f = np.geomspace(0.01, 1e3, 30)
+    s = 2j * np.pi * f
+    np.testing.assert_allclose(LAG.frequency_response(f), 1.4 / (0.03 * s + 1), rtol=1e-12)
+    np.testing.assert_allclose(
+        OPERATORS["mode"].frequency_response(f),
+        0.8 / (s**2 / 90.0**2 + 2 * 0.15 * s / 90.0 + 1),
+        rtol=1e-10,
+    )
+    np.testing.assert_allclose(
+        OPERATORS["creep"].frequency_response(f),
+        1.5 * (1 + 0.2 / (0.02 * s + 1) + 0.1 / (30.0 * s + 1)),
+        rtol=1e-12,
+    )
+
+
+def test_step_responses_by_their_formulas():
+    """The drive steps from 0 to 1 at the first sample and is held."""
+    time = DT * np.arange(1, 200)
+    drive = np.r_[0.0, np.ones(199)]
+
+    def response(operator):
+        held = dataclasses.replace(operator, hold="zoh", intercept=0.0)
+        return held.run(drive, DT, held.init(0.0))[0][2:]
+
+    np.testing.assert_allclose(response(LAG), 1.4 * (1 - np.exp(-time[:-1] / 0.03)), rtol=1e-9)
+    w, zeta = 90.0, 0.15
+    damped = w * np.sqrt(1 - zeta**2)
+    decay = np.exp(-zeta * w * time[:-1])
+    ring = np.cos(damped * time[:-1]) + zeta * w / damped * np.sin(damped * time[:-1])
+    np.testing.assert_allclose(response(OPERATORS["mode"]), 0.8 * (1 - decay * ring), rtol=1e-9)
+    creep = 1.5 * (1.3 - 0.2 * np.exp(-time / 0.02) - 0.1 * np.exp(-time / 30.0))
+    np.testing.assert_allclose(response(OPERATORS["creep"]), creep[:-1], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("n_first", "n_second"), [(0, 1), (1, 0), (1, 1), (1, 2), (2, 1), (0, 2)])
+def test_numerator_spans_every_polynomial_of_its_degree(n_first, n_second):
+    tau = np.array([0.3, 1.7])[:n_first]
+    w, zeta = np.array([1.1, 2.3])[:n_second], np.array([0.2, 0.7])[:n_second]
+    degree = n_first + 2 * n_second
+    # as many points as coefficients, on a circle: N = G D is then a polynomial known exactly
+    s = 1.5 * np.exp(2j * np.pi * np.arange(degree + 1) / (degree + 1))
+    denominator = np.ones_like(s)
+    for value in tau:
+        denominator *= value * s + 1
+    for a, b in zip(w, zeta, strict=True):
+        denominator *= s**2 / a**2 + 2 * b * s / a + 1
+    for n_zeros in range(degree + 1):
+        rows = []
+        for weights in np.vstack([np.zeros(n_zeros), np.eye(n_zeros)]):
+            operator = TransferFunctionOperator(tau, w, zeta, weights)
+            a, b, c, d = operator.state_space()
+            gains = [c @ np.linalg.solve(point * np.eye(degree) - a, b) + d for point in s]
+            values = gains * denominator
+            rows.append(np.fft.fft(values) / (degree + 1) / 1.5 ** np.arange(degree + 1))
+        coefficients = np.array(rows)
+        np.testing.assert_allclose(coefficients[:, n_zeros + 1 :], 0.0, atol=1e-12)
+        np.testing.assert_allclose(coefficients[:, 0], 1.0, rtol=1e-12)  # static gain
+        assert np.linalg.matrix_rank(coefficients, tol=1e-9) == n_zeros + 1
+
+
+def test_poles():
+    np.testing.assert_allclose(LAG.poles(), [-1 / 0.03])
+    found = np.sort_complex(OPERATORS["mode"].poles())
+    imaginary = 90.0 * np.sqrt(1 - 0.15**2)
+    np.testing.assert_allclose(found, -13.5 + 1j * np.array([-imaginary, imaginary]))
+    assert (OPERATORS["transfer function"].poles().real < 0).all()
+
+
+def test_other_unit_of_time(u):
+    """A lag of 0.03 s sampled every 0.01 s is one of 30 ms sampled every 10 ms."""
+    slow = dataclasses.replace(LAG, time_constant=30.0)
+    np.testing.assert_allclose(slow.run(u, 10.0)[0], LAG.run(u, 0.01)[0], rtol=1e-12)
+
+
+def test_one_operator_serves_several_intervals(operator, u):
+    fresh = dataclasses.replace(operator)
+    first = operator.run(u, 0.01)[0]
+    other = operator.run(u, 0.02)[0]
+    assert not np.allclose(first, other)
+    np.testing.assert_array_equal(operator.run(u, 0.01)[0], first)
+    np.testing.assert_array_equal(fresh.run(u, 0.02)[0], other)
+
+
+def test_what_is_remembered_is_not_pickled(operator, u):
+    size = len(pickle.dumps(operator))
+    for dt in (0.01, 0.02, 0.03):
+        operator.run(u, dt)
+        operator.linearize(u, np.empty((len(u), 0)), dt)
+    assert len(pickle.dumps(operator)) == size
+
+
+@pytest.mark.parametrize("n_second", [2, 14])
+def test_long_records_run_in_blocks_as_sample_by_sample(n_second):
+    """Ringing, slow and fast poles together: the shortest way changes rounding only."""
+    operator = TransferFunctionOperator(
+        np.array([1e-3 * DT, 300.0]),
+        20.0 * 1.3 ** np.arange(n_second),
+        np.geomspace(1e-4, 3.0, n_second),
+        np.array([0.3, -0.2, 0.1]),
+    )
+    u = np.cumsum(np.random.default_rng(1).normal(size=2007))
+    expected, last = state_space_run(*operator._discrete(DT), u, *operator.init(u[0]))
+    y, (x, previous) = operator.run(u, DT)
+    assert previous == u[-1]
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(x, last, rtol=0, atol=1e-11 * np.abs(last).max())
+    # cut anywhere
+    state, parts = operator.init(u[0]), []
+    for part in np.split(u, [1, 700, 1300, 1999]):
+        piece, state = operator.run(part, DT, state)
+        parts.append(piece)
+    np.testing.assert_allclose(
+        np.concatenate(parts), expected, rtol=0, atol=1e-11 * np.abs(expected).max()
+    )
+
+
+def test_a_drive_that_overflows_does_not_reach_the_past():
+    operator = OPERATORS["transfer function"]
+    u = np.random.default_rng(1).normal(size=1000)
+    expected = operator.run(u, DT)[0]
+    u[790] = np.inf
+    np.testing.assert_allclose(operator.run(u, DT)[0][:790], expected[:790], rtol=1e-9, atol=1e-12)
+
+
+@dataclasses.dataclass(frozen=True)
+class IntegralLag(LinearOperator):
+    """A lag whose state is the integral of the drive, so that its rest moves with the parameter."""
+
+    time_constant: float = parameter(log=True, lower=0.0)
+    hold: str = "foh"
+
+    def with_poles(self, rates, pairs):
+        return dataclasses.replace(self, time_constant=1.0 / rates[0])
+
+    def _matrices(self, p):
+        return np.array([[-1.0 / p[0]]]), np.array([1.0 + 0.0 * p[0]]), 1.0 / p[:1], 0.0 * p[0]
+
+
+def test_rest_moves_with_the_parameters(u):
+    own, upstream = IntegralLag(0.03), np.ones((len(u), 1))
+    plain = FirstOrderLagOperator(0.03)
+    y, dy = own.linearize(u, upstream, DT)
+    expected, tangents = plain.linearize(u, upstream, DT)
+    np.testing.assert_allclose(y, expected, rtol=1e-12)
+    np.testing.assert_allclose(dy, tangents[:, :2], rtol=1e-9, atol=1e-9)

@@ -1,0 +1,201 @@
+"""Several inputs with common poles, and conversions from and to other packages."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from skhyst.linear import (
+    DelayOperator,
+    MultiInputTransferFunctionOperator,
+    SampledStateSpace,
+    TransferFunctionOperator,
+)
+from skhyst.linear._state_space import state_space_run_many
+
+DT, N = 0.01, 60
+FREQUENCY = np.geomspace(0.01, 100.0, 40)
+PARTS = np.array([0.02]), np.array([70.0]), np.array([0.3])
+
+
+def make(delays=(), hold="foh"):
+    return MultiInputTransferFunctionOperator(
+        *PARTS,
+        np.array([[0.2, -0.1], [1.0, 0.3]]),
+        np.array([1.3, -0.4]),
+        np.array(delays),
+        0.4,
+        hold,
+    )
+
+
+OPERATORS = {
+    "straight": make(),
+    "held": make(hold="zoh"),
+    "delayed": make((0.013, 0.0371)),
+    "one delayed": make((0.0, 0.0371)),
+}
+
+
+@pytest.fixture(params=OPERATORS)
+def operator(request):
+    return OPERATORS[request.param]
+
+
+@pytest.fixture
+def u():
+    return 0.4 + np.cumsum(np.random.default_rng(0).normal(size=(N, 2)), axis=0)
+
+
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_output_is_the_sum_of_the_inputs_own(operator, u, initial_state):
+    total = 0.4
+    for i in range(2):
+        v = u[:, i]
+        if len(operator.delays):
+            delay = DelayOperator(max(operator.delays[i], 1e-15))
+            v = delay.run(v, DT, delay.init(v[0], initial_state))[0]
+        part = operator.part(i)
+        total = total + part.run(v, DT, part.init(v[0], initial_state))[0]
+    y, _ = operator.run(u, DT, operator.init(u[0], initial_state))
+    np.testing.assert_allclose(y, total, rtol=1e-9, atol=1e-9)
+    assert len(operator.init(u[0])[0]) == len(operator.poles()) == 3
+
+
+def test_agrees_with_scipy_for_two_inputs(u):
+    a, b, c, d = OPERATORS["straight"].state_space()
+    rest = np.linalg.solve(a, -b @ u[0])
+    _, expected, _ = signal.lsim((a, b, c[None], d[None]), u, DT * np.arange(N), X0=rest)
+    np.testing.assert_allclose(OPERATORS["straight"].run(u, DT)[0] - 0.4, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_tangents_are_central_differences(operator, u, initial_state):
+    y, dy = operator.linearize(u, np.empty((N, 0)), DT, initial_state)
+    free_run = operator.run(u, DT, operator.init(u[0], initial_state))[0]
+    np.testing.assert_allclose(y, free_run, rtol=1e-11, atol=1e-11)
+    gain, by = operator.frequency_tangents(FREQUENCY)
+    np.testing.assert_allclose(gain, operator.frequency_response(FREQUENCY), rtol=1e-12)
+    vector = operator.pack()
+    assert len(operator.entries()) == len(vector)
+    for j in np.flatnonzero(vector):
+        h = np.zeros(len(vector))
+        h[j] = 1e-6 * abs(vector[j])
+        above, below = operator.unpack(vector + h), operator.unpack(vector - h)
+        runs = [o.run(u, DT, o.init(u[0], initial_state))[0] for o in (above, below)]
+        found = (runs[0] - runs[1]) / (2.0 * h[j])
+        np.testing.assert_allclose(dy[:, j], found, atol=1e-6 * np.abs(found).max())
+        found = above.frequency_response(FREQUENCY) - below.frequency_response(FREQUENCY)
+        scale = max(np.abs(by[:, :, j]).max(), 1e-3)
+        np.testing.assert_allclose(by[:, :, j], found / (2.0 * h[j]), atol=1e-6 * scale)
+
+
+def test_cut_stepped_and_pickled(operator, u):
+    whole, _ = operator.run(u, DT)
+    state, y = operator.init(u[0]), []
+    for part in np.split(u, [1, 7, 30]):
+        own, state = operator.run(part, DT, state)
+        y.append(own)
+    np.testing.assert_allclose(np.concatenate(y), whole, rtol=1e-11, atol=1e-12)
+    again, state = pickle.loads(pickle.dumps(operator)), operator.init(u[0])
+    stepped = np.empty(N)
+    for k in range(N):
+        state, stepped[k] = again.step(state, u[k], DT)
+    np.testing.assert_allclose(stepped, whole, rtol=1e-11, atol=1e-12)
+
+
+def test_nothing_comes_before_it(u):
+    with pytest.raises(ValueError, match="must come first"):
+        OPERATORS["straight"].linearize(u, np.ones((N, 1)), DT)
+
+
+def test_compiled_equals_plain():
+    rng = np.random.default_rng(0)
+    shapes = [(3, 3), (3, 2), (3, 2), (4, 3), (4, 2), (20, 2), (3,), (2,)]
+    arguments = [0.3 * rng.normal(size=shape) for shape in shapes]
+    for fast, slow in zip(
+        state_space_run_many(*arguments), state_space_run_many.py_func(*arguments), strict=True
+    ):
+        np.testing.assert_allclose(fast, slow, rtol=1e-12)
+
+
+def test_sampled_state_space_agrees_with_scipy():
+    rng = np.random.default_rng(1)
+    a, b = 0.2 * rng.normal(size=(3, 3)), rng.normal(size=(3, 2))
+    c, d = rng.normal(size=(2, 3)), rng.normal(size=(2, 2))
+    u = rng.normal(size=(30, 2))
+    system = SampledStateSpace(a, b, c, d, DT, np.array([0.5, 0.0]))
+    _, expected, _ = signal.dlsim((a, b, c, d, DT), u)
+    zero = system.init(u[0], "zero")
+    np.testing.assert_allclose(system.run(u, DT, zero)[0] - system.intercept, expected)
+    y, state = system.run(np.tile(u[:1], (5, 1)), DT)
+    np.testing.assert_allclose(y, np.tile(y[:1], (5, 1)))
+    np.testing.assert_allclose(system.step(state, u[0], DT)[1], y[0])
+    static = system.frequency_response(np.zeros(1))[0].real @ u[0] + system.intercept
+    np.testing.assert_allclose(y[0], static)
+    with pytest.raises(ValueError, match=r"sampled every 0\.01 s"):
+        system.run(u, 2.0 * DT)
+
+
+# --------------------------------------------------------------------------------- other packages
+
+SYSTEMS = {
+    "transfer function": signal.TransferFunction([3.0, 4.0], [1.0, 3.0, 2.0]),
+    "zeros, poles, gain": signal.ZerosPolesGain([-3, -40], [-2, -100, -5 + 60j, -5 - 60j], 1000.0),
+    "feed-through": signal.TransferFunction([2.0, 1.0], [1.0, 3.0]),
+    "equal poles": signal.TransferFunction([1.0], [1.0, 2.0, 1.0]),
+    "decades apart": signal.ZerosPolesGain([-1.0], [-1e-3, -1e4], 1.0),
+    "unstable": signal.TransferFunction([1.0], [1.0, 1.0, -2.0]),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_from_scipy_and_back(name):
+    system = SYSTEMS[name]
+    operator = TransferFunctionOperator.from_scipy(system)
+    omega = np.geomspace(0.1, 10.0, 30) * np.abs(system.poles).max()
+    expected = signal.freqresp(system, omega)[1]
+    found = operator.frequency_response(omega / (2.0 * np.pi))
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        np.sort_complex(operator.poles()),
+        np.sort_complex(np.asarray(system.poles, dtype=complex)),
+        rtol=1e-6,
+    )
+    np.testing.assert_allclose(
+        np.sort_complex(operator.zeros()),
+        np.sort_complex(np.asarray(system.zeros, dtype=complex)),
+        rtol=1e-6,
+    )
+    again = TransferFunctionOperator.from_scipy(operator.to_scipy())
+    np.testing.assert_allclose(
+        again.frequency_response(omega), operator.frequency_response(omega), rtol=1e-6
+    )
+
+
+def test_two_inputs_to_scipy_and_back():
+    again = TransferFunctionOperator.from_scipy(OPERATORS["straight"].to_scipy())
+    np.testing.assert_allclose(
+        again.frequency_response(FREQUENCY),
+        OPERATORS["straight"].frequency_response(FREQUENCY),
+        rtol=1e-7,
+    )
+    with pytest.raises(ValueError, match="delay"):
+        OPERATORS["delayed"].to_scipy()
+
+
+@pytest.mark.parametrize(
+    ("system", "message"),
+    [
+        (signal.dlti([1.0], [1.0, 0.5], dt=0.1), "continuous time"),
+        (signal.TransferFunction([1.0], [1.0, 0.0]), "no pole at zero"),
+        (signal.TransferFunction([2.0], [1.0]), "at least one pole"),
+        (signal.StateSpace([[-1.0]], [[1.0]], [[1.0], [2.0]], [[0.0], [0.0]]), "one response"),
+    ],
+)
+def test_systems_that_are_refused(system, message):
+    with pytest.raises(ValueError, match=message):
+        TransferFunctionOperator.from_scipy(system)
+    with pytest.raises(TypeError, match=r"scipy\.signal\.lti"):
+        TransferFunctionOperator.from_scipy(3.0)
