@@ -19,7 +19,7 @@ from ..base import ParametricModel, read_data
 from ..compose import Corrected, ScheduledParameters
 from ..compose._backfitting import Backfitting, Turn
 from ..linear import Gain, TransferFunction
-from ._contest import held_out, refitted
+from ._candidates import held_out, refitted
 
 __all__ = ["BlackBox", "Declared", "declare", "drive_of"]
 

@@ -16,7 +16,8 @@ from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._contest import Contestant, held_out
+from ._candidates import Candidate, held_out
+from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
@@ -286,7 +287,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         structure = Structure.from_result(declared.model, result)
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
-        base = Contestant("", structure, cost, len(result.x), result.x)
+        base = Candidate((), structure, cost, len(result.x), result.x)
         base = held_out(base, records, folds)
         self.declared_estimator_ = declared.fitted(result)
         self._say(f"declared model: held-out error {base.error:.4g}")
@@ -296,14 +297,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             declared.effects(effects),
             records,
             folds,
-            self.alpha,
-            self.min_improvement,
+            Criterion(self.alpha, self.min_improvement),
             self.max_effects,
             self.n_jobs,
             _NEGLIGIBLE * np.ptp(self.response_),
             self._say,
             declared.renew,
-            lambda c, seen: self._judgement(seen, declared.measured(seen), c),
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
         for _ in range(_REWEIGHTED if rounds.lost else 0):
@@ -319,7 +318,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
         measured = declared.measured(records)
-        self._judge(measured, base, rounds)
+        self._judge(measured, base, records)
         self.residual_location_ = locate(measured, base.residuals, [s.label for s in slices])
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
@@ -365,14 +364,14 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=columns)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _judge(self, measured, base, rounds):
+    def _judge(self, measured, base, records):
         """Set the noise floor and the verdict."""
         if base.error <= _NEGLIGIBLE * np.ptp(self.response_):
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
-        judgement = rounds.judged(base)
+        judgement = self._judgement(records, measured, base)
         self.noise_floor_ = judgement.error
         self.verdict_ = "unexplained" if judgement.structured else "noise"
 

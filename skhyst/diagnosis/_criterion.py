@@ -1,0 +1,176 @@
+r"""The criterion: when data say that one model foretells better than another.
+
+Every decision of a search is this one comparison: whether an effect is claimed, whether an effect
+claimed before is still needed, which candidates the data cannot tell apart, and whether what is
+left is structure (the rival then is a black box).
+
+**The loss.** Each sample is predicted by a fit that has not seen it. With the residuals :math:`a_t`
+of one model, :math:`b_t` of its rival, the weight :math:`w_t` of the sample (one, but for a robust
+loss) and the difference of the predictions :math:`\Delta_t = a_t - b_t`, the rival gains
+
+.. math:: d_t = w_t (a_t^2 - b_t^2) = w_t \Delta_t^2 + 2 w_t \Delta_t b_t .
+
+Where both predict the same, as at rest, nothing is gained and nothing is lost: such samples have no
+part in the decision.
+
+**Chance.** If the rival is right, :math:`b` is noise, and :math:`Q = \sum w_t \Delta_t b_t` is what
+chance does to the sum of the gains, :math:`\sum d_t = \sum w_t \Delta_t^2 + 2 Q`. Neighbours of one
+series depend on each other, so :math:`Q` is summed over blocks, :math:`Q_i`, of the length that
+Politis and White [1]_ derive from the autocovariances :math:`R_k` of the series: where the noise or
+the misfit is slow, blocks are long and few. Blocks of the length :math:`\ell` leave out the part
+:math:`\eta = G / (g \ell)` of the variance, with :math:`g = \sum R_k`, :math:`G = \sum |k| R_k`
+(Kuensch [2]_), which is put back:
+
+.. math:: T = \sum d_t \Bigm/ 2 \sqrt{\textstyle\sum Q_i^2 / (1 - \eta)} .
+
+**The test.** The p-value is that of Student's law with as many degrees of freedom as there are
+blocks. It needs no equal variances: for independent normal block sums it is too large at any level
+below 8 % (Bakirov and Szekely [3]_), and a rival with needless parameters, whose expected gain is
+below zero, makes it larger still. Where a gain shows and where not does not matter, and few blocks
+are enough where the gain is far beyond chance.
+
+**The family.** The p-value is multiplied by the number of candidates that were tried, pairs of
+effects included (Bonferroni), so that a claim is false with probability `alpha` at most, however
+the candidates depend on each other. The tail makes that cheap: of a hundred blocks, two hundred
+candidates ask for T = 4.1 instead of 2.4.
+
+**The size.** A difference that can be shown need not matter. The rival is *better* where the
+p-value is below `alpha` and the error falls by `min_improvement` at least, held out and in the fit:
+a model that only foretells badly from some fold is not one that lacks something.
+
+References
+----------
+.. [1] D. N. Politis, H. White, "Automatic block-length selection for the dependent bootstrap",
+   Econometric Reviews 23 (2004); corrected by A. Patton, D. N. Politis, H. White, 28 (2009).
+.. [2] H. R. Kuensch, "The jackknife and the bootstrap for general stationary observations",
+   Annals of Statistics 17 (1989).
+.. [3] N. K. Bakirov, G. J. Szekely, "Student's t-test for Gaussian scale mixtures", J. Mathematical
+   Sciences 139 (2006).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+__all__ = ["Criterion", "block_length", "paired_p_value"]
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """The comparison of two models with the figures that the user has chosen.
+
+    Parameters
+    ----------
+    alpha : float
+        Probability of a false claim.
+    min_improvement : float
+        Part of the error, held out and of the fit, that a better model removes.
+    """
+
+    alpha: float
+    min_improvement: float
+
+    def matters(self, worse, better):
+        """Whether the error falls by enough, held out and in the fit."""
+        factor = 1.0 - self.min_improvement
+        lower = better.error < factor * worse.error
+        return bool(lower and better.cost < factor**2 * worse.cost)
+
+    def is_better(self, worse, better, n_tried=1):
+        """Whether one contestant is better than another, among so many that were tried."""
+        return self.matters(worse, better) and self.p_value(worse, better, n_tried) < self.alpha
+
+    def p_value(self, worse, better, n_tried=1):
+        """Return the p-value against a contestant that foretells better, corrected."""
+        p = paired_p_value(worse.residuals, better.residuals, better.weights)
+        return min(1.0, n_tried * p)
+
+    def is_told_apart(self, worse, better):
+        """Whether one contestant is worse than another by more than a tenth of what matters.
+
+        Of two that describe the data equally well the one is always a little worse.
+        """
+        close = worse.error <= (1.0 + 0.1 * self.min_improvement) * better.error
+        return not close and self.p_value(worse, better) < self.alpha
+
+
+def paired_p_value(worse, better, weights=None):
+    """Return the p-value against smaller squared errors of one of two predictions.
+
+    Parameters
+    ----------
+    worse, better : sequence of ndarray of shape (n_samples,)
+        Held-out residuals of each record; NaN where nothing is scored.
+    weights : sequence of ndarray or None, optional
+        Of the samples of each record.
+
+    Returns
+    -------
+    float
+    """
+    gain, chances = 0.0, []
+    weights = [None] * len(worse) if weights is None else weights
+    scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse)
+    for a, b, w in zip(worse, better, weights, strict=True):
+        known = np.isfinite(a) & np.isfinite(b)
+        a, b, w = a[known] / scale, b[known] / scale, 1.0 if w is None else w[known]
+        gain += np.sum(w * (a - b) * (a + b))
+        chances.append(w * (a - b) * b)
+    if not gain > 0.0:
+        return 1.0
+    length, missing = block_length(chances)
+    sums = np.concatenate([_block_sums(q, length) for q in chances])
+    spread = 2.0 * np.sqrt(sums @ sums / (1.0 - missing))
+    return float(student.sf(gain / spread, len(sums))) if spread > 0.0 else 0.0
+
+
+def block_length(series):
+    """Return the length of blocks whose sums are about independent, and the variance they miss.
+
+    Parameters
+    ----------
+    series : sequence of ndarray
+        Stretches of one stationary series with a mean of zero.
+
+    Returns
+    -------
+    length : int
+    missing : float
+        Part of the variance of the sum that blocks of this length leave out, below one half.
+    """
+    n = sum(map(len, series))
+    longest = max(map(len, series))
+    size = longest // 2
+    covariance = sum(_autocovariance(s, size) for s in series) / n
+    if not covariance[0] > 0.0:
+        return 1, 0.0
+    rho = covariance / covariance[0]
+    # the smallest lag behind which a window of correlations is within chance
+    within = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
+    window = max(5, int(np.ceil(np.sqrt(np.log10(n)))))
+    runs = np.convolve(within, np.ones(window), mode="valid") >= window
+    m = int(np.argmax(runs)) if runs.any() else int(np.flatnonzero(~within)[-1]) + 1
+    lags = np.arange(min(2 * m, size) + 1)
+    taper = np.clip(2.0 * (1.0 - lags / max(2 * m, 1)), 0.0, 1.0)  # flat, then falling to zero
+    own = taper * rho[: len(lags)]
+    g, moment = own[0] + 2.0 * own[1:].sum(), 2.0 * (lags * own).sum()
+    if g <= 0.0:  # what is left of an oscillation: the whole range of correlation is one block
+        return min(2 * m + 1, longest), 0.0
+    length = int(np.ceil((1.5 * (moment / g) ** 2 * n) ** (1.0 / 3.0)))
+    length = min(max(length, 1), longest)
+    return length, float(np.clip(moment / (g * length), 0.0, 0.5))
+
+
+def _autocovariance(values, size):
+    """Return the sums of products of values up to ``size`` apart, (size + 1,)."""
+    spectrum = np.abs(np.fft.rfft(values, 2 * max(len(values), 1))) ** 2
+    products = np.fft.irfft(spectrum)[: min(size + 1, len(values))]
+    return np.pad(products, (0, size + 1 - len(products)))
+
+
+def _block_sums(values, length):
+    """Return the sums over blocks of about one length, none shorter."""
+    count = max(len(values) // length, 1)
+    edges = np.linspace(0, len(values), count + 1).astype(int)[:-1]
+    return np.add.reduceat(values, edges) if len(values) else np.empty(0)
