@@ -381,7 +381,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         # they do not determine, which is no missing structure
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, *self._fitted(records, base))]
-        return judge_residual(*seen, rng, alpha=self.alpha)
+        criterion = Criterion(self.alpha, self.min_improvement)
+        return judge_residual(*seen, rng, criterion)
 
     @staticmethod
     def _fitted(records, base):
