@@ -1,12 +1,11 @@
 """Scores without the washout of each record."""
 
-from numbers import Integral
-
 import numpy as np
 from sklearn.utils import check_consistent_length
 
 from ..metrics import fit_percent, mape, nrmse, smape
 from ..records import record_slices
+from ._folds import check_integer
 
 __all__ = ["washout_scorer"]
 
@@ -70,11 +69,7 @@ def washout_scorer(metric, *, washout, greater_is_better=None, **metric_options)
             f"The 'metric' parameter of washout_scorer must be a function of (y_true, y_pred). "
             f"Got {metric!r} instead."
         )
-    if not isinstance(washout, Integral) or isinstance(washout, bool) or washout < 0:
-        raise ValueError(
-            f"The 'washout' parameter of washout_scorer must be an int that is at least 0. "
-            f"Got {washout!r} instead."
-        )
+    check_integer("washout", washout, 0, "washout_scorer")
     if greater_is_better is None:
         greater_is_better = _high_is_good(metric)
     if not isinstance(greater_is_better, bool | np.bool_):

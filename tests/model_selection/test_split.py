@@ -184,7 +184,8 @@ def test_metadata_routing_may_be_on():
 def test_representation_names_the_parameters():
     assert repr(RecordKFold(3)) == "RecordKFold(n_splits=3, random_state=None, shuffle=False)"
     assert (
-        repr(BlockedTimeSeriesSplit(washout=7)) == "BlockedTimeSeriesSplit(n_splits=5, washout=7)"
+        repr(BlockedTimeSeriesSplit(washout=7))
+        == "BlockedTimeSeriesSplit(n_splits=5, staggered=False, washout=7)"
     )
 
 
