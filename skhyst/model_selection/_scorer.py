@@ -1,5 +1,8 @@
 """Scores without the washout of each record."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from sklearn.utils import check_consistent_length
 
@@ -91,12 +94,12 @@ def _high_is_good(metric):
     return False if name.endswith(BETTER_LOW) else None
 
 
+@dataclass(frozen=True, repr=False)
 class _WashoutScorer:
-    def __init__(self, metric, washout, greater_is_better, metric_options):
-        self.metric = metric
-        self.washout = washout
-        self.greater_is_better = greater_is_better
-        self.metric_options = metric_options
+    metric: Callable
+    washout: int
+    greater_is_better: bool
+    metric_options: dict
 
     def __call__(self, estimator, X, y):
         """Return the score of the predicted rows that count."""
@@ -107,11 +110,10 @@ class _WashoutScorer:
         for record in records:
             counts[record.rows.start + self.washout : record.rows.stop] = True
         if not counts.any():
+            longest = max((record.n_samples for record in records), default=0)
             raise ValueError(
                 f"The 'washout' parameter of washout_scorer must be shorter than a record. Got "
-                f"washout={self.washout} and records of "
-                f"{max((record.n_samples for record in records), default=0)} samples at most "
-                f"instead."
+                f"washout={self.washout} and records of {longest} samples at most instead."
             )
         value = self.metric(np.asarray(y)[counts], y_pred[counts], **self.metric_options)
         return value if self.greater_is_better else -value

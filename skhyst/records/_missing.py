@@ -6,33 +6,14 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._stamps import GAP
 
-__all__ = ["fill", "missing_rows", "segments"]
-
 _SHOWN = 5  # rows that an error message names
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
-    """Mark missing values as NaN, in place, and say which rows to keep.
+    """Mark missing values as NaN, in place, and return a mask of the rows to keep.
 
-    Parameters
-    ----------
-    path : Path
-    values : ndarray of shape (n_samples, n_columns)
-    names : sequence of str
-    codes : ndarray of shape (n_columns,)
-        Reading that stands for a lost one; NaN where there is none.
-    stamps, labels : array-like of shape (n_samples,), or None
-        These cannot be interpolated.
-    on_missing : {"raise", "drop", "interpolate"}
-
-    Returns
-    -------
-    ndarray of bool of shape (n_samples,)
-
-    Raises
-    ------
-    RecordError
-        If values are missing and must not be, or no row is left.
+    ``codes`` are readings that stand for lost ones, by column, NaN where there is none. The time
+    (``stamps``) and the labels of records, each None or (n_samples,), are not interpolated.
     """
     values[~np.isfinite(values) | (values == codes)] = np.nan
     lost = dict(zip(names, np.isnan(values).T, strict=True))
@@ -83,18 +64,7 @@ def _rows(mask):
 
 
 def segments(starts, clock):
-    """Return the bounds of stretches without a gap, from the first rows of the records.
-
-    Parameters
-    ----------
-    starts : ndarray of int
-    clock : ndarray of shape (n_samples,)
-        Time in s.
-
-    Returns
-    -------
-    list of (start, stop)
-    """
+    """Return the stretches (start, stop) without a gap, from the first rows of the records."""
     step = np.diff(clock)
     inside = np.ones(len(step), dtype=bool)
     inside[starts[1:] - 1] = False
@@ -105,20 +75,10 @@ def segments(starts, clock):
 
 
 def fill(values, clock, bounds):
-    """Interpolate missing values linearly in time within each stretch.
+    """Interpolate missing values linearly in time (s) within each stretch.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples, n_columns)
-        NaN where a value is missing.
-    clock : ndarray of shape (n_samples,)
-    bounds : list of (start, stop)
-
-    Returns
-    -------
-    values : ndarray of shape (n_samples, n_columns)
-    filled : ndarray of bool of shape (n_samples,)
-        False before the first and after the last reading of a stretch.
+    Return the values and a mask of complete rows, False before the first and after the last reading
+    of a stretch.
     """
     values = values.copy()
     for start, stop in bounds:
