@@ -39,8 +39,6 @@ class FrequencyResponseDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import FrequencyResponseDisplay
     >>> from skhyst.linear import SecondOrderModeOperator

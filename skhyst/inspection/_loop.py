@@ -40,8 +40,6 @@ class HysteresisLoopDisplay(SignalDisplay):
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import HysteresisLoopDisplay
     >>> time = np.linspace(0, 1, 500)

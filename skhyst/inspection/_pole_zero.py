@@ -39,8 +39,6 @@ class PoleZeroDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> from scipy.signal import lti
     >>> from skhyst.inspection import PoleZeroDisplay
     >>> from skhyst.linear import TransferFunction

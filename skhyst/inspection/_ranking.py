@@ -36,8 +36,6 @@ class EffectRankingDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import pandas as pd
     >>> from skhyst.inspection import EffectRankingDisplay
     >>> ranking = pd.DataFrame({

@@ -46,8 +46,6 @@ class ResidualDisplay(SignalDisplay):
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import ResidualDisplay
     >>> drive = np.sin(np.linspace(0, 30, 2000))

@@ -178,6 +178,14 @@ def check_integer(name, value, least, caller):
         )
 
 
+def runs(mask, first):
+    """Return where the runs of True start and stop; a new one starts where ``first`` holds."""
+    before, after = np.append(False, mask[:-1]), np.append(mask[1:], False)
+    starts = mask & (first | ~before)
+    stops = mask & (np.append(first[1:], True) | ~after)
+    return np.flatnonzero(starts), np.flatnonzero(stops) + 1
+
+
 def _even_folds(records, cv, X, y):
     """Return masks (n_folds, n_samples) of whole records, or of the blocks of a single one."""
     check_integer("cv", cv, 2, "segment_folds")
@@ -220,7 +228,7 @@ def _given_folds(cv, X, y, groups, first):
     for k, fold in enumerate(folds):
         for part, mask, numbers in zip(("training", "test"), (train, test), fold, strict=True):
             mask[k, _row_numbers(numbers, first.size, f"{part} rows of fold {k}")] = True
-            starts, stops = _blocks(mask[k], first)
+            starts, stops = runs(mask[k], first)
             single = starts[stops - starts == 1]
             if single.size:
                 raise ValueError(
@@ -255,14 +263,6 @@ def _row_numbers(numbers, n_rows, where):
     return rows
 
 
-def _blocks(mask, first):
-    """Return where the runs of True within records start and stop."""
-    before, after = np.append(False, mask[:-1]), np.append(mask[1:], False)
-    starts = mask & (first | ~before)
-    stops = mask & (np.append(first[1:], True) | ~after)
-    return np.flatnonzero(starts), np.flatnonzero(stops) + 1
-
-
 def _washed(records, test, first, washout):
     """Return a mask (n_folds, n_samples) of the rows that are simulated but not scored."""
     washed = np.zeros_like(test)
@@ -271,7 +271,7 @@ def _washed(records, test, first, washout):
             end = min(washout or 0, record.n_samples - 1)
             washed[:, record.rows.start : record.rows.start + end] = True
         return washed
-    blocks = [_blocks(mask, first) for mask in test]
+    blocks = [runs(mask, first) for mask in test]
     if washout is None:
         washout = int(_WASHOUT * min(np.min(stops - starts) for starts, stops in blocks))
     for mask, (starts, stops) in zip(washed, blocks, strict=True):

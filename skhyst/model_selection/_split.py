@@ -14,7 +14,7 @@ from sklearn.utils import indexable
 
 from ..exceptions import RecordError
 from ..records import record_slices
-from ._folds import by_content, check_integer
+from ._folds import by_content, check_integer, runs
 
 __all__ = ["BlockedTimeSeriesSplit", "RecordKFold"]
 
@@ -68,28 +68,18 @@ class _RecordSplitter(BaseCrossValidator):
         return self._row_numbers(records, labelled, self._folds(records, labelled, X, y))
 
     def get_n_splits(self, X=None, y=None, groups=None):
-        """Return the number of folds.
-
-        Parameters
-        ----------
-        X, y, groups : object
-            Ignored, exist for compatibility.
-
-        Returns
-        -------
-        int
-        """
+        """Return the number of folds, an int; the parameters are ignored."""
         return self.n_splits
 
     def _row_numbers(self, records, labelled, folds):
-        runs = np.repeat([0 if labelled else r.label for r in records], _sizes(records))
-        several = runs.size and runs[-1] != runs[0]
+        labels = np.repeat([0 if labelled else r.label for r in records], _sizes(records))
+        several = labels.size and labels[-1] != labels[0]
         time = np.concatenate([r.time for r in records]) if several else None
         for masks in folds:
             train, test = map(np.flatnonzero, masks)
             if several:
-                _refuse_joined(train, runs, time, 1.5 * records[0].dt)
-                _refuse_joined(test, runs, time, 1.5 * records[0].dt)
+                _refuse_joined(train, labels, time, 1.5 * records[0].dt)
+                _refuse_joined(test, labels, time, 1.5 * records[0].dt)
             yield train, test
 
 
@@ -97,10 +87,10 @@ def _sizes(records):
     return np.array([record.n_samples for record in records], dtype=int)
 
 
-def _refuse_joined(rows, runs, time, gap):
-    """Refuse rows of two runs that would follow each other in time as if they were one record."""
+def _refuse_joined(rows, labels, time, gap):
+    """Refuse rows of two records that follow each other in time as if they were one record."""
     step = np.diff(time[rows])
-    joined = np.flatnonzero((np.diff(runs[rows]) != 0) & (step >= 0) & (step <= gap))
+    joined = np.flatnonzero((np.diff(labels[rows]) != 0) & (step >= 0) & (step <= gap))
     if joined.size:
         raise RecordError(
             f"The records need labels, as in this fold the times alone do not tell them apart: "
@@ -243,6 +233,7 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
 
     def _blocks(self, records, long, place):
         clock = _clock(records, self.washout)
+        apart = np.diff(clock, prepend=-2) != 1
         first = np.array([record.rows.start for record in long])
         size, longer = np.divmod(_sizes(long), self.n_splits)
         for k in range(self.n_splits):
@@ -253,7 +244,8 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
             far = np.searchsorted(clock, clock[stops - 1] + self.washout, side="right")
             test = _mask(clock.size, starts, stops)
             train = ~_mask(clock.size, near, far)
-            _leave_out_single(train, clock)
+            starts, stops = runs(train, apart)
+            train[starts[stops - starts == 1]] = False
             if not train.any():
                 raise ValueError(
                     f"The 'washout' parameter of BlockedTimeSeriesSplit must leave rows to train "
@@ -286,13 +278,3 @@ def _clock(records, washout):
         ticks.append(last + jump + np.arange(record.n_samples))
         last, previous = ticks[-1][-1], record
     return np.concatenate(ticks)
-
-
-def _leave_out_single(train, clock):
-    """Take rows without a neighbour one tick away out of the mask."""
-    rows = np.flatnonzero(train)
-    close = np.diff(clock[rows]) == 1
-    neighbour = np.zeros(rows.size, dtype=bool)
-    neighbour[1:] |= close
-    neighbour[:-1] |= close
-    train[rows[~neighbour]] = False

@@ -1,10 +1,11 @@
 """Missing values: find them, name them, drop or interpolate them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._stamps import GAP
 
 _SHOWN = 5  # rows that an error message names
 
@@ -63,29 +64,19 @@ def _rows(mask):
     return f"rows {first}{', ...' if len(rows) > _SHOWN else ''} ({len(rows)} of {len(mask)})"
 
 
-def segments(starts, clock):
-    """Return the stretches (start, stop) without a gap, from the first rows of the records."""
-    step = np.diff(clock)
-    inside = np.ones(len(step), dtype=bool)
-    inside[starts[1:] - 1] = False
-    interval = np.median(step[inside]) if inside.any() else np.inf
-    gaps = np.flatnonzero(inside & (step > GAP * interval)) + 1
-    bounds = np.union1d(starts, gaps).tolist()
-    return list(zip(bounds, [*bounds[1:], len(clock)], strict=True))
-
-
-def fill(values, clock, bounds):
-    """Interpolate missing values linearly in time (s) within each stretch.
+def fill(values, stamps):
+    """Interpolate missing values linearly in time, between the gaps in the stamps of the rows.
 
     Return the values and a mask of complete rows, False before the first and after the last reading
-    of a stretch.
+    of a stretch without a gap.
     """
-    values = values.copy()
-    for start, stop in bounds:
+    values, clock = values.copy(), stamps.values.astype(float)
+    stretches = (cut for run in pairwise(stamps.runs()) for cut in pairwise(stamps.cuts(*run)))
+    for start, stop in stretches:
+        own = clock[start:stop]
         for column in values[start:stop].T:
             known = np.isfinite(column)
             if known.any() and not known.all():
-                own = clock[start:stop]
                 column[~known] = np.interp(
                     own[~known], own[known], column[known], left=np.nan, right=np.nan
                 )

@@ -9,7 +9,8 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._columns import load_column, numbers
 from ._formats import file_variables, reading
-from ._missing import fill, missing_rows, segments
+from ._missing import fill, missing_rows
+from ._stamps import time_stamps
 
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _POLICIES = ("raise", "drop", "interpolate")
@@ -115,17 +116,15 @@ def read_records(
     keep = missing_rows(path, values, names, codes, stamps, labels, on_missing)
     positions = _positions(labels, len(values))[keep]
     values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
-    labels, starts = _records(path, labels, stamps, len(values))
-    level = stamps
+    labels = _record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
     if stamps is None:
-        level = positions if sampling_rate is None else positions / float(sampling_rate)
+        stamps = positions if sampling_rate is None else positions / float(sampling_rate)
+    index = pd.MultiIndex.from_arrays([labels, stamps], names=["record", "time"])
     if on_missing == "interpolate":
-        clock = _seconds(level)
-        values, filled = fill(values, clock, segments(starts, clock))
+        values, filled = fill(values, time_stamps(pd.DataFrame(index=index)))
         if not filled.any():
             raise RecordError(f"{path.name} has no record with readings in every column.")
-        values, labels, level = values[filled], labels[filled], level[filled]
-    index = pd.MultiIndex.from_arrays([labels, level], names=["record", "time"])
+        values, index = values[filled], index[filled]
     X = pd.DataFrame(values[:, : len(inputs)], index, columns=names[: len(inputs)])
     y = None if response is None else pd.Series(values[:, -1].copy(), index, name=names[-1])
     return X, y
@@ -225,31 +224,20 @@ def _positions(labels, n):
     return rows - np.repeat(starts, np.diff([*starts, n]))
 
 
-def _records(path, labels, stamps, n):
-    """Return the label of each row and the first rows of the records."""
-    if labels is not None:
-        labels = np.asarray(labels)
-        return labels, np.flatnonzero(np.diff(pd.factorize(labels)[0], prepend=-1))
-    step = np.diff(_seconds(stamps)) if stamps is not None else np.ones(n - 1)
-    still = np.flatnonzero(step == 0.0) + 1
+def _record_numbers(path, stamps, n):
+    """Return a label for each row: how often time has started again before it."""
+    if stamps is None:
+        return np.zeros(n, dtype=int)
+    still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
     if still.size:
         raise RecordError(
             f"The time of {path.name} stands still at row {still[0]} ({still.size} rows in all), "
             "so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
         )
-    restarts = np.flatnonzero(step < 0.0) + 1
-    if len(restarts) > max(n // 4, 1):
+    restarts = np.append(False, stamps[1:] < stamps[:-1])
+    if restarts.sum() > max(n // 4, 1):
         raise RecordError(
-            f"The time of {path.name} runs backwards at {len(restarts)} of {n} rows: the rows are "
+            f"The time of {path.name} runs backwards at {restarts.sum()} of {n} rows: the rows are "
             "shuffled, or 'time' names another column. Sort the rows by time."
         )
-    starts = np.concatenate([[0], restarts])
-    return np.repeat(np.arange(len(starts)), np.diff([*starts, n])), starts
-
-
-def _seconds(stamps):
-    if isinstance(stamps, pd.DatetimeIndex):
-        stamps = stamps - stamps[0]
-    if isinstance(stamps, pd.TimedeltaIndex):
-        return stamps.to_numpy() / np.timedelta64(1, "s")
-    return np.asarray(stamps, dtype=float)
+    return np.cumsum(restarts)
