@@ -160,15 +160,6 @@ def test_the_order_of_records_does_not_matter(lengths, cv, random):
     assert seen[0] == seen[1]
 
 
-def test_staggered_blocks_train_on_all_parts_of_a_repeated_drive():
-    drive = np.sin(np.arange(60))
-    X, y = stack_records([(drive, k * drive) for k in range(1, 4)])
-    for train, test in BlockedTimeSeriesSplit(3, staggered=True).split(X, y):
-        part = np.tile(np.arange(60), 3)
-        np.testing.assert_array_equal(np.unique(part[train]), np.arange(60))
-        np.testing.assert_array_equal(np.sort(part[test]), np.arange(60))
-
-
 def test_a_generator_is_consumed_once():
     X, y = recording([90, 90])
     splits = list(BlockedTimeSeriesSplit(3).split(X))
