@@ -157,7 +157,7 @@ def segment_folds(
     segments = []
     for record in records:
         start, stop = record.rows.start, record.rows.stop
-        own = [int(cut) for cut in cuts if start <= cut < stop]
+        own = cuts[(cuts >= start) & (cuts < stop)].tolist()
         counts = _shares(np.diff([*own, stop]), ~undivided[own], n_segments)
         parts = [
             stretches(a - start, b - start, count, shortest)

@@ -184,49 +184,36 @@ def test_random_splits_and_reversed_rows_are_refused_with_the_remedy(index):
 
 TIMES = np.arange(9) * 0.1
 TWO = frame(("a", TIMES), ("b", TIMES))
-LOST = np.where(np.isin(np.arange(10), [3, 7]), np.nan, np.arange(10) * 0.1)
-REFUSED = {
-    "interleaved": (TWO.sort_index(level="time"), "sort_index"),
-    "repeated": (single([0.0, 0.1, 0.1, 0.2]), "Rows 1 and 2 have the same time"),
-    "single": (
-        frame(("a", TIMES[:3]), ("b", [0.0]), ("c", TIMES[:2])),
-        r"at least two samples. Got 1 row\(s\) \(3\)",
+LOST = np.isin(np.arange(10), [3, 7])
+UNEVEN = (
+    np.cumsum(np.random.default_rng(0).uniform(0.6, 1.4, 100)),
+    np.geomspace(1.0, 2.0, 50),
+    np.r_[0:50, 50 + 1.1 * np.arange(50)],
+    np.r_[np.arange(100), 100 + 2 * np.arange(100)] * 0.5,
+)
+NO_TIMES = (list("abcd"), [True, False] * 2, pd.period_range("2024", periods=4, freq="D"))
+LEVELS = pd.MultiIndex.from_arrays([[0, 0], [0, 0], [0.0, 0.1]])
+REFUSED = [
+    (TWO.sort_index(level="time"), "sort_index"),
+    (single([0.0, 0.1, 0.1, 0.2]), "Rows 1 and 2 have the same time"),
+    (frame(("a", TIMES), ("b", [0.0]), ("c", TIMES)), r"two samples. Got 1 row\(s\) \(9\)"),
+    (single([0.5]), "at least two samples"),
+    (single(np.arange(0, 40, 2)), "give times in seconds as floats"),
+    *((single(times), "resample_records") for times in UNEVEN),
+    *(
+        (X, r"2 row\(s\) \(3, 7\) without a finite time")
+        for bad in (np.nan, np.inf)
+        for times in [np.where(LOST, bad, 0.1 * np.arange(10))]
+        for X in (single(times), frame(("a", times)))
     ),
-    "one": (single([0.5]), "at least two samples"),
-    "jitter": (
-        single(np.cumsum(np.random.default_rng(0).uniform(0.6, 1.4, 100))),
-        "resample_records",
-    ),
-    "log": (single(np.geomspace(1.0, 2.0, 50)), "resample_records"),
-    "two rates": (single(np.r_[0:50, 50 + 1.1 * np.arange(50)]), "resample_records"),
-    "double rate": (
-        single(np.r_[np.arange(100), 100 + 2 * np.arange(100)] * 0.5),
-        "resample_records",
-    ),
-    "nan": (single(LOST), r"2 row\(s\) \(3, 7\) without a finite time"),
-    "nan labelled": (frame(("a", LOST)), r"2 row\(s\) \(3, 7\) without a finite time"),
-    "inf": (
-        frame(("a", np.where(np.isnan(LOST), np.inf, LOST))),
-        r"2 row\(s\) \(3, 7\) without a finite time",
-    ),
-    "label": (frame(("a", [0.0, 0.1]), (None, [0.0, 0.1])), r"label. Got 2 row\(s\) \(2, 3\)"),
-    "text": (single(list("abcd")), r"reset_index\(drop=True\)"),
-    "bool": (single([True, False, True, False]), r"reset_index\(drop=True\)"),
-    "periods": (
-        single(pd.period_range("2024", periods=4, freq="D")),
-        r"reset_index\(drop=True\)",
-    ),
-    "levels": (
-        pd.DataFrame({"u": [0.0, 0.0]}, pd.MultiIndex.from_arrays([[0, 0], [0, 0], [0.0, 0.1]])),
-        "3 levels",
-    ),
-    "every second": (single(np.arange(0, 40, 2)), "give times in seconds as floats"),
-}
+    (frame(("a", [0.0, 0.1]), (None, [0.0, 0.1])), r"label. Got 2 row\(s\) \(2, 3\)"),
+    *((single(index), r"reset_index\(drop=True\)") for index in NO_TIMES),
+    (pd.DataFrame({"u": [0.0, 0.0]}, LEVELS), "3 levels"),
+]
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_forms_no_even_records_is_refused_with_the_remedy(case):
-    X, message = REFUSED[case]
+@pytest.mark.parametrize(("X", "message"), REFUSED)
+def test_what_forms_no_even_records_is_refused_with_the_remedy(X, message):
     with pytest.raises(RecordError, match=message):
         record_slices(X)
 
