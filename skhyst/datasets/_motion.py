@@ -1,16 +1,4 @@
-"""A mass on a spring, with forces that are not linear, for the simulated devices.
-
-With w = 2 pi frequency, full scale Y and the normalised forces f,
-
-    x'' = w^2 (u - x) + 2 zeta w (base u' - x') - w^2 Y f,
-    f = cubic (x / Y)^3 + friction z + hysteretic h.
-
-The linear part is advanced exactly, by the exponential of the matrix, for an input that is a
-straight line within a step; the forces f act as half a kick before and half a kick after each step
-(Strang splitting). So the motion is exact without f and of second order in the step with it.
-"""
-
-import dataclasses
+"""A mass on a spring, with forces that are not linear, for the simulated devices."""
 
 import numpy as np
 from scipy.linalg import expm
@@ -18,55 +6,14 @@ from scipy.optimize import brentq
 
 from .._jit import jit
 
-__all__ = ["Forces", "bouc_wen", "oscillate"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Forces:
-    """Normalised forces in the equation of motion.
-
-    Attributes
-    ----------
-    scale : float
-        Full scale Y of the displacement.
-    cubic, friction, hysteretic : float
-        Strengths: shares of the spring's force at full scale.
-    presliding, width : float
-        Displacements over which the friction and the hysteretic force build up, shares of Y.
-    static : float
-        Static over Coulomb friction.
-    stribeck : float
-        Velocity at which the static part fades, a share of w Y.
-    """
-
-    scale: float
-    cubic: float = 0.0
-    friction: float = 0.0
-    presliding: float = 1.0
-    static: float = 1.0
-    stribeck: float = 1.0
-    hysteretic: float = 0.0
-    width: float = 1.0
+__all__ = ["bouc_wen", "oscillate"]
 
 
 @jit
 def bouc_wen(h, du, limit, shape):
-    """Advance dh = du (1 - |h| / limit (shape sign(h du) + 1 - shape)) exactly.
+    """Advance dh = du (1 - |h| / limit (shape sign(h du) + 1 - shape)) exactly by a step du.
 
-    Parameters
-    ----------
-    h : float
-        State.
-    du : float
-        Change of the input; h changes by as much at first.
-    limit : float
-        Value that h tends to.
-    shape : float
-        0.5 unloads along a straight line, 1 along an exponential.
-
-    Returns
-    -------
-    float
+    With the shape 0.5 it unloads along a straight line, with 1 along an exponential.
     """
     if du == 0.0:
         return h
@@ -84,13 +31,13 @@ def bouc_wen(h, du, limit, shape):
 
 
 @jit
-def _advance(signal, x, flow, step, pull, forces, z, h):
+def _advance(signal, x, h, flow, step, pull, forces):
     """Advance from rest; ``flow`` maps (x, v, u, u') over a step, x in units of full scale."""
     cubic, friction, presliding, static, stribeck, hysteretic, width = forces
     out = np.empty(signal.size)
-    v = 0.0
+    v = z = 0.0
     out[0] = x
-    force = pull * (cubic * x * x * x + friction * z + hysteretic * h / width)
+    force = pull * (cubic * x * x * x + hysteretic * h / width)
     for i in range(1, signal.size):
         v -= 0.5 * step * force
         u, rate, before = signal[i - 1], (signal[i] - signal[i - 1]) / step, x
@@ -108,20 +55,52 @@ def _advance(signal, x, flow, step, pull, forces, z, h):
     return out
 
 
-def oscillate(signal, dt, frequency, damping, *, base=0.0, forces=None):
-    """Return the displacement of a mode driven by a signal, from rest.
+def oscillate(
+    signal,
+    step,
+    frequency,
+    damping,
+    base=0.0,
+    scale=1.0,
+    cubic=0.0,
+    friction=0.0,
+    presliding=1.0,
+    static=1.0,
+    stribeck=1.0,
+    hysteretic=0.0,
+    width=1.0,
+):
+    """Return the displacement x of a mode driven by a signal u, from rest.
+
+    With w = 2 pi frequency, full scale Y and the normalised forces f,
+
+        x'' = w^2 (u - x) + 2 damping w (base u' - x') - w^2 Y f,
+        f = cubic (x / Y)^3 + friction z + hysteretic h.
+
+    The linear part is advanced exactly, by the exponential of the matrix, for an input that is a
+    straight line within a step; the forces f act as half a kick before and half a kick after each
+    step (Strang splitting). So the motion is exact without f and of second order with it.
 
     Parameters
     ----------
     signal : ndarray of shape (n_samples,)
         Input u, units of the displacement.
-    dt : float
+    step : float
         Interval, s.
     frequency, damping : float
         Undamped frequency in Hz and damping ratio.
-    base : float, default=0.0
+    base : float
         Share of the damper that stands on the input instead of on the ground.
-    forces : Forces, optional
+    scale : float
+        Full scale Y of the displacement.
+    cubic, friction, hysteretic : float
+        Strengths: shares of the spring's force at full scale.
+    presliding, width : float
+        Displacements over which the friction and the hysteretic force build up, shares of Y.
+    static : float
+        Static over Coulomb friction.
+    stribeck : float
+        Velocity at which the static part fades, a share of w Y.
 
     Returns
     -------
@@ -132,29 +111,20 @@ def oscillate(signal, dt, frequency, damping, *, base=0.0, forces=None):
     law = np.zeros((4, 4))  # of x, v, u, u'
     law[0, 1] = law[2, 3] = 1.0
     law[1] = [-w * w, -c, w * w, c * base]
-    forces = Forces(1.0) if forces is None else forces
-    scaled = np.ascontiguousarray(signal, dtype=float) / forces.scale
-    numbers = (
-        forces.cubic,
-        forces.friction,
-        forces.presliding,
-        forces.static,
-        forces.stribeck * w,
-        forces.hysteretic,
-        forces.width,
-    )
-    x, h = _rest(scaled[0], forces)
-    return forces.scale * _advance(scaled, x, expm(law * dt)[:2].copy(), dt, w * w, numbers, 0.0, h)
+    flow = expm(law * step)[:2].copy()
+    scaled = np.ascontiguousarray(signal, dtype=float) / scale
+    x, h = _rest(scaled[0], cubic, hysteretic, width)
+    forces = (cubic, friction, presliding, static, stribeck * w, hysteretic, width)
+    return scale * _advance(scaled, x, h, flow, step, w * w, tuple(map(float, forces)))
 
 
-def _rest(u, forces):
+def _rest(u, cubic, hysteretic, width):
     """Return the position of rest and the hysteretic force's state after a first loading."""
 
     def excess(x):
-        h = bouc_wen(0.0, x, forces.width, 0.5)
-        return x + forces.cubic * x**3 + forces.hysteretic * h / forces.width - u
+        return x + cubic * x**3 + hysteretic * bouc_wen(0.0, x, width, 0.5) / width - u
 
-    if forces.cubic == 0.0 and forces.hysteretic == 0.0:
+    if cubic == 0.0 and hysteretic == 0.0:
         return u, 0.0
     x = brentq(excess, -abs(u) - 1e-300, abs(u) + 1e-300, xtol=1e-300, rtol=1e-14)
-    return x, bouc_wen(0.0, x, forces.width, 0.5)
+    return x, bouc_wen(0.0, x, width, 0.5)

@@ -1,7 +1,7 @@
 """The scanning stage of the thesis on Prandtl-Ishlinskii cascades, simulated."""
 
 import warnings
-from numbers import Real
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,9 +10,10 @@ from sklearn.utils import Bunch
 
 from ..exceptions import RecordError
 from ..records import record_slices, stack_records
-from ._effects import EffectPath, first_order, plays, refine
-from ._motion import oscillate
+from ._checks import refuse, scalar
+from ._effects import Device, complete_effects, path
 from ._signals import triangle
+from .simulation import kelvin_voigt, oscillate, plays, refine
 
 __all__ = ["load_scanning_stage_parameters", "make_scanning_stage"]
 
@@ -163,45 +164,21 @@ def make_scanning_stage(
     >>> print(f"stroke {y['10 Hz'].max() - y['10 Hz'].min():.1f} um, {truth.noise_std} um of noise")
     stroke 3.4 um, 0.0005 um of noise
     """
+    caller = "make_scanning_stage"
     if measured not in _SENSORS:
-        raise ValueError(
-            "The 'measured' parameter of make_scanning_stage must be 'displacement' or 'velocity'. "
-            f"Got {measured!r} instead."
-        )
+        refuse(caller, "measured", "'displacement' or 'velocity'", measured)
     limit, default_noise = _SENSORS[measured]
-    noise = default_noise if noise is None else noise
-    if not isinstance(noise, Real) or not 0.0 <= noise < np.inf:
-        raise ValueError(
-            "The 'noise' parameter of make_scanning_stage must be a finite number, not negative. "
-            f"Got {noise!r} instead."
-        )
+    noise = scalar(caller, "noise", default_noise if noise is None else noise, negative=False)
     rng = np.random.default_rng(random_state)
     X = _drive(drive, dt, rng)
     stage = load_scanning_stage_parameters()
-    path = EffectPath.resolve(
-        effects,
-        drive=_SPAN,
-        response=_full_scale(stage),
-        period=1.0 / stage.natural_frequencies[0],
-        caller="make_scanning_stage",
-        seed=int(rng.integers(2**31)),
-    )
-    voltage = X.iloc[:, 0].to_numpy(dtype=float)
-    signals = {name: np.empty(len(X)) for name in ("hysteresis", "creep", "response")}
-    auxiliary = np.zeros(len(X))
-    for number, record in enumerate(record_slices(X, one_interval=False)):
-        u = voltage[record.rows]
-        parts = _simulate(stage, path, u, record.dt, measured)
-        added, column = path.beside(len(u), record.dt, number)
-        if column is not None:
-            auxiliary[record.rows] = column
-        if measured == "velocity":
-            added = np.gradient(added, record.dt) if len(u) > 1 else np.zeros(1)
-        parts["response"] = parts["response"] + added
-        for name, values in parts.items():
-            signals[name][record.rows] = values
-    if "auxiliary_input" in path.settings:
-        X = X.assign(temperature=auxiliary)
+    effects = complete_effects(effects, 1.0 / stage.natural_frequencies[0], caller)
+    records = record_slices(X, one_interval=False)
+    device = Device(_SPAN, _full_scale(stage), records, seed=int(rng.integers(2**31)))
+    hysteresis = partial(plays, thresholds=stage.thresholds, weights=stage.weights)
+    plant = path(hysteresis, partial(_vibrate, stage=stage))
+    respond = partial(_respond, stage=stage, measured=measured)
+    X, signals = device.simulate(X, plant, effects, respond)
     y = signals["response"] + noise * rng.normal(size=len(X))
     resolution = 2.0 * limit / 2**_BITS if quantize else 0.0
     if quantize:
@@ -213,13 +190,12 @@ def make_scanning_stage(
                 stacklevel=2,
             )
         y = np.clip(resolution * np.round(y / resolution), -limit, limit)
-    series = {name: pd.Series(v, X.index, name=name) for name, v in signals.items()}
     truth = Bunch(
-        **series,
-        noise_std=float(noise),
+        **{name: pd.Series(values, X.index, name=name) for name, values in signals.items()},
+        noise_std=noise,
         resolution=resolution,
         parameters=stage,
-        effects=path.settings,
+        effects=effects,
     )
     return X, pd.Series(y, X.index, name="response"), truth
 
@@ -231,10 +207,8 @@ def _drive(drive, dt, rng):
     """Return the frame of the drive, index of record and time."""
     if isinstance(drive, str):
         if drive not in _EXPERIMENTS:
-            raise ValueError(
-                "The 'drive' parameter of make_scanning_stage must be a frame, an array or one of "
-                f"{', '.join(map(repr, _EXPERIMENTS))}. Got {drive!r} instead."
-            )
+            names = ", ".join(map(repr, _EXPERIMENTS))
+            refuse("make_scanning_stage", "drive", f"a frame, an array or one of {names}", drive)
         return _EXPERIMENTS[drive](rng)
     if not hasattr(drive, "iloc"):
         drive = np.asarray(drive, dtype=float)
@@ -301,30 +275,28 @@ def _full_scale(stage):
     return float(settled * stage.numerator[-1] / stage.denominator[-1])
 
 
-def _simulate(stage, path, drive, dt, measured):
+def _respond(plant, drives, dt, beside, stage, measured):
     """Return the signals of one record at its samples."""
-    forces = path.forces()
     substeps = _SUBSTEPS
-    if forces is not None or measured == "velocity":
-        fine = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
-        substeps = max(substeps, int(np.ceil(dt / fine)))
+    if measured == "velocity" or "scale" in plant.places["motion"][0].keywords:  # it has forces
+        finest = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
+        substeps = max(substeps, int(np.ceil(dt / finest)))
     h = dt / substeps
-    signal = path.before(refine(drive, substeps), h)
-    signal = path.gain(drive) * plays(
-        signal, stage.thresholds, stage.weights, path.growth(signal, h)
-    )
-    hysteresis = signal = path.after(signal)
-    units = zip(stage.compliances, stage.time_constants, strict=True)
-    creep = signal = signal + sum(c * first_order(signal, h, tau) for c, tau in units)
-    signal = _vibrate(stage, path.dynamics(signal, h), h, forces)
-    response = path.sensor(signal)
+    drive = drives[:, 0]
+    plant = plant.adapt("gain", peak=np.abs(drive).max())
+    hysteresis = plant.send(refine(drive, substeps), h, "first", "core", "gain", "middle")
+    creep = kelvin_voigt(hysteresis, h, stage.time_constants, stage.compliances)
+    response = plant.send(creep, h, "dynamics", "motion", "last")
     if measured == "velocity":
-        response = _slope(response, h)
-    named = {"hysteresis": hysteresis, "creep": creep, "response": response}
-    return {name: values[::substeps] for name, values in named.items()}
+        response, beside = _slope(response, h), np.gradient(beside, dt)
+    return {
+        "hysteresis": hysteresis[::substeps],
+        "creep": creep[::substeps],
+        "response": response[::substeps] + beside,
+    }
 
 
-def _vibrate(stage, signal, h, forces):
+def _vibrate(signal, h, stage, **forces):
     """Send a signal through (4.1), a sum of r / (s - p) over its poles p, from rest.
 
     Each term is advanced exactly for an input that is a straight line within a step. With forces
@@ -332,7 +304,7 @@ def _vibrate(stage, signal, h, forces):
     """
     frequency, damping = stage.natural_frequencies[0], stage.damping_ratios[0]
     poles, gain = _poles(stage.denominator), 1.0
-    if forces is not None:
+    if forces:
         w = 2.0 * np.pi * frequency
         poles, gain = poles[np.abs(np.abs(poles) - w) > 1e-6 * w], 1.0 / w**2
     start = signal[0]
@@ -345,7 +317,7 @@ def _vibrate(stage, signal, h, forces):
         ramp = gone / q - 1.0
         weights = residue / p * np.array([ramp, gone - ramp])
         total += np.real(lfilter(weights, [1.0, -1.0 - gone], signal - start))
-    return total if forces is None else oscillate(total, h, frequency, damping, forces=forces)
+    return oscillate(total, h, frequency, damping, **forces) if forces else total
 
 
 def _slope(signal, h):

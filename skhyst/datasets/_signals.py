@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._signals_checks import (
+from ._checks import (
     interval,
     number,
     refuse,

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ._signals_checks import (
+from ._checks import (
     count,
     interval,
     number,

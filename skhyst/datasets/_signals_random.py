@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._signals_checks import band_lines, count, interval, number, refuse, signal_frame
+from ._checks import band_lines, count, interval, number, refuse, signal_frame
 
 __all__ = ["band_limited_noise", "multisine"]
 

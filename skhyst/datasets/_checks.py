@@ -1,4 +1,4 @@
-"""What the test signals share: checks of their parameters, and their frame."""
+"""Checks of parameters, and the frame of the test signals."""
 
 import numpy as np
 import pandas as pd
@@ -27,20 +27,21 @@ def refuse(function, name, expected, value):
     )
 
 
-def number(function, name, value, *, positive=False, negative=True, size=None):
+def number(function, name, value, *, positive=False, negative=True, size=None, shape=None):
     """Return finite numbers as an array, of zero or one dimension, or of ``size`` values.
 
-    ``positive`` refuses zero, ``negative=False`` only what is below.
+    ``positive`` refuses zero, ``negative=False`` only what is below; errors name the ``shape``.
     """
     kind = "positive" if positive else "finite" if negative else "not negative"
-    shape = "a number or a sequence of numbers" if size is None else f"a number, or {size} numbers"
+    if shape is None:
+        shape = f"a number, or {size} numbers" if size else "a number or a sequence of numbers"
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         refuse(function, name, f"{shape}, {kind}", value)
     fits = array.ndim <= 1 and array.size > 0 and np.isfinite(array).all()
-    if size is not None:
-        fits = fits and array.size in (1, size)
+    fits = fits and (size is None or array.size in (1, size))
+    fits = fits and not isinstance(value, str)
     if not fits or (positive and (array <= 0).any()) or (not negative and (array < 0).any()):
         refuse(function, name, f"{shape}, {kind}", value)
     return array if size is None else np.broadcast_to(array.ravel(), size).astype(float)
@@ -48,7 +49,7 @@ def number(function, name, value, *, positive=False, negative=True, size=None):
 
 def scalar(function, name, value, **options):
     """Return one finite number."""
-    array = number(function, name, value, **options)
+    array = number(function, name, value, shape="a number", **options)
     if array.ndim:
         refuse(function, name, "a number", value)
     return float(array)
