@@ -6,11 +6,15 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from skhyst.datasets.simulation import Plant, plays
+
 from . import effects, unknown
-from .physics import bouc_wen, play_bank, scaled, second_order
-from .plant import SUBSTEPS, Plant, Setting
+from .effects import SUBSTEPS, Setting
+from .motion import mode
+from .physics import bouc_wen, scaled
 from .signals import N_TRAIN, draw_column, draw_drives, log_uniform, spread_amplitudes
 
+PLACES = ("first", "core", "middle", "motion", "dynamics", "last")
 BASES = ("prandtl_ishlinskii", "cascade", "bouc_wen", "second_order")
 EFFECTS = tuple(effects.LAWS)
 UNKNOWN = tuple(unknown.LAWS)
@@ -136,24 +140,18 @@ def _draw_core(rng, declared, drives, scale):
         peak = max(np.abs(core(drive, 1.0)).max() for drive in drives)
         return partial(core.func, **{**core.keywords, "gain": 1.0 / peak})
     thresholds, weights = effects.draw_plays(rng, 0.8 * scale, scale)  # to half of the full range
-    peak = max(np.abs(play_bank(u, 1.0, thresholds, weights)).max() for u in drives)
-    return partial(play_bank, thresholds=thresholds, weights=weights / peak)
+    peak = max(np.abs(plays(u, 1.0, thresholds, weights)).max() for u in drives)
+    return partial(plays, thresholds=thresholds, weights=weights / peak)
 
 
-def _draw_mode(rng, declared):
+def _draw_motion(rng, declared):
     if declared == "cascade":
-        mode = {
-            "frequency": 1.0 / log_uniform(rng, 14, 50),
-            "damping": log_uniform(rng, 0.02, 0.25),
-        }
-    elif declared == "second_order":  # within the band of most drives
-        mode = {
-            "frequency": 1.0 / log_uniform(rng, 25, 100),
-            "damping": log_uniform(rng, 0.03, 0.3),
-        }
-    else:
-        mode = {}
-    return mode
+        frequency = 1.0 / log_uniform(rng, 14, 50)
+        return {"frequency": frequency, "damping": log_uniform(rng, 0.02, 0.25)}
+    if declared == "second_order":  # within the band of most drives
+        frequency = 1.0 / log_uniform(rng, 25, 100)
+        return {"frequency": frequency, "damping": log_uniform(rng, 0.03, 0.3)}
+    return {}
 
 
 def _bounds(signals):
@@ -239,7 +237,7 @@ def make_recording(
     scale, unit = log_uniform(rng, 1, 150), log_uniform(rng, 1e-6, 1e3)
     drives, signals = draw_drives(rng, n_samples, scale)
     core = _draw_core(rng, declared, drives[:N_TRAIN], scale)
-    mode = _draw_mode(rng, declared)
+    motion = _draw_motion(rng, declared)
     rng = np.random.default_rng([seed, kind, 4])
     distraction = rng.integers(3) if distract else -1
     if "amplitude_dependence" in names or distraction == 0:
@@ -249,7 +247,10 @@ def make_recording(
     if distraction == 1:
         column = ("temperature", draw_column(rng, lengths)[1])
 
-    base = Plant(core=(core,), motion=(partial(second_order, **mode),) if mode else ())
+    base = Plant(
+        dict.fromkeys(PLACES, ())
+        | {"core": (core,), "motion": (partial(mode, **motion),) if motion else ()}
+    )
     plants = [base] * len(drives)
     rng = np.random.default_rng([seed, kind, 2, *chosen])
     setting = Setting(
@@ -257,12 +258,12 @@ def make_recording(
         response=_bounds([base.respond(drive, substeps) for drive in drives[:N_TRAIN]]),
         settled=_bounds([core(drive, 1.0) for drive in drives[:N_TRAIN]]),
         lengths=lengths,
-        mode=mode.get("frequency", 0.0),
+        mode=motion.get("frequency", 0.0),
         dt=dt,
         unit=unit,
         declared=declared,
         drives=tuple(drives),
-        motion=mode,
+        motion=motion,
         core=core.keywords,
         substeps=substeps,
     )
@@ -299,7 +300,7 @@ def make_recording(
         "signals": signals,
         "column": column[0],
         **_in_units(core, unit),
-        "mode": {**mode, "frequency": mode["frequency"] / dt} if mode else {},
+        "mode": {**motion, "frequency": motion["frequency"] / dt} if motion else {},
     }
     return Recording(
         X_train=X_train,
