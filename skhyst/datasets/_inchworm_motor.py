@@ -10,7 +10,7 @@ from sklearn.utils import Bunch, check_random_state
 from .._jit import jit
 from ..records import record_slices, stack_records
 from ._checks import count, interval, refuse, scalar
-from ._effects import Device, complete_effects, path
+from ._effects import Device, complete_effects, path, simulate
 from ._signals import decaying_sine
 from .simulation import bouc_wen, oscillate, plays, refine
 
@@ -234,7 +234,7 @@ def make_inchworm_motor(
     loop = _LOOPS[hysteresis]
     motion = partial(oscillate, frequency=_FREQUENCY, damping=_RATIO, base=1.0)
     respond = partial(_respond, loop=loop, substeps=substeps)
-    X, signals = device.simulate(X, path(loop, motion), effects, respond)
+    X, signals = simulate(device, X, path(loop, motion), effects, respond)
     response = pd.Series(signals.pop("response"), X.index, name="response")
     draws = [
         device.generator(number).standard_normal(record.n_samples)

@@ -11,7 +11,7 @@ from sklearn.utils import Bunch
 from ..exceptions import RecordError
 from ..records import record_slices, stack_records
 from ._checks import refuse, scalar
-from ._effects import Device, complete_effects, path
+from ._effects import Device, complete_effects, path, simulate
 from ._signals import triangle
 from .simulation import kelvin_voigt, oscillate, plays, refine
 
@@ -178,7 +178,7 @@ def make_scanning_stage(
     hysteresis = partial(plays, thresholds=stage.thresholds, weights=stage.weights)
     plant = path(hysteresis, partial(_vibrate, stage=stage))
     respond = partial(_respond, stage=stage, measured=measured)
-    X, signals = device.simulate(X, plant, effects, respond)
+    X, signals = simulate(device, X, plant, effects, respond)
     y = signals["response"] + noise * rng.normal(size=len(X))
     resolution = 2.0 * limit / 2**_BITS if quantize else 0.0
     if quantize:

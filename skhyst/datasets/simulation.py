@@ -1,9 +1,10 @@
-"""A simulated plant with effects in it: what the devices, the demo and the blind study are made of.
+"""Simulated plants with effects in them: of the devices, of the demo and of the blind study.
 
-A :class:`Plant` is a signal path. Its stages, and the laws below are such, are called with a signal
-and the interval between its samples, and return a signal; a signal is a straight line between its
-samples, and its first value has stood since all dynamics settled, after a first loading from zero.
-An :class:`Effect` is what changes in a plant, or is added to its response.
+A :class:`Plant` is a signal path, an :class:`Effect` what changes in it, or what is added to its
+response. Stages of a path are called with a signal of shape (n_samples,) and the interval between
+its samples, and return a signal. The laws below are such; their times count as the interval does.
+A signal is a straight line between its samples, and its first value has stood since all dynamics
+settled, after a first loading from zero.
 
 Nothing here uses the models that find effects: the two share the recording and nothing else.
 """
@@ -13,10 +14,11 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from .._jit import jit
-from ._motion import bouc_wen, oscillate
 
 __all__ = [
     "Effect",
@@ -199,3 +201,99 @@ def kelvin_voigt(signal, step, taus, compliances, relax=first_order):
     """Add a chain of Kelvin-Voigt units to the signal that loads them."""
     units = zip(taus, compliances, strict=True)
     return signal + sum(c * relax(signal, step, tau) for tau, c in units)
+
+
+# ------------------------------------------------------------------------- equations of motion
+
+
+@jit
+def bouc_wen(h, du, limit, shape):
+    """Advance dh = du (1 - |h| / limit (shape sign(h du) + 1 - shape)) exactly by a step du.
+
+    With the shape 0.5 it unloads along a straight line, with 1 along an exponential.
+    """
+    if du == 0.0:
+        return h
+    side = 1.0 if du > 0.0 else -1.0
+    q, s = side * h / limit, side * du / limit
+    if q < 0.0:
+        rate = 2.0 * shape - 1.0
+        to_zero = np.log1p(-rate * q) / rate if abs(rate) > 1e-9 else -q
+        if s <= to_zero:
+            if abs(rate) > 1e-9:
+                return side * limit * (q * np.exp(-rate * s) - np.expm1(-rate * s) / rate)
+            return side * limit * (q + s)
+        q, s = 0.0, s - to_zero
+    return side * limit * (q * np.exp(-s) - np.expm1(-s))
+
+
+@jit
+def _advance(signal, x, h, flow, step, pull, forces):
+    """Advance from rest; ``flow`` maps (x, v, u, u') over a step, x in units of full scale."""
+    cubic, friction, presliding, static, fading, hysteretic, width = forces
+    out = np.empty(signal.size)
+    v = z = 0.0
+    out[0] = x
+    force = pull * (cubic * x * x * x + hysteretic * h / width)
+    for i in range(1, signal.size):
+        v -= 0.5 * step * force
+        u, rate, before = signal[i - 1], (signal[i] - signal[i - 1]) / step, x
+        x, v = (
+            flow[0, 0] * x + flow[0, 1] * v + flow[0, 2] * u + flow[0, 3] * rate,
+            flow[1, 0] * x + flow[1, 1] * v + flow[1, 2] * u + flow[1, 3] * rate,
+        )
+        level = 1.0 + (static - 1.0) * np.exp(-((v / fading) ** 2))
+        # the bristles bend by the way, towards the level of sliding
+        z = bouc_wen(z, (x - before) / presliding, level, 1.0)
+        h = bouc_wen(h, x - before, width, 0.5)
+        force = pull * (cubic * x * x * x + friction * z + hysteretic * h / width)
+        v -= 0.5 * step * force
+        out[i] = x
+    return out
+
+
+def oscillate(
+    signal,
+    step,
+    frequency,
+    damping,
+    base=0.0,
+    scale=1.0,
+    cubic=0.0,
+    friction=0.0,
+    presliding=1.0,
+    static=1.0,
+    stribeck=1.0,
+    hysteretic=0.0,
+    width=1.0,
+):
+    """Solve the motion x of a mode that a signal u drives, with forces f beside its spring.
+
+        x'' = w^2 (u - x) + 2 damping w (base u' - x') - w^2 Y f,    w = 2 pi frequency,
+        f = cubic (x / Y)^3 + friction z + hysteretic h
+
+    The displacement has the full scale Y, `scale`. The friction z, which is 1 in fast sliding and
+    `static` before it slides, the excess fading over a velocity of `stribeck` w Y, builds up over
+    the way `presliding` Y, the Bouc-Wen force h over `width` Y.
+
+    Without f the motion is exact, by the exponential of the matrix; f acts as half a kick before
+    and half a kick after each step (Strang splitting), and is of second order in the step.
+    """
+    w = 2.0 * np.pi * frequency
+    c = 2.0 * damping * w
+    law = np.zeros((4, 4))  # of x, v, u, u'
+    law[0, 1] = law[2, 3] = 1.0
+    law[1] = [-w * w, -c, w * w, c * base]
+    flow = expm(law * step)[:2].copy()
+    scaled = np.ascontiguousarray(signal, dtype=float) / scale
+
+    def excess(x):
+        h = bouc_wen(0.0, x, width, 0.5)
+        return x + cubic * x**3 + hysteretic * h / width - scaled[0]
+
+    x = scaled[0]
+    if cubic != 0.0 or hysteretic != 0.0:
+        x = brentq(excess, -abs(x) - 1e-300, abs(x) + 1e-300, xtol=1e-300, rtol=1e-14)
+    h = bouc_wen(0.0, x, width, 0.5)
+    forces = (cubic, friction, presliding, static, stribeck * w, hysteretic, width)
+    return scale * _advance(scaled, x, h, flow, step, w * w, tuple(map(float, forces)))
