@@ -5,18 +5,6 @@ import pandas as pd
 
 from ..records import stack_records
 
-__all__ = [
-    "band_lines",
-    "count",
-    "interval",
-    "number",
-    "refuse",
-    "refuse_aliasing",
-    "scalar",
-    "signal_frame",
-    "whole",
-]
-
 _ROUNDING = 1e-9  # of a duration or frequency, in samples or lines
 
 

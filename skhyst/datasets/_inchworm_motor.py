@@ -27,19 +27,15 @@ _ABOUT_ZERO = ("cubic_stiffness", "static_nonlinearity", "output_saturation")
 
 
 @jit
-def _bouc_wen_path(u, step, limit, shape, stretch):
+def _bouc_wen_loop(u, step, share, limit, shape, stretch=0.0):
     out = np.empty(u.size)
     h, before = 0.0, 0.0
     for i in range(u.size):
         rate = abs(u[i] - before) / step if i > 0 else 0.0
         h = bouc_wen(h, u[i] - before, limit * (1.0 + stretch * rate), shape)
         before = u[i]
-        out[i] = h
+        out[i] = share * h
     return out
-
-
-def _bouc_wen_loop(u, step, share, limit, shape, stretch=0.0):
-    return share * _bouc_wen_path(u, step, limit, shape, stretch)
 
 
 def _play_loop(u, step, thresholds, weights, stretch=0.0):
@@ -77,10 +73,8 @@ def walking_drive(
     ----------
     n_steps : int, default=20
         Steps, two a period.
-    amplitude : float, default=5.0
-        A, in V.
-    frequency : float, default=10.0
-        f, in Hz.
+    amplitude, frequency : float, default=5.0 and 10.0
+        A, in V, and f, in Hz.
     direction : {1, -1}, default=1
         Sign of the travel.
     waveform : {"sine", "trapezoid"}, default="sine"
@@ -100,8 +94,7 @@ def walking_drive(
 
     References
     ----------
-    S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
-    hysteresis compensator", Section 2.1 and Fig. 2.
+    See :func:`make_inchworm_motor`, Section 2.1 and Fig. 2.
 
     Examples
     --------
@@ -126,9 +119,8 @@ def walking_drive(
     if waveform == "trapezoid":
         bend = 2.0 / np.pi * np.arcsin(bend)
         clamp = np.clip(3.0 * 2.0 / np.pi * np.arcsin(clamp), -1.0, 1.0)
-    columns = amplitude * np.column_stack([direction * bend, clamp, -direction * bend, -clamp])
-    X = stack_records([columns], dt=dt)
-    return X.set_axis(_COLUMNS, axis=1)
+    columns = np.column_stack([direction * bend, clamp, -direction * bend, -clamp])
+    return stack_records([amplitude * columns], dt=dt).set_axis(_COLUMNS, axis=1)
 
 
 def make_inchworm_motor(
@@ -157,8 +149,7 @@ def make_inchworm_motor(
 
     The hysteresis is :math:`h_x = c_1 h(u_1)`, with h a Bouc-Wen law, :math:`dh = 0.45\, du\, (1 -
     |h|/h_m (0.6\,\mathrm{sign}(h\,du) + 0.4))`, or six plays; loops of 3.5 V are open by 18 % of
-    the stroke. It is solved exactly between samples, the equation of motion by the exponential of
-    its matrix, and nothing is shared with the package's models.
+    the stroke. Nothing is shared with the package's models.
 
     Parameters
     ----------

@@ -97,9 +97,9 @@ def make_scanning_stage(
 ):
     """Return a recording of the simulated scanning stage, and the truth about it.
 
-    The signals are computed between the samples too, without the operators of skhyst: plays by
-    their recursion, linear dynamics exactly for a drive that is a straight line from sample to
-    sample. Each record starts at rest, after a first loading from zero.
+    It shares nothing with the models of skhyst: plays by their recursion, linear dynamics exactly
+    for a drive that is a straight line from sample to sample. Records start at rest, after a first
+    loading from zero.
 
     Parameters
     ----------
@@ -209,17 +209,11 @@ def _drive(drive, dt, rng):
         if drive not in _EXPERIMENTS:
             names = ", ".join(map(repr, _EXPERIMENTS))
             refuse("make_scanning_stage", "drive", f"a frame, an array or one of {names}", drive)
-        return _EXPERIMENTS[drive](rng)
-    if not hasattr(drive, "iloc"):
-        drive = np.asarray(drive, dtype=float)
-    X = stack_records([drive], dt=dt)
+        return stack_records(_EXPERIMENTS[drive](rng), dt=1.0 / _RATE)
+    X = stack_records([drive if hasattr(drive, "iloc") else np.asarray(drive, dtype=float)], dt=dt)
     if not len(X) or not np.isfinite(X.iloc[:, 0].to_numpy(dtype=float)).all():
         raise RecordError("The drive of make_scanning_stage must have samples, all of them finite.")
     return X.iloc[:, :1].set_axis(["drive"], axis=1)
-
-
-def _stack(records):
-    return stack_records(list(records.values()), labels=list(records))
 
 
 def _loop(frequency, rate, n_samples=2000):
@@ -229,28 +223,25 @@ def _loop(frequency, rate, n_samples=2000):
 
 def _identification(rng):
     rates = {1: 500.0, 10: 5e3, 100: 50e3, 1000: _RATE}
-    return _stack({f"{f} Hz": _loop(f, rate) for f, rate in rates.items()})
+    return {f"{f} Hz": _loop(f, rate) for f, rate in rates.items()}
 
 
 def _validation(rng):
     amplitudes = _SPAN * np.array([1.0, 0.25, 0.5, 0.75, 1.0, 0.6, 0.35, 0.9])
     up = [10.0, 30.0, 100.0, 300.0, 1000.0]
     mixed = [1000.0, 10.0, 500.0, 50.0, 200.0, 1000.0]
-    return _stack(
-        {
-            "30 Hz": _loop(30, 15e3),
-            "300 Hz": _loop(300, 150e3),
-            "100 Hz, amplitudes": triangle(amplitudes, 100.0, dt=2e-5),
-            "1000 Hz, amplitudes": triangle(amplitudes, 1000.0, dt=1.0 / _RATE),
-            "rising frequency": triangle(_SPAN, up, dt=1.0 / _RATE),
-            "mixed frequencies": triangle(_SPAN, mixed, dt=1.0 / _RATE),
-        }
-    )
+    return {
+        "30 Hz": _loop(30, 15e3),
+        "300 Hz": _loop(300, 150e3),
+        "100 Hz, amplitudes": triangle(amplitudes, 100.0, dt=2e-5),
+        "1000 Hz, amplitudes": triangle(amplitudes, 1000.0, dt=1.0 / _RATE),
+        "rising frequency": triangle(_SPAN, up, dt=1.0 / _RATE),
+        "mixed frequencies": triangle(_SPAN, mixed, dt=1.0 / _RATE),
+    }
 
 
 def _small_signal(rng):
-    noise = rng.uniform(-1.0, 1.0, 2**17)
-    return stack_records([noise], labels=["white noise"], dt=1.0 / _RATE)
+    return {"white noise": rng.uniform(-1.0, 1.0, 2**17)}
 
 
 _EXPERIMENTS = {

@@ -2,11 +2,7 @@
 
 import numpy as np
 
-from ._checks import band_lines, count, interval, number, refuse, signal_frame
-
-__all__ = ["band_limited_noise", "multisine"]
-
-_GRIDS = ("full", "odd", "random_odd")
+from . import _checks as check
 
 
 def multisine(
@@ -97,23 +93,23 @@ def multisine(
     [30.0]
     """
     function = "multisine"
-    n_samples = count(function, "n_samples", n_samples, 3)
-    n_periods = count(function, "n_periods", n_periods)
-    n_realizations = count(function, "n_realizations", n_realizations)
-    n_inputs = count(function, "n_inputs", n_inputs)
-    dt = interval(function, dt)
-    rms = number(function, "rms", rms, negative=False, size=n_inputs)
-    offset = number(function, "offset", offset, size=n_inputs)
-    if grid not in _GRIDS:
-        refuse(function, "grid", "'full', 'odd' or 'random_odd'", grid)
+    n_samples = check.count(function, "n_samples", n_samples, 3)
+    n_periods = check.count(function, "n_periods", n_periods)
+    n_realizations = check.count(function, "n_realizations", n_realizations)
+    n_inputs = check.count(function, "n_inputs", n_inputs)
+    dt = check.interval(function, dt)
+    rms = check.number(function, "rms", rms, negative=False, size=n_inputs)
+    offset = check.number(function, "offset", offset, size=n_inputs)
+    if grid not in ("full", "odd", "random_odd"):
+        check.refuse(function, "grid", "'full', 'odd' or 'random_odd'", grid)
     rng = np.random.default_rng(random_state)
-    lines = band_lines(function, band, n_samples, dt)
+    lines = check.band_lines(function, band, n_samples, dt)
     if grid != "full":
         lines = lines[lines % 2 == 1]
     if grid == "random_odd":
-        lines = _without_detection(lines, count(function, "group_size", group_size, 2), rng)
+        lines = _without_detection(lines, check.count(function, "group_size", group_size, 2), rng)
     if not lines.size:
-        refuse(function, "band", f"wide enough for a line of the {grid!r} grid", band)
+        check.refuse(function, "band", f"wide enough for a line of the {grid!r} grid", band)
     sizes = _amplitudes(amplitude, lines / (n_samples * dt), lines.size)
     # a sine of amplitude A has the power A^2 / 2, whatever its phase
     sizes = sizes / np.sqrt(0.5 * np.sum(sizes**2))
@@ -129,7 +125,7 @@ def multisine(
             records.append(np.tile(offset + rms * period, (n_periods, 1)))
             own = f"_experiment{experiment}" if n_inputs > 1 else ""
             labels.append(f"realization{realization}{own}")
-    return signal_frame(records, dt, labels)
+    return check.signal_frame(records, dt, labels)
 
 
 def _without_detection(lines, group_size, rng):
@@ -143,9 +139,9 @@ def _amplitudes(amplitude, frequency, n_lines):
     if amplitude is None:
         return np.ones(n_lines)
     own = amplitude(frequency) if callable(amplitude) else amplitude
-    sizes = number("multisine", "amplitude", own, negative=False, size=n_lines)
+    sizes = check.number("multisine", "amplitude", own, negative=False, size=n_lines)
     if not sizes.any():
-        refuse("multisine", "amplitude", "above zero at one line at least", amplitude)
+        check.refuse("multisine", "amplitude", "above zero at one line at least", amplitude)
     return sizes / sizes.max()
 
 
@@ -203,13 +199,13 @@ def band_limited_noise(
     2.0
     """
     function = "band_limited_noise"
-    n_samples = count(function, "n_samples", n_samples, 3)
-    n_realizations = count(function, "n_realizations", n_realizations)
-    n_inputs = count(function, "n_inputs", n_inputs)
-    dt = interval(function, dt)
-    rms = number(function, "rms", rms, negative=False, size=n_inputs)
-    offset = number(function, "offset", offset, size=n_inputs)
-    lines = band_lines(function, band, n_samples, dt)
+    n_samples = check.count(function, "n_samples", n_samples, 3)
+    n_realizations = check.count(function, "n_realizations", n_realizations)
+    n_inputs = check.count(function, "n_inputs", n_inputs)
+    dt = check.interval(function, dt)
+    rms = check.number(function, "rms", rms, negative=False, size=n_inputs)
+    offset = check.number(function, "offset", offset, size=n_inputs)
+    lines = check.band_lines(function, band, n_samples, dt)
     rng = np.random.default_rng(random_state)
     records = []
     for _ in range(n_realizations):
@@ -219,4 +215,4 @@ def band_limited_noise(
         noise = np.fft.irfft(spectrum, n_samples, axis=1)
         noise /= np.sqrt(np.mean(noise**2, axis=1, keepdims=True))
         records.append(offset + rms * noise.T)
-    return signal_frame(records, dt, [f"realization{i}" for i in range(n_realizations)])
+    return check.signal_frame(records, dt, [f"realization{i}" for i in range(n_realizations)])
