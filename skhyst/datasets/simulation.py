@@ -55,7 +55,7 @@ class Plant:
     >>> lag = Effect("dynamics", partial(first_order, tau=0.1))
     >>> (plant,) = lag.changes([Plant({"core": (core,), "dynamics": ()})])
     >>> plant.respond(np.linspace(0.0, 1.0, 5), dt=0.1).round(2).tolist()
-    [0.0, 0.06, 0.2, 0.44, 0.68]
+    [0.0, 0.06, 0.22, 0.44, 0.68]
     """
 
     places: dict[str, tuple[Callable, ...]]
