@@ -5,14 +5,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from .datasets.simulation import (
-    Plant,
-    clip,
-    dead_zones,
-    kelvin_voigt,
-    oscillate,
-    plays,
-)
+from .datasets.simulation import Plant, clip, dead_zones, kelvin_voigt, oscillate, plays
 
 __all__ = ["SECRETS", "make_demo_recording"]
 
@@ -49,27 +42,20 @@ def _output_saturation(rng):
     return partial(clip, low=-np.inf, high=level), f"the sensor stops at {level:.4g} um"
 
 
-SECRETS = {
-    "asymmetry": _asymmetry,
-    "resonance": _resonance,
-    "creep": _creep,
-    "output_saturation": _output_saturation,
-}
+_LAWS = (_asymmetry, _resonance, _creep, _output_saturation)
+SECRETS = {law.__name__[1:]: law for law in _LAWS}
 
 
 def _drive(rng, number):
     """Return one record's drive, which starts at zero: triangles, a sweep, steps, sines, noise."""
-    t = np.arange(_SAMPLES) / _SAMPLES
-    kind = number % 5
+    t, kind = np.arange(_SAMPLES) / _SAMPLES, number % 5
     if kind == 0:
         u = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 4.0 * t)) * (1.0 - 0.5 * t)
     elif kind == 1:
         u = np.sin(2.0 * np.pi * (1.0 + 7.0 * t) * t)
     elif kind == 2:
-        levels = np.repeat(rng.uniform(-1.0, 1.0, 12), -(-_SAMPLES // 12))[:_SAMPLES]
-        u = np.convolve(np.concatenate([np.zeros(20), levels]), np.full(20, 0.05), "valid")[
-            :_SAMPLES
-        ]
+        levels = np.append(np.zeros(20), np.repeat(rng.uniform(-1.0, 1.0, 12), _SAMPLES // 12))
+        u = np.convolve(levels, np.full(20, 0.05), "valid")[:_SAMPLES]
     elif kind == 3:
         u = sum(np.sin(2.0 * np.pi * (f * t)) for f in (2.0, 5.0, 9.0, 14.0)) / 3.0
     else:

@@ -5,7 +5,7 @@ import pandas as pd
 
 from ..records import stack_records
 
-_ROUNDING = 1e-9  # of a duration or frequency, in samples or lines
+ROUNDING = 1e-9  # of a duration or frequency, in samples or lines
 
 
 def refuse(function, name, expected, value):
@@ -65,27 +65,8 @@ def refuse_aliasing(function, name, frequency, dt):
 
 def whole(ratio, *, up=False):
     """Return the next whole number below, or above, but for rounding."""
-    slack = _ROUNDING * max(abs(ratio), 1.0)
+    slack = ROUNDING * max(abs(ratio), 1.0)
     return int(np.ceil(ratio - slack) if up else np.floor(ratio + slack))
-
-
-def band_lines(function, band, n_samples, dt):
-    """Return the lines, multiples of ``1 / (n_samples dt)`` above 0, in a band in Hz."""
-    if band is None:
-        low, high = 0.0, np.inf
-    else:
-        values = number(function, "band", band, negative=False)
-        if values.shape != (2,) or values[0] > values[1]:
-            refuse(function, "band", "a pair (lowest, highest frequency) in Hz", band)
-        low, high = values
-        refuse_aliasing(function, "band", high, dt)
-    lines = np.arange(1, (n_samples + 1) // 2)
-    duration = n_samples * dt
-    slack = _ROUNDING * lines
-    found = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
-    if not found.size:
-        refuse(function, "band", f"wide enough for a multiple of {1.0 / duration:g} Hz", band)
-    return found
 
 
 def signal_frame(signals, dt, labels=None):
