@@ -290,9 +290,9 @@ def _read_drive(drive, dt, caller):
     values = np.asarray(drive, dtype=float)
     values = values[:, None] if values.ndim == 1 else values
     if values.ndim != 2 or values.shape[1] not in (1, 4) or len(values) < 2:
-        refuse(caller, "drive", "at least two rows of one column or four", values)
+        refuse(caller, "drive", "at least two rows of one column or four", values.shape)
     if not np.isfinite(values).all():
-        refuse(caller, "drive", "finite", values)
+        refuse(caller, "drive", "finite", "NaN or infinity")
     index = drive.index if hasattr(drive, "iloc") else None
     X = pd.DataFrame(values, index, _COLUMNS[: values.shape[1]])
     records = record_slices(X, dt=dt, one_interval=False)

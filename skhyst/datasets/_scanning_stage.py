@@ -111,10 +111,9 @@ def make_scanning_stage(
         has the voltage in column 0, and its index carries records and time.
     effects : mapping, iterable of str, or str, optional
         Effects that the published model does not have, each with its parameters, its strength
-        as a number, or by name alone: ``{"creep": {"strength": 0.1, "time_constants": [30.0]}}``.
-        Strengths are shares of full scale (40 V and the response to it). The roll-off of a weaker
-        amplifier is ``"lag"``, the delay of the signal processing ``{"delay": {"time": 2.5e-5}}``.
-        An ``"auxiliary_input"`` is a second column of X, ``temperature``.
+        as a number, or by name alone, see :ref:`simulated_devices`. Full scale is 40 V and the
+        response to it. A weaker amplifier is ``"lag"``, the signal processing ``{"delay": {"time":
+        2.5e-5}}``.
     measured : {"displacement", "velocity"}, default="displacement"
         What the vibrometer gives: um, or um/s.
     noise : float, optional
@@ -147,9 +146,8 @@ def make_scanning_stage(
 
     Notes
     -----
-    The recordings that a name asks for are kept short: a record is sampled as fast as its content
-    needs, 1 Hz at 500 Hz up to 1000 Hz at 250 kHz. They hold every n-th sample of 250 kHz, with no
-    filter in between, so that a model of the stage is a model of each of them.
+    A record that a name asks for is sampled as fast as its content needs, 1 Hz at 500 Hz up to
+    1000 Hz at 250 kHz: every n-th sample of 250 kHz, with no filter in between.
 
     References
     ----------

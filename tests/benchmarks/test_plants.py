@@ -18,7 +18,7 @@ from plants import (
     unknown_structures,
 )
 
-from skhyst.datasets.simulation import first_order, oscillate, plays
+from skhyst.datasets.simulation import bouc_wen, first_order, oscillate, plays
 
 SHORT = 2000
 
@@ -90,12 +90,12 @@ def test_steps_of_runge_and_kutta_agree_with_the_exact_solution(law, exact, rng)
     assert out[-1] == pytest.approx(1.7, abs=1e-9)
 
 
-def test_bouc_wen_follows_the_closed_form_of_its_virgin_curve():
-    limit = 0.3
-    drive = np.linspace(0, 2, 400)
-    out = physics.bouc_wen(drive, 0.1, 2.0, 0.4, limit, 0.7, 1.0)
-    expected = 2.0 * (drive - 0.4 * limit * (1 - np.exp(-drive / limit)))
-    np.testing.assert_allclose(out, expected, atol=1e-9)
+def test_bouc_wen_agrees_with_the_exact_solution(rng):
+    drive, h = np.cumsum(rng.uniform(-1, 1, 300)), 0.0
+    found = physics.bouc_wen(drive, 0.1, 2.0, 0.4, 0.3, 0.7, 1.0)
+    for before, u, y in zip([0.0, *drive], drive, found, strict=False):
+        h = bouc_wen(h, u - before, 0.3, 0.7)
+        assert y == pytest.approx(2.0 * (u - 0.4 * h), abs=1e-6)
 
 
 FREQUENCY, DAMPING, STEP = 1 / 40, 0.1, 1 / 16

@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import lsim
 
 from skhyst.compose import Cascade
-from skhyst.datasets import make_inchworm_motor, walking_drive
+from skhyst.datasets import decaying_sine, make_inchworm_motor, swept_sine, walking_drive
 from skhyst.exceptions import RecordError
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import TransferFunction
@@ -19,13 +19,11 @@ SILENT = {"noise": 0.0, "resolution": 0.0}
 
 
 def sweep(duration, high):
-    time = DT * np.arange(round(duration / DT) + 1)
-    return 5.0 * np.sin(2 * np.pi * (0.1 + 0.5 * (high - 0.1) / duration * time) * time)
+    return swept_sine(0.1, high, duration=duration, amplitude=5.0, dt=DT)["drive"].to_numpy()
 
 
 def decaying(n=8001):
-    time = DT * np.arange(n)
-    return 3.5 * np.sin(10 * np.pi * time) * np.exp(-time)
+    return decaying_sine()["drive"].to_numpy()[:n]
 
 
 def test_without_hysteresis_it_is_the_printed_transfer_function():
@@ -139,9 +137,9 @@ def test_pairs_that_move_alike_do_not_walk():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"drive": np.zeros((5, 2))}, r"'drive' .* one column or four. Got array"),
+        ({"drive": np.zeros((5, 2))}, r"'drive' .* one column or four. Got \(5, 2\)"),
         ({"drive": [1.0]}, "'drive' .* at least two rows"),
-        ({"drive": [0.0, np.nan]}, "'drive' .* finite. Got array"),
+        ({"drive": [0.0, np.nan]}, "'drive' .* finite. Got 'NaN or infinity'"),
         ({"hysteresis": "duhem"}, "'hysteresis' .* 'bouc_wen', .* Got 'duhem'"),
         ({"noise": -1.0}, "'noise' .* not negative. Got -1.0"),
         ({"substeps": 0}, "'substeps' .* whole number of at least 1. Got 0"),
@@ -178,9 +176,8 @@ def test_the_first_mode_is_found_through_the_hysteresis():
     reference = pd.DataFrame({"drive": sweep(1.0, 400.0)})
     drive = plays.inverse_predict(plays.params_["intercept"] + C1 * reference)
     X, y, _ = make_inchworm_motor(drive, random_state=1)
-    compensated = (
-        TransferFunction(2).fit(X.assign(drive=reference["drive"].to_numpy()), y).operator_
-    )
+    X["drive"] = reference["drive"].to_numpy()
+    compensated = TransferFunction(2).fit(X, y).operator_
     X, y, _ = make_inchworm_motor(reference, random_state=1)
     model = Cascade([("plays", PrandtlIshlinskii(8)), ("mode", TransferFunction(2))]).fit(X, y)
     for mode in (compensated, model.operator_.stages[1]):
