@@ -5,6 +5,8 @@ them exactly record by record; the operator holds their mean over the records, w
 free run of a new record can know.
 """
 
+# ruff: noqa: D102 (what an operator and an estimator do is said by their bases)
+
 from abc import abstractmethod
 from dataclasses import dataclass
 from numbers import Integral

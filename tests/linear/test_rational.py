@@ -57,13 +57,6 @@ def test_output_is_the_sum_of_the_inputs_own(operator, u, initial_state):
     assert len(operator.init(u[0])[0]) == len(operator.poles()) == 3
 
 
-def test_agrees_with_scipy_for_two_inputs(u):
-    a, b, c, d = OPERATORS["straight"].state_space()
-    rest = np.linalg.solve(a, -b @ u[0])
-    _, expected, _ = signal.lsim((a, b, c[None], d[None]), u, DT * np.arange(N), X0=rest)
-    np.testing.assert_allclose(OPERATORS["straight"].run(u, DT)[0] - 0.4, expected, rtol=1e-9)
-
-
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
 def test_tangents_are_central_differences(operator, u, initial_state):
     y, dy = operator.linearize(u, np.empty((N, 0)), DT, initial_state)
