@@ -29,7 +29,7 @@ from ._state_space import (
     state_space_tangents,
 )
 
-__all__ = ["LinearOperator", "complex_gain", "discretize"]
+__all__ = ["DiscretizedOperator", "LinearOperator", "complex_gain", "discretize"]
 
 _STEP = 1e-30  # of the complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -59,14 +59,26 @@ def _equilibrium(a, b):
     return -np.linalg.solve(a, b[..., None])[..., 0]
 
 
-class LinearOperator(Operator):
+class DiscretizedOperator(Operator):
+    """Base of what remembers its discrete form by the interval."""
+
+    signal_linear = True
+
+    @cached_property
+    def _memory(self):
+        return {}  # discretising costs as much as a short record
+
+    def __getstate__(self):
+        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
+
+
+class LinearOperator(DiscretizedOperator):
     """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
 
     ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` puts them:
     rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
     """
 
-    signal_linear = True
     hold = "foh"
     intercept = 0.0
     n_poles = (0, 0)
@@ -121,13 +133,6 @@ class LinearOperator(Operator):
     def poles(self):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return np.linalg.eigvals(self.state_space()[0])
-
-    @cached_property
-    def _memory(self):
-        return {}  # by interval: discretising costs as much as a short record
-
-    def __getstate__(self):
-        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
 
     def _rest(self):
         """Return the state at rest for a unit input."""

@@ -13,17 +13,16 @@ Several inputs share the denominator. Their state is that of the observable form
 matrices of one input, so there are as many states as poles, beside the past of delayed inputs.
 """
 
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eig
 
-from ..operators import Operator, parameter
+from ..operators import parameter
 from ..optimize import sections
 from ._conversion import poles_and_response, scipy_system
 from ._delay import DelayOperator
-from ._linear import LinearOperator, discretize
+from ._linear import DiscretizedOperator, LinearOperator, discretize
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 from ._state_space import state_space_run_many
 
@@ -166,7 +165,7 @@ class TransferFunctionOperator(LinearOperator):
 
 
 @dataclass(frozen=True)
-class MultiInputTransferFunctionOperator(Operator):
+class MultiInputTransferFunctionOperator(DiscretizedOperator):
     r"""Transfer functions of several inputs with a common denominator, added.
 
     .. math:: y = \sum_i e^{-\theta_i s} \frac{N_i(s)}{D(s)} u_i + \text{intercept}
@@ -186,7 +185,6 @@ class MultiInputTransferFunctionOperator(Operator):
     delays: np.ndarray = parameter(log=True, lower=0.0, unit="s", default=())
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
-    signal_linear = True
 
     @property
     def n_inputs(self):
@@ -288,13 +286,6 @@ class MultiInputTransferFunctionOperator(Operator):
         tangents[:, first : first + n_zeros] += own[:, n_poles : n_poles + n_zeros]
         tangents[:, n_poles + n_inputs * n_zeros + i] += own[:, n_poles + n_zeros]
 
-    @cached_property
-    def _memory(self):
-        return {}
-
-    def __getstate__(self):
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
     def _discrete(self, dt):
         if dt not in self._memory:
             a, b, c, d = self.state_space()
@@ -328,11 +319,6 @@ class MultiInputTransferFunctionOperator(Operator):
             pasts = tuple(past for _, past in delayed)
         y, x = state_space_run_many(*self._discrete(dt), u, x, previous)
         return y[:, 0] + self.intercept, (x, u[-1].copy(), pasts)
-
-    def step(self, state, u, dt):
-        """Advance by one sample ``u`` (n_inputs,): return the new state and the output."""
-        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
-        return state, float(y[0])
 
     def linearize(self, u, du, dt, initial_state="rest"):
         if du.shape[-1]:

@@ -4,6 +4,7 @@ The law and its operators stand in ``_rational``, starting values in ``_transfer
 """
 
 import warnings
+from functools import partial
 from numbers import Integral, Real
 
 import numpy as np
@@ -151,8 +152,6 @@ class TransferFunction(ModesMixin, LinearModel):
         self.dt = dt
         self.method = method
 
-    # ------------------------------------------------------------------------------- its inputs
-
     @property
     def _reads_columns(self):
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
@@ -180,8 +179,6 @@ class TransferFunction(ModesMixin, LinearModel):
             )
         delays = np.broadcast_to(delays, n_inputs).astype(float)
         return delays if delays.any() else np.empty(0)
-
-    # ------------------------------------------------------------------------- what is identified
 
     def held_parameters(self):
         fixed = super().held_parameters()
@@ -288,21 +285,18 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"above zero, and not vanish. Got {len(frequency)} lines instead."
             )
 
-        def fit(n_poles, n_zeros):
-            return fit_response(
-                frequency,
-                g,
-                std,
-                n_poles,
-                n_zeros,
-                delay=self._delay_of(len(columns)),
-                hold=self.hold,
-                stable=self.stable,
-                single=not self._reads_columns,
-                fit_gain=self.fit_gain,
-                method=self.method,
-            )
-
+        fit = partial(
+            fit_response,
+            frequency,
+            g,
+            std,
+            delay=self._delay_of(len(columns)),
+            hold=self.hold,
+            stable=self.stable,
+            single=not self._reads_columns,
+            fit_gain=self.fit_gain,
+            method=self.method,
+        )
         with one_thread():
             result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
         self._response_inputs = tuple(response.input_names[i] for i in columns)
