@@ -320,58 +320,71 @@ def _run_short(start, older, short, n_groups, origin, terms, coefficients, signa
 
 
 @jit
+def _products(first, stop, origin, terms, coefficients, signals, products, weights):
+    """Fill the products of the inputs of each term, (n_terms, block), and the groups' weights."""
+    n_factors, columns, lags, group = terms
+    size = stop - first
+    weights[:, :size] = 0.0
+    for t in range(len(n_factors)):
+        row, weight, c = products[t], weights[group[t]], coefficients[t]
+        for i in range(size):
+            row[i] = 1.0
+        for j in range(n_factors[t]):
+            signal = signals[columns[t, j], origin + first - lags[t, j] :]
+            for i in range(size):
+                row[i] *= signal[i]
+        for i in range(size):
+            weight[i] += c * row[i]
+
+
+@jit
 def _tangents(
     start, outputs, origin, terms, coefficients, signals, bound, measured, pull, y, state, dy
 ):
     """Fill ``y``, and ``dy`` with its derivatives; ``state`` is what the recursion goes on from."""
-    n_factors, columns, lags, group = terms
     n_outputs, output_lags = outputs
-    n_samples, n_terms, n_groups = len(y) - start, len(group), len(n_outputs)
-    n_parameters = dy.shape[1]
+    n_samples, n_terms, n_groups = len(y) - start, len(coefficients), len(n_outputs)
+    n_parameters, group = dy.shape[1], terms[3]
     n_good = n_samples
     keep = 1.0 - pull
-    products, weights = np.empty(n_terms), np.empty(n_groups)
+    products, weights = np.empty((n_terms, _BLOCK)), np.empty((n_groups, _BLOCK))
     monomials, slopes = np.empty(n_groups), np.zeros(start + 1)
-    for i in range(n_samples):
-        k = start + i
-        weights[:] = 0.0
-        for t in range(n_terms):
-            product = 1.0
-            for j in range(n_factors[t]):
-                product *= signals[columns[t, j], origin + i - lags[t, j]]
-            products[t] = product
-            weights[group[t]] += coefficients[t] * product
-        slopes[:] = 0.0
-        total = 0.0
-        for g in range(n_groups):
-            value = 1.0
-            for j in range(n_outputs[g]):
-                others = weights[g]
-                for other in range(n_outputs[g]):
-                    if other != j:
-                        others *= state[k - output_lags[g, other]]
-                slopes[output_lags[g, j]] += others
-                value *= state[k - output_lags[g, j]]
-            monomials[g] = value
-            total += weights[g] * value
-        tangent = dy[k]
-        if not abs(total) <= bound:
-            n_good = min(n_good, i)
-            total = -bound if total < 0.0 else bound
-            tangent[:] = 0.0
-        else:
-            for t in range(n_terms):
-                tangent[t] = products[t] * monomials[group[t]]
-            for q in range(n_terms, n_parameters):
-                tangent[q] = 0.0
-            for lag in range(1, start + 1):
-                slope = slopes[lag] if k - lag < start else keep * slopes[lag]
-                if slope != 0.0:
-                    past = dy[k - lag]
-                    for q in range(n_parameters):
-                        tangent[q] += slope * past[q]
-        y[k] = total
-        state[k] = total + pull * (measured[i] - total)
+    for first in range(0, n_samples, _BLOCK):
+        stop = min(first + _BLOCK, n_samples)
+        _products(first, stop, origin, terms, coefficients, signals, products, weights)
+        for i in range(stop - first):
+            k = start + first + i
+            slopes[:] = 0.0
+            total = 0.0
+            for g in range(n_groups):
+                value = 1.0
+                for j in range(n_outputs[g]):
+                    others = weights[g, i]
+                    for other in range(n_outputs[g]):
+                        if other != j:
+                            others *= state[k - output_lags[g, other]]
+                    slopes[output_lags[g, j]] += others
+                    value *= state[k - output_lags[g, j]]
+                monomials[g] = value
+                total += weights[g, i] * value
+            tangent = dy[k]
+            if not abs(total) <= bound:
+                n_good = min(n_good, first + i)
+                total = -bound if total < 0.0 else bound
+                tangent[:] = 0.0
+            else:
+                for t in range(n_terms):
+                    tangent[t] = products[t, i] * monomials[group[t]]
+                for q in range(n_terms, n_parameters):
+                    tangent[q] = 0.0
+                for lag in range(1, start + 1):
+                    slope = slopes[lag] if k - lag < start else keep * slopes[lag]
+                    if slope != 0.0:
+                        past = dy[k - lag]
+                        for q in range(n_parameters):
+                            tangent[q] += slope * past[q]
+            y[k] = total
+            state[k] = total + pull * (measured[first + i] - total)
     return n_good
 
 
