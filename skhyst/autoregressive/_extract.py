@@ -41,21 +41,9 @@ class Scaling:
 
 
 def extract_step(estimator, lags, Z):
-    """Return a fitted estimator as a model with a compiled loop.
+    """Return a fitted estimator as a model with a compiled loop, None where there is none.
 
-    Parameters
-    ----------
-    estimator : estimator
-        Fitted to lagged signals.
-    lags : Lags
-        What the signals are.
-    Z : ndarray of shape (n_samples, n_signals)
-        Signals on which the two are compared.
-
-    Returns
-    -------
-    step
-        None where there is no compiled form.
+    ``Z`` (n_samples, n_signals) are signals on which the two are compared.
     """
     n_signals = Z.shape[1]
     try:

@@ -60,23 +60,10 @@ class Polynomial(NamedTuple):
 
 
 def plan_polynomial(terms, input_lags, output_lags, n_columns):
-    """Arrange the terms of a model for :func:`polynomial_run`.
+    """Arrange the terms of a model, see ``Lags``, for :func:`polynomial_run`.
 
-    Parameters
-    ----------
-    terms : array-like of int, shape (n_terms, degree)
-        Factors of each term: positions in the list of lagged signals, inputs first, then outputs.
-        -1 stands for the factor one.
-    input_lags : sequence of (int, int)
-        Column and lag (0 or more) of each lagged input.
-    output_lags : sequence of int
-        Lag (1 or more) of each lagged output.
-    n_columns : int
-        Number of inputs.
-
-    Returns
-    -------
-    Polynomial
+    ``terms`` (n_terms, degree) has the factors of each term: positions in the list of lagged
+    signals, inputs first, then outputs; -1 stands for the factor one.
     """
     terms = np.atleast_2d(np.asarray(terms, dtype=np.int64))
     degree, n_inputs = terms.shape[1], len(input_lags)
@@ -131,29 +118,11 @@ def _table(rows, width):
 
 
 def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
-    """Run a model freely over one record.
+    """Return the free run (n_samples,) and how many samples lie before the first that was cut off.
 
-    Parameters
-    ----------
-    plan : Polynomial
-        Arrangement of the terms.
-    coefficients : ndarray of shape (n_terms,)
-        Coefficients.
-    inputs : ndarray of shape (n_past + n_samples, n_columns)
-        Inputs; before the first row they have rested at it.
-    initial : ndarray of shape (start,)
-        Outputs before the record, the latest last.
-    bound : float
-        Outputs beyond this magnitude, and those that are no numbers, are cut off there.
-    n_past : int
-        Rows of ``inputs`` that lie before the record.
-
-    Returns
-    -------
-    y : ndarray of shape (n_samples,)
-        Output.
-    n_good : int
-        Samples before the first one that was cut off; ``n_samples`` where none was.
+    Outputs beyond ``bound``, and those that are no numbers, are cut off there. ``inputs``
+    (n_past + n_samples, n_columns) have rested at their first row before it; ``initial`` (start,)
+    are the outputs before the run, the latest last.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past
@@ -182,28 +151,12 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
 def polynomial_tangents(
     plan, coefficients, inputs, initial, d_initial, bound=np.inf, n_past=0, measured=None, pull=0.0
 ):
-    """Run a model and differentiate the run by its coefficients.
+    """Return the run, its derivatives (n_samples, n_terms + m) and ``n_good``.
 
-    Parameters
-    ----------
-    plan, coefficients, inputs, initial, bound, n_past
-        As in :func:`polynomial_run`.
-    d_initial : ndarray of shape (start, n_terms + m)
-        Derivatives of the initial outputs by the coefficients and by ``m`` further parameters.
-    measured : ndarray of shape (n_samples,), optional
-        Measured outputs.
-    pull : float
-        How far each output is drawn to the measured one before the recursion goes on: 0 is the free
-        run, 1 the prediction one step ahead.
-
-    Returns
-    -------
-    y : ndarray of shape (n_samples,)
-        Output.
-    dy : ndarray of shape (n_samples, n_terms + m)
-        Its derivatives: those of what is computed, so zero where the output was cut off.
-    n_good : int
-        As in :func:`polynomial_run`.
+    Beyond :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of the
+    initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is how far each
+    output is drawn to the measured one before the recursion goes on, 0 in the free run and 1 one
+    step ahead. Derivatives are those of what is computed, so zero where the output was cut off.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past

@@ -19,12 +19,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from ..preprocessing import lagged_columns
-from ._polynomial import (
-    plan_polynomial,
-    polynomial_run,
-    polynomial_tangents,
-    term_products,
-)
+from ._polynomial import plan_polynomial, polynomial_run, polynomial_tangents, term_products
 from ._runs import bounded
 from ._starts import rest_outputs
 
@@ -34,18 +29,9 @@ _SPLIT = 1e-8  # distance from an integrator at which its resting point is lost
 
 
 class InnovationProblem:
-    """Prediction one step ahead with noise terms.
+    """Prediction one step ahead with noise terms: factors are inputs, then outputs, then errors.
 
-    Parameters
-    ----------
-    terms : ndarray of int, shape (n_terms, degree)
-        Candidates: factors are inputs, then outputs, then errors.
-    lags : Lags
-    noise_lags : sequence of int
-    starts : list of Start
-        Records with their measured outputs.
-    bound : float
-        Magnitude at which errors are cut off.
+    ``starts`` are records with their measured outputs; errors are cut off at ``bound``.
     """
 
     n_extra = 0
@@ -103,13 +89,7 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
     """Return the prediction ``horizon`` steps ahead of a model with noise terms.
 
     Errors that lie ahead of the last measured output are expected to be zero, and so are those
-    before the record.
-
-    Returns
-    -------
-    y : ndarray of shape (n_samples,)
-    good : bool
-        Whether nothing was cut off.
+    before the record. Returned with it is whether nothing was cut off.
     """
     plan = _error_plan(terms, lags, noise_lags)
     signals, n_past = _error_inputs(start)
@@ -135,19 +115,10 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
 
 
 class FreeRunProblem:
-    """Free run of the model.
+    """Free run of the model; where ``free``, the outputs before each record are unknowns too.
 
-    Parameters
-    ----------
-    terms, lags, starts, bound
-        As for :class:`InnovationProblem`.
-    line : tuple of (float, ndarray), optional
-        Intercept and slopes of the guess of the output at rest; where given, each record starts at
-        rest.
-    limits : tuple of float
-        Least and largest output.
-    free : bool
-        Whether the outputs before each record are unknowns too.
+    ``line`` has intercept and slopes of the guess of the output at rest; where it is given each
+    record starts at rest. ``limits`` are the least and the largest output.
     """
 
     def __init__(self, terms, lags, starts, bound, *, line=None, limits=(-1.0, 1.0), free=False):

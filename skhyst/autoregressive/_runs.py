@@ -43,15 +43,7 @@ def bounded(values, bound):
 def free_runs(one_step, starts, lags, bound):
     """Return the free run from each start, and whether all stayed within the bound.
 
-    Parameters
-    ----------
-    one_step : callable
-        Maps rows (n, n_inputs + n_outputs) of lagged signals to the next outputs (n,).
-    starts : sequence of Start
-        Their histories are as long as the longest output lag.
-    lags : Lags
-    bound : float
-        Magnitude beyond which outputs are cut off.
+    ``one_step`` maps rows (n, n_inputs + n_outputs) of lagged signals to the next outputs (n,).
     """
     rows = [lagged_columns(start.inputs, lags.inputs, start.n_past) for start in starts]
     sizes = np.array([len(part) for part in rows])

@@ -134,17 +134,9 @@ def _deflate(columns, rest, best):
 
 
 class Criterion:
-    """What a search makes small: a penalised likelihood, or the error in folds left out.
+    """What a search makes small: a penalised likelihood, or the error in folds left out (``"cv"``).
 
-    Parameters
-    ----------
-    name : {"ebic", "bic", "aic", "aicc", "cv"}
-    n_samples : int
-        Number of samples.
-    n_candidates : int
-        Number of candidate terms, which ``"ebic"`` pays for.
-    scale : float
-        Sum of squares of the target.
+    ``"ebic"`` pays for the number of candidates; ``scale`` is the sum of squares of the target.
     """
 
     def __init__(self, name, n_samples, n_candidates, scale):
@@ -174,11 +166,7 @@ class Criterion:
 class Search:
     """Search for the best subset of the columns of condensed data.
 
-    Parameters
-    ----------
-    folds : list of ndarray of shape (p + 1, p + 1)
-        Condensed parts of the data; one is enough but for cross-validation.
-    criterion : Criterion
+    The folds are condensed parts of the data; one is enough but for cross-validation.
     """
 
     def __init__(self, folds, criterion):

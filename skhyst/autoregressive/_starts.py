@@ -77,20 +77,10 @@ def _root(f, a, b, fa, fb):
 
 
 def estimate_history(free_runs, inputs, y, n_outputs, span):
-    """Return the outputs before a record whose free run fits its first samples best.
+    """Return the ``n_outputs`` before a record whose free run fits its first samples best.
 
-    Parameters
-    ----------
-    free_runs : callable
-        Maps a list of starts to a list of runs and whether all stayed within bounds.
-    inputs : ndarray of shape (n_samples, n_columns)
-        Inputs of the record.
-    y : ndarray of shape (n_samples,)
-        Measured outputs.
-    n_outputs : int
-        How many before the record are wanted.
-    span : float
-        Range of the outputs.
+    ``free_runs`` maps a list of starts to a list of runs and whether all stayed within bounds;
+    ``span`` is the range of the outputs.
     """
     if not n_outputs:
         return np.empty(0)

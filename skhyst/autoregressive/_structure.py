@@ -37,25 +37,10 @@ class _State(NamedTuple):
 
 
 def improve(problem, search, n_terms):
-    """Alternate between the fit of the terms and a search around it.
+    """Return subset, coefficients, the search on the Jacobian there, and the runs it took.
 
-    Parameters
-    ----------
-    problem : InnovationProblem or FreeRunProblem
-    search : Search
-        That of the linear problem one step ahead.
-    n_terms : int or None
-        Number of terms that is wanted; None where the criterion decides.
-
-    Returns
-    -------
-    subset : list of int
-    theta : ndarray
-        Coefficients.
-    search : Search
-        On the Jacobian at the solution.
-    n_evaluations : int
-        Runs over all records.
+    Begins from the search of the linear problem one step ahead. ``n_terms`` is None where the
+    criterion decides.
     """
     fits = _Fits(problem, search.criterion, n_terms)
     state = min(fits.begin(search), key=lambda state: state.value)

@@ -15,22 +15,10 @@ def count_terms(n_signals, degree):
 
 
 def candidate_terms(groups, width, include_bias):
-    """Return the table of all products of lagged signals.
+    """Return the table (n_terms, width) of all products of lagged signals; absent factors are -1.
 
-    Parameters
-    ----------
-    groups : sequence of (sequence of int, int)
-        Signals, by position, and the highest degree of their products. Each group extends the one
-        before: products with at least one signal of its own, up to its degree.
-    width : int
-        Number of factors in a row of the table; absent ones are -1.
-    include_bias : bool
-        Whether the empty product is among them.
-
-    Returns
-    -------
-    ndarray of int, shape (n_terms, width)
-        By degree within each group.
+    A group has signals, by position, and the highest degree of their products. Each extends the one
+    before: products with at least one signal of its own, up to its degree, lower degrees first.
     """
     rows, known = [()] if include_bias else [], []
     for own, degree in groups:
