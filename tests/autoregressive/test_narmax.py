@@ -10,7 +10,8 @@ import pytest
 from sklearn.model_selection import GridSearchCV
 
 from skhyst.autoregressive import NARMAXRegressor
-from skhyst.autoregressive._problems import FreeRunProblem, InnovationProblem, RecordPart
+from skhyst.autoregressive._problems import FreeRunProblem, InnovationProblem
+from skhyst.autoregressive._runs import Lags, Start
 from skhyst.autoregressive._selection import Criterion, Search, condense, error_reduction
 from skhyst.autoregressive._terms import candidate_terms
 from skhyst.exceptions import DivergenceWarning
@@ -176,18 +177,18 @@ def test_jacobians_are_exact(kind):
     rng = np.random.default_rng(0)
     inputs, measured = rng.normal(size=(30, 1)), rng.normal(size=30)
     parts = [
-        RecordPart(inputs[:20], 2, np.array([0.3, 0.1]), measured[2:20]),
-        RecordPart(inputs[20:], 2, np.array([0.2, -0.1]), measured[22:]),
+        Start(inputs[:20], 2, np.array([0.3, 0.1]), measured[2:20]),
+        Start(inputs[20:], 2, np.array([0.2, -0.1]), measured[22:]),
     ]
     terms = candidate_terms([(range(4), 2), (range(4, 5), 1)], 2, True)[:, :2]
-    lags = (((0, 1), (0, 2)), (1, 2))
+    lags = Lags(((0, 1), (0, 2)), (1, 2), 1)
     if kind == "innovation":
-        problem = InnovationProblem(terms, (*lags, (1,)), parts, 1e6)
+        problem = InnovationProblem(terms, lags, (1,), parts, 1e6)
     else:
         terms = terms[~np.any(terms >= 4, axis=1)]
         line = (0.1, np.array([0.2])) if kind == "rest" else None
         problem = FreeRunProblem(terms, lags, parts, 1e6, line=line, free=kind == "free")
-    theta = problem.start(rng.uniform(-0.1, 0.1, len(terms)))
+    theta = problem.unknowns(rng.uniform(-0.1, 0.1, len(terms)))
     subset = range(len(terms))
     tangents = np.concatenate([block[0] for block in problem.blocks(subset, theta)[0]])
     for q in range(len(theta)):
