@@ -54,8 +54,14 @@ def exponentials(x, width, bits, powers):
 
 
 @jit(fastmath={"contract"})
-def _squash(kind, x, width, bits, powers):
-    """Apply the logistic function or the hyperbolic tangent to ``x[:width]``."""
+def _activate(kind, x, width, bits, powers):
+    """Apply an activation to ``x[:width]``; see :func:`exponentials`."""
+    if kind == 0:
+        return
+    if kind == 1:
+        for i in range(width):
+            x[i] = x[i] if x[i] > 0.0 else 0.0
+        return
     factor = -1.0 if kind == 2 else 2.0
     for i in range(width):
         x[i] *= factor
@@ -83,11 +89,7 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
             row = first[j]
             for q in range(width):
                 now[q] += signal * row[q]
-        if kind == 1:
-            for q in range(width):
-                now[q] = now[q] if now[q] > 0.0 else 0.0
-        elif kind > 1:
-            _squash(kind, now, width, bits, powers)
+        _activate(kind, now, width, bits, powers)
         for layer in range(len(weights)):
             matrix, n_in = weights[layer], width
             width = widths[layer + 1]
@@ -101,11 +103,7 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
                 row_a, row_b, row_c, row_d = matrix[p], matrix[p + 1], matrix[p + 2], matrix[p + 3]
                 for q in range(width):
                     after[q] += (a * row_a[q] + b * row_b[q]) + (c * row_c[q] + d * row_d[q])
-            if kind == 1:
-                for q in range(width):
-                    after[q] = after[q] if after[q] > 0.0 else 0.0
-            elif kind > 1:
-                _squash(kind, after, width, bits, powers)
+            _activate(kind, after, width, bits, powers)
             now, after = after, now
         value = last[width]
         for q in range(width):
@@ -150,14 +148,14 @@ class NetworkStep(Step):
         return cls(lags, first, np.array(biases[0]), widths, inner, offsets, last, kind)
 
     def rows(self, Z):
-        x = _activate(self.kind, Z @ self.first + self.offsets)
+        x = _activation(self.kind, Z @ self.first + self.offsets)
         for layer, (n_in, n_out) in enumerate(pairwise(self.widths)):
             matrix, bias = self.weights[layer, :n_in, :n_out], self.biases[layer, :n_out]
-            x = _activate(self.kind, x @ matrix + bias)
+            x = _activation(self.kind, x @ matrix + bias)
         return x @ self.last[:-1] + self.last[-1]
 
 
-def _activate(kind, x):
+def _activation(kind, x):
     if kind == ACTIVATIONS["relu"]:
         return np.maximum(x, 0.0)
     if kind == ACTIVATIONS["logistic"]:
