@@ -16,10 +16,15 @@ of each record. All is in scaled units.
 """
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval
 
 from ..preprocessing import lagged_columns
-from ._polynomial import plan_polynomial, polynomial_run, polynomial_tangents, term_products
+from ._polynomial import (
+    PolynomialStep,
+    plan_polynomial,
+    polynomial_run,
+    polynomial_tangents,
+    term_products,
+)
 from ._runs import bounded
 from ._starts import rest_outputs
 
@@ -145,7 +150,8 @@ class FreeRunProblem:
         terms = self.terms[list(subset)]
         n_terms, n_before = len(terms), self.n_before
         plan, coefficients = plan_polynomial(terms, *self.lags), theta[:n_terms]
-        rests = self._rests(terms, coefficients) if self.line is not None else None
+        step = PolynomialStep(self.lags, terms, coefficients, plan)
+        rests = self._rests(step) if self.line is not None else None
         out, good = [], True
         for i, start in enumerate(self.starts):
             history = start.history
@@ -162,24 +168,12 @@ class FreeRunProblem:
             good &= n_good == len(y)
         return out, good
 
-    def _rests(self, terms, coefficients):
+    def _rests(self, step):
         """Return the output at rest under the first inputs of each record."""
         firsts = np.array([start.inputs[0] for start in self.starts])
-        n_inputs = len(self.lags.inputs)
         inputs = firsts[:, [column for column, _ in self.lags.inputs]]
-        # at rest all outputs are one, and the next one is a polynomial in it for each record
-        products = term_products(inputs, np.where(terms < n_inputs, terms, -1)) * coefficients
-        powers = np.sum(terms >= n_inputs, axis=1)
-        rising = np.stack(
-            [products[:, powers == power].sum(axis=1) for power in range(terms.shape[1] + 1)]
-        )
-        return rest_outputs(
-            lambda Z: polyval(Z[:, 1], rising[:, Z[:, 0].astype(int)], tensor=False),
-            np.arange(len(firsts))[:, None],
-            1,
-            self.line[0] + firsts @ self.line[1],
-            *self.limits,
-        )
+        guesses = self.line[0] + firsts @ self.line[1]
+        return rest_outputs(step.rows, inputs, len(self.lags.outputs), guesses, *self.limits)
 
     def _rest_tangents(self, plan, coefficients, start, history):
         """Return the derivatives of the output at rest: those of an implicit function."""
