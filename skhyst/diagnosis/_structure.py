@@ -17,8 +17,8 @@ from ..compose import (
     ScheduledOperator,
     ScheduledParameters,
     Sum,
+    amplitude,
 )
-from ..compose._record_numbers import amplitude
 from ..operators import SeriesOperator, SumOperator
 from ..optimize import OperatorProblem, VariableProjection, identify
 from ._shortened import are_long

@@ -12,7 +12,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from sklearn.pipeline import make_pipeline
 
 from skhyst.compose import Cascade, Corrected, Modulated, Sum
-from skhyst.compose._backfitting import Backfitting, Turn, explained_change, fold_of_rows
+from skhyst.compose import Backfitting, Turn, explained_change, fold_of_rows
 from skhyst.disturbance import Offset
 from skhyst.linear import (
     FirstOrderLag,

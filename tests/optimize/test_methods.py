@@ -25,7 +25,7 @@ from skhyst.optimize import (
     VariableProjection,
     identify,
 )
-from skhyst.optimize._method import restrict, search_box
+from skhyst.optimize import restrict, search_box
 
 DT = 0.01
 TRUTH = SecondOrderModeOperator(60.0, 0.05, gain=2.0, intercept=0.3)
