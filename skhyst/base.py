@@ -77,8 +77,18 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     """Base of the models whose free run is that of an operator.
 
     A subclass gives :meth:`starting_values`, ``operator_class``, from which its place in a series
-    follows, and, where some of its parameters are held, :meth:`held_parameters`. Its constructor
-    has the parameters ``dt`` and ``initial_state``.
+    follows, and, where some of its parameters are held, :meth:`held_parameters`. A constructor of
+    its own assigns ``initial_state`` and ``dt`` too.
+
+    Parameters
+    ----------
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; "estimate" seeks the drive at which the device had
+        rested before each record of the fit.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -86,9 +96,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Of the operators that it identifies, or a base of them.
     series_rank : int
         Where it stands in a series, see :class:`~skhyst.operators.Operator`.
-    method : str or Method
-        How the parameters are identified, where it is no parameter of the constructor.
-    ----------
     operator_ : Operator
         The identified operator: ``init``, ``step``, ``run``.
     params_, params_std_ : dict of str to float
@@ -111,10 +118,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     }
 
     operator_class = Operator
-    method = "variable_projection"
+    method = "variable_projection"  # of a constructor without it
     _reads_columns = False  # of X beside the first
     _one_interval = False  # an operator runs at the interval of each record
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
+
+    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
 
     @property
     def series_rank(self):

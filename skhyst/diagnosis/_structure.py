@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 
+from ..base import informed
 from ..compose import (
     Cascade,
     ColumnOperator,
@@ -154,7 +155,9 @@ class Structure:
             ((name, model),), (operator,) = driven, operator.stages
         else:
             name, model = _DRIVEN, clone(estimator).set_params(steps=driven)
-        plain = cls.from_result(model, replace(result, operator=operator, disturbances=()))
+        plain = cls.from_result(
+            informed(model, estimator), replace(result, operator=operator, disturbances=())
+        )
         if plain._stands_alone():
             plain = replace(plain, names=(name,))
         return replace(

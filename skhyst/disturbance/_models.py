@@ -114,11 +114,6 @@ class Disturbance(ParametricModel):
 
     operator_class = DisturbanceOperator
 
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
-
 
 class Offset(Disturbance):
     """A constant for each record.
