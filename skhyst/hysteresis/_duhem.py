@@ -1,12 +1,9 @@
-r"""Duhem model of Coleman and Hodgdon.
-
-Loops over the Duhem model of Coleman and Hodgdon, exact on straight pieces of the drive.
+"""Duhem model of Coleman and Hodgdon, exact on straight pieces of the drive.
 
 The memory terms follow ``dH_j/du = -s alpha H_j + t^j`` with ``s`` the sign of the motion and
 ``t = (u - center)/scale``, j = 0 .. d-1. On a straight piece with ``x = alpha |change|``,
-``H_j = exp(-x) H_j0 + change M_j``, ``M_j = int_0^1 exp(-x (1 - a)) (t0 + (t1 - t0) a)^j da``.
-
-Duhem hysteresis in the form of Coleman and Hodgdon.
+``H_j = exp(-x) H_j0 + change M_j``, ``M_j = int_0^1 exp(-x (1 - a)) (t0 + (t1 - t0) a)^j da``. The
+response is ``f(u) + sum_j (b_j - (j + 1) a_(j+1)) H_j + c``: linear in all but ``alpha``.
 """
 
 import dataclasses
@@ -21,15 +18,7 @@ from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._friction import half_range, swing
 
-__all__ = [
-    "MAX_TERMS",
-    "Duhem",
-    "DuhemOperator",
-    "duhem_moments",
-    "duhem_run",
-    "duhem_tangents",
-    "exponential_moments",
-]
+__all__ = ["Duhem", "DuhemOperator"]
 
 _LONGEST = 1e300  # in units of 1/alpha; an infinite way times zero is no number
 MAX_TERMS = 9  # upwards from x = 1 the error grows by a factor i a step, 9! in all
@@ -162,18 +151,9 @@ def duhem_tangents(u, du, alpha, center, scale, out, dout):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DuhemOperator(Operator):
-    r"""Duhem model of Coleman and Hodgdon with polynomials for its two functions.
-
-    .. math::
-
-        \dot h = \alpha |\dot u| (f(u) - h) + \dot u\, g(u), \qquad y = h + c
-
-        f(u) = s \sum_{i=1}^{d} a_i t^i, \quad g(u) = \sum_{j=0}^{d-1} b_j t^j, \quad
-        t = (u - m)/s
+    """Duhem model with polynomials for its two functions: the law of :class:`Duhem`.
 
     ``f`` is the curve that the response is drawn to, ``g`` its slope where it crosses that curve.
-    With ``H_j`` the solution of ``dH_j/du = -sgn(du/dt) alpha H_j + t^j`` the response is
-    ``f(u) + sum_j (b_j - (j + 1) a_(j+1)) H_j + c``: linear in all but ``alpha``.
 
     Parameters
     ----------
@@ -200,11 +180,6 @@ class DuhemOperator(Operator):
     ``dt`` is not used. At degree 1 the response equals that of a Dahl model with
     ``x_c = 1/alpha``, ``F_c = (b_0 - a_1)/alpha`` and a spring ``a_1``. The state is
     ``(H, last drive)``.
-
-    References
-    ----------
-    B. D. Coleman, M. L. Hodgdon, "A constitutive relation for rate-independent hysteresis in
-    ferromagnetically soft materials", Int. J. Engineering Science 24(6), 1986.
 
     Examples
     --------
@@ -342,8 +317,7 @@ class Duhem(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import Duhem
-    >>> from skhyst.hysteresis import DuhemOperator
+    >>> from skhyst.hysteresis import Duhem, DuhemOperator
     >>> drive = np.sin(np.linspace(0, 20, 2000))
     >>> y, _ = DuhemOperator(3.0, curve=[1.0], slope=[0.4]).run(drive, 1.0)
     >>> model = Duhem().fit(drive.reshape(-1, 1), y)

@@ -1,6 +1,4 @@
-"""System-level model: the slope depends on the distance from the last turning point.
-
-A slope that depends on the distance from the drive's last turning point.
+"""System-level model: the slope depends on the distance from the drive's last turning point.
 
 With the distance ``s = |u - v|`` from the last turning point ``v`` and ``x = decay s``
 
@@ -9,8 +7,6 @@ With the distance ``s = |u - v|`` from the last turning point ``v`` and ``x = de
 and its integral from the turning point is ``slope s + curvature s^2 H(x)`` where
 ``H(x) = (1 - E(x)) / x = sum_n (-x)^n / (n + 2)!``. Both have a limit for ``decay = 0``: the
 Rayleigh law.
-
-The system-level model: the slope depends on the distance from the last turning point.
 """
 
 import math
@@ -23,13 +19,7 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 
-__all__ = [
-    "SystemLevelHysteresis",
-    "SystemLevelOperator",
-    "saturation_terms",
-    "system_level_run",
-    "system_level_tangents",
-]
+__all__ = ["SystemLevelHysteresis", "SystemLevelOperator"]
 
 _H = tuple((-1.0) ** n / math.factorial(n + 2) for n in range(13))
 _H1 = tuple((n + 1) * value for n, value in enumerate(_H[1:]))
@@ -141,10 +131,9 @@ def system_level_tangents(
 class SystemLevelOperator(Operator):
     r"""Hysteresis whose slope depends on the distance from the drive's last turning point.
 
-    .. math:: d(s) = p + \kappa \frac{1 - e^{-\lambda s}}{\lambda}, \qquad s = |u - V_{shift}|
-
-    ``variant="integral"``: :math:`y = c + \int d(s)\, du`, rate-independent.
-    ``variant="printed"``: :math:`y = c + d(s)\, u + h_s \dot u`, where the rate is the backward
+    The law of :class:`SystemLevelHysteresis`: with :math:`d(s)` the slope at a distance :math:`s`,
+    ``variant="integral"`` is :math:`y = c + \int d(s)\, du`, rate-independent, and
+    ``variant="printed"`` is :math:`y = c + d(s)\, u + h_s \dot u`, where the rate is the backward
     difference ``(u[k] - u[k-1]) / dt``.
 
     Parameters
@@ -169,23 +158,12 @@ class SystemLevelOperator(Operator):
 
     Notes
     -----
-    The paper's ``d_o``, ``Delta d``, ``gamma`` and ``V_c`` are ``slope = d_o + Delta d (1 -
-    gamma)``, ``curvature = Delta d gamma / V_c`` and ``decay = 1 / V_c``; see :meth:`from_paper`.
-    While ``s`` is much smaller than ``V_c``, gamma and V_c appear in the curvature alone.
-
     The state is the tuple (last turning point, response there less the intercept, last drive,
     direction in which it moved last). ``"rest"`` is the first loading from zero to the first
     sample; in ``"zero"`` all four are zero. Both turn at zero, so the integral is the same; only
     the rate of the first sample differs. The integral closes every minor loop, but does not wipe
     it out: beyond the loop it goes on from the last turning point, the only one it knows. The
     printed form jumps where the drive turns.
-
-    References
-    ----------
-    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
-    a gray box neural network based approach", equations (15) to (22). M. Lallart et al.,
-    "System-level modeling of nonlinear hysteretic piezoelectric actuators in quasi-static
-    operations", Mech. Syst. Signal Process. 116 (2019) 985-996.
 
     Examples
     --------
@@ -369,8 +347,7 @@ class SystemLevelHysteresis(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import SystemLevelHysteresis
-    >>> from skhyst.hysteresis import SystemLevelOperator
+    >>> from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
     >>> drive = 50.0 - 50.0 * np.cos(np.linspace(0.0, 20.0, 500))
     >>> y, _ = SystemLevelOperator(0.1, 0.002, 0.03).run(drive, 1.0)
     >>> model = SystemLevelHysteresis().fit(drive.reshape(-1, 1), y)
