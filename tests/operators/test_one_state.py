@@ -14,9 +14,9 @@ from skhyst.operators import OneStateOperator, parameter
 
 COUNT = """
 import numpy as np
-from skhyst.hysteresis import BacklashOperator, DahlOperator
+from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
 
-for operator in (DahlOperator(0.1, 1.0), BacklashOperator(0.1)):
+for operator in (BacklashOperator(0.1), SlewLimitOperator(0.1)):
     operator.run([0.0, 1.0], 0.1)
     operator.linearize([0.0, 1.0], np.ones((2, 1)), 0.1)
     for loop in (operator._law, operator._run, operator._tangents):
@@ -38,13 +38,17 @@ def test_loops_of_each_law_come_from_the_cache(tmp_path):
 
 
 def low_pass(x, u0, u1, dt, values):
-    """Follow a zero-order hold of the drive: an implicit Euler step of x' = (u - x) / tau."""
+    """Go a part of the way to the drive, and show the middle of that way times a gain."""
     tau, gain = values
     share = dt / (dt + tau)
-    x1 = x + share * (u1 - x)
-    by_tau = -share * (u1 - x) / (dt + tau)
-    state_by = 1.0 - share, 0.0, share, by_tau
-    return x1, gain * x1, state_by, tuple([gain * by for by in state_by] + [x1])
+    way = share * (u1 - x)
+    by_tau = -0.5 * gain * way / (dt + tau)
+    return (
+        x + way,
+        gain * (x + 0.5 * way),
+        (1.0 - share, 0.0, share, -way / (dt + tau)),
+        (gain * (1.0 - 0.5 * share), 0.0, 0.5 * gain * share, by_tau, x + 0.5 * way),
+    )
 
 
 @dataclass(frozen=True)
@@ -54,3 +58,37 @@ class LowPassOperator(OneStateOperator, step=low_pass):
 
     def _rest(self, u0):
         return u0, (1.0, 0.0)
+
+
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_law_equals_a_loop_written_by_hand(initial_state):
+    rng = np.random.default_rng(0)
+    u, du, tau, gain, share = rng.normal(size=50), rng.normal(size=(50, 2)), 0.3, 1.7, 0.1 / 0.4
+    rest = initial_state == "rest"
+    # state and its derivatives by both tangents and tau
+    x, dx = (u[0], np.append(du[0], 0.0)) if rest else (0.0, np.zeros(3))
+    expected = np.empty((50, 5))
+    for k in range(50):
+        x1 = x + share * (u[k] - x)
+        dx1 = dx + share * (np.append(du[k], 0.0) - dx)
+        dx1[2] -= share * (u[k] - x) / 0.4
+        expected[k] = 0.5 * np.array([gain * (x + x1), *(gain * (dx + dx1)), x + x1])
+        x, dx = x1, dx1
+    operator = LowPassOperator(tau, gain)
+    y, dy = operator.linearize(u, du, 0.1, initial_state)
+    np.testing.assert_allclose(np.column_stack([y, dy]), expected, rtol=0, atol=1e-12)
+    y, (last, before) = operator.run(u, 0.1, operator.init(u[0], initial_state))
+    np.testing.assert_allclose(y, expected[:, 0], rtol=0, atol=1e-12)
+    assert (last, before) == (pytest.approx(x, abs=1e-12), u[-1])
+
+
+def test_empty_signal():
+    operator = LowPassOperator(0.3)
+    assert operator.run([], 0.1, (1.0, 2.0))[1] == (1.0, 2.0)
+    y, dy = operator.linearize(np.empty(0), np.empty((0, 3)), 0.1)
+    assert (y.shape, dy.shape) == ((0,), (0, 5))
+
+
+def test_base_alone_is_abstract():
+    with pytest.raises(TypeError, match="abstract"):
+        OneStateOperator()
