@@ -21,24 +21,27 @@ def step(x, u0, u1, dt, values):
     raise NotImplementedError
 
 
-def run(u, x, before, dt, values, y):
-    """Write the output to ``y`` (n,) and return the last state; the drive stood at ``before``."""
+def run(u, x, last, dt, values, y):
+    """Write the output to ``y`` (n,) and return the last state; ``last`` is the drive before."""
     for k in range(u.size):
-        x, y[k], _, _ = step(x, before, u[k], dt, values)
-        before = u[k]
+        x, y[k], _, _ = step(x, last, u[k], dt, values)
+        last = u[k]
     return x
 
 
-def tangents(u, du, x, dx, before, dbefore, dt, values, y, dy):
+def tangents(u, du, x, dx, last, dlast, dt, values, y, dy):
     """Write the output (n,) and its tangents (n, m + p): those of ``du``, by the p parameters.
 
-    ``dx`` (m + s,), the tangents of the state, is overwritten; it depends on s parameters.
+    ``dx`` (m + s,), the tangents of a state that s parameters act on, and ``dlast`` (m,), those of
+    the last drive, are overwritten.
     """
     m = du.shape[1]
     for k in range(u.size):
-        x, y[k], state_by, output_by = step(x, before, u[k], dt, values)
+        x, y[k], state_by, output_by = step(x, last, u[k], dt, values)
+        last = u[k]
         for q in range(m):
-            x_q, from_q, to_q = dx[q], dbefore[q], du[k, q]
+            x_q, from_q, to_q = dx[q], dlast[q], du[k, q]
+            dlast[q] = to_q
             dx[q] = state_by[0] * x_q + state_by[1] * from_q + state_by[2] * to_q
             dy[k, q] = output_by[0] * x_q + output_by[1] * from_q + output_by[2] * to_q
         for q in range(len(state_by) - 3):
@@ -47,8 +50,6 @@ def tangents(u, du, x, dx, before, dbefore, dt, values, y, dy):
             dy[k, m + q] = output_by[0] * x_q + output_by[3 + q]
         for q in range(len(state_by) - 3, len(output_by) - 3):
             dy[k, m + q] = output_by[3 + q]
-        before = u[k]
-        dbefore = du[k]
 
 
 def bind(loop, law):
@@ -143,14 +144,14 @@ class OneStateOperator(Operator):
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
-        m, values = du.shape[1], self._values()
-        x, by = self._rest(float(u[0]) if u.size else 0.0)
-        dx = np.zeros(m + len(by) - 1)
-        if initial_state == "rest" and u.size:
-            last, dlast = float(u[0]), du[0]
-            dx[:m], dx[m:] = by[0] * dlast, by[1:]
-        else:
-            x, last, dlast = 0.0, 0.0, as_signal(np.zeros(m))
+        m, first = du.shape[1], float(u[0]) if u.size else 0.0
+        x, (by_first, *by) = self._rest(first)
+        dx, dlast = np.zeros(m + len(by)), np.zeros(m)
+        if initial_state == "zero":
+            x = first = 0.0
+        elif u.size:
+            dlast[:] = du[0]
+            dx[:m], dx[m:] = by_first * dlast, by
         y, dy = np.empty(u.size), np.empty((u.size, m + self.n_parameters))
-        self._tangents(u, du, x, dx, last, dlast, float(dt), values, y, dy)
+        self._tangents(u, du, x, dx, first, dlast, float(dt), self._values(), y, dy)
         return y, dy

@@ -19,8 +19,9 @@ from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
 for operator in (BacklashOperator(0.1), SlewLimitOperator(0.1)):
     operator.run([0.0, 1.0], 0.1)
     operator.linearize([0.0, 1.0], np.ones((2, 1)), 0.1)
-    for loop in (operator._law, operator._run, operator._tangents):
+    for loop in (operator._run, operator._tangents):
         print(sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
+    print(sum(operator._law.stats.cache_misses.values()))
 """
 
 
@@ -33,8 +34,8 @@ def test_loops_of_each_law_come_from_the_cache(tmp_path):
         ).stdout.split()
         for _ in range(2)
     )
-    assert first == [b"0", b"1"] * 6
-    assert second == [b"1", b"0"] * 6
+    assert first == [b"0", b"1", b"0", b"1", b"1"] * 2
+    assert second == [b"1", b"0", b"1", b"0", b"0"] * 2
 
 
 def low_pass(x, u0, u1, dt, values):
