@@ -52,21 +52,10 @@ def dahl_step(w, u0, u1, dt, values):
         by_x_c = -sign * slope * way / x_c
     slope /= x_c
     drag = damping / dt
-    return (
-        w,
-        force * w + stiffness * u1 + drag * change + intercept,
-        (by_w, -slope, slope, by_x_c),
-        (
-            force * by_w,
-            -force * slope - drag,
-            force * slope + stiffness + drag,
-            force * by_x_c,
-            w,
-            u1,
-            change / dt,
-            1.0,
-        ),
-    )
+    y = force * w + stiffness * u1 + drag * change + intercept
+    by_u = force * slope + drag
+    y_by = (force * by_w, -by_u, by_u + stiffness, force * by_x_c, w, u1, change / dt, 1.0)
+    return w, y, (by_w, -slope, slope, by_x_c), y_by
 
 
 @dataclass(frozen=True)
@@ -91,8 +80,7 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     Notes
     -----
     The step along the straight line between two samples is exact; the velocity at a sample is that
-    of the line that ends there. ``w`` depends on the path of the drive alone, not on its rate, and
-    stays within -1 and 1. The state is ``(w, last drive)``.
+    of the line that ends there. The state is ``(w, last drive)``, with ``w`` within -1 and 1.
 
     Examples
     --------

@@ -172,23 +172,20 @@ def jiles_atherton_step(m, u0, u1, dt, values):
                 s = (min(max(s[0], -1.0), 1.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     m, by_m, by_start, by_change, by_a, by_k, by_b, by_c = s
     by_start -= by_change
-    return (
+    y = saturation * m + gain * u1 + intercept
+    y_by = (
+        saturation * by_m,
+        saturation * by_start,
+        saturation * by_change + gain,
         m,
-        saturation * m + gain * u1 + intercept,
-        (by_m, by_start, by_change, 0.0, by_a, by_k, by_b, by_c),
-        (
-            saturation * by_m,
-            saturation * by_start,
-            saturation * by_change + gain,
-            m,
-            saturation * by_a,
-            saturation * by_k,
-            saturation * by_b,
-            saturation * by_c,
-            u1,
-            1.0,
-        ),
+        saturation * by_a,
+        saturation * by_k,
+        saturation * by_b,
+        saturation * by_c,
+        u1,
+        1.0,
     )
+    return m, y, (by_m, by_start, by_change, 0.0, by_a, by_k, by_b, by_c), y_by
 
 
 @dataclass(frozen=True)

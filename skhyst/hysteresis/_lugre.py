@@ -53,25 +53,22 @@ def lugre_step(w, u0, u1, dt, values):
         by_v_s, slip_by_v_s = by_gamma * steep / v_s, slip_by_gamma * steep / v_s
         by_ratio, slip_by_ratio = by_gamma * (1.0 - bell), slip_by_gamma * (1.0 - bell)
     drag = damping / dt
-    y_by_change = force * by_change + bristle_damping * slip_by_change + drag
-    return (
+    y = force * w + bristle_damping * slip + stiffness * u1 + drag * change + intercept
+    by_u = force * by_change + bristle_damping * slip_by_change + drag
+    y_by = (
+        force * by_w + bristle_damping * slip_by_w,
+        -by_u,
+        by_u + stiffness,
+        force * by_x_s + bristle_damping * slip_by_x_s,
+        force * by_v_s + bristle_damping * slip_by_v_s,
+        force * by_ratio + bristle_damping * slip_by_ratio,
         w,
-        force * w + bristle_damping * slip + stiffness * u1 + drag * change + intercept,
-        (by_w, -by_change, by_change, by_x_s, by_v_s, by_ratio),
-        (
-            force * by_w + bristle_damping * slip_by_w,
-            -y_by_change,
-            y_by_change + stiffness,
-            force * by_x_s + bristle_damping * slip_by_x_s,
-            force * by_v_s + bristle_damping * slip_by_v_s,
-            force * by_ratio + bristle_damping * slip_by_ratio,
-            w,
-            slip,
-            u1,
-            velocity,
-            1.0,
-        ),
+        slip,
+        u1,
+        velocity,
+        1.0,
     )
+    return w, y, (by_w, -by_change, by_change, by_x_s, by_v_s, by_ratio), y_by
 
 
 @dataclass(frozen=True)
