@@ -9,8 +9,7 @@ from .._sklearn import Interval, StrOptions
 from ..operators import SeriesOperator
 from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
-from ._invertible import InvertibleModel
-from ._prandtl_ishlinskii import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from ._prandtl_ishlinskii import InvertibleModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
 __all__ = [
     "ModifiedPrandtlIshlinskii",

@@ -2,7 +2,14 @@
 
 from ._composition import FrozenOperator, SeriesOperator, SumOperator
 from ._differences import latest, samples_before, slopes
-from ._plays import play_basis, play_tangents, play_thresholds, stop_basis, turning_points
+from ._plays import (
+    clip_play,
+    play_basis,
+    play_tangents,
+    play_thresholds,
+    stop_basis,
+    turning_points,
+)
 from ._protocol import Operator, ParameterSpec, as_signal, parameter
 
 __all__ = [
@@ -12,6 +19,7 @@ __all__ = [
     "SeriesOperator",
     "SumOperator",
     "as_signal",
+    "clip_play",
     "latest",
     "parameter",
     "play_basis",

@@ -10,6 +10,7 @@ from ._levenberg_marquardt import LevenbergMarquardt
 from ._method import Method
 from ._modal_problem import ModalProblem, modal_start
 from ._multistart import VariableProjection
+from ._nonnegative import nonnegative_minimum
 from ._particle_swarm import ParticleSwarm
 from ._population import PopulationMethod
 from ._problem import OperatorProblem, RecordData
@@ -40,6 +41,7 @@ __all__ = [
     "identify",
     "identify_response",
     "modal_start",
+    "nonnegative_minimum",
     "pole_starts",
     "predicted_cost",
     "rational_residues",
