@@ -211,19 +211,15 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from ``center``; the
         drive still at ``center``; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        As for every model; all parameters are linear, and solved exactly by any.
+    dt, method
+        As for every model; the model does not depend on ``dt``, and any method solves it exactly.
 
     Attributes
     ----------
     levels_ : ndarray of shape (n_levels,)
         Units of the drive.
-    weights_ : ndarray of shape (n_levels * (n_levels - 1) / 2,)
+    weights_, intercept_ : ndarray of shape (n_levels * (n_levels - 1) / 2,) and float
         Units of the response; kernel (i, j) has the number i (i + 1) / 2 + j.
-    intercept_ : float
-        Units of the response.
     operator_ : KrasnoselskiiPokrovskiiOperator
         The model as frozen numbers, to run sample by sample.
     params_, params_std_ : dict

@@ -78,16 +78,11 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     Parameters
     ----------
-    thresholds : array-like of shape (n_plays,)
-        Thresholds in units of the drive, ascending, not negative. Fixed structure. A first
-        threshold of zero is the plain gain, without which there is no inverse; so it is in the stop
-        form too, where it stands for a spring that never yields.
-    weights : array-like of shape (n_plays,)
-        Weights in response/drive.
-    intercept : float, default=0.0
-        Constant in units of the response.
-    drive_offset : float, default=0.0
-        Drive at which the virgin device rests, in units of the drive.
+    thresholds, weights : array-like of shape (n_plays,)
+        Units of the drive, ascending, not negative, fixed structure; response/drive. A threshold of
+        zero is the plain gain, in the stop form a spring that never yields.
+    intercept, drive_offset : float, default=0.0
+        Units of the response; of the drive.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
     form : {"play", "stop"}, default="play"
@@ -198,18 +193,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return plays
 
     def state_from_plays(self, plays, u):
-        """Return the state in which the plays stand at ``plays`` while the drive is ``u``.
-
-        Parameters
-        ----------
-        plays : array-like of shape (n_plays,)
-            Values of the plays, less the drive's offset, as :meth:`plays` returns them.
-        u : float
-            Drive.
-
-        Returns
-        -------
-        state : PlayMemory
+        """Return the state in which :meth:`plays` are ``plays`` (n_plays,) at the drive ``u``.
 
         Raises
         ------
@@ -235,13 +219,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return self.run(np.append(path, v) + self.drive_offset, 1.0, _VIRGIN)[1]
 
     def inverse(self):
-        """Return the exact inverse: an operator of the same kind, from response to drive.
-
-        Returns
-        -------
-        inverse : PrandtlIshlinskiiOperator
-            In the play form; slopes of the first loading are the reciprocals of those of this
-            operator, ``intercept`` and ``drive_offset`` are exchanged.
+        """Return the exact inverse: an operator from response to drive, in the play form.
 
         Raises
         ------
@@ -336,17 +314,13 @@ class PrandtlIshlinskii(InvertibleModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
+    dt, method
+        As for every model; the model does not depend on ``dt``.
 
     Attributes
     ----------
-    thresholds_ : ndarray of shape (n_operators,)
-        Units of the drive.
-    weights_ : ndarray of shape (n_operators,)
-        Of the plays or of the stops, units of the response over units of the drive.
+    thresholds_, weights_ : ndarray of shape (n_operators,)
+        Units of the drive; of the response over those of the drive.
     intercept_ : float
         Units of the response.
     operator_ : PrandtlIshlinskiiOperator

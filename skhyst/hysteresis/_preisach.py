@@ -63,7 +63,7 @@ class PreisachOperator(RelayGridOperator):
     reversible : array-like of shape (n - 1,) or (0,), default=()
         Weights of the reversible part, units of the response.
     intercept : float, default=0.0
-        In units of the response: midway between the two saturations.
+        Midway between the two saturations, units of the response.
     center : float, default=0.0
         Drive at which the virgin device is demagnetised: relays with ``alpha + beta`` above
         ``2 center`` are down, the others up. ``-inf`` (or the lowest level): all down at first,
@@ -171,15 +171,7 @@ class PreisachOperator(RelayGridOperator):
     def everett(self, alpha, beta):
         """Return the Everett function: half the response's change from ``beta`` up to ``alpha``.
 
-        Parameters
-        ----------
-        alpha, beta : float
-            Drives, ``alpha >= beta``; beyond the levels the function stays constant.
-
-        Returns
-        -------
-        float
-            Units of the response.
+        Beyond the levels it stays constant.
         """
         high, low = np.clip([alpha, beta], *self.levels[[0, -1]])
         levels, everett, diagonal, _, *bins = self._tables
@@ -229,10 +221,8 @@ class Preisach(RelayGridModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from ``center``; the
         drive still at ``center``; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        As for every model; all parameters are linear, and solved exactly by any.
+    dt, method
+        As for every model; the model does not depend on ``dt``, and any method solves it exactly.
 
     Attributes
     ----------
@@ -241,12 +231,9 @@ class Preisach(RelayGridModel):
     density_ : ndarray of shape (n_levels - 1, n_levels - 1)
         Density in each cell, alpha by beta, zero above the diagonal; units of the response over
         those of the drive squared.
-    weights_ : ndarray of shape (n_levels * (n_levels - 1) / 2,)
-        Density times area of the cells, units of the response.
-    reversible_ : ndarray of shape (n_levels - 1,) or (0,)
-        Weights of the reversible part, units of the response.
-    intercept_ : float
-        Units of the response.
+    weights_, reversible_, intercept_ : ndarray, ndarray and float
+        Density times area of the n (n - 1) / 2 cells, weights of the reversible part (n - 1 or
+        none) and constant, units of the response.
     operator_ : PreisachOperator
         The model as frozen numbers, to run sample by sample.
     params_, params_std_ : dict

@@ -124,10 +124,8 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 
     Parameters
     ----------
-    thresholds : array-like of shape (n_plays,)
-        At rest, in units of the drive, ascending, not negative. Fixed structure.
-    weights : array-like of shape (n_plays,)
-        At rest, in response/drive.
+    thresholds, weights : array-like of shape (n_plays,)
+        At rest: units of the drive, ascending, not negative, fixed structure; response/drive.
     rate_weights : array-like of shape (n_plays,) or (0,), default=()
         Change of the weights with the rate in response s/drive^2; empty: none, and not identified.
     intercept : float, default=0.0
@@ -230,7 +228,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return y, np.hstack((carried, plays, scaled, ones, out[:, m : drive.shape[1]]))
 
     def drive_at_rates(self, y, rates, plays=None):
-        """Return the drive under which the response is ``y``, its rates being known.
+        """Return the drive (n_samples,) under which the response is ``y``, its rates being known.
 
         Parameters
         ----------
@@ -238,10 +236,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
             Response, and sizes of the drive's rates, units of the drive over s.
         plays : ndarray of shape (n_plays,), optional
             The plays before the first sample; by default they are zero.
-
-        Returns
-        -------
-        u : ndarray of shape (n_samples,)
 
         Raises
         ------
@@ -266,7 +260,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return u
 
     def inverse_run(self, y, dt, initial_state="rest"):
-        """Return a drive that makes the response follow ``y``.
+        """Return a drive (n_samples,) that makes the response follow ``y``.
 
         With the rates known, the inverse is exact (Al Janaideh and Krejci 2013). Here the rates are
         those of the drive that is sought, which is found by repetition, beginning with the inverse
@@ -283,10 +277,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
             Sampling interval in s.
         initial_state : {"rest", "zero"}
             As in :meth:`init`.
-
-        Returns
-        -------
-        u : ndarray of shape (n_samples,)
         """
         y = as_signal(y)
         fastest = self._fastest_monotone()
@@ -351,10 +341,8 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
+    dt, method
+        As for every model.
 
     Attributes
     ----------

@@ -76,22 +76,10 @@ class RelayGridOperator(Superposition):
         return self.init(u[0] if u.size else self._center, initial_state)
 
     def basis(self, u, state=None):
-        """Return the derivatives of the response with respect to all parameters, and the state.
+        """Return the derivatives (n_samples, n_parameters) of the response, and the state.
 
-        Parameters
-        ----------
-        u : array-like of shape (n_samples,)
-            Drive.
-        state : optional
-            State before the first sample; first loading by default.
-
-        Returns
-        -------
-        rows : ndarray of shape (n_samples, n_parameters)
-            In the order of ``pack``: mean states of the relays of each cell, or of the ramps,
-            between -1 and 1, then a one.
-        state
-            State after the last sample.
+        They are the mean states of the relays of each cell, or of the ramps, between -1 and 1, and
+        a one, in the order of ``pack``. Drive and state are those of :meth:`run`.
         """
         u = as_signal(u)
         rows = np.ones((u.size, self.n_parameters))
@@ -226,28 +214,25 @@ def _roughness(operator, diagonal_is_reversible):
     """
     n, n_weights = operator.levels.size, operator.n_parameters - 1
     i, j = cell_indices(n)
-    number = np.full((n, n), -1)
+    number, scale = np.full((n, n), -1), np.ones(n_weights)
     number[i, j] = np.arange(i.size)
-    scale = np.ones(n_weights)
+    diagonal = np.arange(n - 1)
     if diagonal_is_reversible:
-        line = number.diagonal()[:-1].copy()
-        number[np.diag_indices_from(number)] = -1
+        line = number[diagonal, diagonal]
+        number[diagonal, diagonal] = -1
     else:
         line = np.arange(i.size, n_weights)
-        scale[number.diagonal()[:-1]] = 2.0
+        scale[number[diagonal, diagonal]] = 2.0
     here = number[i, j]
-    first = np.concatenate((here, here, line[:-1]))
-    second = np.concatenate((number[i + 1, j], number[i, j + 1], line[1:]))
-    both = (first >= 0) & (second >= 0)
-    first, second = first[both], second[both]
+    a = np.concatenate((here, here, line[:-1]))
+    b = np.concatenate((number[i + 1, j], number[i, j + 1], line[1:]))
+    cells = (a >= 0) & (b >= 0)
+    a, b = a[cells], b[cells]
     matrix = np.zeros((n_weights, n_weights))
-    for a, b, sign in (
-        (first, first, 1.0),
-        (second, second, 1.0),
-        (first, second, -1.0),
-        (second, first, -1.0),
-    ):
-        np.add.at(matrix, (a, b), sign * scale[a] * scale[b])
+    np.add.at(matrix, (a, a), scale[a] ** 2)
+    np.add.at(matrix, (b, b), scale[b] ** 2)
+    np.add.at(matrix, (a, b), -scale[a] * scale[b])
+    np.add.at(matrix, (b, a), -scale[a] * scale[b])
     return matrix
 
 
