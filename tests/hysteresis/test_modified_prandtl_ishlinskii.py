@@ -71,20 +71,6 @@ def test_inverse_after_pickling(seed):
     np.testing.assert_allclose(again, wanted[:, 0], rtol=0, atol=1e-12 * np.ptp(wanted))
 
 
-def test_inverse_by_bisection():
-    plant = Plant(0)
-    model = plant.model().fit(plant.X, plant.y + plant.noise)
-    response = model.predict(plant.X[:500])
-    operator = model.operator_
-    _, state = operator.run(plant.u[:499], 1.0)
-    low, high = -20.0, 20.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        below = operator.step(state, middle, 1.0)[1] < response[499]
-        low, high = (middle, high) if below else (low, middle)
-    assert model.inverse_predict(response.reshape(-1, 1))[499] == pytest.approx(middle, rel=1e-9)
-
-
 def test_asymmetry_and_saturation_that_plays_alone_cannot_have():
     u = drive()
     rng = np.random.default_rng(1)
