@@ -128,3 +128,13 @@ def test_penalty_does_not_couple_reversible_kernels_to_loops():
     X = np.sin(np.linspace(0, 20, 500)).reshape(-1, 1)
     model = KrasnoselskiiPokrovskii(6, smoothness=10.0).fit(X, 3.0 * X[:, 0])
     np.testing.assert_allclose(model.predict(X), 3.0 * X[:, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("levels", ["grid", "response"])
+def test_units(levels):
+    X, y, _, _ = plant(5)
+    model = KrasnoselskiiPokrovskii(6, levels=levels)
+    one = model.fit(X, y).predict(X)
+    for scale in (1e-9, 1e9):
+        other = model.fit(X * scale, y / scale).predict(X * scale)
+        np.testing.assert_allclose(other * scale, one, rtol=0, atol=1e-4 * np.ptp(y))
