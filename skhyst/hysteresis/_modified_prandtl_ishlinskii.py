@@ -9,8 +9,7 @@ from .._sklearn import Interval, StrOptions
 from ..operators import SeriesOperator
 from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
-from ._invertible import InvertibleModel
-from ._prandtl_ishlinskii import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from ._prandtl_ishlinskii import InvertibleModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
 __all__ = [
     "ModifiedPrandtlIshlinskii",
@@ -57,10 +56,8 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
+    dt, method
+        As for every model; the model does not depend on ``dt``.
 
     Attributes
     ----------
