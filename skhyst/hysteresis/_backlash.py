@@ -112,4 +112,4 @@ class Backlash(ParametricModel):
 
     def starting_values(self, records):
         swing = max(np.ptp(record.u) for record in records) or 1.0
-        return [(BacklashOperator(float(part * swing), self.series_rank), ()) for part in _PARTS]
+        return [BacklashOperator(float(part * swing), self.series_rank) for part in _PARTS]

@@ -241,16 +241,13 @@ class CoulombFriction(FrictionModel):
         transitions = np.unique(np.maximum(np.multiply(_TRANSITIONS, top), 1.5 * slowest))
         velocities = np.multiply(_VELOCITIES, top) if self.stribeck else [fastest]
         return [
-            (
-                CoulombFrictionOperator(
-                    float(transition),
-                    force,
-                    float(velocity),
-                    slowest=slowest,
-                    fastest=fastest,
-                    smoothing=smoothing,
-                ),
-                (),
+            CoulombFrictionOperator(
+                float(transition),
+                force,
+                float(velocity),
+                slowest=slowest,
+                fastest=fastest,
+                smoothing=smoothing,
             )
             for transition, velocity in product(transitions, velocities)
             if velocity > transition

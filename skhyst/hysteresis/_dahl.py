@@ -191,6 +191,6 @@ class Dahl(FrictionModel):
     def starting_values(self, records):
         length, force = swing(records), half_range(records)
         return [
-            (DahlOperator(float(part * length), force, exponent=float(self.exponent)), ())
+            DahlOperator(float(part * length), force, exponent=float(self.exponent))
             for part in _STARTS
         ]

@@ -310,7 +310,7 @@ class Duhem(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = DuhemOperator.rank
+    operator_class = DuhemOperator
 
     def __init__(
         self,
@@ -338,7 +338,7 @@ class Duhem(ParametricModel):
         curve, slopes = np.zeros((2, self.degree))
         curve[0], slopes[0] = 2.0 * slope, slope
         return [
-            (DuhemOperator(1.0 / (part * length), curve, slopes, center=center, scale=scale), ())
+            DuhemOperator(1.0 / (part * length), curve, slopes, center=center, scale=scale)
             for part in _STARTS
         ]
 

@@ -347,7 +347,7 @@ class JilesAtherton(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = JilesAthertonOperator.rank
+    operator_class = JilesAthertonOperator
 
     def __init__(
         self,
@@ -376,7 +376,7 @@ class JilesAtherton(ParametricModel):
             for coupling in _COUPLINGS
         ]
         step = max(_COARSE * field, _shortest_step(records))
-        return [(dataclasses.replace(start, max_step=step), ()) for start in starts]
+        return [dataclasses.replace(start, max_step=step) for start in starts]
 
     def held_parameters(self):
         fixed = set() if self.gain == "fit" else {"gain"}
@@ -392,7 +392,7 @@ class JilesAtherton(ParametricModel):
             if not step < 0.8 * operator.max_step:
                 break
             result = identify(
-                [(dataclasses.replace(operator, max_step=step), ())],
+                [dataclasses.replace(operator, max_step=step)],
                 data,
                 fixed=self.held_parameters(),
                 initial_state=self._free_run_state(),

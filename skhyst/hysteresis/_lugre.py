@@ -248,7 +248,7 @@ class LuGre(FrictionModel):
         length, speed, force = swing(records), top_speed(records), half_range(records)
         velocities, ratio = (_VELOCITIES, _RATIO) if self.stribeck else ((1.0,), 1.0)
         return [
-            (LuGreOperator(part * length, velocity * speed, ratio, force), ())
+            LuGreOperator(part * length, velocity * speed, ratio, force)
             for part, velocity in product(_LENGTHS, velocities)
         ]
 

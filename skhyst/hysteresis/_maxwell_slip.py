@@ -267,7 +267,7 @@ class MaxwellSlip(FrictionModel):
         operator = MaxwellSlipOperator(
             thresholds, np.zeros(len(thresholds)), non_negative=self.non_negative
         )
-        return [(operator, ())]
+        return [operator]
 
     def _adopt(self, result):
         super()._adopt(result)

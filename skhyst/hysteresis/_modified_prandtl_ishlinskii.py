@@ -97,7 +97,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
     }
     del _parameter_constraints["form"]
 
-    series_rank = PrandtlIshlinskiiOperator.rank
+    operator_class = PrandtlIshlinskiiOperator
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
             thresholds=self.thresholds,
             non_negative=self.non_negative,
             drive_offset=self.drive_offset,
-        ).starting_values(records)[0][0]
+        ).starting_values(records)[0]
         levels, n_lower = self._levels(np.concatenate([record.y for record in records]))
         unit = MonotoneDeadZoneOperator(np.ones(levels.size), levels, n_lower)
         gram = self._inverse_gram(plays, unit, records)
@@ -142,7 +142,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
             if not isinstance(self.dead_zone_thresholds, str):
                 zones = MonotoneDeadZoneOperator(zones.slopes, levels, n_lower)
             values = np.concatenate([weights, [intercept, plays.drive_offset]])
-            starts.append((SeriesOperator(("plays", "zones"), (plays.unpack(values), zones)), ()))
+            starts.append(SeriesOperator(("plays", "zones"), (plays.unpack(values), zones)))
         return starts
 
     def _levels(self, y):

@@ -354,7 +354,7 @@ class PrandtlIshlinskii(InvertibleModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = PrandtlIshlinskiiOperator.rank
+    operator_class = PrandtlIshlinskiiOperator
     _any_interval = True
 
     def __init__(
@@ -394,7 +394,7 @@ class PrandtlIshlinskii(InvertibleModel):
             non_negative=self.non_negative,
             form=self.form,
         )
-        return [(operator, ())]
+        return [operator]
 
     def held_parameters(self):
         fixed = set() if self.drive_offset == "fit" else {"drive_offset"}

@@ -385,7 +385,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     }
     del _parameter_constraints["form"], _parameter_constraints["drive_offset"]
 
-    series_rank = RateDependentPrandtlIshlinskiiOperator.rank
+    operator_class = RateDependentPrandtlIshlinskiiOperator
 
     def __init__(
         self,
@@ -410,7 +410,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
 
     def starting_values(self, records):
         plays = PrandtlIshlinskii(self.n_operators, thresholds=self.thresholds)
-        thresholds = plays.starting_values(records)[0][0].thresholds
+        thresholds = plays.starting_values(records)[0].thresholds
         zeros = np.zeros(thresholds.size)
         if self.variant == "slope":
             rates, dilations = zeros, [0.0]
@@ -418,7 +418,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
             rates, dilations = (), self._dilations(records)
         kind, options = RateDependentPrandtlIshlinskiiOperator, {"non_negative": self.non_negative}
         return [
-            (kind(thresholds, zeros, rates, dilation=float(dilation), **options), ())
+            kind(thresholds, zeros, rates, dilation=float(dilation), **options)
             for dilation in dilations
         ]
 

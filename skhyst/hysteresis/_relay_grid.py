@@ -109,7 +109,7 @@ class RelayGridModel(ParametricModel):
         "center": [Interval(Real, None, None, closed="both")],
     }
 
-    series_rank = RelayGridOperator.rank
+    operator_class = RelayGridOperator
     _diagonal_is_reversible = False  # the cells (i, i) have no loop
 
     @abstractmethod
@@ -130,7 +130,7 @@ class RelayGridModel(ParametricModel):
         return _response_levels(records, edges, self.n_levels)
 
     def starting_values(self, records):
-        return [(self._operator(self._levels(records)), ())]
+        return [self._operator(self._levels(records))]
 
     def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})

@@ -101,7 +101,7 @@ class SlewLimit(ParametricModel):
     3.0
     """
 
-    series_rank = SlewLimitOperator.rank
+    operator_class = SlewLimitOperator
 
     def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.initial_state = initial_state
@@ -110,4 +110,4 @@ class SlewLimit(ParametricModel):
 
     def starting_values(self, records):
         fastest = max(np.abs(np.diff(r.u)).max(initial=0.0) / r.dt for r in records)
-        return [(SlewLimitOperator(float(part * fastest or 1.0)), ()) for part in _PARTS]
+        return [SlewLimitOperator(float(part * fastest or 1.0)) for part in _PARTS]

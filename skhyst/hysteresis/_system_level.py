@@ -318,7 +318,7 @@ class SystemLevelHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = SystemLevelOperator.rank
+    operator_class = SystemLevelOperator
 
     def __init__(
         self,
@@ -339,8 +339,7 @@ class SystemLevelHysteresis(ParametricModel):
         # a first loading from zero is a branch too
         span = max(np.ptp(np.append(record.u, 0.0)) for record in records) or 1.0
         return [
-            (SystemLevelOperator(0.0, 1.0, decay / span, variant=self.variant), ())
-            for decay in _DECAYS
+            SystemLevelOperator(0.0, 1.0, decay / span, variant=self.variant) for decay in _DECAYS
         ]
 
     def held_parameters(self):

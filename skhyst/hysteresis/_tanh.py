@@ -141,7 +141,7 @@ class TanhHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = TanhHysteresisOperator.rank
+    operator_class = TanhHysteresisOperator
 
     def __init__(
         self, fit_intercept=False, *, initial_state="rest", dt=1.0, method="variable_projection"
@@ -153,7 +153,7 @@ class TanhHysteresis(ParametricModel):
 
     def starting_values(self, records):
         largest = _largest(records)
-        return [(_start(bend / largest), ()) for bend in _BENDS]
+        return [_start(bend / largest) for bend in _BENDS]
 
     def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
@@ -168,7 +168,7 @@ class TanhHysteresis(ParametricModel):
         largest = _largest(data)
         smallest = magnitudes[magnitudes > _NEGLIGIBLE * largest].min(initial=largest)
         step = identify(
-            [(_start(_STEP / smallest), ())],
+            [_start(_STEP / smallest)],
             data,
             fixed=self.held_parameters(),
             initial_state=self._free_run_state(),

@@ -56,7 +56,7 @@ class DeadBand(ParametricModel):
     (0.1, 0.2)
     """
 
-    series_rank = DeadBandOperator.rank
+    operator_class = DeadBandOperator
     _any_interval = True
 
     def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
@@ -68,7 +68,7 @@ class DeadBand(ParametricModel):
         low, high = range_of_drive(records)
         centers = {0.0, 0.5 * (low + high)} if low < 0.0 < high else {0.5 * (low + high)}
         return [
-            (DeadBandOperator(part * (high - low) or 1.0, center), ())
+            DeadBandOperator(part * (high - low) or 1.0, center)
             for center in sorted(centers)
             for part in _PARTS
         ]

@@ -180,7 +180,7 @@ class DeadZones(ParametricModel):
         "sides": [StrOptions(set(SIDES))],
     }
 
-    series_rank = DeadZoneOperator.rank
+    operator_class = DeadZoneOperator
     _any_interval = True
 
     def __init__(
@@ -199,4 +199,4 @@ class DeadZones(ParametricModel):
         sides = SIDES[self.sides]
         thresholds = np.concatenate([middle + side * parts for side in sides])
         signs = np.repeat(sides, self.n_zones)
-        return [(DeadZoneOperator(np.zeros(len(signs)), thresholds, signs), ())]
+        return [DeadZoneOperator(np.zeros(len(signs)), thresholds, signs)]

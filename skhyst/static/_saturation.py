@@ -85,5 +85,5 @@ class Saturation(SaturationModel):
             clipped = part * (high - low)
             levels = {-1: {"lower": low + clipped}, 1: {"upper": high - clipped}}
             limits = {k: v for side in SIDES[self.sides] for k, v in levels[side].items()}
-            starts.append((SaturationOperator(**limits, rank=self.series_rank), ()))
+            starts.append(SaturationOperator(**limits, rank=self.series_rank))
         return starts

@@ -82,7 +82,7 @@ class SmoothCurve(ParametricModel):
         "degree": [Interval(Integral, 2, None, closed="left")],
     }
 
-    series_rank = PolynomialCurveOperator.rank
+    operator_class = PolynomialCurveOperator
     _any_interval = True
 
     def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
@@ -97,4 +97,4 @@ class SmoothCurve(ParametricModel):
         operator = PolynomialCurveOperator(
             np.zeros(self.degree - 1), center=0.5 * (low + high), scale=scale
         )
-        return [(operator, ())]
+        return [operator]

@@ -153,7 +153,7 @@ class SoftSaturation(SaturationModel):
         reach = max(high - center, center - low) or 1.0
         fixed = center, sum(SIDES[self.sides]), self.series_rank
         return [
-            (SoftSaturationOperator(part * reach, knee, *fixed), ())
+            SoftSaturationOperator(part * reach, knee, *fixed)
             for part in _LEVELS
             for knee in _KNEES
         ]
