@@ -16,7 +16,7 @@ from scipy.fft import next_fast_len
 
 from ._sklearn import Interval
 from .base import ParametricModel
-from .operators import Operator, SumOperator, parameter
+from .operators import Operator, parameter
 
 __all__ = [
     "DisturbanceOperator",
@@ -37,6 +37,8 @@ class DisturbanceOperator(Operator):
 
     signal_linear = True
     rank = 60
+    stands_beside = True
+    has_constant = False  # among its basis
 
     @abstractmethod
     def basis(self, time):
@@ -65,6 +67,8 @@ class DisturbanceOperator(Operator):
 class OffsetOperator(DisturbanceOperator):
     """A constant."""
 
+    has_constant = True
+
     coefficients: np.ndarray = parameter(linear=True, unit="response")
 
     def basis(self, time):
@@ -74,6 +78,8 @@ class OffsetOperator(DisturbanceOperator):
 @dataclass(frozen=True)
 class DriftOperator(DisturbanceOperator):
     """Legendre polynomials of time over ``duration`` (s), from degree 0; constant afterwards."""
+
+    has_constant = True
 
     coefficients: np.ndarray = parameter(linear=True, unit="response")
     duration: float
@@ -103,13 +109,7 @@ class SinusoidOperator(DisturbanceOperator):
 class _Disturbance(ParametricModel):
     """Base of the disturbances: nothing is driven, all is beside."""
 
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
-
-    def starting_values(self, records):
-        return [(SumOperator((), ()), (start,)) for start in self._disturbances(records)]
+    operator_class = DisturbanceOperator
 
 
 class Offset(_Disturbance):
@@ -136,7 +136,7 @@ class Offset(_Disturbance):
     array([[2.5]])
     """
 
-    def _disturbances(self, records):
+    def starting_values(self, records):
         return [OffsetOperator(np.zeros(1))]
 
 
@@ -173,7 +173,7 @@ class Drift(_Disturbance):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.degree = degree
 
-    def _disturbances(self, records):
+    def starting_values(self, records):
         duration = max((len(record.u) - 1) * record.dt for record in records)
         return [DriftOperator(np.zeros(self.degree + 1), duration or records[0].dt)]
 
@@ -215,7 +215,7 @@ class PeriodicDisturbance(_Disturbance):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_frequencies = n_frequencies
 
-    def _disturbances(self, records):
+    def starting_values(self, records):
         frequencies = _spectral_lines(records, self.n_frequencies)
         return [SinusoidOperator(np.zeros(2 * self.n_frequencies), frequencies)]
 

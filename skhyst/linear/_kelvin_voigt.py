@@ -139,12 +139,12 @@ class KelvinVoigt(LinearModel):
         ratios = _SPREAD ** np.arange(self.n_units)
         fastest = log_grid(2.0 * dt, max(0.5 * span / ratios[-1], 4 * dt), 1)
         return [
-            (KelvinVoigtOperator(compliances, tau * ratios, gain=gain, hold=self.hold), ())
+            KelvinVoigtOperator(compliances, tau * ratios, gain=gain, hold=self.hold)
             for tau in fastest
         ]
 
-    def _fit_records(self, data):
-        super()._fit_records(data)
+    def _finish(self, result, data):
+        super()._finish(result, data)
         operator = self.operator_
         if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)

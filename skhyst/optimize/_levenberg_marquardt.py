@@ -1,13 +1,10 @@
 """The training of the gray-box paper: Levenberg-Marquardt with a damping that moves by factors."""
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
-from ._bounded import bounded_step
-from ._method import Method, restrict
-from ._variable_projection import LARGEST_LOG_STEP, Solution, solve_linear
+from ._variable_projection import Method, restrict, variable_projection
 
 __all__ = ["LevenbergMarquardt"]
 
@@ -74,79 +71,41 @@ class LevenbergMarquardt(Method):
     def solve(self, problems):
         for problem in problems:
             restrict(problem, self.bounds)
-        starts, evaluations = [(problem, problem.x0) for problem in problems], 0
+        starts, evaluations = problems, 0
         if len(starts) > _FULL_RUNS:
-            trials = []
-            for problem, x in starts:
-                trial = self._train(problem, x, min(_TRIAL_EPOCHS, self.max_epochs), silent=True)
-                evaluations += trial.n_evaluations
-                trials.append(trial)
+            trials = [self._train(p, min(_TRIAL_EPOCHS, self.max_epochs)) for p in problems]
+            evaluations += sum(trial.n_evaluations for trial in trials)
             order = np.argsort([trial.cost for trial in trials], kind="stable")
-            starts = [starts[i] for i in order[:_FULL_RUNS]]
-        found = []
-        for problem, x in starts:
-            solution = self._train(problem, x, self.max_epochs)
-            evaluations += solution.n_evaluations
-            found.append((problem, solution))
+            starts = [problems[i] for i in order[:_FULL_RUNS]]
+        found = [(p, self._train(p, self.max_epochs, self._report)) for p in starts]
+        evaluations += sum(solution.n_evaluations for _, solution in found)
         return *min(found, key=lambda pair: pair[1].cost), evaluations
 
-    def _train(self, problem, x, max_epochs, *, silent=False):
-        begin = time.perf_counter()
-        x = np.clip(x, problem.lower, problem.upper)
-        gram, n_evaluations = problem.total(problem.evaluate(x)), 1
-        if not np.isfinite(gram).all():
-            message = "The model is not finite at the starting values."
-            return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - begin)
-        if problem.linear.any():
-            x, gram = solve_linear(problem, x, gram)
-            gram = problem.total(problem.evaluate(x))
-            n_evaluations += 1
-        history, damping = [(n_evaluations, gram[-1, -1])], [self.mu]
-        floor, reach = 1e-28 * problem.scale, np.where(problem.log, LARGEST_LOG_STEP, np.inf)
-        mu = self.mu
-        converged, message = False, f"The budget of {max_epochs} epochs is used up."
-        while len(history) <= max_epochs:
-            cost = gram[-1, -1]
-            if cost <= self.goal * problem.scale:
-                converged, message = True, "The goal is reached."
-                break
-            hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
-            step = bounded_step(
-                hessian + mu * np.diag(np.diag(hessian)),
-                gradient,
-                np.maximum(problem.lower - x, -reach),
-                np.minimum(problem.upper - x, reach),
-            )
-            if not -(2.0 * gradient @ step + step @ hessian @ step) > self.tolerance * cost + floor:
-                converged, message = True, "No step reduces the error noticeably."
-                break
-            trial = np.clip(x + step, problem.lower, problem.upper)
-            trial_gram = problem.total(problem.evaluate(trial))
-            n_evaluations += 1
-            if np.isfinite(trial_gram).all() and trial_gram[-1, -1] < cost:
-                mu = max(mu * self.mu_decrease, np.finfo(float).tiny)
-                x, gram = trial, trial_gram
-                history.append((n_evaluations, gram[-1, -1]))
-                damping.append(mu)
-                if not silent and self._report(n_evaluations, gram[-1, -1]):
-                    message = "The callback has ended the search."
-                    break
-                if cost - gram[-1, -1] <= self.tolerance * cost + floor:
-                    converged, message = True, "The error no longer changes."
-                    break
-            else:
-                mu *= self.mu_increase
-                if mu > self.mu_max:
-                    converged, message = True, "No step reduces the error."
-                    break
-        return Solution(
-            x,
-            gram[-1, -1],
-            gram,
-            n_evaluations,
-            converged,
-            message,
-            time.perf_counter() - begin,
-            history,
-            damping,
+    def _train(self, problem, max_epochs, callback=None):
+        return variable_projection(
+            problem,
+            problem.x0,
+            tolerance=self.tolerance,
+            max_evaluations=np.inf,
+            callback=callback,
+            project=False,
+            damping=_Factors(self.mu, self.mu_decrease, self.mu_increase, self.mu_max),
+            max_steps=max_epochs,
+            goal=self.goal,
         )
+
+
+@dataclass
+class _Factors:
+    """Damping that moves by factors."""
+
+    value: float
+    decrease: float
+    increase: float
+    largest: float
+
+    def accepted(self, ratio):
+        self.value = max(self.value * self.decrease, np.finfo(float).tiny)
+
+    def refused(self):
+        self.value *= self.increase

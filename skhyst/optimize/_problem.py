@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["OperatorProblem", "RecordData"]
+__all__ = ["OperatorProblem", "RecordData", "Unknowns"]
 
 _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
 
@@ -81,7 +81,27 @@ class RecordData:
         return float(power.sum() if self.weights is None else self.weights @ power)
 
 
-class OperatorProblem:
+class Unknowns:
+    """Entries of operators in the coordinates of a search, positive ones as logarithms."""
+
+    def __init__(self, entries, values, linear):
+        self.names = [name for name, _ in entries]
+        self.linear = linear
+        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
+        lower = np.array([spec.lower for _, spec in entries])
+        upper = np.array([spec.upper for _, spec in entries])
+        with np.errstate(divide="ignore"):
+            self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
+            self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
+            self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
+        self._sign = np.where(self.log & (values < 0.0), -1.0, 1.0)
+
+    def values(self, x):
+        """Return the unknowns in their own units."""
+        return np.where(self.log, self._sign * np.exp(np.where(self.log, x, 0.0)), x)
+
+
+class OperatorProblem(Unknowns):
     """Least squares of an operator's output, plus disturbances of each record, against responses.
 
     Parameters
@@ -126,15 +146,7 @@ class OperatorProblem:
             values = np.concatenate([values, disturbance.pack()[skip:]])
             linear = np.concatenate([linear, np.zeros(len(own), dtype=bool)])
             self._moving.append(len(own))
-        self.names = [name for name, _ in entries]
-        self.linear = linear
-        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
-        with np.errstate(divide="ignore"):
-            lower = np.array([spec.lower for _, spec in entries])
-            upper = np.array([spec.upper for _, spec in entries])
-            self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
-            self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
-            self.x0 = np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+        super().__init__(entries, values, linear)
         self.scale = float(sum(record.power() for record in self.records))
         self.segment_record = np.concatenate(
             [np.full(len(record.segments), i) for i, record in enumerate(self.records)]
@@ -150,10 +162,6 @@ class OperatorProblem:
         selected = np.bincount(self.segment_record, select, minlength=len(self.records))
         split = (selected > 0) & (selected < np.bincount(self.segment_record))
         return any(self._moving) and bool(split.any())
-
-    def values(self, x):
-        """Return the unknowns in their own units."""
-        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
 
     def unpack(self, x):
         """Return the operator and the disturbances at ``x``."""
@@ -185,13 +193,11 @@ class OperatorProblem:
             found.append(y + self._basis(disturbances, record) @ own if disturbances else y)
         return found
 
-    def _basis(self, disturbances, record):
+    @staticmethod
+    def _basis(disturbances, record):
         """Return the coefficients' columns of a record, (n_samples, n_eliminated)."""
-        columns = []
-        for disturbance in disturbances:
-            time = record.dt * np.arange(len(record.u))
-            columns.append(disturbance.basis(time))
-        return np.concatenate(columns, axis=1)
+        time = record.dt * np.arange(len(record.u))
+        return np.concatenate([d.basis(time) for d in disturbances], axis=1)
 
     def evaluate(self, x, *, jacobian=True, select=None):
         """Simulate all records; return the Gram matrices of ``[B, J, r]``, one a segment.
@@ -210,24 +216,21 @@ class OperatorProblem:
             if select is not None and not select[first:last].any():
                 blocks[first:last] = 0.0
                 continue
-            large = len(record.u) * n >= _LARGE and len(record.u) >= n * len(record.segments)
-            if jacobian and large and not disturbances and record.before is None:
-                y, dy = _scheduled(operator, record).linearize(
-                    record.u, np.empty((len(record.u), 0)), record.dt, self.initial_state
-                )
-                _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
-                continue
-            columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
                 u, skip = record.with_history()
                 y, dy = _scheduled(operator, record).linearize(
                     u, np.empty((len(u), 0)), record.dt, self.initial_state
                 )
-                y = y[skip:]
-                for source, target in self._runs:
-                    columns[:, d + target.start : d + target.stop] = dy[skip:, source]
+                y, dy = y[skip:], dy[skip:]
+                large = len(y) * n >= _LARGE and len(y) >= n * len(record.segments)
+                if large and not disturbances:
+                    _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
+                    continue
             else:
                 y = self.simulate(operator, record)
+            columns = np.empty((len(y), d + n + 1))
+            for source, target in self._runs if jacobian else ():
+                columns[:, d + target.start : d + target.stop] = dy[:, source]
             np.subtract(y, record.y, out=columns[:, -1])
             if disturbances:
                 columns[:, :d] = self._basis(disturbances, record)
@@ -290,8 +293,8 @@ class OperatorProblem:
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
-    def predictions(self, x, select, wanted=None):
-        """Return the prediction of each (wanted) record where the selected segments are known.
+    def predictions(self, x, select):
+        """Return the prediction of each record where the selected segments are known.
 
         The coefficients of a record's disturbances come from its selected segments. In a record
         that has none, those for every other segment come from the segments between, so that no
@@ -300,23 +303,11 @@ class OperatorProblem:
         operator, disturbances = self.unpack(x)
         found = []
         for number, record in enumerate(self.records):
-            if wanted is not None and number not in wanted:
-                found.append(None)
-                continue
             y = self.simulate(operator, record)
             if disturbances:
                 basis = self._basis(disturbances, record)
-                rest = record.y - y
                 known = select[self.segment_record == number]
-                if known.any():
-                    y = y + basis @ _calibrate(basis, rest, record, known)
-                else:
-                    odd = np.arange(len(known)) % 2 == 1
-                    ends = [stop for _, stop in record.segments[:-1]]
-                    part = np.searchsorted(ends, np.arange(len(y)), side="right") % 2 == 1
-                    even_rows = basis @ _calibrate(basis, rest, record, odd)
-                    odd_rows = basis @ _calibrate(basis, rest, record, ~odd)
-                    y = y + np.where(part, odd_rows, even_rows)
+                y = y + _predicted_part(basis, record.y - y, record, known)
             found.append(y)
         return found
 
@@ -380,6 +371,18 @@ def _calibrate(basis, rest, record, known):
         root = np.sqrt(record.weights[rows])
         basis, rest = basis * root[:, None], rest * root
     return np.linalg.lstsq(basis, rest, rcond=None)[0]
+
+
+def _predicted_part(basis, rest, record, known):
+    """Return what disturbances add, their coefficients from the known segments."""
+    if known.any():
+        return basis @ _calibrate(basis, rest, record, known)
+    odd = np.arange(len(known)) % 2 == 1
+    ends = [stop for _, stop in record.segments[:-1]]
+    part = np.searchsorted(ends, np.arange(len(rest)), side="right") % 2 == 1
+    even_rows = basis @ _calibrate(basis, rest, record, odd)
+    odd_rows = basis @ _calibrate(basis, rest, record, ~odd)
+    return np.where(part, odd_rows, even_rows)
 
 
 def _solve_basis(gram, right):
