@@ -46,6 +46,7 @@ from recordings import (
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import CoulombFriction, PrandtlIshlinskii
 from skhyst.linear import DynamicStiffness, Gain, ModalModel, SecondOrderMode, TransferFunction
+from skhyst.model_selection import BlockedTimeSeriesSplit
 from skhyst.records import iter_records, stack_records
 
 BOUC_WEN_PERIOD, BOUC_WEN_RATE = 8192, 750.0  # samples, Hz
@@ -98,13 +99,14 @@ class Case:
     reference: str = ""
     washout: int | None = None
     lead: int | None = None
-    folds: str = "records"
+    blocks: bool = False  # held out of every record
     folder: str = ""
 
     def search(self, **options):
         """Return the unfitted search."""
+        cv = BlockedTimeSeriesSplit(staggered=True) if self.blocks else 5
         return EffectSearchCV(
-            self.declared(), folds=self.folds, washout=self.washout, random_state=0, **options
+            self.declared(), cv=cv, washout=self.washout, random_state=0, **options
         )
 
 
@@ -257,7 +259,7 @@ CASES = {
         "nm",
         reference="1.9 kV, in sample: PI 9.9 %, with an even term 2.9 %",
         washout=401,
-        folds="blocks",
+        blocks=True,
     ),
     "piezo_fsm": Case(
         piezo_fsm,
