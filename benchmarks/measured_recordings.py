@@ -83,8 +83,9 @@ class Case:
         Samples at the start of each record of the fit that are not scored.
     lead : int, optional
         The same of each record held out; that of the fit where None.
-    folds : {"records", "blocks"}, default="records"
-        Of the search: blocks where records are few, and of levels that tell little of each other.
+    blocks : bool, default=False
+        Whether folds are blocks of every record: where records are few, and of levels that tell
+        little of each other.
     folder : str, optional
         Of the recording; the name of the case where empty.
     """
