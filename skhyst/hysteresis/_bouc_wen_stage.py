@@ -13,7 +13,8 @@ import numpy as np
 from .._sklearn import Interval
 from ..operators import parameter
 from ._bouc_wen_stage_loops import bouc_wen_run, bouc_wen_tangents, first_loading, follow
-from ._oscillator import LEVEL, OscillatorModel, OscillatorOperator
+from ._oscillator import OscillatorOperator
+from ._oscillator_model import LEVEL, OscillatorModel
 
 __all__ = [
     "BoucWenStage",
@@ -113,6 +114,9 @@ class BoucWenStageOperator(OscillatorOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
 
+    _loop = staticmethod(bouc_wen_run)
+    _tangent_loop = staticmethod(bouc_wen_tangents)
+
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
@@ -144,10 +148,6 @@ class BoucWenStageOperator(OscillatorOperator):
             "gamma": float(gamma),
         }
 
-    def fastest_rate(self):
-        """Return the natural frequency of a small motion, rad/s."""
-        return float(self.natural_frequency * math.sqrt(1.0 + self.hysteresis_stiffness))
-
     def _fed_back(self, s, shift):
         return {"hysteresis_stiffness": self.hysteresis_stiffness / s}
 
@@ -171,26 +171,6 @@ class BoucWenStageOperator(OscillatorOperator):
             float(self.shape),
             float(self.exponent),
             _LARGEST * largest,
-        )
-
-    def _run(self, mode, h, u, before, state, out):
-        return bouc_wen_run(mode, self._law(u), h, self.n_substeps, u, before, *state, out)
-
-    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
-        bouc_wen_tangents(
-            mode,
-            mode_by,
-            self._law(u),
-            h,
-            self.n_substeps,
-            u,
-            du,
-            before,
-            dbefore,
-            *state,
-            d,
-            out,
-            dout,
         )
 
 

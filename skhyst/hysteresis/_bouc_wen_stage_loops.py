@@ -22,16 +22,9 @@ import math
 import numpy as np
 
 from .._jit import jit
-from ._friction_stage_loops import decay
-from ._oscillator_loops import FREE, carry, oscillator, oscillator_tangents
+from ._oscillator import FREE, OWN, F, begin, carry, decay, move_tangents, oscillator, solve_tangents
 
-__all__ = [
-    "bouc_wen_run",
-    "bouc_wen_tangents",
-    "branch",
-    "first_loading",
-    "follow",
-]
+__all__ = ["bouc_wen_run", "bouc_wen_tangents", "branch", "first_loading", "follow"]
 
 _TINY = 1e-100  # level: without hysteresis it may be 0
 _STEEPEST = 600.0  # exponent of a force that grows: far beyond what ends a run
@@ -42,8 +35,7 @@ _ITERATIONS = 60
 _CLOSE = 1e-8  # relative step of Newton's method behind which the square is rounding
 _PART, _FEWEST, _MOST = 0.05, 32, 100_000  # of a time constant of the first loading; steps
 _SETTLED = 1e-14
-_RHO, _LEVEL, _SHAPE, _EXPONENT = 2, 3, 4, 5  # place among the parameters
-_N_OWN = 6
+_RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the derivatives
 
 
 @jit
@@ -210,132 +202,98 @@ def bouc_wen_run(mode, law, h, n_substeps, u, before, q, p, f, out):
 
 
 @jit
-def force_derivatives(x, w, rho, level, shape, sigma):
-    """Return the derivatives of the end and of the mean of the force, in the direction of D.
-
-    These are by (|D|, force before, rho, level, shape, sigma), (6,) each.
-    """
-    rate = rho / level
-    t = min(rate * x, _LONGEST)
-    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
-    end, mean, _ = branch(t, w, behind, ahead)
-    by_end, by_mean = branch_derivatives(t, w, behind, ahead)
-    return (
-        (
-            by_end[0] * rho,
-            by_end[1],
-            by_end[0] * x,
-            end - by_end[0] * t - by_end[1] * w,
-            level * sigma * (by_end[3] - by_end[2]),
-            level * ((1.0 - shape) * by_end[2] + (1.0 + shape) * by_end[3]),
-        ),
-        (
-            by_mean[0] * rho,
-            by_mean[1],
-            by_mean[0] * x,
-            mean - by_mean[0] * t - by_mean[1] * w,
-            level * sigma * (by_mean[3] - by_mean[2]),
-            level * ((1.0 - shape) * by_mean[2] + (1.0 + shape) * by_mean[3]),
-        ),
-    )
+def sharpness_tangents(w, shape, exponent, dw, level, dsigma):
+    """Return sigma and write its derivatives; ``dw`` holds those of the force ``w level``."""
+    sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
+    for j in range(dw.size):
+        dsigma[j] = by_w * dw[j] / level
+    dsigma[_LEVEL] -= by_w * w / level
+    dsigma[_SHAPE] += by_shape
+    dsigma[_EXPONENT] += by_exponent
+    return sigma
 
 
 @jit
-def way_tangents(by, side, b, force, mode_by, dreach, df, dsigma, dx, dforce):
-    """Write the tangents of ``|D|`` and of the mean force in its direction, (n_columns,) each.
+def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
+    """Write the derivatives of D, of the mean force and of the new force to ``by``.
 
-    ``by`` are the derivatives of the mean force, ``force`` its value, ``df`` the tangents of the
-    force before, all but ``by`` and ``force`` in the direction of the drive.
+    ``x``, ``w`` and ``sigma`` are as in :func:`way`, ``side`` is the direction of D.
     """
-    one = 1.0 / (1.0 + b * by[0])
-    for j in range(dx.size):
-        dforce[j] = side * by[1] * df[j] + by[5] * dsigma[j]
-    for i in range(3):
-        dforce[FREE + _RHO + i] += by[2 + i]
-    for j in range(dx.size):
-        dx[j] = one * (side * dreach[j] - b * dforce[j])
-    for i in range(2):
-        dx[FREE + i] -= one * mode_by[i, 2] * force
-    for j in range(dx.size):
-        dforce[j] += by[0] * dx[j]
+    t = min(rho / level * x, _LONGEST)
+    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
+    end, mean, _ = branch(t, w, behind, ahead)
+    by_end, by_mean = branch_derivatives(t, w, behind, ahead)
+    dway, dforce, dnew = by
+    force_derivatives(x, side, t, w, rho, level, shape, sigma, mean, by_mean, dsigma, dforce)
+    solve_tangents(b, by_mean[0] * rho, side * level * mean, dway, dforce)
+    force_derivatives(x, side, t, w, rho, level, shape, sigma, end, by_end, dsigma, dnew)
+    for j in range(dway.size):
+        dnew[j] += by_end[0] * rho * dway[j]
+
+
+@jit
+def force_derivatives(x, side, t, w, rho, level, shape, sigma, value, by, dsigma, out):
+    """Write the derivatives of a force ``side level value`` behind a given way to ``out``.
+
+    ``by`` are those of ``value``, a result of :func:`branch`.
+    """
+    by_sigma = side * level * ((1.0 - shape) * by[2] + (1.0 + shape) * by[3])
+    for j in range(out.size):
+        out[j] = by_sigma * dsigma[j]
+    out[F] += by[1]
+    out[_RHO] += side * by[0] * x
+    out[_LEVEL] += side * (value - by[0] * t - by[1] * w)
+    out[_SHAPE] += side * level * sigma * (by[3] - by[2])
 
 
 @jit
 def bouc_wen_tangents(
     mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
 ):
-    """Write q (n,) and its tangents (n, m + 6).
-
-    The columns are those of ``du`` (n, m), then the derivatives by w, zeta, rho, level, shape and
-    exponent. ``dbefore`` (m,) and ``d`` (3, m + 6) are the tangents of the drive and of the state
-    before the first sample; ``law`` as in :func:`bouc_wen_run`.
-    """
+    """Write q and its tangents, the parameters being w, zeta, rho, level, shape and exponent."""
     rho, level, shape, exponent, bound = law
     size = max(level, _TINY)
     rate = rho / size
     b, bp = mode[2], mode[3]
-    n_columns = FREE + _N_OWN
-    step = np.empty((3, n_columns))
-    dreach, dspeed, dsigma, dx, dforce = np.empty((5, n_columns))
+    step = np.empty((3, FREE + 6))
+    by = np.zeros((3, OWN + 6))
+    dsigma, dforce = np.empty((2, OWN + 6))
     for k in range(u.size):
         u0 = before
-        step[:] = 0.0
-        step[0, 0] = step[1, 1] = step[2, 2] = 1.0
+        begin(step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
             reach, speed = oscillator(mode, q, p, u0, u1)
-            oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, step, dreach, dspeed)
             side = 1.0 if reach >= b * f else -1.0
             w = side * f / size
             sigma = 1.0
+            dsigma[:] = 0.0
             if exponent != 1.0:
-                sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
-                for j in range(n_columns):
-                    dsigma[j] = by_w * side * step[2, j] / size
-                dsigma[FREE + _LEVEL] -= by_w * w / size
-                dsigma[FREE + _SHAPE] += by_shape
-                dsigma[FREE + _EXPONENT] += by_exponent
+                dforce[:] = 0.0
+                dforce[F] = side
+                sigma = sharpness_tangents(w, shape, exponent, dforce, size, dsigma)
                 x, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
-                _, by_mean = force_derivatives(x, w, rho, size, shape, sigma)
-                way_tangents(
-                    by_mean, side, b, size * mean, mode_by, dreach, step[2], dsigma, dx, dforce
-                )
-                sigma, by_w, by_shape, by_exponent = sharpness(mean, shape, exponent)
-                for j in range(n_columns):
-                    dsigma[j] = by_w * dforce[j] / size
-                dsigma[FREE + _LEVEL] -= by_w * mean / size
-                dsigma[FREE + _SHAPE] += by_shape
-                dsigma[FREE + _EXPONENT] += by_exponent
-                x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
-            else:
-                x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
-                dsigma[:] = 0.0
-                dsigma[FREE + _EXPONENT] = sharpness(mean, shape, exponent)[3]
-            by_end, by_mean = force_derivatives(x, w, rho, size, shape, sigma)
-            force = size * mean
-            way_tangents(by_mean, side, b, force, mode_by, dreach, step[2], dsigma, dx, dforce)
-            for j in range(n_columns):
-                step[0, j] += side * dx[j]
-                step[1, j] = dspeed[j] - bp * side * dforce[j]
-                hidden = by_end[0] * dx[j] + by_end[5] * dsigma[j]
-                step[2, j] = side * hidden + by_end[1] * step[2, j]
-            for j in range(3):
-                step[2, FREE + _RHO + j] += side * by_end[2 + j]
-            step[1, FREE] -= mode_by[0, 3] * side * force
-            step[1, FREE + 1] -= mode_by[1, 3] * side * force
+                way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
+                dforce[:] = side * by[1]
+                sigma = sharpness_tangents(mean, shape, exponent, dforce, size, dsigma)
+            x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+            if exponent == 1.0:
+                dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
+            way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
+            force = side * size * mean
+            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += side * x
-            p = speed - bp * side * force
+            p = speed - bp * force
             f = side * size * end
             u0 = u1
         if not (abs(q) <= bound and abs(f) <= bound):
             out[k:] = np.nan
             dout[k:] = np.nan
             return
-        carry(step, dbefore if k == 0 else du[k - 1], du[k], d)
+        carry(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
-        dout[k] = d[0]
         largest = 0.0
         for i in range(3):
             for j in range(d.shape[1]):

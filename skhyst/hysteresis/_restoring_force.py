@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 
 from .._sklearn import Interval
 from ..operators import as_signal, parameter
-from ._oscillator import LEVEL, OscillatorModel, OscillatorOperator
+from ._oscillator import OscillatorOperator
+from ._oscillator_model import LEVEL, OscillatorModel
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 from ._restoring_force_loops import restoring_run, restoring_tangents
 
@@ -117,6 +118,10 @@ class RestoringForceOperator(OscillatorOperator):
     scale: float = 1.0
     n_substeps: int = 8
 
+    _force = ("slip_level", "hysteresis_stiffness")
+    _loop = staticmethod(restoring_run)
+    _tangent_loop = staticmethod(restoring_tangents)
+
     def __post_init__(self):
         super().__post_init__()
         if not self.scale > 0.0:
@@ -159,10 +164,6 @@ class RestoringForceOperator(OscillatorOperator):
             "x_s": way,
             "preload": drive_gain * self.preload,
         }
-
-    def fastest_rate(self):
-        """Return the natural frequency of a small motion without slip, rad/s."""
-        return float(self.natural_frequency * math.sqrt(1.0 + self.hysteresis_stiffness))
 
     def _fed_back(self, s, shift):
         springs = np.arange(1, self.stiffness_coefficients.size + 1)
@@ -233,32 +234,8 @@ class RestoringForceOperator(OscillatorOperator):
             float(self.preload),
             float(self.scale),
             _LARGEST * (float(self.scale) + float(np.abs(u).max(initial=0.0))),
-        )
-
-    def _coefficients(self):
-        return as_signal(self.stiffness_coefficients), as_signal(self.damping_coefficients)
-
-    def _run(self, mode, h, u, before, state, out):
-        return restoring_run(
-            mode, self._law(u), *self._coefficients(), h, self.n_substeps, u, before, *state, out
-        )
-
-    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
-        restoring_tangents(
-            mode,
-            mode_by,
-            self._law(u),
-            *self._coefficients(),
-            h,
-            self.n_substeps,
-            u,
-            du,
-            before,
-            dbefore,
-            *state,
-            d,
-            out,
-            dout,
+            as_signal(self.stiffness_coefficients),
+            as_signal(self.damping_coefficients),
         )
 
 
