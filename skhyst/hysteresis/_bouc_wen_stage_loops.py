@@ -223,27 +223,27 @@ def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
     behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
     end, mean, _ = branch(t, w, behind, ahead)
     by_end, by_mean = branch_derivatives(t, w, behind, ahead)
-    dway, dforce, dnew = by
-    force_derivatives(x, side, t, w, rho, level, shape, sigma, mean, by_mean, dsigma, dforce)
-    solve_tangents(b, by_mean[0] * rho, side * level * mean, dway, dforce)
-    force_derivatives(x, side, t, w, rho, level, shape, sigma, end, by_end, dsigma, dnew)
-    for j in range(dway.size):
-        dnew[j] += by_end[0] * rho * dway[j]
+    force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by, 1)
+    solve_tangents(b, by_mean[0] * rho, side * level * mean, by)
+    force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by, 2)
+    for j in range(by.shape[1]):
+        by[2, j] += by_end[0] * rho * by[0, j]
 
 
 @jit
-def force_derivatives(x, side, t, w, rho, level, shape, sigma, value, by, dsigma, out):
-    """Write the derivatives of a force ``side level value`` behind a given way to ``out``.
+def force_tangents(side, force, x, t, w, rho, level, shape, sigma, by_branch, dsigma, by, i):
+    """Write the derivatives of ``side force``, behind a given way, to ``by[i]``.
 
-    ``by`` are those of ``value``, a result of :func:`branch`.
+    ``by_branch`` are those of the result of :func:`branch` that is ``force / level``.
     """
-    by_sigma = side * level * ((1.0 - shape) * by[2] + (1.0 + shape) * by[3])
-    for j in range(out.size):
-        out[j] = by_sigma * dsigma[j]
-    out[F] += by[1]
-    out[_RHO] += side * by[0] * x
-    out[_LEVEL] += side * (value - by[0] * t - by[1] * w)
-    out[_SHAPE] += side * level * sigma * (by[3] - by[2])
+    by_t, by_w, by_behind, by_ahead = by_branch
+    by_sigma = side * level * ((1.0 - shape) * by_behind + (1.0 + shape) * by_ahead)
+    for j in range(by.shape[1]):
+        by[i, j] = by_sigma * dsigma[j]
+    by[i, F] += by_w
+    by[i, _RHO] += side * by_t * x
+    by[i, _LEVEL] += side * (force / level - by_t * t - by_w * w)
+    by[i, _SHAPE] += side * level * sigma * (by_ahead - by_behind)
 
 
 @jit

@@ -48,8 +48,9 @@ def odd_terms(x, coefficients, scale):
 
 @jit
 def slide(c, b, z, k, limit):
-    """Solve ``D = c - b mean(z)``; return D, the mean of z, z behind it, and the part of the way
-    on which z grows, 1 where it does not slip.
+    """Solve ``D = c - b mean(z)``; return D, the mean of z, z behind it, and a part of the way.
+
+    That is the part on which z grows, 1 where it does not slip.
     """
     delta = (c - b * z) / (1.0 + 0.5 * b * k)
     new = z + k * delta
@@ -107,26 +108,25 @@ def add_powers(x, scale, out, first, n):
 
 
 @jit
-def slide_tangents(b, k, limit, delta, mean, part, polynomial, first, dpolynomial, by):
+def slide_tangents(b, k, delta, mean, part, polynomial, first, dpolynomial, by):
     """Write the derivatives of D, F and the new z behind :func:`slide` to ``by``.
 
     ``polynomial`` and ``dpolynomial`` are N and its derivatives, ``first`` is the column of k_s.
     """
-    dway, dforce, dnew = by
     sign = 1.0 if delta > 0.0 else -1.0
-    dforce[:] = dpolynomial
-    dforce[F] += part
-    dforce[first] += 0.5 * part * part * delta
-    dforce[first + 1] += sign * (1.0 - part)
-    solve_tangents(b, 0.5 * k * part * part, polynomial + mean, dway, dforce)
+    for j in range(by.shape[1]):
+        by[1, j] = dpolynomial[j]
+    by[1, F] += part
+    by[1, first] += 0.5 * part * part * delta
+    by[1, first + 1] += sign * (1.0 - part)
+    solve_tangents(b, 0.5 * k * part * part, polynomial + mean, by)
+    for j in range(by.shape[1]):
+        by[2, j] = 0.0 if part < 1.0 else k * by[0, j]
     if part < 1.0:
-        dnew[:] = 0.0
-        dnew[first + 1] = sign
+        by[2, first + 1] = sign
     else:
-        for j in range(dnew.size):
-            dnew[j] = k * dway[j]
-        dnew[F] += 1.0
-        dnew[first] += delta
+        by[2, F] += 1.0
+        by[2, first] += delta
 
 
 @jit
@@ -160,7 +160,7 @@ def restoring_tangents(
             add_powers(q, scale, dforce0, OWN + 2, n_springs)
             add_powers(p, scale, dforce0, OWN + 2 + n_springs, n_dampers)
             delta, mean, _, part = slide(reach - b * force0, b, z, k_s, limit)
-            slide_tangents(b, k_s, limit, delta, mean, part, force0, first, dforce0, by)
+            slide_tangents(b, k_s, delta, mean, part, force0, first, dforce0, by)
             # with the mean of both ends
             end = speed - bp * (force0 + mean)
             from_q, by_q = odd_terms(q + delta, springs, scale)
@@ -175,7 +175,7 @@ def restoring_tangents(
             dforce *= 0.5
             force = 0.5 * (force0 + (from_q + from_p))
             delta, mean, z, part = slide(reach - b * force, b, z, k_s, limit)
-            slide_tangents(b, k_s, limit, delta, mean, part, force, first, dforce, by)
+            slide_tangents(b, k_s, delta, mean, part, force, first, dforce, by)
             force += mean
             move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
