@@ -326,8 +326,7 @@ class BoucWen(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import BoucWen
-    >>> from skhyst.hysteresis import BoucWenOperator
+    >>> from skhyst.hysteresis import BoucWen, BoucWenOperator
     >>> drive = np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)
     >>> truth = BoucWenOperator.from_coefficients(alpha=2.0, beta=1.5, gamma=0.5, gain=0.7)
     >>> response, _ = truth.run(drive, dt=1.0)

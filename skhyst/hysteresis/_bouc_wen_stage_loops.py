@@ -22,7 +22,17 @@ import math
 import numpy as np
 
 from .._jit import jit
-from ._oscillator import FREE, OWN, F, begin, carry, decay, move_tangents, oscillator, solve_tangents
+from ._oscillator import (
+    FREE,
+    OWN,
+    F,
+    begin,
+    carry,
+    decay,
+    move_tangents,
+    oscillator,
+    solve_tangents,
+)
 
 __all__ = ["bouc_wen_run", "bouc_wen_tangents", "branch", "first_loading", "follow"]
 

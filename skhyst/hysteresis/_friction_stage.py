@@ -125,7 +125,7 @@ def way_tangents(guess, reach, b, f, law, vs, eta_w, eta_bristle, by):
 
 @jit
 def friction_run(mode, law, h, n_substeps, u, before, q, p, f, out):
-    """Write q to ``out`` (n,) and return the last q, p and f; ``law`` is (w, Fs, c, vs, rho, zb)."""
+    """Write q and return the last q, p and f; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
     w, fs, ratio, vs, rho, bristle = law
     own = fs, ratio, 1.0 / (h * vs), rho, 2.0 * bristle / (w * h)
     for k in range(u.size):
@@ -353,8 +353,8 @@ class FrictionStage(OscillatorModel):
         g(v) = F_c + (F_s - F_c) e^{-(v/v_s)^2}, \quad v = \dot x
 
     The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
-    ``b``, since a response to a drive does not tell the mass; :math:`\sigma_2` is part of ``d``,
-    since only their sum can be told. Friction levels are then in units of the drive.
+    ``b``, since a response to a drive does not tell the mass, which leaves friction levels in units
+    of the drive; :math:`\sigma_2` is part of ``d``, since only their sum can be told.
 
     Parameters
     ----------
@@ -411,8 +411,7 @@ class FrictionStage(OscillatorModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import FrictionStage
-    >>> from skhyst.hysteresis import FrictionStageOperator
+    >>> from skhyst.hysteresis import FrictionStage, FrictionStageOperator
     >>> time = np.arange(1500) * 0.01
     >>> drive = np.sin(0.7 * time) + 0.8 * np.sin(2.9 * time) + 0.3 * np.sin(11.0 * time)
     >>> plant = FrictionStageOperator(20.0, 0.5, 0.4, 0.7, 1.5, 10.0, gain=3.0)
