@@ -84,43 +84,50 @@ def branch(t, w, behind, ahead):
 
 
 @jit
-def branch_derivatives(t, w, behind, ahead):
-    """Return the derivatives of :func:`branch`'s end by (t, w, behind, ahead), and the mean's."""
-    c = behind if w < 0.0 else ahead
+def piece_tangents(t, w, c):
+    """Return the end and the mean over the way t, and the derivatives of each by (t, w, c)."""
+    end, mean, gone, phi, psi, chi, a = piece(t, w, c)
+    left = 1.0 - gone
+    by_end = left * (1.0 - c * w), left, t * (t * (psi - phi) - left * w)
+    bend = 2.0 * chi - psi
+    return (
+        end,
+        mean,
+        by_end,
+        (c * w * (psi - phi) + psi + a * bend, phi, t * (w * (psi - phi) + t * bend)),
+    )
+
+
+@jit
+def branch_tangents(t, w, behind, ahead):
+    """Return w behind the way t, its mean, and their derivatives by (t, w, behind, ahead)."""
     if w < 0.0:
         first = crossing(w, behind)
         if t > first:
-            _, mean, gone, phi, psi, chi, _ = piece(first, w, behind)
-            # of w at the way ``first``, on which the way to zero depends with the opposite sign
-            left = 1.0 - gone
-            by_c = first * (first * (psi - phi) - left * w)
-            mean_c = first * (w * (psi - phi) + first * (2.0 * chi - psi))
             rest = t - first
-            end, rest_mean, gone2, phi2, psi2, chi2, _ = piece(rest, 0.0, ahead)
-            left2 = 1.0 - gone2
+            # of w at the way ``first``, on which the way to zero depends with the opposite sign
+            _, mean, (_, zero_w, zero_c), (_, mean_w, mean_c) = piece_tangents(first, w, behind)
+            end, rest_mean, by_end, by_mean = piece_tangents(rest, 0.0, ahead)
             mean = (first * mean + rest * rest_mean) / t
             return (
-                (left2, left2 * left, left2 * by_c, rest * rest * (psi2 - phi2)),
+                end,
+                mean,
+                (by_end[0], by_end[0] * zero_w, by_end[0] * zero_c, by_end[2]),
                 (
                     (end - mean) / t,
-                    (first * phi + end * left) / t,
-                    (first * mean_c + end * by_c) / t,
-                    rest * (rest * (rest * (2.0 * chi2 - psi2))) / t,
+                    (first * mean_w + end * zero_w) / t,
+                    (first * mean_c + end * zero_c) / t,
+                    rest * by_mean[2] / t,
                 ),
             )
-    _, _, gone, phi, psi, chi, a = piece(t, w, c)
-    left = 1.0 - gone
-    by_c = t * (t * (psi - phi) - left * w)
-    mean_c = t * (w * (psi - phi) + t * (2.0 * chi - psi))
-    is_behind = 1.0 if w < 0.0 else 0.0
+        end, mean, by_end, by_mean = piece_tangents(t, w, behind)
+        return end, mean, (*by_end, 0.0), (*by_mean, 0.0)
+    end, mean, by_end, by_mean = piece_tangents(t, w, ahead)
     return (
-        (left * (1.0 - c * w), left, is_behind * by_c, (1.0 - is_behind) * by_c),
-        (
-            c * w * (psi - phi) + psi + a * (2.0 * chi - psi),
-            phi,
-            is_behind * mean_c,
-            (1.0 - is_behind) * mean_c,
-        ),
+        end,
+        mean,
+        (by_end[0], by_end[1], 0.0, by_end[2]),
+        (by_mean[0], by_mean[1], 0.0, by_mean[2]),
     )
 
 
@@ -231,8 +238,7 @@ def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
     """
     t = min(rho / level * x, _LONGEST)
     behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
-    end, mean, _ = branch(t, w, behind, ahead)
-    by_end, by_mean = branch_derivatives(t, w, behind, ahead)
+    end, mean, by_end, by_mean = branch_tangents(t, w, behind, ahead)
     force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by, 1)
     solve_tangents(b, by_mean[0] * rho, side * level * mean, by)
     force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by, 2)
@@ -357,8 +363,7 @@ def first_loading(load, rho, level, shape, exponent, by):
     h = load / n
     f = 0.0
     weights = (0.0, 0.5, 0.5, 1.0)
-    values, change = np.zeros(5), np.zeros(5)
-    moved = np.empty(5)
+    values, change = np.zeros((2, 5))
     for _ in range(n):
         total, last = 0.0, 0.0
         change[:] = 0.0
@@ -369,13 +374,11 @@ def first_loading(load, rho, level, shape, exponent, by):
             last = k / (1.0 + k)
             # of the rate, by the force and directly
             inner = 1.0 / ((1.0 + k) * (1.0 + k))
-            for j in range(1, 5):
-                moved[j] = inner * (slopes[j] + slopes[0] * (values[j] + part * rates[j]))
             share = (1.0 if stage == 0 or stage == 3 else 2.0) / 6.0
             total += share * last
             for j in range(1, 5):
-                rates[j] = moved[j]
-                change[j] += share * moved[j]
+                rates[j] = inner * (slopes[j] + slopes[0] * (values[j] + part * rates[j]))
+                change[j] += share * rates[j]
         f += h * total
         for j in range(1, 5):
             values[j] += h * change[j]

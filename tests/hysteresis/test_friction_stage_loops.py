@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from skhyst.hysteresis._friction_stage_loops import decay, friction_run, friction_tangents
 
 from skhyst.hysteresis import FrictionStageOperator
-from skhyst.hysteresis._friction_stage_loops import decay, friction_run, friction_tangents
 
 STAGE = FrictionStageOperator(90.0, 0.15, 0.3, 0.7, 3.0, 8.0, 0.1, n_substeps=3)
 U = 0.25 * np.cumsum(np.random.default_rng(3).normal(size=60))
