@@ -90,12 +90,8 @@ def piece_tangents(t, w, c):
     left = 1.0 - gone
     by_end = left * (1.0 - c * w), left, t * (t * (psi - phi) - left * w)
     bend = 2.0 * chi - psi
-    return (
-        end,
-        mean,
-        by_end,
-        (c * w * (psi - phi) + psi + a * bend, phi, t * (w * (psi - phi) + t * bend)),
-    )
+    by_mean = c * w * (psi - phi) + psi + a * bend, phi, t * (w * (psi - phi) + t * bend)
+    return end, mean, by_end, by_mean
 
 
 @jit
