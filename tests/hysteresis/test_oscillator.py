@@ -1,6 +1,7 @@
 """What holds for every stage with hysteresis in its equation of motion."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from skhyst.hysteresis import (
     RestoringForce,
     RestoringForceOperator,
 )
+from skhyst.hysteresis._oscillator import decay
 from skhyst.linear import SecondOrderModeOperator
 from skhyst.optimize import RecordData
 
@@ -33,6 +35,19 @@ def walk(n, seed=0):
 
 def of_bouc_wen(shape, exponent):
     return dataclasses.replace(BOUC_WEN, shape=shape, exponent=exponent)
+
+
+@pytest.mark.parametrize("a", [0.0, 1e-12, 1e-3, 0.0999999, 0.1, 0.3, 1.0, 30.0, 1e4, 1e100])
+def test_decay(a):
+    """Against the power series, or the closed form where that keeps its digits."""
+    expected = [-math.expm1(-a)]
+    if a < 1.0:
+        expected += [sum((-a) ** j / math.factorial(j + k) for j in range(30)) for k in (1, 2, 3)]
+    else:
+        phi = expected[0] / a
+        psi = (1.0 - phi) / a
+        expected += [phi, psi, (0.5 - psi) / a]
+    np.testing.assert_allclose(decay(a), expected, rtol=1e-11)
 
 
 # ------------------------------------------------------------------------- the equation of motion
