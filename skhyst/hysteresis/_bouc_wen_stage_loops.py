@@ -215,11 +215,12 @@ def bouc_wen_run(mode, law, h, n_substeps, u, before, q, p, f, out):
 
 
 @jit
-def sharpness_tangents(w, shape, exponent, dw, level, dsigma):
-    """Return sigma and write its derivatives; ``dw`` holds those of the force ``w level``."""
+def sharpness_tangents(w, side, shape, exponent, level, by, dsigma):
+    """Return sigma and write its derivatives; ``by[1]`` are those of the force ``side w level``."""
     sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
-    for j in range(dw.size):
-        dsigma[j] = by_w * dw[j] / level
+    share = side * by_w / level
+    for j in range(dsigma.size):
+        dsigma[j] = share * by[1, j]
     dsigma[_LEVEL] -= by_w * w / level
     dsigma[_SHAPE] += by_shape
     dsigma[_EXPONENT] += by_exponent
@@ -269,7 +270,7 @@ def bouc_wen_tangents(
     b, bp = mode[2], mode[3]
     step = np.empty((3, FREE + 6))
     by = np.zeros((3, OWN + 6))
-    dsigma, dforce = np.empty((2, OWN + 6))
+    dsigma = np.zeros(OWN + 6)
     for k in range(u.size):
         u0 = before
         begin(step)
@@ -280,15 +281,13 @@ def bouc_wen_tangents(
             side = 1.0 if reach >= b * f else -1.0
             w = side * f / size
             sigma = 1.0
-            dsigma[:] = 0.0
             if exponent != 1.0:
-                dforce[:] = 0.0
-                dforce[F] = side
-                sigma = sharpness_tangents(w, shape, exponent, dforce, size, dsigma)
+                for j in range(by.shape[1]):
+                    by[1, j] = 1.0 if j == F else 0.0
+                sigma = sharpness_tangents(w, side, shape, exponent, size, by, dsigma)
                 x, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
                 way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
-                dforce[:] = side * by[1]
-                sigma = sharpness_tangents(mean, shape, exponent, dforce, size, dsigma)
+                sigma = sharpness_tangents(mean, side, shape, exponent, size, by, dsigma)
             x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
             if exponent == 1.0:
                 dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
