@@ -1,5 +1,6 @@
 """The base of every parametric model: validation, records, identification, free run."""
 
+import copy
 import warnings
 from abc import abstractmethod
 from functools import cache
@@ -12,11 +13,11 @@ from threadpoolctl import ThreadpoolController
 
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
-from .operators import SumOperator
+from .operators import Operator, put_beside, take_apart
 from .optimize import METHODS, Method, RecordData, estimate_histories, identify
 from .records import record_slices
 
-__all__ = ["ParametricModel", "one_thread", "read_data", "run_records"]
+__all__ = ["ParametricModel", "informed", "one_thread", "read_data", "run_records"]
 
 _NAMED = 10  # undetermined parameters that a warning lists
 _EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
@@ -49,6 +50,16 @@ def one_thread():
     return _threads().limit(limits=1, user_api="blas")
 
 
+def informed(model, parent):
+    """Return a copy of a part of a model that knows the columns of X as the whole does."""
+    names = ("n_features_in_", "feature_names_in_")
+    known = {name: getattr(parent, name) for name in names if hasattr(parent, name)}
+    if known and isinstance(model, ParametricModel):
+        model = copy.copy(model)
+        vars(model).update(known)
+    return model
+
+
 def _refuse_extreme(name, values):
     largest = max(values.max(), -values.min())
     if largest > _EXTREME or 0.0 < largest < 1.0 / _EXTREME:
@@ -65,11 +76,26 @@ def _indexed(X, array):
 class ParametricModel(RegressorMixin, BaseEstimator):
     """Base of the models whose free run is that of an operator.
 
-    A subclass gives :meth:`starting_values` and, where some of its parameters are held,
-    :meth:`held_parameters`.
+    A subclass gives :meth:`starting_values`, ``operator_class``, from which its place in a series
+    follows, and, where some of its parameters are held, :meth:`held_parameters`. A constructor of
+    its own assigns ``initial_state`` and ``dt`` too.
+
+    Parameters
+    ----------
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; "estimate" seeks the drive at which the device had
+        rested before each record of the fit.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
+    operator_class : type
+        Of the operators that it identifies, or a base of them.
+    series_rank : int
+        Where it stands in a series, see :class:`~skhyst.operators.Operator`.
     operator_ : Operator
         The identified operator: ``init``, ``step``, ``run``.
     params_, params_std_ : dict of str to float
@@ -91,15 +117,29 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         "method": [StrOptions(set(METHODS)), Method],
     }
 
-    method = "variable_projection"  # of a model of your own that takes no such parameter
-    series_rank = 30  # of the operator, see Operator.rank
+    operator_class = Operator
+    method = "variable_projection"  # of a constructor without it
     _reads_columns = False  # of X beside the first
     _one_interval = False  # an operator runs at the interval of each record
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
+    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    @property
+    def series_rank(self):
+        """Where the model stands in a series: the ``rank`` of its operator."""
+        return self.operator_class.rank
+
     @abstractmethod
     def starting_values(self, records):
-        """Return the starting values: a list of (operator, disturbances), for ``RecordData``."""
+        """Return a list of operators, of one structure, from which identification starts.
+
+        ``records`` are :class:`~skhyst.optimize.RecordData`. What is linear is solved exactly, and
+        needs no start.
+        """
 
     def held_parameters(self):
         """Return the names of entries that are held at their starting values."""
@@ -120,12 +160,55 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         -------
         self
         """
-        slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
-        data = self._record_data(slices, X, y)
-        self.records_ = slices
+        data = self._read_records(X, y)
         # the matrices are tiny: threads that wait for each other cost more than they do
         with one_thread():
             return self._fit_records(data)
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit_from(self, operator, X, y, *, records=None, method=None):
+        """Identify the parameters from those of an operator, such as another fit has found.
+
+        Parameters
+        ----------
+        operator : Operator
+            As ``operator_`` of this model: of its structure, with what stands beside it.
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+        y : array-like of shape (n_samples,)
+            As for :meth:`fit`.
+        records : sequence of RecordData, default=None
+            What identification sees of the data, where that is more than X and y say: weights,
+            segments, the drive before a record.
+        method : str or Method, default=None
+            In place of that of the model.
+
+        Returns
+        -------
+        self
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> u = np.random.default_rng(0).normal(size=200)
+        >>> y, _ = FirstOrderLagOperator(0.05).run(u, 0.01)
+        >>> model = FirstOrderLag(dt=0.01).fit_from(FirstOrderLagOperator(0.1), u[:, None], y)
+        >>> round(model.operator_.time_constant, 6)
+        0.05
+        """
+        data = self._read_records(X, y)
+        data = data if records is None else list(records)
+        with one_thread():
+            driven, beside = take_apart(operator)
+            result = self._refine([(self._with_held(driven), beside)], data, method)
+            return self._complete(result, data)
+
+    def _read_records(self, X, y):
+        """Validate X and y, store the records, and return what identification sees of them."""
+        slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
+        data = self._record_data(slices, X, y)
+        self.records_ = slices
+        return data
 
     def _record_data(self, slices, X, y):
         """Return what identification sees of each record."""
@@ -150,13 +233,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _identify(self, data):
         """Identify from ``RecordData``; return an ``IdentificationResult``."""
+        return self._refine(self.starting_values(data), data)
+
+    def _refine(self, starts, data, method=None, fixed=frozenset()):
+        """Return what identification finds from operators of one structure."""
         return identify(
-            self.starting_values(data),
+            starts,
             data,
-            fixed=self.held_parameters(),
+            fixed=self.held_parameters() | fixed,
             initial_state=self._free_run_state(),
-            method=self.method,
+            method=method or self.method,
         )
+
+    def _with_held(self, operator):
+        """Return a driven operator with those parts held that the model holds."""
+        return operator
 
     def _with_histories(self, result, data):
         """Return the result refitted, and the drive at rest before each record."""
@@ -165,9 +256,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _fit_records(self, data):
         """Fit validated records."""
-        result = self._identify(data)
+        return self._complete(self._identify(data), data)
+
+    def _complete(self, result, data):
+        """Store what identification found, and what came before the records where it is asked."""
         if self.initial_state == "estimate":
-            result, self.initial_drive_ = self._with_histories(result, data)
+            known = [record.before for record in data]
+            if None in known:
+                result, self.initial_drive_ = self._with_histories(result, data)
+            else:
+                self.initial_drive_ = np.array(known)
         if result.undetermined:
             named, more = result.undetermined[:_NAMED], len(result.undetermined) - _NAMED
             rest = f" and {more} more, see identifiability_" if more > 0 else ""
@@ -175,18 +273,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 f"The data do not determine these parameters of {type(self).__name__}: "
                 f"{', '.join(named)}{rest}.",
                 ConvergenceWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
         return self._adopt(result)
 
     def _adopt(self, result):
         """Store what identification found."""
-        self.operator_ = result.operator
+        names = self._disturbance_names(len(result.disturbances))
+        self.operator_ = put_beside(result.operator, result.disturbances, names)
         if result.disturbances:
-            self.operator_ = SumOperator(
-                ("model", *self._disturbance_names(len(result.disturbances))),
-                (result.operator, *result.disturbances),
-            )
             self.record_coefficients_ = result.record_coefficients
         self.params_ = result.params
         self.params_std_ = result.params_std
@@ -200,7 +295,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self
 
     def _disturbance_names(self, count):
-        return tuple(f"disturbance{i}" for i in range(count))
+        """Return names for what stands beside, None for those by number."""
 
     def predict(self, X):
         """Return the free run: the response to the drive alone, each record from its own start.

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.base import clone
 
-from ..disturbance import DisturbanceOperator
 from ..operators import FrozenOperator, SeriesOperator, SumOperator
 from ._columns import ColumnOperator, ModulatedOperator
 from ._scheduled_parameters import ScheduledOperator
@@ -236,7 +235,7 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
     """
     if isinstance(operator, FrozenOperator | ScheduledOperator):
         return _derivative(operator.operator, u, change, dt, state, adjoint)
-    if isinstance(operator, DisturbanceOperator):
+    if operator.stands_beside:
         return np.zeros_like(change)
     if isinstance(operator, SumOperator):
         parts = (_derivative(s, u, change, dt, state, adjoint) for s in operator.stages)

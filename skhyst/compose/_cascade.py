@@ -1,19 +1,160 @@
-"""Models in series."""
+"""Models in series, and what all compositions of models share."""
 
-import dataclasses
+from abc import abstractmethod
+from dataclasses import replace
 
 import numpy as np
+from sklearn.frozen import FrozenEstimator
+from sklearn.utils.validation import check_is_fitted
 
-from ..linear import LinearOperator
-from ..operators import SeriesOperator
-from ..optimize import VariableProjection, identify
-from ._composition import Composition, HeldStep
-from ._thinning import thin_records
+from .._sklearn import BaseComposition
+from ..base import ParametricModel, informed
+from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
+from ..optimize import VariableProjection
 
-__all__ = ["Cascade"]
+__all__ = ["Cascade", "Composition", "HeldStep", "thin_records"]
 
+_DYNAMICS = 30  # rank of linear dynamics, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 _CLEARLY = 1.1  # ratio of errors in thinned records
+_ENOUGH = 5_000  # samples in all
+_LONG = 20_000  # of which thinning pays
+_CHANGE = 0.01  # of the drive's standard deviation, that thinning may cost
+
+
+class HeldStep(ParametricModel):
+    """A fitted model as a step, held: it starts and ends as the operator that it has."""
+
+    initial_state = "rest"
+
+    def __init__(self, model):
+        self.model = model
+
+    @property
+    def series_rank(self):
+        return self.model.series_rank
+
+    @property
+    def _any_interval(self):
+        return self.model._any_interval
+
+    @property
+    def _reads_columns(self):
+        return self.model._reads_columns
+
+    def _signal(self, X, slices):
+        return self.model._signal(X, slices)
+
+    def _schedules(self, slices, X):
+        return self.model._schedules(slices, X)
+
+    def starting_values(self, records):
+        return [FrozenOperator(self.model.operator_)]
+
+    def _with_held(self, operator):
+        return FrozenOperator(operator) if operator.n_parameters else operator
+
+
+class Composition(ParametricModel, BaseComposition):
+    """Base of the compositions: named steps, whose parameters are ``name__parameter``."""
+
+    _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
+
+    def __init__(self, steps, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        self.steps = steps
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    @property
+    def named_steps(self):
+        """The steps by name, unfitted: their parameters as given."""
+        return dict(self.steps)
+
+    @property
+    def operators_(self):
+        """The identified operator of each step, by name."""
+        operator = self.operator_
+        return dict(zip(operator.names, operator.stages, strict=True))
+
+    def get_params(self, deep=True):
+        """Return the parameters of the composition and, with ``deep``, those of its steps."""
+        return self._get_params("steps", deep=deep)
+
+    def set_params(self, **params):
+        """Set parameters; ``name__parameter`` reaches into a step, ``name`` replaces it."""
+        self._set_params("steps", **params)
+        return self
+
+    @property
+    def _reads_columns(self):
+        return any(model._reads_columns for model in self._models())
+
+    def _signal(self, X, slices):
+        signals = [m._signal(X, slices) for m in self._models() if m._reads_columns]
+        # with the amplitude of the records as a last column, where one reads it
+        return max(signals, key=np.size) if signals else super()._signal(X, slices)
+
+    def _record_data(self, slices, X, y):
+        self._check_steps()
+        return super()._record_data(slices, X, y)
+
+    def _check_steps(self):
+        kind = type(self).__name__
+        if not self.steps:
+            raise ValueError(f"The 'steps' parameter of {kind} must not be empty.")
+        self._validate_names([name for name, _ in self.steps])
+        for name, step in self.steps:
+            model = step.estimator if isinstance(step, FrozenEstimator) else step
+            if not isinstance(model, ParametricModel):
+                raise TypeError(
+                    f"The steps of {kind} must be parametric models of skhyst. Got {step!r} "
+                    f"as '{name}' instead."
+                )
+            if model is not step:
+                check_is_fitted(
+                    model,
+                    msg=f"The step '{name}' of {kind} is frozen but not fitted: fit the model "
+                    "before it goes into the FrozenEstimator.",
+                )
+
+    def _models(self):
+        """Return the steps as models, those in a FrozenEstimator as held ones."""
+        return [
+            HeldStep(step.estimator) if isinstance(step, FrozenEstimator) else informed(step, self)
+            for _, step in self.steps
+        ]
+
+    @property
+    def _any_interval(self):
+        return all(model._any_interval for model in self._models())
+
+    @abstractmethod
+    def _compose(self, names, stages):
+        """Return the operator made of stages."""
+
+    def starting_values(self, records):
+        result = self._identify(records)
+        names = self._disturbance_names(len(result.disturbances))
+        return [put_beside(result.operator, result.disturbances, names)]
+
+    def _driven_models(self):
+        """Return the models of the stages of the driven part."""
+        return self._models()
+
+    def _with_held(self, operator):
+        models = zip(self._driven_models(), operator.stages, strict=True)
+        return self._compose(operator.names, [model._with_held(stage) for model, stage in models])
+
+    def held_parameters(self):
+        return frozenset(
+            f"{name}__{entry}"
+            for (name, _), model in zip(self.steps, self._models(), strict=True)
+            for entry in model.held_parameters()
+        )
+
+    def _adopt(self, result):
+        return super()._adopt(replace(result, operator=result.operator.released()))
 
 
 class Cascade(Composition):
@@ -130,17 +271,7 @@ class Cascade(Composition):
             best = self._refine(starts, data, self.method)
             results.append(best)
         evaluations = sum(result.n_evaluations for result in results)
-        return dataclasses.replace(best, n_evaluations=evaluations)
-
-    def _refine(self, starts, data, method):
-        """Return what identification finds from operators of one structure."""
-        return identify(
-            [(operator, ()) for operator in starts],
-            data,
-            fixed=self.held_parameters(),
-            initial_state=self._free_run_state(),
-            method=method,
-        )
+        return replace(best, n_evaluations=evaluations)
 
     def _resume(self, stages, data):
         """Return the operator with the structure that records ask for and the values of stages.
@@ -152,9 +283,9 @@ class Cascade(Composition):
             if isinstance(model, Cascade) and isinstance(stage, SeriesOperator):
                 stage = model._resume(stage.stages, records)
             elif isinstance(model, HeldStep):
-                stage = model.starting_values(records)[0][0]
+                [stage] = model.starting_values(records)
             elif not isinstance(model, Composition):
-                start = model.starting_values(records)[0][0]
+                start, _ = take_apart(model.starting_values(records)[0])
                 same = [name for name, _ in start.entries()] == [n for n, _ in stage.entries()]
                 stage = _to_unit_gain(start.unpack(stage.pack())) if same else None
             else:
@@ -170,9 +301,7 @@ class Cascade(Composition):
         state = self._free_run_state()
         for stage in stages:
             records = [
-                dataclasses.replace(
-                    record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0]
-                )
+                replace(record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0])
                 for record in records
             ]
         return records
@@ -185,7 +314,7 @@ class Cascade(Composition):
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
-        dynamics = [i for i in given if models[i].series_rank == LinearOperator.rank]
+        dynamics = [i for i in given if models[i].series_rank == _DYNAMICS]
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
         other = [turned.get(i, i) for i in given]
         return [given] if other == given else [given, other]
@@ -196,15 +325,15 @@ class Cascade(Composition):
         stages, evaluations, result = {}, 0, None
         for i, model in enumerate(models):
             if isinstance(model, HeldStep):
-                [(stages[i], _)] = model.starting_values(data)
+                [stages[i]] = model.starting_values(data)
         for i in order or [0]:
             places = sorted({*stages, i})
             records = self._behind([stages[j] for j in places if j < i], data)
             names = [self.steps[j][0] for j in places]
             candidates = [
                 self._compose(names, [(stages | {i: operator})[j] for j in places])
-                for operator, disturbances in models[i].starting_values(records)
-                if not disturbances
+                for operator, beside in map(take_apart, models[i].starting_values(records))
+                if not beside
             ]
             if not candidates:
                 raise ValueError(
@@ -215,7 +344,7 @@ class Cascade(Composition):
             result = self._refine(candidates, data, method if last else _ALONG_THE_WAY)
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
-        return dataclasses.replace(result, n_evaluations=evaluations)
+        return replace(result, n_evaluations=evaluations)
 
 
 def _distinct(results):
@@ -243,3 +372,45 @@ def _to_unit_gain(stage):
     values = np.where(scaled, values / gain, values)
     values[gains[0]] = 1.0
     return stage.unpack(values)
+
+
+def thin_records(records):
+    """Return records with every n-th sample, about ``_ENOUGH`` in all, or None where it is no use.
+
+    A response stays as it is at the samples that are left, however fast it moves between them. The
+    drive must be what it was: a record is thinned only as far as straight lines between its
+    samples say so.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+
+    Returns
+    -------
+    list of RecordData or None
+    """
+    total = sum(len(record.u) for record in records)
+    if total < _LONG or any(len(record.segments) > 1 for record in records):
+        return None
+    thinned = [_thin(record, total // _ENOUGH) for record in records]
+    return thinned if 2 * sum(len(record.u) for record in thinned) <= total else None
+
+
+def _thin(record, step):
+    while step > 1:
+        kept = record.u[::step]
+        covered = (len(kept) - 1) * step + 1
+        lines = np.interp(np.arange(covered), np.arange(0, covered, step), kept)
+        change = np.sqrt(np.mean(np.square(record.u[:covered] - lines)))
+        if len(kept) > 1 and change <= _CHANGE * record.u.std():
+            weights = None if record.weights is None else record.weights[::step]
+            return replace(
+                record,
+                u=kept,
+                y=record.y[::step],
+                dt=step * record.dt,
+                segments=(),
+                weights=weights,
+            )
+        step //= 2
+    return record

@@ -9,50 +9,25 @@ from numbers import Integral
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
-from ..base import ParametricModel
-from ..operators import Operator, ParameterSpec
-from ._record_numbers import amplitude
+from ..base import ParametricModel, informed
+from ..operators import Operator, ParameterSpec, WrappedOperator, put_beside, take_apart
 
 __all__ = [
     "ColumnOperator",
     "Modulated",
     "ModulatedOperator",
     "OnColumn",
+    "amplitude",
+    "is_constant",
     "sensitivity_name",
 ]
 
+_CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 _SENSITIVITY = ParameterSpec(unit="1/column")
 
 
-class _Wrapper(Operator):
-    """An operator whose parameters are those of another, and perhaps some more behind them."""
-
-    @property
-    def carries_scale(self):
-        return self.operator.carries_scale
-
-    @property
-    def rank(self):
-        return self.operator.rank
-
-    def parameter_specs(self):
-        return dict(self.entries())
-
-    def sizes(self):
-        return dict.fromkeys((name for name, _ in self.entries()), 1)
-
-    def entries(self):
-        return self.operator.entries()
-
-    def pack(self):
-        return self.operator.pack()
-
-    def at(self, schedule):
-        return replace(self, operator=self.operator.at(schedule))
-
-
 @dataclass(frozen=True)
-class ColumnOperator(_Wrapper):
+class ColumnOperator(WrappedOperator):
     """An operator that one column of the input drives.
 
     Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
@@ -74,22 +49,6 @@ class ColumnOperator(_Wrapper):
     operator: Operator
     column: int
 
-    @property
-    def signal_linear(self):
-        return self.operator.signal_linear
-
-    def unpack(self, vector):
-        return ColumnOperator(self.operator.unpack(vector), self.column)
-
-    def linear_mask(self):
-        return self.operator.linear_mask()
-
-    def gauge_entries(self):
-        return self.operator.gauge_entries()
-
-    def gauge_mask(self):
-        return self.operator.gauge_mask()
-
     def init(self, u0, initial_state="rest"):
         return self.operator.init(_one(u0, self.column), initial_state)
 
@@ -104,7 +63,7 @@ class ColumnOperator(_Wrapper):
 
 
 @dataclass(frozen=True)
-class ModulatedOperator(_Wrapper):
+class ModulatedOperator(WrappedOperator):
     r"""An operator whose output is scaled by a column of the input.
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
@@ -138,6 +97,7 @@ class ModulatedOperator(_Wrapper):
     column: int
     reference: float
     sensitivity: float = 0.0
+    signal_linear = False
 
     @property
     def _depth(self):
@@ -150,9 +110,8 @@ class ModulatedOperator(_Wrapper):
         return np.append(self.operator.pack(), self.sensitivity)
 
     def unpack(self, vector):
-        return ModulatedOperator(
-            self.operator.unpack(vector[:-1]), self.column, self.reference, float(vector[-1])
-        )
+        operator = self.operator.unpack(vector[:-1])
+        return replace(self, operator=operator, sensitivity=float(vector[-1]))
 
     def linear_mask(self):
         return np.append(self.operator.linear_mask(), False)
@@ -162,9 +121,6 @@ class ModulatedOperator(_Wrapper):
 
     def gauge_mask(self):
         return np.append(self.operator.gauge_mask(), False)
-
-    def init(self, u0, initial_state="rest"):
-        return self.operator.init(u0, initial_state)
 
     def _factor(self, u):
         return 1.0 + self.sensitivity * (_one(u, self.column) - self.reference)
@@ -183,6 +139,16 @@ class ModulatedOperator(_Wrapper):
 def sensitivity_name(number):
     """Return what the sensitivity to the first, second, ... column is called as a parameter."""
     return "sensitivity" if number == 1 else f"sensitivity_{number}"
+
+
+def amplitude(drive):
+    """Return half the range of a record's drive."""
+    return 0.5 * float(np.ptp(drive))
+
+
+def is_constant(values, size):
+    """Whether a column, of which ``size`` is the largest magnitude, is constant in a record."""
+    return bool(np.ptp(values) <= _CONSTANT * size)
 
 
 def _one(u, column):
@@ -219,7 +185,8 @@ class _ColumnModel(ParametricModel):
                 f"The 'estimator' parameter of {type(self).__name__} must be a parametric model of "
                 f"skhyst. Got {self.estimator!r} instead."
             )
-        signal = self.estimator._signal(X, slices) if self.estimator._reads_columns else X
+        model = informed(self.estimator, self)
+        signal = model._signal(X, slices) if model._reads_columns else X
         if self.column != "amplitude":
             if self.column >= X.shape[1]:
                 raise ValueError(
@@ -235,7 +202,7 @@ class _ColumnModel(ParametricModel):
         return np.column_stack([X, amplitudes])
 
     def _schedules(self, slices, X):
-        return self.estimator._schedules(slices, X)
+        return informed(self.estimator, self)._schedules(slices, X)
 
     def held_parameters(self):
         return self.estimator.held_parameters()
@@ -279,10 +246,13 @@ class OnColumn(_ColumnModel):
 
     def starting_values(self, records):
         own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column])) for r in records]
+        starts = map(take_apart, self.estimator.starting_values(own))
         return [
-            (ColumnOperator(operator, self.column), disturbances)
-            for operator, disturbances in self.estimator.starting_values(own)
+            put_beside(ColumnOperator(driven, self.column), beside) for driven, beside in starts
         ]
+
+    def _with_held(self, operator):
+        return replace(operator, operator=self.estimator._with_held(operator.operator))
 
 
 class Modulated(_ColumnModel):
@@ -331,12 +301,18 @@ class Modulated(_ColumnModel):
         "column": [*_ColumnModel._parameter_constraints["column"], StrOptions({"amplitude"})],
     }
 
+    def _driven(self):
+        """Return the model that is modulated, of the whole input."""
+        model = informed(self.estimator, self)
+        return model if model._reads_columns else OnColumn(model, 0)
+
     def starting_values(self, records):
-        nested = isinstance(self.estimator, Modulated)
-        driven = self.estimator if nested else OnColumn(self.estimator, 0)
         column = -1 if self.column == "amplitude" else self.column
         reference = float(np.concatenate([r.u[:, column] for r in records]).mean())
         return [
-            (ModulatedOperator(operator, column, reference), disturbances)
-            for operator, disturbances in driven.starting_values(records)
+            put_beside(ModulatedOperator(driven, column, reference), beside)
+            for driven, beside in map(take_apart, self._driven().starting_values(records))
         ]
+
+    def _with_held(self, operator):
+        return replace(operator, operator=self._driven()._with_held(operator.operator))

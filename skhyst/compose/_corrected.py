@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import HasMethods, Interval, fit_context
 from ..base import ParametricModel, one_thread, read_data, run_records
 from ..linear import Gain
-from ..optimize import OperatorProblem, identify
+from ..optimize import OperatorProblem
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
 __all__ = ["Corrected"]
@@ -213,12 +213,8 @@ def _identify(effects, records, last):
     """Return what identification finds, from where it ended the last time."""
     if last is None:
         return effects._identify(records)
-    return identify(
-        [(last.operator, last.disturbances)],
-        records,
-        fixed=effects.held_parameters(),
-        initial_state=effects._free_run_state(),
-    )
+    start = last.operator, last.disturbances
+    return effects._refine([start], records, "variable_projection")
 
 
 def _stretches(fold):

@@ -13,11 +13,11 @@ from numpy.polynomial import Polynomial
 from sklearn.base import clone
 
 from .._sklearn import HasMethods, Interval
-from ..base import ParametricModel
+from ..base import ParametricModel, informed
 from ..exceptions import RecordError
-from ..operators import Operator
-from ..optimize import RecordData, VariableProjection, identify
-from ._record_numbers import amplitude, is_held
+from ..operators import Operator, WrappedOperator
+from ..optimize import RecordData, VariableProjection
+from ._columns import amplitude, is_constant
 
 __all__ = [
     "ScheduledOperator",
@@ -26,7 +26,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class ScheduledOperator(Operator):
+class ScheduledOperator(WrappedOperator):
     """Parameters are polynomials of a schedule, such as the amplitude of the record.
 
     A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule:
@@ -54,16 +54,8 @@ class ScheduledOperator(Operator):
     schedule: float | None = field(default=None)
 
     @property
-    def signal_linear(self):
-        return self.base.signal_linear
-
-    @property
-    def carries_scale(self):
-        return self.base.carries_scale
-
-    @property
-    def rank(self):
-        return self.base.rank
+    def _like(self):
+        return self.base
 
     @classmethod
     def constant(cls, base, degrees, low, high):
@@ -71,18 +63,12 @@ class ScheduledOperator(Operator):
         coefficients = np.repeat(base.pack(), np.asarray(degrees, dtype=int) + 1)
         return cls(base, tuple(degrees), coefficients, low, high)
 
-    def parameter_specs(self):
-        return dict(self.entries())
-
     def entries(self):
         return [
             (f"{name}[{k}]" if degree else name, spec)
             for (name, spec), degree in zip(self.base.entries(), self.degrees, strict=True)
             for k in range(degree + 1)
         ]
-
-    def sizes(self):
-        return dict.fromkeys((name for name, _ in self.entries()), 1)
 
     def pack(self):
         return np.array(self.coefficients, dtype=float)
@@ -148,12 +134,6 @@ class ScheduledOperator(Operator):
 
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k not in ("_basis", "operator")}
-
-    def init(self, u0, initial_state="rest"):
-        return self.operator.init(u0, initial_state)
-
-    def run(self, u, dt, state=None):
-        return self.operator.run(u, dt, state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.linearize(u, du, dt, initial_state)
@@ -263,7 +243,7 @@ class ScheduledParameters(ParametricModel):
         found = []
         for s in slices:
             values = X[s.rows, column]
-            if not is_held(values, np.abs(X[:, column]).max()):
+            if not is_constant(values, np.abs(X[:, column]).max()):
                 raise RecordError(
                     f"The column {self.by!r} of ScheduledParameters must be constant in each "
                     f"record. In record {s.label!r} it goes from {values.min():g} to "
@@ -300,9 +280,9 @@ class ScheduledParameters(ParametricModel):
                 "ScheduledParameters stands outermost, or in a Sum: put the Cascade into it, and "
                 "search effects of the model inside."
             )
-        base = clone(self.estimator)
+        model = informed(clone(self.estimator), self)
         plain = [RecordData(r.u, r.y, r.dt, r.segments, weights=r.weights) for r in records]
-        result = base._identify(plain)
+        result = model._identify(plain)
         if result.disturbances:
             raise ValueError(
                 "ScheduledParameters takes a driven model: a disturbance has coefficients of each "
@@ -312,10 +292,7 @@ class ScheduledParameters(ParametricModel):
         scheduled = ScheduledOperator.constant(
             result.operator, self._degrees(result), min(values), max(values)
         )
-        return [
-            (scheduled, ()),
-            (_from_each_record(scheduled, records, plain, base.held_parameters()), ()),
-        ]
+        return [scheduled, _from_each_record(scheduled, records, plain, model)]
 
     def _degrees(self, result):
         """Return the degree of each value of the model's operator."""
@@ -341,13 +318,11 @@ class ScheduledParameters(ParametricModel):
         return self
 
 
-def _from_each_record(scheduled, records, plain, fixed):
+def _from_each_record(scheduled, records, plain, model):
     """Return the operator whose polynomials go through fits of each record alone, about."""
-    values = []
-    for record in plain:
-        alone = identify([(scheduled.base, ())], [record], fixed=fixed, method=_ROUGH)
-        values.append(alone.operator.pack())
-    values = np.array(values)
+    fixed = model.held_parameters()
+    alone = [model._refine([scheduled.base], [record], _ROUGH) for record in plain]
+    values = np.array([result.operator.pack() for result in alone])
     specs = [spec for _, spec in scheduled.entries()]
     coefficients, start = scheduled.pack(), 0
     for i, degree in enumerate(scheduled.degrees):

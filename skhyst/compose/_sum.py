@@ -1,14 +1,12 @@
 """Models in parallel."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 
-from ..disturbance import DriftOperator, OffsetOperator
-from ..operators import SeriesOperator, SumOperator
-from ..optimize import identify
+from ..operators import Operator, SeriesOperator, SumOperator, take_apart
+from ._cascade import Composition, HeldStep
 from ._columns import OnColumn
-from ._composition import Composition, HeldStep
 
 __all__ = ["Sum"]
 
@@ -61,7 +59,7 @@ class Sum(Composition):
         models = super()._models()
         if not any(model._reads_columns for model in models):
             return models
-        return [m if m._reads_columns or _is_disturbance(m) else OnColumn(m, 0) for m in models]
+        return [m if m._reads_columns or _stands_beside(m) else OnColumn(m, 0) for m in models]
 
     def _schedules(self, slices, X):
         found = [model._schedules(slices, X) for model in self._models()]
@@ -71,18 +69,11 @@ class Sum(Composition):
     def _compose(self, names, stages):
         return SumOperator(tuple(names), tuple(stages)).normalized()
 
-    def _driven_names(self):
-        return self._names(False)
-
     def _disturbance_names(self, count):
-        return self._names(True)
+        return tuple(name for name, model in self.steps if _stands_beside(model))
 
-    def _names(self, disturbances):
-        return tuple(
-            name
-            for (name, _), model in zip(self.steps, self._models(), strict=True)
-            if _is_disturbance(model) == disturbances
-        )
+    def _driven_models(self):
+        return [model for model in self._models() if not _stands_beside(model)]
 
     def _identify(self, data):
         self._check_steps()
@@ -94,34 +85,30 @@ class Sum(Composition):
         for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
             result = models[i]._identify(records)
             evaluations += result.n_evaluations
-            if not (_is_disturbance(models[i]) or isinstance(models[i], HeldStep)):
+            if not (_stands_beside(models[i]) or isinstance(models[i], HeldStep)):
                 last = i, records
             records = [
-                dataclasses.replace(record, y=record.y - part)
+                replace(record, y=record.y - part)
                 for record, part in zip(records, result.outputs(records, state), strict=True)
             ]
-            if not _is_disturbance(models[i]):
+            if not _stands_beside(models[i]):
                 found[i] = result.operator
             disturbances += result.disturbances
         branches = [found, *self._others(found, *last)] if last else [found]
-        starts = [
-            self._compose(self._driven_names(), [stages[i] for i in sorted(stages)])
-            for stages in branches
-        ]
-        fixed = self.held_parameters()
-        if any(isinstance(d, OffsetOperator | DriftOperator) for d in disturbances):
-            constants = _constants(starts[0])
-            held = [name in constants for name, _ in starts[0].entries()]
-            starts = [start.unpack(np.where(held, 0.0, start.pack())) for start in starts]
+        names = [self.steps[i][0] for i in sorted(found)]
+        starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
+        result = self._refine([(start, tuple(disturbances)) for start in starts], data)
+        return replace(result, n_evaluations=evaluations + result.n_evaluations)
+
+    def _refine(self, starts, data, method=None, fixed=frozenset()):
+        starts = list(map(take_apart, starts))
+        operator, disturbances = starts[0]
+        if any(disturbance.has_constant for disturbance in disturbances):
+            constants = _constants(operator)
+            held = [name in constants for name, _ in operator.entries()]
+            starts = [(o.unpack(np.where(held, 0.0, o.pack())), beside) for o, beside in starts]
             fixed |= constants
-        result = identify(
-            [(start, tuple(disturbances)) for start in starts],
-            data,
-            fixed=fixed,
-            initial_state=state,
-            method=self.method,
-        )
-        return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
+        return super()._refine(starts, data, method, fixed)
 
     def _others(self, found, i, records):
         """Return the branches with the starting values of the last one that is driven.
@@ -133,18 +120,16 @@ class Sum(Composition):
         model = self._models()[i]
         if len(found) == 1 or isinstance(model, Composition) or found[i].signal_linear:
             return []
-        starts = [operator for operator, _ in model.starting_values(records)]
+        starts = [take_apart(start)[0] for start in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
 
     @property
     def operators_(self):
         """The identified operator of each step, by name."""
-        operator = self.operator_
-        found = dict(zip(operator.names, operator.stages, strict=True))
-        if "model" in found and isinstance(found["model"], SumOperator):
-            driven = found.pop("model")
-            found |= dict(zip(driven.names, driven.stages, strict=True))
-        return found
+        driven, disturbances = take_apart(self.operator_)
+        beside = self._disturbance_names(len(disturbances))
+        found = dict(zip(driven.names, driven.stages, strict=True))
+        return found | dict(zip(beside, disturbances, strict=True))
 
 
 def _constants(operator):
@@ -159,5 +144,5 @@ def _constants(operator):
     return {name for name, spec in operator.entries() if spec.gauge == 0.0}
 
 
-def _is_disturbance(step):
-    return hasattr(step, "_disturbances")
+def _stands_beside(model):
+    return getattr(model, "operator_class", Operator).stands_beside

@@ -5,7 +5,7 @@ p takes the place of the drive, a gain is the first stage, and effects go behind
 Every record's p comes from a fit to the other folds, so that what is scored was never learned.
 Since f has bent to make up for what is missing, each contestant has it fitted again to the response
 with the effects taken out, in a few turns; after a claim, until the error no longer falls (see
-``compose._backfitting``).
+``compose.Backfitting``).
 """
 
 from dataclasses import dataclass, replace
@@ -16,9 +16,9 @@ from sklearn.base import clone
 from sklearn.utils import check_random_state
 
 from ..base import ParametricModel, read_data
-from ..compose import Corrected, ScheduledParameters
-from ..compose._backfitting import Backfitting, Turn
+from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
+from ..operators import Operator
 from ._candidates import held_out, refitted
 
 __all__ = ["BlackBox", "Declared", "declare", "drive_of"]
@@ -32,7 +32,7 @@ _DRIVE_LIMITS = 0  # rank, see Operator.rank
 
 def declare(estimator, X, columns, y, slices, *, cv, random_state):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""
-    if hasattr(estimator, "_disturbances"):
+    if getattr(estimator, "operator_class", Operator).stands_beside:
         raise ValueError(
             "The 'estimator' parameter of EffectSearchCV must respond to a drive: declare a Sum of "
             f"such a model and the disturbance. Got {estimator!r} instead."

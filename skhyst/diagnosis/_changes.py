@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..compose import Sum
-from ..compose._record_numbers import amplitude, is_held
+from ..compose import Sum, amplitude, is_constant
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -26,7 +25,7 @@ from ..linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from ..operators import SumOperator
+from ..operators import SumOperator, take_apart
 from ..optimize import VariableProjection, identify
 from ._noise import FEW_TURNS, visible_turns
 from ._starts import Scene, beside, inserted
@@ -108,7 +107,8 @@ class InMotion:
                     scene.records_at(at), mode=_linear_part(operator)
                 )
                 candidates = [
-                    structure.exchange(name, at, self.model, start) for start, _ in starts
+                    structure.exchange(name, at, self.model, start)
+                    for start, _ in map(take_apart, starts)
                 ]
                 found += scene.promising(candidates, at)
         return found
@@ -147,7 +147,8 @@ class Knee:
         if at < len(structure.operators) or structure.branches or structure.modulations:
             return inserted(name, self.model, scene)
         found = []
-        for start, _ in self.model.starting_values([replace(r, u=r.y) for r in scene.records]):
+        mirrored = [replace(r, u=r.y) for r in scene.records]
+        for start, _ in map(take_apart, self.model.starting_values(mirrored)):
             reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records)
             # of the levels that the response stays below
             start = replace(start, level=start.level + (reach or 1.0) * _BEYOND)
@@ -287,7 +288,7 @@ class BesideForce:
             rest = [
                 replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
             ]
-            starts = [start for start, _ in self.model.starting_values(rest)]
+            starts = [take_apart(start)[0] for start in self.model.starting_values(rest)]
             if any(isinstance(part, type(starts[0])) for part in parts):
                 continue
             model = Sum([*steps, (label, self.model)])
@@ -323,7 +324,7 @@ class RateDependence:
                 non_negative=operator.non_negative,
                 fit_intercept=old.fit_intercept,
             )
-            for start, _ in model.starting_values(scene.records_at(at)):
+            for start, _ in map(take_apart, model.starting_values(scene.records_at(at))):
                 warm = replace(
                     start, weights=np.array(operator.weights), intercept=operator.intercept
                 )
@@ -345,7 +346,7 @@ class Driven:
                 replace(r, u=np.ascontiguousarray(r.auxiliary[:, column - 1]), before=None)
                 for r in scene.residuals
             ]
-            starts = [operator for operator, _ in self.model.starting_values(records)]
+            starts = [take_apart(start)[0] for start in self.model.starting_values(records)]
             found += [scene.structure.branch(name, self.model, s, column) for s in starts]
         return found
 
@@ -490,6 +491,6 @@ def _levels(scene):
     found = []
     for column in _moving_columns(scene):
         size = np.abs(_column(scene, column)).max()
-        if all(is_held(r.auxiliary[:, column - 1], size) for r in scene.records):
+        if all(is_constant(r.auxiliary[:, column - 1], size) for r in scene.records):
             found.append(column)
     return found

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import welch
 
-from ..compose._columns import sensitivity_name
-from ..compose._record_numbers import amplitude
+from ..compose import amplitude, sensitivity_name
 from ..optimize import variable_projection
 from ._evidence_base import Picture, binned, compared
 

@@ -8,6 +8,7 @@ from sklearn.base import clone
 
 from ..hysteresis import OscillatorOperator
 from ..linear import DelayOperator, LinearOperator
+from ..operators import take_apart
 from ..optimize import distribute_poles, pole_starts, predicted_cost
 
 __all__ = [
@@ -109,7 +110,7 @@ def beside(name, model, scene):
     """Return the structures with a disturbance beside the series, at its starting values."""
     return [
         scene.structure.beside(name, model, disturbance)
-        for _, disturbances in model.starting_values(scene.residuals)
+        for _, disturbances in map(take_apart, model.starting_values(scene.residuals))
         for disturbance in disturbances
     ]
 
@@ -135,7 +136,7 @@ def inserted(name, model, scene):
         return []
     candidates = [
         structure.insert(name, model, _unit_gain(operator, structure))
-        for operator, _ in model.starting_values(scene.records_at(at))
+        for operator, _ in map(take_apart, model.starting_values(scene.records_at(at)))
     ]
     first = min(at, _first_dynamics(structure))
     candidates += _redistributed(candidates, at, scene, first)
@@ -181,7 +182,8 @@ def hysteresis_anew(structure, records):
     if problem.linear.all() or _is_determined(problem):
         return None
     starts = structure.models[0].starting_values(_undisturbed(structure, records))
-    found = [replace(structure, operators=(operator,)) for operator, _ in starts]
+    starts = [take_apart(start)[0] for start in starts]
+    found = [replace(structure, operators=(operator,)) for operator in starts]
     problems = [candidate.problem(records) for candidate in found]
     return found[int(np.argmin([predicted_cost(p, p.x0) for p in problems]))]
 

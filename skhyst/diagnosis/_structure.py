@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 
+from ..base import informed
 from ..compose import (
     Cascade,
     ColumnOperator,
@@ -17,8 +18,8 @@ from ..compose import (
     ScheduledOperator,
     ScheduledParameters,
     Sum,
+    amplitude,
 )
-from ..compose._record_numbers import amplitude
 from ..operators import SeriesOperator, SumOperator
 from ..optimize import OperatorProblem, VariableProjection, identify
 from ._shortened import are_long
@@ -154,7 +155,9 @@ class Structure:
             ((name, model),), (operator,) = driven, operator.stages
         else:
             name, model = _DRIVEN, clone(estimator).set_params(steps=driven)
-        plain = cls.from_result(model, replace(result, operator=operator, disturbances=()))
+        plain = cls.from_result(
+            informed(model, estimator), replace(result, operator=operator, disturbances=())
+        )
         if plain._stands_alone():
             plain = replace(plain, names=(name,))
         return replace(

@@ -16,7 +16,7 @@ from scipy.fft import next_fast_len
 
 from .._sklearn import Interval
 from ..base import ParametricModel
-from ..operators import Operator, SumOperator, parameter
+from ..operators import Operator, parameter
 
 __all__ = [
     "DisturbanceOperator",
@@ -37,6 +37,8 @@ class DisturbanceOperator(Operator):
 
     signal_linear = True
     rank = 60
+    stands_beside = True
+    has_constant = False  # among its basis
 
     @abstractmethod
     def basis(self, time):
@@ -65,6 +67,8 @@ class DisturbanceOperator(Operator):
 class OffsetOperator(DisturbanceOperator):
     """A constant."""
 
+    has_constant = True
+
     coefficients: np.ndarray = parameter(linear=True, unit="response")
 
     def basis(self, time):
@@ -74,6 +78,8 @@ class OffsetOperator(DisturbanceOperator):
 @dataclass(frozen=True)
 class DriftOperator(DisturbanceOperator):
     """Legendre polynomials of time over ``duration`` (s), from degree 0; constant afterwards."""
+
+    has_constant = True
 
     coefficients: np.ndarray = parameter(linear=True, unit="response")
     duration: float
@@ -106,13 +112,7 @@ _OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
 class Disturbance(ParametricModel):
     """Base of the disturbances: nothing is driven, all is beside."""
 
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
-
-    def starting_values(self, records):
-        return [(SumOperator((), ()), (start,)) for start in self._disturbances(records)]
+    operator_class = DisturbanceOperator
 
 
 class Offset(Disturbance):
@@ -139,7 +139,7 @@ class Offset(Disturbance):
     array([[2.5]])
     """
 
-    def _disturbances(self, records):
+    def starting_values(self, records):
         return [OffsetOperator(np.zeros(1))]
 
 
@@ -176,7 +176,7 @@ class Drift(Disturbance):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.degree = degree
 
-    def _disturbances(self, records):
+    def starting_values(self, records):
         duration = max((len(record.u) - 1) * record.dt for record in records)
         return [DriftOperator(np.zeros(self.degree + 1), duration or records[0].dt)]
 
@@ -218,7 +218,7 @@ class PeriodicDisturbance(Disturbance):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_frequencies = n_frequencies
 
-    def _disturbances(self, records):
+    def starting_values(self, records):
         frequencies = spectral_lines([(r.y, r.dt) for r in records], self.n_frequencies)
         return [SinusoidOperator(np.zeros(2 * self.n_frequencies), frequencies)]
 

@@ -28,8 +28,7 @@ from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..optimize import IdentificationResult
-from ..optimize._nonnegative import nonnegative_minimum
+from ..optimize import IdentificationResult, nonnegative_minimum
 
 __all__ = [
     "RelayGridModel",
@@ -141,8 +140,8 @@ class RelayGridModel(ParametricModel):
             x=operator.pack()[: len(std)],
         )
 
-    def _fit_records(self, data):
-        super()._fit_records(data)
+    def _complete(self, result, data):
+        super()._complete(result, data)
         if self.initial_state == "estimate":  # the search for histories refits without penalty
             drives = zip(data, self.initial_drive_, strict=True)
             data = [dataclasses.replace(record, before=float(u)) for record, u in drives]

@@ -117,8 +117,8 @@ class KelvinVoigt(LinearModel):
             )
         ]
 
-    def _fit_records(self, data):
-        super()._fit_records(data)
+    def _complete(self, result, data):
+        super()._complete(result, data)
         operator, state = self.operator_, self._free_run_state()
         if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)

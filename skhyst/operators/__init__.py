@@ -1,6 +1,14 @@
 """The protocol of operators, series and sums of them, and loops that several models share."""
 
-from ._composition import FrozenOperator, SeriesOperator, SumOperator
+from ._checks import check_operator
+from ._composition import (
+    FrozenOperator,
+    SeriesOperator,
+    SumOperator,
+    WrappedOperator,
+    put_beside,
+    take_apart,
+)
 from ._differences import latest, samples_before, slopes
 from ._plays import play_basis, play_tangents, play_thresholds, stop_basis, turning_points
 from ._protocol import Operator, ParameterSpec, as_signal, parameter
@@ -11,14 +19,18 @@ __all__ = [
     "ParameterSpec",
     "SeriesOperator",
     "SumOperator",
+    "WrappedOperator",
     "as_signal",
+    "check_operator",
     "latest",
     "parameter",
     "play_basis",
     "play_tangents",
     "play_thresholds",
+    "put_beside",
     "samples_before",
     "slopes",
     "stop_basis",
+    "take_apart",
     "turning_points",
 ]

@@ -1,7 +1,7 @@
 """Series and sums of operators, which are operators again, and operators held in them."""
 
-from dataclasses import dataclass
-from itertools import accumulate
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,11 +11,93 @@ __all__ = [
     "FrozenOperator",
     "SeriesOperator",
     "SumOperator",
+    "WrappedOperator",
+    "put_beside",
+    "take_apart",
 ]
+
+_DRIVEN = "model"  # name of the driven part, where something stands beside it
+
+
+class _ByEntries(Operator):
+    """An operator that is told by its entries, not by fields of its own."""
+
+    def parameter_specs(self):
+        return dict(self.entries())
+
+    def sizes(self):
+        return {name: 1 for name, _ in self.entries()}
+
+
+class WrappedOperator(_ByEntries):
+    """Base of what wraps one operator, the field ``operator``, and is like it by default."""
+
+    @property
+    def _like(self):
+        return self.operator
+
+    @property
+    def signal_linear(self):
+        return self._like.signal_linear
+
+    @property
+    def carries_scale(self):
+        return self._like.carries_scale
+
+    @property
+    def rank(self):
+        return self._like.rank
+
+    @property
+    def n_poles(self):
+        return self._like.n_poles
+
+    @property
+    def memoryless(self):
+        return self._like.memoryless
+
+    def n_ringing(self):
+        return self._like.n_ringing()
+
+    def lag_rates(self):
+        return self._like.lag_rates()
+
+    def linear_mode(self):
+        return self._like.linear_mode()
+
+    def way_before_sliding(self):
+        return self._like.way_before_sliding()
+
+    def entries(self):
+        return self._like.entries()
+
+    def pack(self):
+        return self._like.pack()
+
+    def unpack(self, vector):
+        return replace(self, operator=self.operator.unpack(vector))
+
+    def linear_mask(self):
+        return self._like.linear_mask()
+
+    def gauge_entries(self):
+        return self._like.gauge_entries()
+
+    def gauge_mask(self):
+        return self._like.gauge_mask()
+
+    def at(self, schedule):
+        return replace(self, operator=self.operator.at(schedule))
+
+    def init(self, u0, initial_state="rest"):
+        return self.operator.init(u0, initial_state)
+
+    def run(self, u, dt, state=None):
+        return self.operator.run(u, dt, state)
 
 
 @dataclass(frozen=True)
-class FrozenOperator(Operator):
+class FrozenOperator(WrappedOperator):
     """An operator whose parameters are known: none of them is identified.
 
     In a series it keeps its own gain and intercept, and does not carry those of the others.
@@ -34,27 +116,28 @@ class FrozenOperator(Operator):
     """
 
     operator: Operator
+    carries_scale = False
 
-    @property
-    def signal_linear(self):
-        return self.operator.signal_linear
+    def entries(self):
+        return []
 
-    @property
-    def rank(self):
-        return self.operator.rank
+    def pack(self):
+        return np.empty(0)
 
-    def init(self, u0, initial_state="rest"):
-        return self.operator.init(u0, initial_state)
+    def unpack(self, vector):
+        return self
 
-    def run(self, u, dt, state=None):
-        return self.operator.run(u, dt, state)
+    def linear_mask(self):
+        return np.empty(0, dtype=bool)
+
+    gauge_entries = gauge_mask = linear_mask
 
     def linearize(self, u, du, dt, initial_state="rest"):
         return self.operator.carry(u, du, dt, initial_state)
 
 
 @dataclass(frozen=True)
-class _Composition(Operator):
+class _Composition(_ByEntries):
     names: tuple
     stages: tuple
 
@@ -67,11 +150,30 @@ class _Composition(Operator):
         return any(stage.carries_scale for stage in self.stages)
 
     @property
-    def rank(self):
-        return max(stage.rank for stage in self.stages)
+    def memoryless(self):
+        return all(stage.memoryless for stage in self.stages)
 
-    def parameter_specs(self):
-        return dict(self.entries())
+    @property
+    def rank(self):
+        return max((stage.rank for stage in self.stages), default=Operator.rank)
+
+    @property
+    def n_poles(self):
+        counts = [stage.n_poles for stage in self.stages]
+        return sum(real for real, _ in counts), sum(pairs for _, pairs in counts)
+
+    def n_ringing(self):
+        return sum(stage.n_ringing() for stage in self.stages)
+
+    def lag_rates(self):
+        return [rate for stage in self.stages for rate in stage.lag_rates()]
+
+    def linear_mode(self):
+        return self.stages[0].linear_mode() if len(self.stages) == 1 else None
+
+    def way_before_sliding(self):
+        ways = (stage.way_before_sliding() for stage in self.stages)
+        return next((way for way in ways if way is not None), None)
 
     def entries(self):
         return [
@@ -80,30 +182,20 @@ class _Composition(Operator):
             for entry, spec in stage.entries()
         ]
 
-    def sizes(self):
-        return dict.fromkeys((name for name, _ in self.entries()), 1)
-
     def pack(self):
         return np.concatenate([np.empty(0), *(stage.pack() for stage in self.stages)])
 
     def unpack(self, vector):
-        return type(self)(
-            self.names,
-            tuple(
-                stage.unpack(part)
-                for stage, part in zip(self.stages, self._split(vector), strict=True)
-            ),
-        )
+        stages, start = [], 0
+        for stage in self.stages:
+            end = start + stage.n_parameters
+            stages.append(stage.unpack(vector[start:end]))
+            start = end
+        return type(self)(self.names, tuple(stages))
 
-    @property
+    @cached_property
     def n_parameters(self):
-        return sum(stage.n_parameters for stage in self.stages)
-
-    def _split(self, vector):
-        sizes = [stage.n_parameters for stage in self.stages]
-        return [
-            vector[end - size : end] for size, end in zip(sizes, accumulate(sizes), strict=True)
-        ]
+        return sum([stage.n_parameters for stage in self.stages])
 
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge."""
@@ -119,8 +211,9 @@ class _Composition(Operator):
     def at(self, schedule):
         return type(self)(self.names, tuple(stage.at(schedule) for stage in self.stages))
 
-    def init(self, u0, initial_state="rest"):
-        raise NotImplementedError
+    def _masks(self, name):
+        """Return what the stages say of their own entries, one after the other."""
+        return np.concatenate([np.empty(0, bool), *(getattr(s, name)() for s in self.stages)])
 
 
 class SeriesOperator(_Composition):
@@ -141,7 +234,7 @@ class SeriesOperator(_Composition):
         return np.concatenate(masks)
 
     def gauge_entries(self):
-        return np.concatenate([np.empty(0, bool), *(s.gauge_entries() for s in self.stages)])
+        return self._masks("gauge_entries")
 
     def gauge_mask(self):
         gauges = [stage.gauge_entries() for stage in self.stages]
@@ -190,7 +283,7 @@ class SumOperator(_Composition):
     """Operators in parallel: their outputs are added."""
 
     def linear_mask(self):
-        return np.concatenate([np.empty(0, bool), *(s.linear_mask() for s in self.stages)])
+        return self._masks("linear_mask")
 
     def gauge_entries(self):
         # a common gain can be taken out of the first branch only
@@ -229,6 +322,48 @@ class SumOperator(_Composition):
             carried += dy[:, : du.shape[1]]
             own.append(dy[:, du.shape[1] :])
         return total, np.concatenate([carried, *own], axis=1)
+
+
+def put_beside(operator, disturbances, names=None):
+    """Return the sum of a driven operator and of what stands beside it, by default unnamed."""
+    if not disturbances:
+        return operator
+    names = names or tuple(f"disturbance{i}" for i in range(len(disturbances)))
+    return SumOperator((_DRIVEN, *names), (operator, *disturbances))
+
+
+def take_apart(start):
+    """Return the driven part of an operator, and a tuple of what stands beside it.
+
+    Parameters
+    ----------
+    start : Operator or tuple of (Operator, tuple of Operator)
+        A pair is returned as it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import OffsetOperator
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import SumOperator, take_apart
+    >>> total = SumOperator(("gain", "offset"), (GainOperator(2.0), OffsetOperator(np.zeros(1))))
+    >>> driven, beside = take_apart(total)
+    >>> driven.names, len(beside)
+    (('gain',), 1)
+    """
+    if isinstance(start, tuple):
+        return start
+    if start.stands_beside:
+        return SumOperator((), ()), (start,)
+    stages = start.stages if isinstance(start, SumOperator) else ()
+    others = tuple(stage for stage in stages if stage.stands_beside)
+    if not others:
+        return start, ()
+    pairs = zip(start.names, stages, strict=True)
+    driven = {name: stage for name, stage in pairs if not stage.stands_beside}
+    if tuple(driven) == (_DRIVEN,):
+        return driven[_DRIVEN], others
+    return SumOperator(tuple(driven), tuple(driven.values())), others
 
 
 def _released(operator):

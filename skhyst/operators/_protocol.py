@@ -4,19 +4,21 @@ An operator is a frozen dataclass whose fields are physical parameters. It knows
 estimator. Fields made with :func:`parameter` can be identified; all others are fixed structure
 (thresholds, orders). ``pack`` lists the parameters as one vector, ``unpack`` puts such a vector
 back, ``linearize`` returns the output together with its exact derivatives (forward mode), so that
-a series or a sum of operators is differentiated by handing tangents from one to the next.
+a series or a sum of operators, which is an operator again, is differentiated by handing tangents
+from one to the next.
 
 Between two samples the input is a straight line (first-order hold) unless an operator says
 otherwise. The state before sample ``k`` holds everything that the operator remembers of the
 samples before ``k``, the last input included, so a signal may be cut anywhere:
 ``run(u)`` equals ``run(u[:m])`` followed by ``run(u[m:], state=...)``.
 
-The one kind of array that kernels get as a signal.
+What the rest of the package needs to know of an operator is declared here, as an attribute or a
+method with a default; nothing asks for its class.
 """
 
 import dataclasses
 from abc import ABC, abstractmethod
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -85,11 +87,37 @@ class Operator(ABC):
     rank : int
         Where a stage stands in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind
         the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
+    n_poles : (int, int)
+        Number of real poles and of pairs of poles of a linear operator.
+    memoryless : bool
+        The output depends on the input of the same instant alone.
+    stands_beside : bool
+        The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
+        ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
     """
 
     signal_linear = False
     carries_scale = False
     rank = 30
+    n_poles = (0, 0)
+    memoryless = False
+    stands_beside = False
+
+    def n_ringing(self) -> int:
+        """Return the number of pairs of poles that overshoot."""
+        return 0
+
+    def lag_rates(self) -> list[float]:
+        """Return the rates (rad/s) of the first-order lags among the poles."""
+        return []
+
+    def linear_mode(self) -> "Operator | None":
+        """Return the second-order mode that is left without what bends it, if there is one."""
+        return None
+
+    def way_before_sliding(self) -> float | None:
+        """Return the way (units of the drive) in which friction builds up, if there is one."""
+        return None
 
     def parameter_specs(self) -> dict[str, ParameterSpec]:
         """Return the identifiable fields, in the order of declaration."""
@@ -118,11 +146,13 @@ class Operator(ABC):
 
     def sizes(self) -> dict[str, int]:
         """Return the number of values in each identifiable field."""
-        values = {name: getattr(self, name) for name in self.parameter_specs()}
-        # np.size would make an array of a float
-        return {name: 1 if isinstance(v, float) else np.size(v) for name, v in values.items()}
+        found = {}
+        for name in self.parameter_specs():
+            value = getattr(self, name)
+            found[name] = 1 if isinstance(value, float) else np.size(value)  # which makes an array
+        return found
 
-    @property
+    @cached_property
     def n_parameters(self) -> int:
         """Number of values in :meth:`pack`."""
         return sum(self.sizes().values())
@@ -207,8 +237,5 @@ class Operator(ABC):
 
 @cache
 def _declared(kind):
-    return {
-        f.name: f.metadata["parameter"]
-        for f in dataclasses.fields(kind)
-        if "parameter" in f.metadata
-    }
+    fields = dataclasses.fields(kind)
+    return {f.name: f.metadata["parameter"] for f in fields if "parameter" in f.metadata}

@@ -1,21 +1,28 @@
 """Identification: least squares over operators. Knows no estimator."""
 
-from ._bounded import bounded_step
-from ._cuckoo_search import CuckooSearch, ModifiedCuckooSearch
-from ._differential_evolution import DifferentialEvolution
 from ._frequency_problem import FrequencyProblem, identify_response
-from ._histories import estimate_histories
-from ._identify import METHODS, IdentificationResult, identify
+from ._identify import METHODS, IdentificationResult, estimate_histories, identify
 from ._levenberg_marquardt import LevenbergMarquardt
-from ._method import Method
 from ._modal_problem import ModalProblem, modal_start
-from ._multistart import VariableProjection
-from ._particle_swarm import ParticleSwarm
-from ._population import PopulationMethod
+from ._nonnegative import nonnegative_minimum
+from ._population import (
+    CuckooSearch,
+    DifferentialEvolution,
+    ModifiedCuckooSearch,
+    ParticleSwarm,
+    PopulationMethod,
+)
 from ._problem import OperatorProblem, RecordData
-from ._sections import sections
-from ._starts import distribute_poles, pole_starts, record_poles, warp
-from ._variable_projection import predicted_cost, single_step, variable_projection
+from ._single_step import predicted_cost, single_step
+from ._starts import distribute_poles, pole_starts, record_poles, sections, warp
+from ._variable_projection import (
+    Method,
+    VariableProjection,
+    bounded_step,
+    restrict,
+    search_box,
+    variable_projection,
+)
 from ._vector_fitting import RationalBlock, rational_residues, vector_fit
 
 __all__ = [
@@ -40,10 +47,13 @@ __all__ = [
     "identify",
     "identify_response",
     "modal_start",
+    "nonnegative_minimum",
     "pole_starts",
     "predicted_cost",
     "rational_residues",
     "record_poles",
+    "restrict",
+    "search_box",
     "sections",
     "single_step",
     "variable_projection",

@@ -1,16 +1,20 @@
 """The front door of identification: starts, method, uncertainties, one result object."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._cuckoo_search import CuckooSearch, ModifiedCuckooSearch
-from ._differential_evolution import DifferentialEvolution
+from ..operators import take_apart
 from ._levenberg_marquardt import LevenbergMarquardt
-from ._multistart import VariableProjection
-from ._particle_swarm import ParticleSwarm
+from ._population import (
+    CuckooSearch,
+    DifferentialEvolution,
+    ModifiedCuckooSearch,
+    ParticleSwarm,
+)
 from ._problem import OperatorProblem
+from ._variable_projection import VariableProjection
 
 __all__ = ["METHODS", "IdentificationResult", "identify", "summarize", "uncertainty"]
 
@@ -25,6 +29,8 @@ METHODS = {
 
 _SILENT = 1e-13  # of the response
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
+_CANDIDATES = 33  # rest positions tried a record
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,7 @@ class IdentificationResult:
         Of the values of ``params``, in that order and in their own units; NaN where the data do
         not determine a value or it is at a bound. None where it was not computed.
     damping : tuple of float
-        One value an entry of ``history``, of methods whose damping is a number; else empty.
+        One value an entry of ``history``, where steps were damped; else empty.
     """
 
     operator: object
@@ -135,8 +141,9 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
 
     Parameters
     ----------
-    starts : sequence of (Operator, tuple of DisturbanceOperator)
-        Starting values of one structure.
+    starts : sequence of Operator
+        Starting values of one structure; see :func:`skhyst.operators.take_apart` for what may stand
+        beside what is driven.
     records : sequence of RecordData
         Some of their samples must have a weight above zero.
     fixed : collection of str
@@ -164,7 +171,7 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
             fixed=fixed,
             initial_state=initial_state,
         )
-        for operator, disturbances in starts
+        for operator, disturbances in map(take_apart, starts)
     ]
     problem, solution, evaluations = method.solve(problems)
     return summarize(problem, solution, evaluations, time.perf_counter() - begin)
@@ -205,3 +212,53 @@ def summarize(problem, solution, n_evaluations, seconds):
         covariance=covariance,
         damping=tuple(solution.damping),
     )
+
+
+def estimate_histories(result, records, *, fixed=(), method="variable_projection"):
+    """Refit with the drive at which the device had rested before each record as an unknown.
+
+    The output depends on it piecewise smoothly at best, so it is searched on a grid over the
+    drive's range (and zero), with the parameters held; the parameters follow.
+
+    Parameters
+    ----------
+    result : IdentificationResult
+        A fit from rest at each record's first value.
+    records : sequence of RecordData
+    fixed : collection of str
+    method : str or Method, default="variable_projection"
+
+    Returns
+    -------
+    result : IdentificationResult
+    before : ndarray of shape (n_records,)
+        Drive before each record, units of the drive.
+    """
+    records = list(records)
+    low = min(record.u.min() for record in records)
+    high = max(record.u.max() for record in records)
+    grid = np.unique(np.r_[0.0, np.linspace(low, high, _CANDIDATES)])
+    evaluations = result.n_evaluations
+    for _ in range(_ROUNDS):
+        chosen = []
+        for record in records:
+            trials = [record.u[0] if record.before is None else record.before, *grid]
+            errors = []
+            for value in trials:
+                trial = replace(record, before=float(value))
+                problem = OperatorProblem(
+                    result.operator, [trial], disturbances=result.disturbances
+                )
+                gram = problem.total(problem.evaluate(problem.x0, jacobian=False))
+                errors.append(gram[-1, -1])
+            chosen.append(replace(record, before=float(trials[np.argmin(errors)])))
+        evaluations += len(trials)
+        same = all(a.before == b.before for a, b in zip(chosen, records, strict=True))
+        records = chosen
+        start = [(result.operator, result.disturbances)]
+        result = identify(start, records, fixed=fixed, method=method)
+        evaluations += result.n_evaluations
+        if same:
+            break
+    result = replace(result, n_evaluations=evaluations)
+    return result, np.array([record.before for record in records])

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._bounded import bounded_step
-from ._method import Method, restrict
-from ._variable_projection import LARGEST_LOG_STEP, Solution, solve_linear
+from ._variable_projection import Method, descend, not_finite, restrict, solve_linear
 
 __all__ = ["LevenbergMarquardt"]
 
@@ -91,62 +89,38 @@ class LevenbergMarquardt(Method):
         return *min(found, key=lambda pair: pair[1].cost), evaluations
 
     def _train(self, problem, x, max_epochs, *, silent=False):
-        begin = time.perf_counter()
+        start = time.perf_counter()
         x = np.clip(x, problem.lower, problem.upper)
         gram, n_evaluations = problem.total(problem.evaluate(x)), 1
         if not np.isfinite(gram).all():
-            message = "The model is not finite at the starting values."
-            return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - begin)
+            return not_finite(x, gram, start)
         if problem.linear.any():
             x, gram = solve_linear(problem, x, gram)
             gram = problem.total(problem.evaluate(x))
             n_evaluations += 1
-        history, damping = [(n_evaluations, gram[-1, -1])], [self.mu]
-        floor, reach = 1e-28 * problem.scale, np.where(problem.log, LARGEST_LOG_STEP, np.inf)
-        mu = self.mu
-        converged, message = False, f"The budget of {max_epochs} epochs is used up."
-        while len(history) <= max_epochs:
-            cost = gram[-1, -1]
-            if cost <= self.goal * problem.scale:
-                converged, message = True, "The goal is reached."
-                break
-            hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
-            step = bounded_step(
-                hessian + mu * np.diag(np.diag(hessian)),
-                gradient,
-                np.maximum(problem.lower - x, -reach),
-                np.minimum(problem.upper - x, reach),
-            )
-            if not -(2.0 * gradient @ step + step @ hessian @ step) > self.tolerance * cost + floor:
-                converged, message = True, "No step reduces the error noticeably."
-                break
-            trial = np.clip(x + step, problem.lower, problem.upper)
-            trial_gram = problem.total(problem.evaluate(trial))
-            n_evaluations += 1
-            if np.isfinite(trial_gram).all() and trial_gram[-1, -1] < cost:
-                mu = max(mu * self.mu_decrease, np.finfo(float).tiny)
-                x, gram = trial, trial_gram
-                history.append((n_evaluations, gram[-1, -1]))
-                damping.append(mu)
-                if not silent and self._report(n_evaluations, gram[-1, -1]):
-                    message = "The callback has ended the search."
-                    break
-                if cost - gram[-1, -1] <= self.tolerance * cost + floor:
-                    converged, message = True, "The error no longer changes."
-                    break
-            else:
-                mu *= self.mu_increase
-                if mu > self.mu_max:
-                    converged, message = True, "No step reduces the error."
-                    break
-        return Solution(
-            x,
-            gram[-1, -1],
-            gram,
-            n_evaluations,
-            converged,
-            message,
-            time.perf_counter() - begin,
-            history,
-            damping,
+        return descend(
+            problem,
+            (x, gram, n_evaluations, start),
+            _Factors(self.mu, self.mu_decrease, self.mu_increase, self.mu_max),
+            project=False,
+            tolerance=self.tolerance,
+            max_epochs=max_epochs,
+            goal=self.goal,
+            callback=None if silent else self._report,
         )
+
+
+@dataclass
+class _Factors:
+    """Damping that moves by factors."""
+
+    value: float
+    decrease: float
+    increase: float
+    largest: float
+
+    def accepted(self, ratio):
+        self.value = max(self.value * self.decrease, np.finfo(float).tiny)
+
+    def refused(self):
+        self.value *= self.increase

@@ -1,15 +1,37 @@
-"""What the population methods share: the box, the objective, the budget, the polish."""
+"""Methods that move a population of candidates: the box, the objective, the budget, the polish."""
 
 import time
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from math import gamma
 
 import numpy as np
+from scipy.optimize import differential_evolution
 
-from ._method import Method, restrict, search_box
-from ._variable_projection import Solution, solve_linear, variable_projection
+from ._variable_projection import (
+    Method,
+    Solution,
+    restrict,
+    search_box,
+    solve_linear,
+    variable_projection,
+)
 
-__all__ = ["PopulationMethod"]
+__all__ = [
+    "CuckooSearch",
+    "DifferentialEvolution",
+    "ModifiedCuckooSearch",
+    "ParticleSwarm",
+    "PopulationMethod",
+]
+
+_LEVY = 1.5  # exponent of the flights
+# Mantegna (Phys. Rev. E 49, 1994); tanh paper (8)
+_SIGMA = (
+    gamma(1.0 + _LEVY)
+    * np.sin(0.5 * np.pi * _LEVY)
+    / (gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0)))
+) ** (1.0 / _LEVY)
 
 
 class _Finished(Exception):
@@ -117,3 +139,168 @@ class _Objective:
             if self.method._report(self.n_evaluations, cost):
                 raise _Finished
         return cost
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferentialEvolution(PopulationMethod):
+    """Differential evolution (Storn and Price, J. Global Optim. 11, 1997), SciPy's, in batches.
+
+    Parameters
+    ----------
+    strategy : str, default="best1bin"
+    mutation : float or (float, float), default=(0.5, 1.0)
+    recombination : float, default=0.7
+        See :func:`scipy.optimize.differential_evolution`.
+    tolerance : float, default=0.0
+        Relative spread of the population at which the search ends; 0 uses all iterations.
+    population, max_iterations, max_evaluations, project, polish
+        See :class:`PopulationMethod`.
+    bounds, random_state, callback, verbose
+        See :class:`Method`.
+    """
+
+    strategy: str = "best1bin"
+    mutation: float | tuple = (0.5, 1.0)
+    recombination: float = 0.7
+    tolerance: float = 0.0
+
+    def _search(self, objective, lower, upper, rng):
+        n, d = max(self.population, 5), len(lower)
+        cells = rng.permuted(np.tile(np.arange(n), (d, 1)), axis=1).T  # a Latin hypercube
+        unit = (cells + rng.random((n, d))) / n
+        differential_evolution(
+            lambda x: objective(x.T),
+            list(zip(lower, upper, strict=True)),
+            strategy=self.strategy,
+            maxiter=self.max_iterations,
+            init=lower + unit * (upper - lower),
+            mutation=self.mutation,
+            recombination=self.recombination,
+            tol=self.tolerance,
+            rng=rng,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParticleSwarm(PopulationMethod):
+    """Particle swarm (Kennedy and Eberhart 1995) with the settings of the tanh paper, section 4.2.
+
+    Parameters
+    ----------
+    inertia : (float, float), default=(0.9, 0.1)
+        At the first and at the last iteration; linear between.
+    acceleration : float, default=1.5
+        Towards a particle's own best place, and towards the swarm's.
+    population, max_iterations, max_evaluations, project, polish
+        See :class:`PopulationMethod`.
+    bounds, random_state, callback, verbose
+        See :class:`Method`.
+    """
+
+    inertia: tuple = (0.9, 0.1)
+    acceleration: float = 1.5
+
+    def _search(self, objective, lower, upper, rng):
+        shape = self.population, len(lower)
+        x = rng.uniform(lower, upper, shape)
+        velocity = np.zeros(shape)
+        own, least = x.copy(), objective(x)
+        for inertia in np.linspace(*self.inertia, self.max_iterations):
+            best = own[np.argmin(least)]
+            velocity = (
+                inertia * velocity
+                + self.acceleration * rng.random(shape) * (own - x)
+                + self.acceleration * rng.random(shape) * (best - x)
+            )
+            inside = np.clip(x + velocity, lower, upper)
+            velocity[inside != x + velocity] = 0.0  # a wall stops a particle
+            x = inside
+            cost = objective(x)
+            better = cost < least
+            own[better], least[better] = x[better], cost[better]
+
+
+class _Cuckoos(PopulationMethod):
+    """The search itself; a subclass gives the probability and the step by progress, 0 to 1."""
+
+    @abstractmethod
+    def _schedule(self, progress):
+        """Return the probability of discovery and the factor of the step."""
+
+    def _search(self, objective, lower, upper, rng):
+        shape = self.population, len(lower)
+        nests = rng.uniform(lower, upper, shape)
+        costs = objective(nests)
+
+        def settle(places):
+            places = np.clip(places, lower, upper)
+            found = objective(places)
+            better = found < costs
+            nests[better], costs[better] = places[better], found[better]
+
+        for iteration in range(self.max_iterations):
+            discovery, step = self._schedule((iteration + 1) / self.max_iterations)
+            flight = _SIGMA * rng.normal(size=shape) / np.abs(rng.normal(size=shape)) ** (1 / _LEVY)
+            settle(nests + step * flight * (nests - nests[np.argmin(costs)]))
+            discovered = rng.random(shape) < discovery
+            walk = nests[rng.permutation(len(nests))] - nests[rng.permutation(len(nests))]
+            settle(nests + discovered * rng.random((len(nests), 1)) * walk)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CuckooSearch(_Cuckoos):
+    r"""Cuckoo search (Yang and Deb 2009; tanh paper, section 3.1).
+
+    In each iteration every nest flies, :math:`x + s\,u / |v|^{1/\beta}\,(x - x_{best})` ((5)-(8)),
+    with normal u and v; then each coordinate of a nest is discovered with probability p and moves
+    by the difference of two other nests. A nest is replaced by a better one only.
+
+    Parameters
+    ----------
+    discovery : float, default=0.25
+        Probability p.
+    step : float, default=1.0
+        Factor s.
+    population, max_iterations, max_evaluations, project, polish
+        See :class:`PopulationMethod`. An iteration evaluates every nest twice.
+    bounds, random_state, callback, verbose
+        See :class:`Method`.
+    """
+
+    discovery: float = 0.25
+    step: float = 1.0
+
+    def _schedule(self, progress):
+        return self.discovery, self.step
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModifiedCuckooSearch(_Cuckoos):
+    r"""Cuckoo search whose discovery and step fall while it runs (tanh paper (9), (10)).
+
+    .. math::
+       p = p_{min} + (p_{max} - p_{min}) e^{-5 (t/T)^3}, \qquad
+       s = s_{max} (s_{min} / s_{max})^{t/T}
+
+    Parameters
+    ----------
+    discovery_range : (float, float), default=(0.0, 1.0)
+        Least and largest probability.
+    step_range : (float, float), default=(0.5, 2.0)
+        Least and largest factor.
+    population, max_iterations, max_evaluations, project, polish
+        See :class:`PopulationMethod`.
+    bounds, random_state, callback, verbose
+        See :class:`Method`.
+    """
+
+    discovery_range: tuple = (0.0, 1.0)
+    step_range: tuple = (0.5, 2.0)
+
+    def _schedule(self, progress):
+        (least, most), (short, long) = self.discovery_range, self.step_range
+        discovery = least + (most - least) * np.exp(-5.0 * progress**3)
+        return discovery, long * (short / long) ** progress

@@ -185,13 +185,11 @@ class OperatorProblem:
             found.append(y + self._basis(disturbances, record) @ own if disturbances else y)
         return found
 
-    def _basis(self, disturbances, record):
+    @staticmethod
+    def _basis(disturbances, record):
         """Return the coefficients' columns of a record, (n_samples, n_eliminated)."""
-        columns = []
-        for disturbance in disturbances:
-            time = record.dt * np.arange(len(record.u))
-            columns.append(disturbance.basis(time))
-        return np.concatenate(columns, axis=1)
+        time = record.dt * np.arange(len(record.u))
+        return np.concatenate([d.basis(time) for d in disturbances], axis=1)
 
     def evaluate(self, x, *, jacobian=True, select=None):
         """Simulate all records; return the Gram matrices of ``[B, J, r]``, one a segment.
@@ -210,24 +208,21 @@ class OperatorProblem:
             if select is not None and not select[first:last].any():
                 blocks[first:last] = 0.0
                 continue
-            large = len(record.u) * n >= _LARGE and len(record.u) >= n * len(record.segments)
-            if jacobian and large and not disturbances and record.before is None:
-                y, dy = _scheduled(operator, record).linearize(
-                    record.u, np.empty((len(record.u), 0)), record.dt, self.initial_state
-                )
-                _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
-                continue
-            columns = np.empty((len(record.u), d + n + 1))
             if jacobian:
                 u, skip = record.with_history()
                 y, dy = _scheduled(operator, record).linearize(
                     u, np.empty((len(u), 0)), record.dt, self.initial_state
                 )
-                y = y[skip:]
-                for source, target in self._runs:
-                    columns[:, d + target.start : d + target.stop] = dy[skip:, source]
+                y, dy = y[skip:], dy[skip:]
+                large = len(y) * n >= _LARGE and len(y) >= n * len(record.segments)
+                if large and not disturbances:
+                    _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
+                    continue
             else:
                 y = self.simulate(operator, record)
+            columns = np.empty((len(y), d + n + 1))
+            for source, target in self._runs if jacobian else ():
+                columns[:, d + target.start : d + target.stop] = dy[:, source]
             np.subtract(y, record.y, out=columns[:, -1])
             if disturbances:
                 columns[:, :d] = self._basis(disturbances, record)
@@ -306,17 +301,8 @@ class OperatorProblem:
             y = self.simulate(operator, record)
             if disturbances:
                 basis = self._basis(disturbances, record)
-                rest = record.y - y
                 known = select[self.segment_record == number]
-                if known.any():
-                    y = y + basis @ _calibrate(basis, rest, record, known)
-                else:
-                    odd = np.arange(len(known)) % 2 == 1
-                    ends = [stop for _, stop in record.segments[:-1]]
-                    part = np.searchsorted(ends, np.arange(len(y)), side="right") % 2 == 1
-                    even_rows = basis @ _calibrate(basis, rest, record, odd)
-                    odd_rows = basis @ _calibrate(basis, rest, record, ~odd)
-                    y = y + np.where(part, odd_rows, even_rows)
+                y = y + _predicted_part(basis, record.y - y, record, known)
             found.append(y)
         return found
 
@@ -380,6 +366,18 @@ def _calibrate(basis, rest, record, known):
         root = np.sqrt(record.weights[rows])
         basis, rest = basis * root[:, None], rest * root
     return np.linalg.lstsq(basis, rest, rcond=None)[0]
+
+
+def _predicted_part(basis, rest, record, known):
+    """Return what disturbances add, their coefficients from the known segments."""
+    if known.any():
+        return basis @ _calibrate(basis, rest, record, known)
+    odd = np.arange(len(known)) % 2 == 1
+    ends = [stop for _, stop in record.segments[:-1]]
+    part = np.searchsorted(ends, np.arange(len(rest)), side="right") % 2 == 1
+    even_rows = basis @ _calibrate(basis, rest, record, odd)
+    odd_rows = basis @ _calibrate(basis, rest, record, ~odd)
+    return np.where(part, odd_rows, even_rows)
 
 
 def _solve_basis(gram, right):

@@ -4,7 +4,7 @@ The parameters x = (theta, c) minimise ``|r(theta, c)|^2`` where r is affine in 
 (SIAM J. Numer. Anal. 10, 1973) eliminate c; with Kaufman's simplification (BIT 15, 1975) the step
 in theta equals that of a Gauss-Newton step in all of x, followed by the exact solution for c
 (Ruhe and Wedin, SIAM Review 22, 1980, algorithm 3). That is what is done here, damped as by
-Levenberg and Marquardt with Nielsen's update, within bounds.
+Levenberg and Marquardt with Nielsen's update, within bounds that an active-set method keeps.
 
 Everything that an iteration needs, and that a fold of a cross-validation needs, stands in the Gram
 matrix of the columns ``[J, r]``, summed over stretches of the data. One pass over the
@@ -12,31 +12,116 @@ records yields it, so memory does not grow with their length and a fold costs no
 is why SciPy's ``least_squares`` is not used here: it wants the Jacobian itself, row by row.
 """
 
+import sys
 import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-
-from ._bounded import bounded_step
+from joblib import Parallel, delayed
+from scipy.linalg.lapack import dposv
 
 __all__ = [
-    "LARGEST_LOG_STEP",
+    "STALE",
+    "Method",
     "Solution",
-    "predicted_cost",
-    "single_step",
+    "VariableProjection",
+    "bounded_step",
+    "descend",
+    "not_finite",
+    "restrict",
+    "search_box",
     "solve_linear",
     "variable_projection",
 ]
 
-LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
+_LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
+_RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
+_LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
 _CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
-_STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
-_PARTS_OF_STEP = (1.0, 0.25, 0.06)
+STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
+_DECADES = 1.5  # beyond the starting values of a positive parameter without bounds
+_REACH = 2.0  # beyond those of any other, in their own size
+_FULL_RUNS = 2  # of many starts, so many are followed to the end
+_TRIAL_EVALUATIONS = 4
+_TRIALS = 4  # of the starts on long records, those that fit best as they are
+_LONG = 50_000  # samples
+_KEPT = 0.5  # part of the unknowns that a random start takes from the best solution so far
+
+
+def bounded_step(hessian, gradient, lower, upper):
+    """Minimise ``0.5 s' H s + g' s`` subject to ``lower <= s <= upper``, with ``s = 0`` feasible.
+
+    A primal active-set method: along each unconstrained direction the step stops at the first
+    bound, which is then held; a bound is released when its multiplier has the wrong sign. It is
+    the method of Lawson and Hanson (1974, chapter 23) and of Stark and Parker (1995), written for
+    normal equations, because one pass over the data has already condensed it to these.
+
+    Parameters
+    ----------
+    hessian : ndarray of shape (n, n)
+        Positive semidefinite.
+    gradient : ndarray of shape (n,)
+    lower, upper : ndarray of shape (n,)
+        ``lower <= 0 <= upper``, possibly infinite.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+    """
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may leave less than nothing
+    moves = scale > _LEAST
+    if not moves.any():
+        return np.zeros(len(scale))
+    scale[~moves] = 1.0
+    inverse = moves / scale
+    h = hessian * inverse * inverse[:, None]
+    h[np.diag_indices_from(h)] += _RIDGE
+    g = gradient * inverse
+    low, high = lower * scale, upper * scale
+    n = len(g)
+    s = -_solve(h, g)
+    if np.all((low <= s) & (s <= high)):
+        return s * inverse
+    s = np.zeros(n)
+    free = moves & ~((low >= 0.0) & (g >= 0.0)) & ~((high <= 0.0) & (g <= 0.0))
+    for _ in range(10 * n + 10):
+        if free.any():
+            residual = g[free] + h[np.ix_(free, ~free)] @ s[~free]
+            target = -_solve(h[np.ix_(free, free)], residual)
+            move = target - s[free]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                room = np.where(move > 0.0, (high[free] - s[free]) / move, np.inf)
+                room = np.where(move < 0.0, (low[free] - s[free]) / move, room)
+            first = np.argmin(room)
+            if room[first] < 1.0:
+                index = np.flatnonzero(free)[first]
+                s[free] += room[first] * move
+                s[index] = high[index] if move[first] > 0.0 else low[index]
+                free[index] = False
+                continue
+            s[free] = target
+        slope = h @ s + g
+        held = moves & ~free
+        wrong = np.where(s <= low, -slope, slope)
+        wrong[~held | (low == high)] = 0.0
+        worst = np.argmax(wrong)
+        if wrong[worst] <= 1e-12 * np.abs(g).max(initial=0.0):
+            break
+        free[worst] = True
+    return s * inverse
+
+
+def _solve(h, g):
+    # LAPACK itself: the checks of scipy.linalg cost more than these few unknowns
+    _, solution, failed = dposv(h, g)
+    return np.linalg.lstsq(h, g, rcond=None)[0] if failed else solution
 
 
 @dataclass
 class Solution:
-    """Outcome of one run of the solver, in the coordinates of the problem."""
+    """Outcome of one run of a solver, in the coordinates of the problem."""
 
     x: np.ndarray
     cost: float
@@ -46,7 +131,22 @@ class Solution:
     message: str
     seconds: float
     history: list = field(default_factory=list)
-    damping: list = field(default_factory=list)  # one value an entry of the history, if known
+    damping: list = field(default_factory=list)  # one value an entry of the history, if recorded
+
+
+class _Nielsen:
+    """Damping that follows how well the last step was predicted."""
+
+    value, largest = 1e-4, 1e12
+    _factor = 2.0
+
+    def accepted(self, ratio):
+        self.value = max(self.value * max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
+        self._factor = 2.0
+
+    def refused(self):
+        self.value *= self._factor
+        self._factor *= 2.0
 
 
 def variable_projection(
@@ -78,120 +178,116 @@ def variable_projection(
     Solution
     """
     start = time.perf_counter()
-    lower, upper, linear = problem.lower, problem.upper, problem.linear
-    x = np.clip(np.asarray(x0, dtype=float), lower, upper)
+    x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
     n_evaluations = int(blocks is None)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
-    history = []
-
     if not np.isfinite(gram).all():
-        message = "The model is not finite at the starting values."
-        return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - start)
-    if linear.any():
+        return not_finite(x, gram, start)
+    if problem.linear.any():
         before = gram[-1, -1]
         x, gram = solve_linear(problem, x, gram)
         # the other columns were taken at the old linear part
-        if gram[-1, -1] < before * (1.0 - _STALE):
+        if gram[-1, -1] < before * (1.0 - STALE):
             gram = problem.total(problem.evaluate(x, select=select), select)
             n_evaluations += 1
-    history.append((n_evaluations, gram[-1, -1]))
-    damping, factor = 1e-4, 2.0
+    if problem.linear.all():
+        message = "All parameters are linear and were solved exactly."
+        seconds, history = time.perf_counter() - start, [(n_evaluations, gram[-1, -1])]
+        return Solution(x, gram[-1, -1], gram, n_evaluations, True, message, seconds, history)
+    return descend(
+        problem,
+        (x, gram, n_evaluations, start),
+        _Nielsen(),
+        select=select,
+        tolerance=tolerance,
+        max_evaluations=max_evaluations,
+        callback=callback,
+    )
+
+
+def not_finite(x, gram, start):
+    """Return what becomes of a start at which the model is not finite."""
+    message = "The model is not finite at the starting values."
+    return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - start)
+
+
+def descend(
+    problem,
+    begin,
+    damping,
+    *,
+    project=True,
+    select=None,
+    tolerance=1e-8,
+    max_evaluations=np.inf,
+    max_epochs=np.inf,
+    goal=0.0,
+    callback=None,
+):
+    """Take damped steps until none reduces the sum of squares noticeably.
+
+    ``begin`` holds x, the Gram matrix there, the evaluations so far and the time of the start;
+    ``damping`` a ``value``, its ``largest``, and what becomes of it after a step: ``accepted`` and
+    ``refused``. With ``project`` the linear parameters are solved after each step.
+    """
+    x, gram, n_evaluations, start = begin
+    history, values = [(n_evaluations, gram[-1, -1])], [damping.value]
     floor = 1e-28 * problem.scale
-    converged, message = linear.all(), "All parameters are linear and were solved exactly."
-    while not converged:
-        if n_evaluations >= max_evaluations:
-            message = f"The budget of {max_evaluations} evaluations is used up."
-            break
+    converged = False
+    while True:
         cost = gram[-1, -1]
-        step, predicted = _step(problem, x, gram, damping)
+        if n_evaluations >= max_evaluations or len(history) > max_epochs:
+            message = f"The budget of {min(max_evaluations, max_epochs)} is used up."
+            break
+        if goal > 0.0 and cost <= goal * problem.scale:
+            converged, message = True, "The goal is reached."
+            break
+        step, predicted = damped_step(problem, x, gram, damping.value)
         if not predicted > tolerance * cost + floor:
             converged, message = True, "No step reduces the sum of squares noticeably."
             break
-        trial = np.clip(x + step, lower, upper)
-        trial_gram = problem.total(problem.evaluate(trial, select=select), select)
-        n_evaluations += 1
-        if np.isfinite(trial_gram).all():
-            before = trial_gram[-1, -1]
-            trial, trial_gram = solve_linear(problem, trial, trial_gram)
-            if trial_gram[-1, -1] < _CANCELLED * before:
-                trial_gram = problem.total(problem.evaluate(trial, select=select), select)
-                n_evaluations += 1
-            gain = cost - trial_gram[-1, -1]
-        else:
-            gain = -np.inf
+        trial, trial_gram, more = _tried(problem, x + step, select, project)
+        n_evaluations += more
+        gain = cost - trial_gram[-1, -1] if np.isfinite(trial_gram).all() else -np.inf
         if gain > 0.0:
-            ratio = gain / predicted
-            damping = max(damping * max(1.0 / 5.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
-            factor = 2.0
+            damping.accepted(gain / predicted)
             x, gram = trial, trial_gram
             history.append((n_evaluations, gram[-1, -1]))
+            values.append(damping.value)
             if callback is not None and callback(n_evaluations, gram[-1, -1]):
                 message = "The callback has ended the search."
                 break
             if gain <= tolerance * cost + floor:
                 converged, message = True, "The sum of squares no longer changes."
+                break
         else:
-            damping *= factor
-            factor *= 2.0
-            if damping > 1e12:
+            damping.refused()
+            if damping.value > damping.largest:
                 converged, message = True, "No step reduces the sum of squares."
+                break
     seconds = time.perf_counter() - start
     return Solution(
-        x, gram[-1, -1], gram, n_evaluations, bool(converged), message, seconds, history
+        x, gram[-1, -1], gram, n_evaluations, converged, message, seconds, history, values
     )
 
 
-def predicted_cost(problem, x):
-    """Return the sum of squares that one Gauss-Newton step from ``x`` promises.
-
-    The linear parameters are solved first; the promise is infinite where the model is not finite.
-    """
-    gram = problem.total(problem.evaluate(x))
-    if not np.isfinite(gram).all():
-        return np.inf
+def _tried(problem, x, select, project):
+    """Return x within the bounds, the Gram matrix there, and the evaluations that it took."""
+    x = np.clip(x, problem.lower, problem.upper)
+    gram = problem.total(problem.evaluate(x, select=select), select)
+    if not (project and np.isfinite(gram).all()):
+        return x, gram, 1
     before = gram[-1, -1]
     x, gram = solve_linear(problem, x, gram)
-    if gram[-1, -1] < before * (1.0 - _STALE):
-        gram = problem.total(problem.evaluate(x))
-        if not np.isfinite(gram).all():
-            return np.inf
-    return max(gram[-1, -1] - _step(problem, x, gram)[1], 0.0)
+    if gram[-1, -1] >= _CANCELLED * before:
+        return x, gram, 1
+    return x, problem.total(problem.evaluate(x, select=select), select), 2
 
 
-def single_step(problem, x, blocks, select):
-    """Return what one Gauss-Newton step for some segments makes of the solution for all.
-
-    Nothing is differentiated again: a step that does not reduce the sum of squares is shortened,
-    and where that does not help either the solution for all is returned.
-
-    Parameters
-    ----------
-    problem : OperatorProblem
-    x : ndarray of shape (n,)
-        Solution for all segments.
-    blocks : ndarray
-        ``problem.evaluate(x)``, or of the selected segments.
-    select : ndarray of bool of shape (n_segments,)
-        The segments to fit.
-    """
-    gram = problem.total(blocks, select)
-    if not np.isfinite(gram).all():
-        return x
-    step, _ = _step(problem, x, gram)
-    for part in _PARTS_OF_STEP:
-        trial = np.clip(x + part * step, problem.lower, problem.upper)
-        if problem.linear.all():
-            return trial  # exact
-        reached = problem.evaluate(trial, jacobian=False, select=select)
-        if problem.total(reached, select)[-1, -1] <= gram[-1, -1]:
-            return trial
-    return x
-
-
-def _step(problem, x, gram, damping=0.0):
+def damped_step(problem, x, gram, damping=0.0):
     """Return the damped step from ``x`` and the reduction of squares that it promises."""
     hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
-    reach = np.where(problem.log, LARGEST_LOG_STEP, np.inf)
+    reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
     step = bounded_step(
         hessian + damping * np.diag(np.diag(hessian)),
         gradient,
@@ -219,3 +315,193 @@ def solve_linear(problem, x, gram):
     moved[-1, :] = moved[:, -1]
     moved[-1, -1] = max(step @ gram @ step, 0.0)
     return np.clip(x + step[:-1], problem.lower, problem.upper), moved
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method(ABC):
+    """Base of the identification methods.
+
+    Parameters
+    ----------
+    bounds : mapping of str to (float, float), optional
+        Bounds of parameters by name, in their own units, within the model's own.
+    random_state : int or None, default=0
+        Seed. The default gives the same result each time.
+    callback : callable, optional
+        Called with the number of evaluations and the sum of squares after each improvement; a
+        true value ends the search, and the best solution so far is kept.
+    verbose : int, default=0
+        Above 0, improvements are written to the standard error stream.
+    """
+
+    bounds: Mapping | None = None
+    random_state: int | None = 0
+    callback: Callable | None = None
+    verbose: int = 0
+
+    @abstractmethod
+    def solve(self, problems):
+        """Solve the first of several problems that differ in their starting values.
+
+        Parameters
+        ----------
+        problems : sequence of OperatorProblem
+
+        Returns
+        -------
+        problem : OperatorProblem
+            The one whose structure the solution has.
+        solution : Solution
+        n_evaluations : int
+            Simulations of all records.
+        """
+
+    def _report(self, n_evaluations, cost):
+        if self.verbose:
+            print(
+                f"[{type(self).__name__}] {n_evaluations} evaluations, sum of squares {cost:.6g}",
+                file=sys.stderr,
+                flush=True,
+            )
+        return self.callback is not None and self.callback(n_evaluations, cost)
+
+
+def restrict(problem, bounds):
+    """Narrow the bounds of a problem.
+
+    Raises
+    ------
+    ValueError
+        If a name is no parameter of the problem, or the bounds leave nothing.
+    """
+    for name, (low, high) in (bounds or {}).items():
+        if name not in problem.names:
+            raise ValueError(
+                f"The 'bounds' name '{name}', which is not among the free parameters: "
+                f"{', '.join(problem.names)}."
+            )
+        i = problem.names.index(name)
+        if problem.log[i]:
+            with np.errstate(divide="ignore"):
+                low, high = np.log(max(low, 0.0)), np.log(max(high, 0.0))
+        problem.lower[i], problem.upper[i] = max(problem.lower[i], low), min(problem.upper[i], high)
+        if not problem.lower[i] < problem.upper[i]:
+            raise ValueError(f"The 'bounds' of '{name}' leave no value that the model allows.")
+
+
+def search_box(problems):
+    """Return finite lower and upper limits of the unknowns, in the problem's coordinates.
+
+    Limits of the model or the user stand where they are finite. Elsewhere the box reaches beyond
+    the starting values: by decades for a positive parameter, else by the change that moves the
+    response by its own size.
+    """
+    first = problems[0]
+    same = [p for p in problems if p.names == first.names]
+    starts = np.clip([p.x0 for p in same], first.lower, first.upper)
+    blocks = first.evaluate(starts[0])
+    power = np.diag(first.total(blocks))[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        natural = np.sqrt(first.scale / power)
+    natural = np.where(np.isfinite(natural), natural, 1.0)
+    reach = np.maximum(_REACH * np.abs(starts).max(axis=0), natural)
+    reach = np.where(first.log, _DECADES * np.log(10.0), reach)
+    lower = np.where(np.isfinite(first.lower), first.lower, starts.min(axis=0) - reach)
+    upper = np.where(np.isfinite(first.upper), first.upper, starts.max(axis=0) + reach)
+    return lower, np.maximum(upper, lower)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariableProjection(Method):
+    """Separable least squares with exact derivatives; see :func:`variable_projection`.
+
+    Every start is followed for a few evaluations, the best two to the end. On long records (more
+    than 50,000 samples) only those are followed that fit best once their linear parameters are
+    solved, and starts go side by side in threads, as many as there are processors.
+
+    Parameters
+    ----------
+    tolerance : float, default=1e-8
+        Relative change of the sum of squares at which a run ends.
+    max_evaluations : int, default=100
+        Budget of a run.
+    n_random_starts : int, default=0
+        Starts drawn at random within the bounds, in about half of the unknowns each, from the best
+        solution that the starts from the data have led to.
+    bounds, random_state, callback, verbose
+        See :class:`Method`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SecondOrderMode
+    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.optimize import VariableProjection
+    >>> drive = np.random.default_rng(0).normal(size=500)
+    >>> y, _ = SecondOrderModeOperator(60.0, 0.01).run(drive, 0.01)
+    >>> method = VariableProjection(n_random_starts=20, bounds={"damping_ratio": (1e-3, 1.0)})
+    >>> model = SecondOrderMode(dt=0.01, method=method).fit(drive.reshape(-1, 1), y)
+    >>> print(f"{model.params_['damping_ratio']:.4f}")
+    0.0100
+    """
+
+    tolerance: float = 1e-8
+    max_evaluations: int = 100
+    n_random_starts: int = 0
+
+    def solve(self, problems):
+        for problem in problems:
+            restrict(problem, self.bounds)
+        found, evaluations = self._best_of([(problem, problem.x0) for problem in problems])
+        if not self.n_random_starts:
+            return *found, evaluations
+        problem, solution = found
+        rng = np.random.default_rng(self.random_state)
+        lower, upper = search_box([problem, *(p for p in problems if p is not problem)])
+        shape = self.n_random_starts, len(lower)
+        drawn = rng.uniform(lower, upper, shape)
+        # where a part of the solution is right already, a start that keeps it is worth most
+        kept = rng.random(shape) < _KEPT
+        starts = [(problem, x) for x in np.where(kept, solution.x, drawn)]
+        other, more = self._best_of(starts)
+        best = min(found, other, key=lambda pair: pair[1].cost)
+        return *best, evaluations + 1 + more
+
+    def _best_of(self, starts):
+        """Return the best problem and solution, and the number of evaluations."""
+        evaluations = 0
+        long = starts[0][0].segment_length.sum() > _LONG
+        parallel = Parallel(n_jobs=-1 if long else 1, prefer="threads")
+        if long and len(starts) > _TRIALS:
+            costs = parallel(delayed(_solved_cost)(problem, x) for problem, x in starts)
+            evaluations += len(starts)
+            starts = [starts[i] for i in np.argsort(costs, kind="stable")[:_TRIALS]]
+        if len(starts) > _FULL_RUNS:
+            trials = parallel(
+                delayed(variable_projection)(problem, x, max_evaluations=_TRIAL_EVALUATIONS)
+                for problem, x in starts
+            )
+            evaluations += sum(trial.n_evaluations for trial in trials)
+            order = np.argsort([trial.cost for trial in trials], kind="stable")[:_FULL_RUNS]
+            starts = [(starts[i][0], trials[i].x) for i in order]
+        if self.callback is not None or self.verbose:
+            parallel = Parallel(n_jobs=1)  # what is reported comes in order
+        solutions = parallel(
+            delayed(variable_projection)(
+                problem,
+                x,
+                tolerance=self.tolerance,
+                max_evaluations=self.max_evaluations,
+                callback=self._report,
+            )
+            for problem, x in starts
+        )
+        evaluations += sum(solution.n_evaluations for solution in solutions)
+        best = min(range(len(starts)), key=lambda i: solutions[i].cost)
+        return (starts[best][0], solutions[best]), evaluations
+
+
+def _solved_cost(problem, x):
+    """Return the sum of squares at ``x`` once the linear parameters are solved."""
+    gram = problem.total(problem.evaluate(x))
+    return solve_linear(problem, x, gram)[1][-1, -1] if np.isfinite(gram).all() else np.inf

@@ -11,8 +11,16 @@ from sklearn.linear_model import LinearRegression, Ridge
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.pipeline import make_pipeline
 
-from skhyst.compose import Cascade, Corrected, Modulated, Sum
-from skhyst.compose._backfitting import Backfitting, Turn, explained_change, fold_of_rows
+from skhyst.compose import (
+    Backfitting,
+    Cascade,
+    Corrected,
+    Modulated,
+    Sum,
+    Turn,
+    explained_change,
+    fold_of_rows,
+)
 from skhyst.disturbance import Offset
 from skhyst.linear import (
     FirstOrderLag,

@@ -7,10 +7,11 @@ made by NumPy alone.
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from skhyst import hysteresis
-from skhyst.compose import Cascade, Sum
+from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.disturbance import Offset
 from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, LogCreep
@@ -143,3 +144,20 @@ def test_what_stands_beside_a_declared_model_stays_there():
 def test_a_disturbance_alone_is_not_searched():
     with pytest.raises(ValueError, match=r"'estimator' parameter.*Sum"):
         EffectSearchCV(Offset()).fit(*recording("PrandtlIshlinskii", nothing))
+
+
+@pytest.mark.parametrize("by", [1, "load"])
+def test_a_model_scheduled_by_a_column_is_declared_beside_an_offset(by):
+    records = []
+    for k in range(4):
+        u = np.cumsum(np.random.default_rng(k).normal(size=N)) / 5
+        frame = pd.DataFrame({"drive": u, "load": float(k)})
+        records.append((frame, u * (1.0 + 0.2 * k) + 0.3 * k))
+    X, y = stack_records(records, dt=DT)
+    y += 0.01 * np.random.default_rng(9).normal(size=len(y))
+    model = Sum([("gain", ScheduledParameters(Gain(), by=by)), ("offset", Offset())])
+    for _ in range(2):  # what the search has found is a declared model again
+        search = EffectSearchCV(model, effects=["lag"], cv=2, max_effects=1).fit(X, y)
+        assert search.effects_ == []
+        model = search.best_estimator_
+        assert model.fit_error_ == pytest.approx(0.01, rel=0.1)

@@ -24,8 +24,9 @@ from skhyst.optimize import (
     RecordData,
     VariableProjection,
     identify,
+    restrict,
+    search_box,
 )
-from skhyst.optimize._method import restrict, search_box
 
 DT = 0.01
 TRUTH = SecondOrderModeOperator(60.0, 0.05, gain=2.0, intercept=0.3)

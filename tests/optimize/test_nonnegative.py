@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from skhyst.optimize._nonnegative import nonnegative_minimum
+from skhyst.optimize import nonnegative_minimum
 
 
 @pytest.mark.parametrize("n", [1, 5, 60, 300])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skhyst.compose._thinning import thin_records
+from skhyst.compose import thin_records
 from skhyst.disturbance import OffsetOperator, SinusoidOperator
 from skhyst.hysteresis import Preisach
 from skhyst.linear import FirstOrderLagOperator, SecondOrderModeOperator

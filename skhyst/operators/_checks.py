@@ -1,0 +1,88 @@
+"""A check of what every operator promises, for the author of one."""
+
+import numpy as np
+
+__all__ = ["check_operator"]
+
+_STEP = 1e-6  # of a difference, relative to what is moved
+_TOLERANCE = 1e-6  # relative to the largest derivative, or to 1
+_ROUNDING = 1e-9
+
+
+def check_operator(operator, u, dt):
+    """Check an operator's derivatives against differences, and a run in pieces against the whole.
+
+    Parameters
+    ----------
+    operator : Operator
+        With parameters inside their bounds, where the law is smooth.
+    u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
+        Input, of three samples at least.
+    dt : float
+        Sampling interval in s.
+
+    Raises
+    ------
+    AssertionError
+        If ``linearize``, ``run``, ``step`` and ``unpack`` do not agree; the message says which, and
+        of a derivative the name of the parameter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.operators import check_operator
+    >>> u = np.random.default_rng(0).normal(size=100)
+    >>> check_operator(SecondOrderModeOperator(60.0, 0.1), u, dt=0.01)
+    """
+    u = np.asarray(u, dtype=float)
+    for initial_state in ("rest", "zero"):
+        _check_pieces(operator, u, dt, initial_state)
+        _check_derivatives(operator, u, dt, initial_state)
+
+
+def _check_pieces(operator, u, dt, initial_state):
+    first = operator.init(u[0], initial_state)
+    whole, _ = operator.run(u, dt, first)
+    half = len(u) // 2
+    start, state = operator.run(u[:half], dt, first)
+    rest, _ = operator.run(u[half:], dt, state)
+    _agree(np.concatenate([start, rest]), whole, f"A run cut at sample {half} and the whole")
+    state, steps = first, np.empty(len(u))
+    for k, value in enumerate(u):
+        state, steps[k] = operator.step(state, value, dt)
+    _agree(steps, whole, "'step' from sample to sample and 'run'")
+
+
+def _check_derivatives(operator, u, dt, initial_state):
+    def output(vector, signal):
+        moved = operator.unpack(vector)
+        return moved.run(signal, dt, moved.init(signal[0], initial_state))[0]
+
+    along = np.random.default_rng(0).normal(size=(len(u), 1 if u.ndim == 1 else 0))
+    vector = operator.pack()
+    y, dy = operator.linearize(u, along, dt, initial_state)
+    _agree(y, output(vector, u), "The output of 'linearize' and that of 'run'")
+    names = ["the input"] * along.shape[1] + [name for name, _ in operator.entries()]
+    expected = (len(u), len(names))
+    if dy.shape != expected:
+        raise AssertionError(
+            f"The tangents of 'linearize' must be (n_samples, m + n_parameters) = {expected}, "
+            f"those of the input first. Got {dy.shape} instead."
+        )
+    for j, name in enumerate(names):
+        if j < along.shape[1]:
+            ends = [output(vector, u + sign * _STEP * along[:, j]) for sign in (1.0, -1.0)]
+            size = _STEP
+        else:
+            move = np.arange(len(vector)) == j - along.shape[1]
+            size = _STEP * max(abs(vector[move][0]), 1e-2)
+            ends = [output(vector + sign * size * move, u) for sign in (1.0, -1.0)]
+        difference = (ends[0] - ends[1]) / (2.0 * size)
+        _agree(dy[:, j], difference, f"The derivative by {name} and its difference", _TOLERANCE)
+
+
+def _agree(found, expected, what, tolerance=_ROUNDING):
+    error = np.abs(found - expected).max()
+    if not error <= tolerance * max(np.abs(expected).max(), 1.0):
+        raise AssertionError(f"{what} do not agree: they are up to {error:.3g} apart.")

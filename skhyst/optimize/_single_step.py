@@ -1,0 +1,56 @@
+"""What one Gauss-Newton step promises, and what it makes of a solution."""
+
+import numpy as np
+
+from ._variable_projection import STALE, damped_step, solve_linear
+
+__all__ = ["predicted_cost", "single_step"]
+
+_PARTS_OF_STEP = (1.0, 0.25, 0.06)
+
+
+def predicted_cost(problem, x):
+    """Return the sum of squares that one Gauss-Newton step from ``x`` promises.
+
+    The linear parameters are solved first; the promise is infinite where the model is not finite.
+    """
+    gram = problem.total(problem.evaluate(x))
+    if not np.isfinite(gram).all():
+        return np.inf
+    before = gram[-1, -1]
+    x, gram = solve_linear(problem, x, gram)
+    if gram[-1, -1] < before * (1.0 - STALE):
+        gram = problem.total(problem.evaluate(x))
+        if not np.isfinite(gram).all():
+            return np.inf
+    return max(gram[-1, -1] - damped_step(problem, x, gram)[1], 0.0)
+
+
+def single_step(problem, x, blocks, select):
+    """Return what one Gauss-Newton step for some segments makes of the solution for all.
+
+    Nothing is differentiated again: a step that does not reduce the sum of squares is shortened,
+    and where that does not help either the solution for all is returned.
+
+    Parameters
+    ----------
+    problem : OperatorProblem
+    x : ndarray of shape (n,)
+        Solution for all segments.
+    blocks : ndarray
+        ``problem.evaluate(x)``, or of the selected segments.
+    select : ndarray of bool of shape (n_segments,)
+        The segments to fit.
+    """
+    gram = problem.total(blocks, select)
+    if not np.isfinite(gram).all():
+        return x
+    step, _ = damped_step(problem, x, gram)
+    for part in _PARTS_OF_STEP:
+        trial = np.clip(x + part * step, problem.lower, problem.upper)
+        if problem.linear.all():
+            return trial  # exact
+        reached = problem.evaluate(trial, jacobian=False, select=select)
+        if problem.total(reached, select)[-1, -1] <= gram[-1, -1]:
+            return trial
+    return x

@@ -1,0 +1,124 @@
+"""Every composition can be fitted from the operators that it has, and is then complete."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.frozen import FrozenEstimator
+
+from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, KelvinVoigt, SecondOrderMode
+from skhyst.operators import SeriesOperator, take_apart
+from skhyst.optimize import RecordData
+
+DT, N = 0.01, 300
+PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.4])
+PLANT = SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(0.04)))
+
+
+def make_data():
+    parts = []
+    for k in range(3):
+        rng = np.random.default_rng(k)
+        u = np.cumsum(rng.normal(size=N)) / 6
+        load = np.full(N, 10.0 * k)
+        y = PLANT.run(u, DT)[0] * (1.0 + 0.01 * load) + 0.1 * k
+        y += 0.05 * np.sin(2 * np.pi * 11.3 * DT * np.arange(N) + k) + 0.002 * rng.normal(size=N)
+        index = pd.MultiIndex.from_product([[k], DT * np.arange(N)], names=["record", "time"])
+        parts.append(pd.DataFrame({"drive": u, "load": load, "y": y}, index))
+    data = pd.concat(parts)
+    return data[["drive", "load"]], data["y"]
+
+
+X, Y = make_data()
+
+
+def cascade(**lag):
+    plays = PrandtlIshlinskii(thresholds=[0.0, 0.3], **lag)
+    return Cascade([("plays", plays), ("lag", FirstOrderLag())])
+
+
+def known_lag():
+    return FrozenEstimator(
+        FirstOrderLag().fit(X, FirstOrderLagOperator(0.04).run(X["drive"], DT)[0])
+    )
+
+
+MODELS = {
+    "one model": KelvinVoigt(1),
+    "cascade": cascade(),
+    "nested cascade": Cascade([("inner", cascade()), ("mode", SecondOrderMode())]),
+    "held step": Cascade([("plays", PrandtlIshlinskii(4)), ("lag", known_lag())]),
+    "offset alone": Offset(),
+    "sum": Sum([("model", cascade()), ("line", PeriodicDisturbance()), ("drift", Drift(1))]),
+    "sum with a column": Sum([("model", cascade()), ("load", OnColumn(Gain(), 1))]),
+    "modulated": Modulated(cascade(), 1),
+    "modulated beside": Sum([("model", Modulated(cascade(), 1)), ("offset", Offset())]),
+    "scheduled": ScheduledParameters(cascade(), by="load", parameters=["plays__weights"]),
+    "scheduled beside": Sum(
+        [("plays", ScheduledParameters(PrandtlIshlinskii(3), by="load")), ("offset", Offset())]
+    ),
+    "scheduled and modulated": Modulated(ScheduledParameters(Gain(), by="load"), "amplitude"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:The data do not determine")
+@pytest.mark.parametrize("name", MODELS)
+def test_a_fit_from_the_solution_stays_there(name):
+    model = clone(MODELS[name]).fit(X, Y)
+    again = clone(MODELS[name]).fit_from(model.operator_, X, Y)
+    assert again.params_.keys() == model.params_.keys()
+    assert again.fit_error_ <= 1.0001 * model.fit_error_
+    assert again.n_evaluations_ <= 12
+    np.testing.assert_allclose(again.predict(X), model.predict(X), atol=1e-3)
+    np.testing.assert_array_equal(again.feature_names_in_, X.columns)
+    assert again.n_features_in_ == 2
+    assert again.records_ == model.records_
+    assert vars(again).keys() == vars(model).keys()
+
+
+def test_records_and_method_may_be_given():
+    data = [RecordData(r.u, r.y, r.dt, weights=np.r_[np.zeros(50), np.ones(N - 50)]) for r in own()]
+    model = cascade().fit_from(PLANT, X, Y, records=data, method="levenberg_marquardt")
+    assert model.fit_error_ > 0.0
+    assert model.records_[0].n_samples == N
+
+
+def own():
+    return [
+        RecordData(part["drive"].to_numpy(), Y.loc[[k]].to_numpy(), DT)
+        for k, part in X.groupby(level="record")
+    ]
+
+
+def test_an_edited_tree_is_a_start():
+    """A stage is put in, with a gain that another carries; a disturbance is put beside it."""
+    alone = cascade().fit(X, Y)
+    names, stages = ("plays", "lag"), alone.operator_.stages
+    first = FirstOrderLagOperator(0.01, gain=2.0)
+    chain = SeriesOperator((*names, "sensor"), (*stages, first))
+    model = Cascade([*cascade().steps, ("sensor", FirstOrderLag())])
+    model.fit_from(chain, X, Y)
+    assert model.operators_["sensor"].gain == 1.0
+    assert model.fit_error_ <= alone.fit_error_
+    beside = Sum([("model", cascade()), ("offset", Offset())])
+    start = clone(beside).fit(X, Y).operator_
+    driven, disturbances = take_apart(start)
+    assert driven.names == ("model",)
+    assert len(disturbances) == 1
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        lambda by: Sum([("plays", ScheduledParameters(Gain(), by=by)), ("offset", Offset())]),
+        lambda by: Modulated(ScheduledParameters(Gain(), by=by), "amplitude"),
+    ],
+)
+def test_a_named_column_is_known_within_a_composition(model):
+    named, numbered = model("load").fit(X, Y), model(1).fit(X, Y)
+    np.testing.assert_allclose(named.predict(X), numbered.predict(X), atol=1e-9)
+    with pytest.raises(ValueError, match="a column of X: drive, load"):
+        model("lead").fit(X, Y)
