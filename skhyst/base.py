@@ -201,7 +201,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         with one_thread():
             driven, beside = take_apart(operator)
             result = self._refine([(self._with_held(driven), beside)], data, method)
-            return self._complete(result, data)
+            return self._finish(result, data)
 
     def _read_records(self, X, y):
         """Validate X and y, store the records, and return what identification sees of them."""
@@ -256,9 +256,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _fit_records(self, data):
         """Fit validated records."""
-        return self._complete(self._identify(data), data)
+        return self._finish(self._identify(data), data)
 
-    def _complete(self, result, data):
+    def _finish(self, result, data):
         """Store what identification found, and what came before the records where it is asked."""
         if self.initial_state == "estimate":
             known = [record.before for record in data]

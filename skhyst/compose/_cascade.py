@@ -251,6 +251,13 @@ class Cascade(Composition):
     def _compose(self, names, stages):
         return SeriesOperator(tuple(names), tuple(stages)).normalized()
 
+    def _with_held(self, operator):
+        held, stages = operator.gauge_mask(), []
+        for stage in operator.stages:
+            own, held = np.split(held, [stage.n_parameters])
+            stages.append(_to_unit_gain(stage) if own.any() else stage)
+        return super()._with_held(SeriesOperator(operator.names, tuple(stages)))
+
     def _identify(self, data):
         self._check_steps()
         if self.warm_start and list(getattr(self, "operators_", ())) == [n for n, _ in self.steps]:
@@ -380,14 +387,6 @@ def thin_records(records):
     A response stays as it is at the samples that are left, however fast it moves between them. The
     drive must be what it was: a record is thinned only as far as straight lines between its
     samples say so.
-
-    Parameters
-    ----------
-    records : sequence of RecordData
-
-    Returns
-    -------
-    list of RecordData or None
     """
     total = sum(len(record.u) for record in records)
     if total < _LONG or any(len(record.segments) > 1 for record in records):

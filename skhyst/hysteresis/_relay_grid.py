@@ -140,8 +140,8 @@ class RelayGridModel(ParametricModel):
             x=operator.pack()[: len(std)],
         )
 
-    def _complete(self, result, data):
-        super()._complete(result, data)
+    def _finish(self, result, data):
+        super()._finish(result, data)
         if self.initial_state == "estimate":  # the search for histories refits without penalty
             drives = zip(data, self.initial_drive_, strict=True)
             data = [dataclasses.replace(record, before=float(u)) for record, u in drives]

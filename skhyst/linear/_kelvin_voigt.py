@@ -143,8 +143,8 @@ class KelvinVoigt(LinearModel):
             for tau in fastest
         ]
 
-    def _complete(self, result, data):
-        super()._complete(result, data)
+    def _finish(self, result, data):
+        super()._finish(result, data)
         operator = self.operator_
         if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -36,55 +37,8 @@ class WrappedOperator(_ByEntries):
     def _like(self):
         return self.operator
 
-    @property
-    def signal_linear(self):
-        return self._like.signal_linear
-
-    @property
-    def carries_scale(self):
-        return self._like.carries_scale
-
-    @property
-    def rank(self):
-        return self._like.rank
-
-    @property
-    def n_poles(self):
-        return self._like.n_poles
-
-    @property
-    def memoryless(self):
-        return self._like.memoryless
-
-    def n_ringing(self):
-        return self._like.n_ringing()
-
-    def lag_rates(self):
-        return self._like.lag_rates()
-
-    def linear_mode(self):
-        return self._like.linear_mode()
-
-    def way_before_sliding(self):
-        return self._like.way_before_sliding()
-
-    def entries(self):
-        return self._like.entries()
-
-    def pack(self):
-        return self._like.pack()
-
     def unpack(self, vector):
         return replace(self, operator=self.operator.unpack(vector))
-
-    def linear_mask(self):
-        return self._like.linear_mask()
-
-    def gauge_entries(self):
-        return self._like.gauge_entries()
-
-    def gauge_mask(self):
-        return self._like.gauge_mask()
 
     def at(self, schedule):
         return replace(self, operator=self.operator.at(schedule))
@@ -94,6 +48,15 @@ class WrappedOperator(_ByEntries):
 
     def run(self, u, dt, state=None):
         return self.operator.run(u, dt, state)
+
+
+# what is declared of the operator within holds for the whole, attributes and methods alike
+for _name in (
+    *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless"),
+    *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding"),
+    *("entries", "pack", "linear_mask", "gauge_entries", "gauge_mask"),
+):
+    setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ import time
 import numpy as np
 
 from ._identify import METHODS, summarize
+from ._problem import Unknowns
 
 __all__ = ["FrequencyProblem", "identify_response"]
 
 
-class FrequencyProblem:
+class FrequencyProblem(Unknowns):
     """Weighted least squares of an operator's frequency response.
 
     It has what the solver of :mod:`skhyst.optimize` asks of an ``OperatorProblem``. A parameter
@@ -36,27 +37,12 @@ class FrequencyProblem:
         free = ~np.array([name in fixed for name, _ in entries], dtype=bool)
         self._free = np.flatnonzero(free)
         entries = [entries[i] for i in self._free]
-        values = operator.pack()[self._free]
-        self.names = [name for name, _ in entries]
-        self.linear = operator.linear_mask()[self._free]
-        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
-        self._sign = np.where(values < 0.0, -1.0, 1.0)
-        lower = np.array([spec.lower for _, spec in entries])
-        upper = np.array([spec.upper for _, spec in entries])
-        self.lower = np.where(self.log, -np.inf, lower)
-        self.upper = np.where(self.log, np.inf, upper)
-        self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
+        super().__init__(entries, operator.pack()[self._free], operator.linear_mask()[self._free])
+        self.lower = np.where(self.log, -np.inf, self.lower)
+        self.upper = np.where(self.log, np.inf, self.upper)
         self.scale = float(np.sum(np.abs(weight * response) ** 2))
         self.segment_length = np.array([2 * response.size])
         self.segment_weight = self.segment_length.astype(float)
-
-    def depends_on(self, select):
-        """Whether :meth:`evaluate` depends on a selection: never."""
-        return False
-
-    def values(self, x):
-        """Return the unknowns in their own units."""
-        return np.where(self.log, self._sign * np.exp(np.where(self.log, x, 0.0)), x)
 
     def unpack(self, x):
         """Return the operator at ``x``, and no disturbances."""

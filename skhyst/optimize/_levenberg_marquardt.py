@@ -1,11 +1,10 @@
 """The training of the gray-box paper: Levenberg-Marquardt with a damping that moves by factors."""
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
-from ._variable_projection import Method, descend, not_finite, restrict, solve_linear
+from ._variable_projection import Method, restrict, variable_projection
 
 __all__ = ["LevenbergMarquardt"]
 
@@ -72,41 +71,27 @@ class LevenbergMarquardt(Method):
     def solve(self, problems):
         for problem in problems:
             restrict(problem, self.bounds)
-        starts, evaluations = [(problem, problem.x0) for problem in problems], 0
+        starts, evaluations = problems, 0
         if len(starts) > _FULL_RUNS:
-            trials = []
-            for problem, x in starts:
-                trial = self._train(problem, x, min(_TRIAL_EPOCHS, self.max_epochs), silent=True)
-                evaluations += trial.n_evaluations
-                trials.append(trial)
+            trials = [self._train(p, min(_TRIAL_EPOCHS, self.max_epochs)) for p in problems]
+            evaluations += sum(trial.n_evaluations for trial in trials)
             order = np.argsort([trial.cost for trial in trials], kind="stable")
-            starts = [starts[i] for i in order[:_FULL_RUNS]]
-        found = []
-        for problem, x in starts:
-            solution = self._train(problem, x, self.max_epochs)
-            evaluations += solution.n_evaluations
-            found.append((problem, solution))
+            starts = [problems[i] for i in order[:_FULL_RUNS]]
+        found = [(p, self._train(p, self.max_epochs, self._report)) for p in starts]
+        evaluations += sum(solution.n_evaluations for _, solution in found)
         return *min(found, key=lambda pair: pair[1].cost), evaluations
 
-    def _train(self, problem, x, max_epochs, *, silent=False):
-        start = time.perf_counter()
-        x = np.clip(x, problem.lower, problem.upper)
-        gram, n_evaluations = problem.total(problem.evaluate(x)), 1
-        if not np.isfinite(gram).all():
-            return not_finite(x, gram, start)
-        if problem.linear.any():
-            x, gram = solve_linear(problem, x, gram)
-            gram = problem.total(problem.evaluate(x))
-            n_evaluations += 1
-        return descend(
+    def _train(self, problem, max_epochs, callback=None):
+        return variable_projection(
             problem,
-            (x, gram, n_evaluations, start),
-            _Factors(self.mu, self.mu_decrease, self.mu_increase, self.mu_max),
-            project=False,
+            problem.x0,
             tolerance=self.tolerance,
-            max_epochs=max_epochs,
+            max_evaluations=np.inf,
+            callback=callback,
+            project=False,
+            damping=_Factors(self.mu, self.mu_decrease, self.mu_increase, self.mu_max),
+            max_steps=max_epochs,
             goal=self.goal,
-            callback=None if silent else self._report,
         )
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["OperatorProblem", "RecordData"]
+__all__ = ["OperatorProblem", "RecordData", "Unknowns"]
 
 _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
 
@@ -81,7 +81,27 @@ class RecordData:
         return float(power.sum() if self.weights is None else self.weights @ power)
 
 
-class OperatorProblem:
+class Unknowns:
+    """Entries of operators in the coordinates of a search, positive ones as logarithms."""
+
+    def __init__(self, entries, values, linear):
+        self.names = [name for name, _ in entries]
+        self.linear = linear
+        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
+        lower = np.array([spec.lower for _, spec in entries])
+        upper = np.array([spec.upper for _, spec in entries])
+        with np.errstate(divide="ignore"):
+            self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
+            self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
+            self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
+        self._sign = np.where(self.log & (values < 0.0), -1.0, 1.0)
+
+    def values(self, x):
+        """Return the unknowns in their own units."""
+        return np.where(self.log, self._sign * np.exp(np.where(self.log, x, 0.0)), x)
+
+
+class OperatorProblem(Unknowns):
     """Least squares of an operator's output, plus disturbances of each record, against responses.
 
     Parameters
@@ -126,15 +146,7 @@ class OperatorProblem:
             values = np.concatenate([values, disturbance.pack()[skip:]])
             linear = np.concatenate([linear, np.zeros(len(own), dtype=bool)])
             self._moving.append(len(own))
-        self.names = [name for name, _ in entries]
-        self.linear = linear
-        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
-        with np.errstate(divide="ignore"):
-            lower = np.array([spec.lower for _, spec in entries])
-            upper = np.array([spec.upper for _, spec in entries])
-            self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
-            self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
-            self.x0 = np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+        super().__init__(entries, values, linear)
         self.scale = float(sum(record.power() for record in self.records))
         self.segment_record = np.concatenate(
             [np.full(len(record.segments), i) for i, record in enumerate(self.records)]
@@ -150,10 +162,6 @@ class OperatorProblem:
         selected = np.bincount(self.segment_record, select, minlength=len(self.records))
         split = (selected > 0) & (selected < np.bincount(self.segment_record))
         return any(self._moving) and bool(split.any())
-
-    def values(self, x):
-        """Return the unknowns in their own units."""
-        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
 
     def unpack(self, x):
         """Return the operator and the disturbances at ``x``."""
@@ -285,8 +293,8 @@ class OperatorProblem:
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
-    def predictions(self, x, select, wanted=None):
-        """Return the prediction of each (wanted) record where the selected segments are known.
+    def predictions(self, x, select):
+        """Return the prediction of each record where the selected segments are known.
 
         The coefficients of a record's disturbances come from its selected segments. In a record
         that has none, those for every other segment come from the segments between, so that no
@@ -295,9 +303,6 @@ class OperatorProblem:
         operator, disturbances = self.unpack(x)
         found = []
         for number, record in enumerate(self.records):
-            if wanted is not None and number not in wanted:
-                found.append(None)
-                continue
             y = self.simulate(operator, record)
             if disturbances:
                 basis = self._basis(disturbances, record)

@@ -28,8 +28,7 @@ __all__ = [
     "Solution",
     "VariableProjection",
     "bounded_step",
-    "descend",
-    "not_finite",
+    "damped_step",
     "restrict",
     "search_box",
     "solve_linear",
@@ -150,7 +149,16 @@ class _Nielsen:
 
 
 def variable_projection(
-    problem, x0, *, select=None, blocks=None, tolerance=1e-8, max_evaluations=100, callback=None
+    problem,
+    x0,
+    *,
+    select=None,
+    blocks=None,
+    tolerance=1e-8,
+    max_evaluations=100,
+    callback=None,
+    project=True,
+    **options,
 ):
     """Minimise the sum of squares of a problem.
 
@@ -172,6 +180,12 @@ def variable_projection(
     callback : callable, optional
         Called with the number of evaluations and the cost after each accepted step; a true value
         ends the search.
+    project : bool, default=True
+        Solve the linear parameters exactly after each step, not at the start alone.
+    **options
+        ``damping``, with a ``value``, its ``largest`` and what becomes of it after a step
+        (``accepted``, ``refused``), by default Nielsen's; ``max_steps`` that reduce the cost;
+        ``goal``, part of the power of the response at which to stop.
 
     Returns
     -------
@@ -179,96 +193,66 @@ def variable_projection(
     """
     start = time.perf_counter()
     x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
-    n_evaluations = int(blocks is None)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
+    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "", 0.0)
     if not np.isfinite(gram).all():
-        return not_finite(x, gram, start)
-    if problem.linear.any():
-        before = gram[-1, -1]
-        x, gram = solve_linear(problem, x, gram)
-        # the other columns were taken at the old linear part
-        if gram[-1, -1] < before * (1.0 - STALE):
-            gram = problem.total(problem.evaluate(x, select=select), select)
-            n_evaluations += 1
-    if problem.linear.all():
-        message = "All parameters are linear and were solved exactly."
-        seconds, history = time.perf_counter() - start, [(n_evaluations, gram[-1, -1])]
-        return Solution(x, gram[-1, -1], gram, n_evaluations, True, message, seconds, history)
-    return descend(
-        problem,
-        (x, gram, n_evaluations, start),
-        _Nielsen(),
-        select=select,
-        tolerance=tolerance,
-        max_evaluations=max_evaluations,
-        callback=callback,
-    )
-
-
-def not_finite(x, gram, start):
-    """Return what becomes of a start at which the model is not finite."""
-    message = "The model is not finite at the starting values."
-    return Solution(x, np.inf, gram, 1, False, message, time.perf_counter() - start)
-
-
-def descend(
-    problem,
-    begin,
-    damping,
-    *,
-    project=True,
-    select=None,
-    tolerance=1e-8,
-    max_evaluations=np.inf,
-    max_epochs=np.inf,
-    goal=0.0,
-    callback=None,
-):
-    """Take damped steps until none reduces the sum of squares noticeably.
-
-    ``begin`` holds x, the Gram matrix there, the evaluations so far and the time of the start;
-    ``damping`` a ``value``, its ``largest``, and what becomes of it after a step: ``accepted`` and
-    ``refused``. With ``project`` the linear parameters are solved after each step.
-    """
-    x, gram, n_evaluations, start = begin
-    history, values = [(n_evaluations, gram[-1, -1])], [damping.value]
-    floor = 1e-28 * problem.scale
-    converged = False
-    while True:
-        cost = gram[-1, -1]
-        if n_evaluations >= max_evaluations or len(history) > max_epochs:
-            message = f"The budget of {min(max_evaluations, max_epochs)} is used up."
-            break
-        if goal > 0.0 and cost <= goal * problem.scale:
-            converged, message = True, "The goal is reached."
-            break
-        step, predicted = damped_step(problem, x, gram, damping.value)
-        if not predicted > tolerance * cost + floor:
-            converged, message = True, "No step reduces the sum of squares noticeably."
-            break
-        trial, trial_gram, more = _tried(problem, x + step, select, project)
-        n_evaluations += more
-        gain = cost - trial_gram[-1, -1] if np.isfinite(trial_gram).all() else -np.inf
-        if gain > 0.0:
-            damping.accepted(gain / predicted)
-            x, gram = trial, trial_gram
-            history.append((n_evaluations, gram[-1, -1]))
-            values.append(damping.value)
-            if callback is not None and callback(n_evaluations, gram[-1, -1]):
-                message = "The callback has ended the search."
-                break
-            if gain <= tolerance * cost + floor:
-                converged, message = True, "The sum of squares no longer changes."
-                break
+        solution.cost, solution.n_evaluations = np.inf, 1
+        solution.message = "The model is not finite at the starting values."
+    else:
+        if problem.linear.any():
+            solution.x, gram = solve_linear(problem, x, gram)
+            # the other columns were taken at the old linear part
+            if not project or gram[-1, -1] < solution.cost * (1.0 - STALE):
+                gram = problem.total(problem.evaluate(solution.x, select=select), select)
+                solution.n_evaluations += 1
+            solution.gram, solution.cost = gram, gram[-1, -1]
+        solution.history.append((solution.n_evaluations, solution.cost))
+        if project and problem.linear.all():
+            solution.converged = True
+            solution.message = "All parameters are linear and were solved exactly."
         else:
-            damping.refused()
-            if damping.value > damping.largest:
-                converged, message = True, "No step reduces the sum of squares."
+            limits = tolerance, max_evaluations
+            _descend(problem, solution, limits, callback, (select, project), **options)
+    solution.seconds = time.perf_counter() - start
+    return solution
+
+
+def _descend(problem, solution, limits, callback, how, *, damping=None, max_steps=np.inf, goal=0.0):
+    """Take damped steps until none reduces the sum of squares noticeably."""
+    damping = damping or _Nielsen()
+    tolerance, max_evaluations = limits
+    solution.damping.append(damping.value)
+    while not solution.message:
+        cost = solution.cost
+        enough = tolerance * cost + 1e-28 * problem.scale
+        if solution.n_evaluations >= max_evaluations or len(solution.history) > max_steps:
+            solution.message = f"The budget of {min(max_evaluations, max_steps)} is used up."
+        elif goal > 0.0 and cost <= goal * problem.scale:
+            solution.converged, solution.message = True, "The goal is reached."
+        else:
+            step, predicted = damped_step(problem, solution.x, solution.gram, damping.value)
+            if not predicted > enough:
+                solution.converged = True
+                solution.message = "No step reduces the sum of squares noticeably."
                 break
-    seconds = time.perf_counter() - start
-    return Solution(
-        x, gram[-1, -1], gram, n_evaluations, converged, message, seconds, history, values
-    )
+            x, gram, more = _tried(problem, solution.x + step, *how)
+            solution.n_evaluations += more
+            gain = cost - gram[-1, -1] if np.isfinite(gram).all() else -np.inf
+            if not gain > 0.0:
+                damping.refused()
+                if damping.value > damping.largest:
+                    solution.converged = True
+                    solution.message = "No step reduces the sum of squares."
+                continue
+            damping.accepted(gain / predicted)
+            solution.x, solution.gram, solution.cost = x, gram, gram[-1, -1]
+            solution.history.append((solution.n_evaluations, solution.cost))
+            solution.damping.append(damping.value)
+            if callback is not None and callback(solution.n_evaluations, solution.cost):
+                solution.message = "The callback has ended the search."
+            elif gain <= enough:
+                solution.converged = True
+                solution.message = "The sum of squares no longer changes."
 
 
 def _tried(problem, x, select, project):

@@ -6,7 +6,7 @@ import pytest
 from skhyst.compose import ColumnOperator, ModulatedOperator, ScheduledOperator
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.linear import FirstOrderLagOperator, GainOperator
-from skhyst.operators import SumOperator
+from skhyst.operators import SumOperator, check_operator
 
 DT, N = 0.01, 80
 LAG = FirstOrderLagOperator(0.05, gain=1.2)
@@ -49,26 +49,8 @@ def test_modulation_scales_the_output(u):
     np.testing.assert_allclose(found.run(u, DT, found.init(u[0]))[0], expected, rtol=1e-14)
 
 
-def test_cut_and_stepped(operator, u):
-    whole, _ = operator.run(u, DT, operator.init(u[0]))
-    first, state = operator.run(u[:31], DT, operator.init(u[0]))
-    rest, _ = operator.run(u[31:], DT, state)
-    np.testing.assert_allclose(np.concatenate([first, rest]), whole, rtol=1e-12, atol=1e-14)
-
-
-@pytest.mark.parametrize("initial_state", ["rest", "zero"])
-def test_tangents_are_differences(operator, u, initial_state):
-    y, dy = operator.linearize(u, np.empty((N, 0)), DT, initial_state)
-    np.testing.assert_allclose(y, operator.run(u, DT, operator.init(u[0], initial_state))[0])
-    x = operator.pack()
-    assert dy.shape == (N, x.size)
-    for i, value in enumerate(x):
-        h = 1e-6 * max(abs(value), 1.0)
-        sides = []
-        for sign in (1.0, -1.0):
-            moved = operator.unpack(x + sign * h * (np.arange(x.size) == i))
-            sides.append(moved.run(u, DT, moved.init(u[0], initial_state))[0])
-        np.testing.assert_allclose(dy[:, i], (sides[0] - sides[1]) / (2 * h), atol=1e-7)
+def test_derivatives_and_pieces(operator, u):
+    check_operator(operator, u, DT)
 
 
 def test_a_scheduled_operator_within_takes_the_number_of_the_record(u):

@@ -289,7 +289,6 @@ def test_predictions_do_not_see_what_they_predict():
     np.testing.assert_allclose((unknown - clean)[:50], 3.0, atol=1e-9)  # even: from odd segments
     np.testing.assert_allclose((unknown - clean)[50:100], 3.0 + 25.0, atol=1e-9)
     np.testing.assert_allclose((unknown - clean)[100:150], 3.0, atol=1e-9)
-    assert problem.predictions(problem.x0, select, wanted={0})[1] is None
 
 
 # ------------------------------------------------------------------------------------- the solver
