@@ -294,9 +294,7 @@ def _steps(model, whole):
 
 @_steps.register
 def _(model: Cascade, whole):
-    return [
-        Stage(*step, own) for step, own in zip(model.steps, whole.operator.stages, strict=True)
-    ]
+    return [Stage(*step, own) for step, own in zip(model.steps, whole.operator.stages, strict=True)]
 
 
 @singledispatch

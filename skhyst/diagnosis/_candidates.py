@@ -15,7 +15,7 @@ from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._shortened import are_long
-from ._starts import starting_structures
+from ._starts import starting_trees
 
 __all__ = [
     "FACTOR",
@@ -41,7 +41,7 @@ class Candidate:
     ----------
     effects : tuple of str
         What was added to the model so far.
-    structure : Structure
+    structure : Tree
     cost : float
         Sum of squares of the fit.
     n_parameters : int
@@ -70,7 +70,7 @@ class Candidate:
 def predicted(effect, structure, records):
     """Return candidates at an effect's starting values, with what one step from there promises."""
     found = []
-    for variant in starting_structures(effect, structure, records):
+    for variant in starting_trees(effect, structure, records):
         for start in variant:
             problem = start.problem(records)
             promise = predicted_cost(problem, problem.x0)

@@ -52,7 +52,6 @@ from ._changes import (
     RateDependence,
     Scaled,
     SlowerThanDrive,
-    n_ringing,
 )
 from ._noise import FEW_TURNS, near_period, visible_turns
 
@@ -69,7 +68,7 @@ class Effect:
         Its name in reports and in the steps of the augmented model.
     variants : callable
         Returns a list of unfitted models, simplest first; the data choose among them. A change of
-        another kind than one more stage is an object with ``structures(name, scene)``.
+        another kind than one more stage is an object with ``trees(name, scene)``.
     law : str
         One sentence of physics.
     experiment : str
@@ -93,7 +92,7 @@ class Effect:
 
 def _rings(operator, motion, records):
     """Tell whether a mode overshoots, and shows in the gain: as a peak or a notch."""
-    rings = n_ringing([operator]) > 0
+    rings = operator.n_ringing() > 0
     if not rings or isinstance(operator, SecondOrderModeOperator):
         return rings
     mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]

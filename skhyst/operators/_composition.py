@@ -342,7 +342,7 @@ def _gathered(stages, without=None):
     for i in scaled:
         gain *= stages[i].gain
         intercept = stages[i].gain * intercept + stages[i].intercept
-    own = {i: (1.0, 0.0) for i in scaled} | {owner: (gain, intercept)}
+    own = dict.fromkeys(scaled, (1.0, 0.0)) | {owner: (gain, intercept)}
     return tuple(_with_gain(stages[i], *own[i]) if i in own else stages[i] for i in kept)
 
 

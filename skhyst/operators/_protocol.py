@@ -145,7 +145,7 @@ class Operator(ABC):
         return np.zeros(self.n_parameters, dtype=bool)
 
     def constant_mask(self) -> np.ndarray:
-        """Mark the values of :meth:`pack` that add a constant to the output, and do nothing else."""
+        """Mark the values of :meth:`pack` that only add a constant to the output."""
         return np.array([spec.gauge == 0.0 for _, spec in self.entries()], dtype=bool)
 
     def sizes(self) -> dict[str, int]:
