@@ -8,12 +8,13 @@ import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
+from threadpoolctl import threadpool_limits
 
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
-from ..preprocessing._lagged_features import read_lag_table, read_lags
-from ._runs import Start, free_runs, lagged, runs_ahead
+from ..preprocessing import lagged_columns, read_lag_table, read_lags
+from ._runs import Lags, Start, free_runs, runs_ahead
 from ._starts import estimate_history, fit_line, rest_outputs
 
 __all__ = ["AutoregressiveRegressor"]
@@ -24,8 +25,8 @@ _BOUND = 100.0  # ranges of the outputs beyond the largest one: what lies there 
 class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     """Base of the models that predict an output from past inputs and past outputs.
 
-    A subclass gives :meth:`_fit_records` and :meth:`_one_step`, and where it has a faster free run
-    than calls of :meth:`_one_step`, :meth:`_run`.
+    A subclass gives :meth:`_fit_records`, :meth:`_one_step` and ``_step``: the model in a compiled
+    form, with ``run(start, bound)``, or None.
     """
 
     _parameter_constraints = {
@@ -54,10 +55,6 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """
         return X, check_feature_names_in(self, None)
 
-    def _run(self, start):
-        """Return the free run from a start and the samples before the first that was cut off."""
-        raise NotImplementedError
-
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y):
         """Fit the model.
@@ -77,6 +74,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self.input_lags_ = read_lag_table(self, "input_lags", range(X.shape[1]))
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
+        self._lags = Lags(self.input_lags_, self.output_lags_, X.shape[1])
         self.lag_names_ = [_shifted(names[column], lag) for column, lag in self.input_lags_]
         self.lag_names_ += [_shifted("y", lag) for lag in self.output_lags_]
         self.records_ = records
@@ -130,8 +128,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if horizon is None:
             parts, good = self._free_runs(starts)
         else:
-            measured = [y[r.rows][start.n_past :] for r, start in zip(records, starts, strict=True)]
-            parts, good = self._runs_ahead(starts, measured, int(horizon))
+            parts, good = self._runs_ahead(starts, int(horizon))
         if not good:
             warnings.warn(
                 "The simulation diverged; outputs far beyond the range of the response in fit were "
@@ -192,6 +189,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _span(self):
         return self.output_range_[1] - self.output_range_[0]
 
+    def _start_kind(self):
+        return self.initial_output if isinstance(self.initial_output, str) else "given"
+
     def _n_outputs(self):
         """Return the number of outputs before a record that a run needs."""
         return max(self.output_lags_, default=0)
@@ -209,7 +209,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 continue
             inputs, response = X[record.rows], y[record.rows]
             past = [response[skip - lag : len(response) - lag] for lag in self.output_lags_]
-            parts.append(np.column_stack([lagged(inputs, self.input_lags_, skip), *past]))
+            parts.append(np.column_stack([lagged_columns(inputs, self.input_lags_, skip), *past]))
             targets.append(response[skip:])
         if not parts:
             raise RecordError(
@@ -220,27 +220,35 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
 
     def starting_values(self, X, records, y=None):
         """Return where the run over each record begins; ``y`` may be None."""
-        n_outputs, kind = self._n_outputs(), self.initial_output
-        if isinstance(kind, str) and kind == "measured" and y is not None:
-            starts = []
-            for record in records:
-                n_past = min(self._n_skipped(), record.n_samples)
-                history = np.zeros(n_outputs)
-                if n_past >= n_outputs:
-                    history = y[record.rows][n_past - n_outputs : n_past]
-                starts.append(Start(X[record.rows], n_past, history))
-            return starts
-        if isinstance(kind, str) and kind == "estimate" and y is not None:
-            return [
-                Start(X[r.rows], 0, self._estimate(X[r.rows], y[r.rows]) if n_outputs else y[:0])
-                for r in records
+        inputs = [X[record.rows] for record in records]
+        measured = [None if y is None else y[record.rows] for record in records]
+        kind = self._start_kind()
+        if kind == "measured" and y is not None:
+            return [self._behind(u, out) for u, out in zip(inputs, measured, strict=True)]
+        if kind == "given":
+            histories = [self._given_history()] * len(records)
+        elif kind == "estimate" and y is not None:
+            histories = [
+                estimate_history(self._free_runs, u, out, self._n_outputs(), self._span() or 1.0)
+                for u, out in zip(inputs, measured, strict=True)
             ]
-        history = self._given_history()
-        if history is not None:
-            return [Start(X[record.rows], 0, history) for record in records]
-        firsts = X[[record.rows.start for record in records]]
-        levels = np.zeros(len(records))
-        if n_outputs:
+        else:
+            histories = self._rest(np.array([u[0] for u in inputs]))
+        return [
+            Start(u, 0, history, out)
+            for u, history, out in zip(inputs, histories, measured, strict=True)
+        ]
+
+    def _behind(self, inputs, measured):
+        """Return a start behind the first samples, as many as the longest lag."""
+        n_past, n_outputs = min(self._n_skipped(), len(inputs)), self._n_outputs()
+        history = measured[n_past - n_outputs : n_past] if n_past >= n_outputs else [0] * n_outputs
+        return Start(inputs, n_past, np.asarray(history, dtype=float), measured[n_past:])
+
+    def _rest(self, firsts):
+        """Return the outputs at rest under each row of inputs, one for each lag."""
+        levels = np.zeros(len(firsts))
+        if self.output_lags_:
             levels = rest_outputs(
                 self._one_step,
                 firsts[:, [column for column, _ in self.input_lags_]],
@@ -248,14 +256,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 self._line[0] + firsts @ self._line[1:],
                 *self.output_range_,
             )
-        return [
-            Start(X[record.rows], 0, np.full(n_outputs, level))
-            for record, level in zip(records, levels, strict=True)
-        ]
+        return np.repeat(levels[:, None], self._n_outputs(), axis=1)
 
     def _given_history(self):
         """Return the initial outputs that the user gave, the latest last, or None."""
-        if isinstance(self.initial_output, str):
+        if self._start_kind() != "given":
             return None
         given = np.asarray(self.initial_output, dtype=float)
         n_outputs = self._n_outputs()
@@ -268,32 +273,22 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             )
         return given[::-1].copy()
 
-    def _estimate(self, inputs, y):
-        span = self._span() or 1.0
-        return estimate_history(
-            lambda starts: self._free_runs(starts)[0], inputs, (y, self._n_outputs()), span
-        )
-
     def _free_runs(self, starts):
         """Return the free run from each start, and whether all stayed within ``bound_``."""
-        if type(self)._run is AutoregressiveRegressor._run:
-            return free_runs(
-                self._one_step, starts, self.input_lags_, self.output_lags_, self.bound_
-            )
+        if self._step is None:
+            # a batch has one row a record: threads that wait for each other cost more than they do
+            with threadpool_limits(1):
+                return free_runs(self._one_step, starts, self._lags, self.bound_)
         runs = [self._run(start) for start in starts]
         return [y for y, _ in runs], all(n_good == len(y) for y, n_good in runs)
 
-    def _runs_ahead(self, starts, measured, horizon):
+    def _run(self, start):
+        """Return the compiled run and the number of samples before the first that was cut off."""
+        return self._step.run(start, self.bound_)
+
+    def _runs_ahead(self, starts, horizon):
         """Return the prediction some steps ahead, and whether all of it stayed within bounds."""
-        return runs_ahead(
-            self._one_step,
-            starts,
-            measured,
-            horizon,
-            self.input_lags_,
-            self.output_lags_,
-            self.bound_,
-        )
+        return runs_ahead(self._one_step, starts, horizon, self._lags, self.bound_)
 
 
 def _shifted(name, lag):

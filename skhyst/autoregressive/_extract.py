@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._forest import flatten_boosting, flatten_histograms, flatten_trees
-from ._polynomial_loops import plan_polynomial
-from ._recurrent_loops import ACTIVATIONS
-from ._steps import GaussianStep, LinearStep, NetworkStep, PolynomialStep, TreesStep
+from ._gaussian_step import GaussianStep
+from ._network_step import ACTIVATIONS, NetworkStep
+from ._polynomial import PolynomialStep
+from ._steps import LinearStep
+from ._tree_step import TreesStep, flatten_boosting, flatten_histograms, flatten_trees
 
-__all__ = ["EXTRACTORS", "Scaling", "extract_step"]
+__all__ = ["extract_step"]
 
 _TOLERANCE = 1e-10  # difference from the estimator, in parts of the largest output
 
@@ -40,21 +41,9 @@ class Scaling:
 
 
 def extract_step(estimator, lags, Z):
-    """Return a fitted estimator as a model with a compiled loop.
+    """Return a fitted estimator as a model with a compiled loop, None where there is none.
 
-    Parameters
-    ----------
-    estimator : estimator
-        Fitted to lagged signals.
-    lags : Lags
-        What the signals are.
-    Z : ndarray of shape (n_samples, n_signals)
-        Signals on which the two are compared.
-
-    Returns
-    -------
-    step
-        None where there is no compiled form.
+    ``Z`` (n_samples, n_signals) are signals on which the two are compared.
     """
     n_signals = Z.shape[1]
     try:
@@ -156,14 +145,11 @@ def _polynomial(features, scalers, last, lags, scaling):
             product = grown
         for factors, value in product.items():
             total[factors] += value
-    kept = {factors: value for factors, value in total.items() if value != 0.0}
-    width = max((len(factors) for factors in kept), default=0)
-    terms = np.full((max(len(kept), 1), max(width, 1)), -1, dtype=np.int64)
-    for row, factors in zip(terms, kept, strict=False):
+    kept = {factors: value for factors, value in total.items() if value != 0.0} or {(): 0.0}
+    terms = np.full((len(kept), max(1, *map(len, kept))), -1, dtype=np.int64)
+    for row, factors in zip(terms, kept, strict=True):
         row[: len(factors)] = factors
-    values = np.array(list(kept.values()) or [0.0])
-    plan = plan_polynomial(terms, lags.inputs, lags.outputs, lags.n_columns)
-    return PolynomialStep(lags, terms, values, plan)
+    return PolynomialStep.of(lags, terms, np.array(list(kept.values())))
 
 
 def _network(estimator, lags, scaling):
@@ -199,30 +185,18 @@ def _configured(estimator, lags, scaling):
     )
 
 
-def _trees(estimator, lags, scaling, flat):
-    if flat is None:
-        return None
-    nodes, roots, single, offset, factor = flat
-    offset, factor = scaling.shift + scaling.gain * offset, scaling.gain * factor
-    return TreesStep(
-        lags, nodes, roots, scaling.centre, scaling.scale, single, float(offset), float(factor)
-    )
+def _trees(flatten):
+    """Return the function that reads what ``flatten`` makes one array of nodes of."""
 
+    def read(estimator, lags, scaling):
+        flat = flatten(estimator)
+        if flat is None:
+            return None
+        *trees, offset, factor = flat
+        offset, factor = scaling.shift + scaling.gain * offset, scaling.gain * factor
+        return TreesStep(lags, scaling.centre, scaling.scale, *trees, float(offset), float(factor))
 
-def _tree(estimator, lags, scaling):
-    return _trees(estimator, lags, scaling, flatten_trees([estimator]))
-
-
-def _forest(estimator, lags, scaling):
-    return _trees(estimator, lags, scaling, flatten_trees(estimator.estimators_))
-
-
-def _boosting(estimator, lags, scaling):
-    return _trees(estimator, lags, scaling, flatten_boosting(estimator))
-
-
-def _histograms(estimator, lags, scaling):
-    return _trees(estimator, lags, scaling, flatten_histograms(estimator))
+    return read
 
 
 def _best(estimator, lags, scaling):
@@ -235,8 +209,8 @@ EXTRACTORS = {
     "BaseSearchCV": _best,
     "MLPRegressor": _network,
     "SCNRegressor": _configured,
-    "DecisionTreeRegressor": _tree,
-    "ForestRegressor": _forest,
-    "GradientBoostingRegressor": _boosting,
-    "HistGradientBoostingRegressor": _histograms,
+    "DecisionTreeRegressor": _trees(lambda tree: flatten_trees([tree])),
+    "ForestRegressor": _trees(lambda forest: flatten_trees(forest.estimators_)),
+    "GradientBoostingRegressor": _trees(flatten_boosting),
+    "HistGradientBoostingRegressor": _trees(flatten_histograms),
 }

@@ -1,24 +1,21 @@
 """Polynomial NARMAX models whose terms are found in the data."""
 
-import warnings
-from itertools import pairwise
 from numbers import Integral
-from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
 from .._sklearn import Interval, StrOptions
-from ..base import _threads
-from ..exceptions import ConvergenceWarning, RecordError
-from ..preprocessing import GeneralizedInputGradient, PlayOperators
-from ..preprocessing._lagged_features import read_lags
+from ..base import one_thread
+from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
 from ._base import AutoregressiveRegressor
-from ._polynomial_loops import plan_polynomial, polynomial_run
-from ._problems import PULLS, FreeRunProblem, InnovationProblem, RecordPart, innovations, solve
-from ._selection import Criterion, Search, condense, error_reduction, subset_solution
-from ._terms import candidate_terms, count_terms, term_name, term_products, unit_scale
+from ._polynomial import PolynomialStep, term_products
+from ._problems import FreeRunProblem, InnovationProblem, innovations
+from ._runs import Start
+from ._selection import Criterion, Search, condense_folds, error_reduction, subset_solution
+from ._structure import improve
+from ._terms import candidate_terms, count_terms, term_name, unit_scale
 
 __all__ = ["NARMAXRegressor"]
 
@@ -28,21 +25,6 @@ _FEATURES = {
     "play": lambda dt: PlayOperators(5),
 }
 _MOST_TERMS = 5000
-_FOLDS = 5
-_CHUNK = 4096  # rows of candidates held at once
-_MOVES = ("removal", "addition", "exchange")
-_SIZES = (3, 6, 12)  # of subsets to begin from where the chosen one is unstable
-_ROUNDS = 10  # of search and fit where the error is no linear function of the coefficients
-
-
-class _State(NamedTuple):
-    """A subset of the terms, fitted, and the search among its neighbours."""
-
-    subset: list
-    theta: np.ndarray
-    search: Search
-    value: Any
-    converged: bool
 
 
 class NARMAXRegressor(AutoregressiveRegressor):
@@ -212,22 +194,20 @@ class NARMAXRegressor(AutoregressiveRegressor):
             names = ["u"] if X.shape[1] == 1 else [f"u{i + 1}" for i in range(X.shape[1])]
         if reset:
             self.transformers_ = self._fit_features(X, records[0].dt)
-        columns, made_by, lag = (
-            [X],
-            [],
-            min((k for column, k in self.input_lags_ if column == 0), default=0),
-        )
+        wide, signs = [X], set()
         for label, transformer in self.transformers_:
-            made = np.concatenate([_transformed(transformer, X[r.rows, :1]) for r in records])
-            columns.append(_last_sign(made, records) if label == "rate_sign" else made)
-            made_by += [label] * made.shape[1]
-            one = made.shape[1] == 1
-            names += [label if one else f"{label}{i}" for i in range(made.shape[1])]
-        wide = np.concatenate(columns, axis=1) if len(columns) > 1 else X
+            parts = [transformer.transform(X[record.rows, :1]) for record in records]
+            if label == "rate_sign":
+                parts = [_last_sign(part) for part in parts]
+                signs.add(len(names))
+            wide.append(np.concatenate(parts).astype(float, copy=False))
+            n_made = wide[-1].shape[1]
+            names += [label] if n_made == 1 else [f"{label}{i}" for i in range(n_made)]
         if reset:
-            self._made = made_by
-            self.input_lags_ += tuple((column, lag) for column in range(X.shape[1], wide.shape[1]))
-        return wide, names
+            lag = min((k for column, k in self.input_lags_ if column == 0), default=0)
+            self.input_lags_ += tuple((column, lag) for column in range(X.shape[1], len(names)))
+            self._signs = signs
+        return (np.concatenate(wide, axis=1) if len(wide) > 1 else X), names
 
     def _fit_features(self, X, dt):
         fitted = []
@@ -247,11 +227,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
     # ------------------------------------------------------------------------------------ the fit
 
     def _fit_records(self, X, y, records):
-        # condensed data are tiny: threads that wait for each other cost more than they do
-        with _threads().limit(limits=1, user_api="blas"):
-            self._fit_terms(X, y, records)
-
-    def _fit_terms(self, X, y, records):
         self.noise_lags_ = tuple(read_lags(self, "noise_lags", self.noise_lags, 1))
         if self.noise_lags_ and self.objective == "simulation":
             raise ValueError(
@@ -260,218 +235,110 @@ class NARMAXRegressor(AutoregressiveRegressor):
             )
         self.lag_names_ = self.lag_names_ + [f"e(k-{lag})" for lag in self.noise_lags_]
         terms = self._candidates()
-        self.n_candidates_ = len(terms)
+        self.n_candidates_, self.n_evaluations_ = len(terms), 0
         self._input_scale, self._output_scale = unit_scale(X), float(unit_scale(y))
-        parts = self._parts(X, y, records)
-        folds, n_samples = self._linear_folds(X, y, records, terms[: self._n_process])
-        total = sum(float(np.sum(fold[:, -1] ** 2)) for fold in folds)
-        criterion = Criterion(self.criterion, n_samples, len(terms), total)
-        search = Search(folds, criterion)
-        subset = search.best(self._wanted())
-        theta = subset_solution(search.factor, subset)[0]
-        self.n_evaluations_, n_free = 0, n_samples
-        problem = self._problem(terms, parts, X)
-        if problem is not None:
-            subset, theta, search = self._improve(problem, search, subset, theta)
-            n_free = sum(len(part.measured) for part in parts) - problem.n_extra
-        self._adopt(terms, subset, theta, search, n_free)
+        with one_thread():  # condensed data are tiny: threads cost more than they do
+            search, n_free = self._linear_search(X, y, records, terms)
+            # terms: None where the criterion decides
+            wanted = None if self.n_terms == "auto" else self.n_terms or len(terms)
+            problem = self._problem(terms, self._fit_starts(X, y, records))
+            if problem is None:
+                subset = search.best(wanted)
+                theta = subset_solution(search.factor, subset)[0]
+            else:
+                subset, theta, search, self.n_evaluations_ = improve(problem, search, wanted)
+                n_free = sum(len(start.measured) for start in problem.starts) - problem.n_extra
+            self._adopt(terms, subset, theta, search, n_free)
 
     def _candidates(self):
         n_process = len(self.input_lags_) + len(self.output_lags_)
-        n_noise, degrees = len(self.noise_lags_), (self.degree, self.noise_degree)
+        n_signals = n_process + len(self.noise_lags_)
         count = count_terms(n_process, self.degree)
-        if n_noise:
-            count += count_terms(n_process + n_noise, self.noise_degree)
+        if self.noise_lags_:
+            count += count_terms(n_signals, self.noise_degree)
         if count > _MOST_TERMS:
             raise ValueError(
                 "The 'degree' parameter of NARMAXRegressor must leave at most "
                 f"{_MOST_TERMS} candidate terms of the lags. Got {self.degree!r} with "
-                f"{n_process + n_noise} lagged signals instead: {count} terms."
+                f"{n_signals} lagged signals instead: {count} terms."
             )
-        groups = [(range(n_process), self.degree)]
-        process = candidate_terms(groups, self.degree, self.include_bias)
-        self._n_process = len(self._without_square_signs(process))
-        groups.append((range(n_process, n_process + n_noise), self.noise_degree))
-        return self._without_square_signs(candidate_terms(groups, max(degrees), self.include_bias))
-
-    def _without_square_signs(self, terms):
-        """Return the terms but for those that repeat a sign, whose square is one."""
-        signs = [i for i in range(len(self.input_lags_)) if self._is_sign(i)]
+        groups = [
+            (range(n_process), self.degree),
+            (range(n_process, n_signals), self.noise_degree),
+        ]
+        terms = candidate_terms(groups, max(self.degree, self.noise_degree), self.include_bias)
+        # the square of a sign is one: a term with it repeats another
+        signs = [i for i, (column, _) in enumerate(self.input_lags_) if column in self._signs]
         repeated = [np.sum(terms == sign, axis=1) > 1 for sign in signs]
         return terms[~np.any(repeated, axis=0)] if signs else terms
 
-    def _is_sign(self, position):
-        made = self.input_lags_[position][0] - self.n_features_in_
-        return made >= 0 and self._made[made] == "rate_sign"
+    def _without_noise(self, terms):
+        """Return which terms have no error as a factor."""
+        return np.all(terms < len(self.input_lags_) + len(self.output_lags_), axis=1)
 
-    def _parts(self, X, y, records):
-        """Return the records in scaled units; the first samples are the past of the others."""
-        skip, n_outputs = self._n_skipped(), self._n_outputs()
-        given = self._given_history()
-        parts = []
-        for record in records:
-            inputs, response = X[record.rows] / self._input_scale, y[record.rows]
-            n_past = 0
-            history = np.full(n_outputs, response[0]) if given is None else given
-            if self.objective == "one_step" or self.initial_output == "measured":
-                n_past = skip
-                history = response[skip - n_outputs : skip]
-            if record.n_samples > n_past:
-                scaled = response[n_past:] / self._output_scale
-                parts.append(RecordPart(inputs, n_past, history / self._output_scale, scaled))
-        return parts
-
-    def _linear_folds(self, X, y, records, terms):
-        """Return the condensed candidates and responses of each fold, and the number of rows."""
-        skip = self._n_skipped()
+    def _linear_search(self, X, y, records, terms):
+        """Return the search among the terms without noise one step ahead, and its rows."""
+        known = terms[self._without_noise(terms)]
         Z, target = self._regression(X, y, records)
         Z, target = Z / self._lag_scale(), target / self._output_scale
+        skip, left_out = self._n_skipped(), self.criterion == "cv"
         sizes = [record.n_samples - skip for record in records if record.n_samples > skip]
-
-        def chunks(rows):
-            for start in range(rows.start, rows.stop, _CHUNK):
-                part = slice(start, min(start + _CHUNK, rows.stop))
-                yield np.column_stack([term_products(Z[part], terms), target[part]])
-
-        folds = [
-            condense(chunk for rows in fold for chunk in chunks(rows))
-            for fold in self._split(sizes)
-        ]
-        return folds, len(target)
-
-    def _split(self, sizes):
-        """Return the rows of each fold, as slices that stay within a record."""
-        ends = np.cumsum(sizes)
-        rows = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
-        if self.criterion != "cv":
-            return [rows]
-        if len(rows) == 1:
-            edges = np.linspace(0, sizes[0], _FOLDS + 1).astype(int)
-            rows = [slice(a, b) for a, b in pairwise(edges) if b > a]
-        n_folds = min(_FOLDS, len(rows))
-        if n_folds < 2:
-            raise RecordError(
-                "The records must have at least two samples beyond the longest lag where "
-                "'criterion' is 'cv'. Got one instead."
-            )
-        return [rows[i::n_folds] for i in range(n_folds)]
+        folds = condense_folds(
+            sizes,
+            left_out,
+            lambda rows: np.column_stack([term_products(Z[rows], known), target[rows]]),
+        )
+        total = sum(float(np.sum(fold[:, -1] ** 2)) for fold in folds)
+        return Search(folds, Criterion(self.criterion, len(target), len(terms), total)), len(target)
 
     def _lag_scale(self):
         inputs = [self._input_scale[column] for column, _ in self.input_lags_]
         return np.array(inputs + [self._output_scale] * len(self.output_lags_))
 
-    def _wanted(self):
-        """Return the number of terms for ``Search.best``."""
-        return None if self.n_terms == "auto" else self.n_terms or self.n_candidates_
+    def _fit_starts(self, X, y, records):
+        """Return where the records of the fit begin; one step ahead, behind their past."""
+        given, starts = self._given_history(), []
+        for record in records:
+            inputs, response = X[record.rows], y[record.rows]
+            history = np.full(self._n_outputs(), response[0]) if given is None else given
+            start = Start(inputs, 0, history, response)
+            if self.objective == "one_step" or self._start_kind() == "measured":
+                start = self._behind(inputs, response)
+            starts.append(self._scaled(start))
+        return [start for start in starts if len(start.measured)]
 
-    def _problem(self, terms, parts, X):
-        bound = self.bound_ / self._output_scale
+    def _scaled(self, start):
+        measured = None if start.measured is None else start.measured / self._output_scale
+        inputs, history = start.inputs / self._input_scale, start.history / self._output_scale
+        return Start(inputs, start.n_past, history, measured)
+
+    def _problem(self, terms, starts):
+        """Return what to fit where the error is no linear function of the coefficients."""
+        scale = self._output_scale
         if self.noise_lags_:
-            lags = (self.input_lags_, self.output_lags_, self.noise_lags_)
-            return InnovationProblem(terms, lags, parts, bound)
+            return InnovationProblem(
+                terms, self._lags, self.noise_lags_, starts, self.bound_ / scale
+            )
         if self.objective == "one_step":
             return None
-        line = None
-        if self.initial_output == "rest":
-            line = (
-                self._line[0] / self._output_scale,
-                self._line[1:] * self._input_scale / self._output_scale,
-            )
-        limits = tuple(value / self._output_scale for value in self.output_range_)
-        lags = (self.input_lags_, self.output_lags_)
-        free = self.initial_output == "estimate"
-        return FreeRunProblem(terms, lags, parts, bound, line=line, limits=limits, free=free)
-
-    def _begin(self, problem, search, subset, theta):
-        """Yield states to begin from: one, unless its run has left the data."""
-        criterion, lost = search.criterion, problem.lost(subset, theta)
-        if lost and self.n_terms == "auto":
-            for size in _SIZES:  # few terms, mostly linear ones, are often stable
-                if size < len(subset):
-                    few = search.best(size)
-                    coefficients = subset_solution(search.factor, few)[0]
-                    yield self._settle(problem, few, coefficients, criterion)
-        for pull in PULLS if lost else ():
-            # a run that has left the data says nothing of the way back: lead it there
-            state = self._settle(problem, subset, theta, criterion, pull)
-            subset = state.search.best(self._wanted())
-            theta = subset_solution(state.search.factor, subset)[0]
-        yield self._settle(problem, subset, theta, criterion)
-
-    def _improve(self, problem, search, subset, theta):
-        """Alternate between the fit of the terms and a search around it."""
-        state = min(self._begin(problem, search, subset, theta), key=lambda state: state.value)
-        for _ in range(_ROUNDS):
-            for subset in self._neighbours(state):
-                theta = subset_solution(state.search.factor, subset)[0]
-                other = self._settle(problem, subset, theta, search.criterion)
-                if other.value < state.value:
-                    state = other
-                    break
-            else:
-                break
-        state = self._settle(problem, state.subset, state.theta, search.criterion, rough=False)
-        if not state.converged:
-            warnings.warn(
-                "The fit of NARMAXRegressor has not converged; it stopped at the best so far.",
-                ConvergenceWarning,
-                stacklevel=7,
-            )
-        return state.subset, state.theta, state.search
-
-    def _neighbours(self, state):
-        """Yield other subsets that promise more: the best one first, then the best single move."""
-        moves = ("exchange",) if self.n_terms != "auto" else _MOVES
-        known = [set(state.subset)]
-        for find in (
-            lambda: state.search.best(self._wanted()),
-            lambda: state.search.refine(state.subset, moves, 1),
-        ):
-            subset = find()
-            if set(subset) not in known:
-                known.append(set(subset))
-                yield subset
-
-    def _settle(self, problem, subset, theta, criterion, pull=0.0, *, rough=True):
-        """Fit a subset and look around it."""
-        theta, converged, n_evaluations = solve(problem, subset, theta, pull, rough=rough)
-        self.n_evaluations_ += n_evaluations
-        n_terms = len(problem.terms)
-        full = np.concatenate([np.zeros(n_terms), theta[len(subset) :]])
-        full[subset] = theta[: len(subset)]
-        blocks, cost = [], 0.0
-        for tangents, error in problem.blocks(range(n_terms), full, pull)[0]:
-            cost += float(error @ error)
-            target = error + tangents[:, subset] @ full[subset]
-            block = np.column_stack([tangents[:, :n_terms], target])
-            if problem.n_extra:  # whatever a change of the initial outputs can explain
-                own = tangents[:, n_terms:]
-                q = np.linalg.qr(own[:, np.any(own != 0.0, axis=0)])[0]
-                block -= q @ (q.T @ block)
-            blocks.append(block)
-        rows = np.concatenate(blocks)
-        folds = [
-            condense(rows[part] for part in fold)
-            for fold in self._split([len(block) for block in blocks])
-        ]
-        search = Search(folds, criterion)
-        if self.n_terms != "auto":
-            value = (-len(subset), cost)
-        elif self.criterion == "cv":
-            value = search.value(subset)
-        else:
-            value = criterion(cost, len(subset))
-        return _State(list(subset), theta[: len(subset)], search, value, converged)
+        line = self._line[0] / scale, self._line[1:] * self._input_scale / scale
+        return FreeRunProblem(
+            terms,
+            self._lags,
+            starts,
+            self.bound_ / scale,
+            line=line if self._start_kind() == "rest" else None,
+            limits=tuple(value / scale for value in self.output_range_),
+            free=self._start_kind() == "estimate",
+        )
 
     def _adopt(self, terms, subset, theta, search, n_free):
         order, ratios = error_reduction(search.factor, subset)
-        theta = dict(zip(subset, theta, strict=True))
-        theta = np.array([theta[column] for column in order])
+        theta = np.array([theta[subset.index(column)] for column in order])
         _, inverse, rest = subset_solution(search.factor, order)
         sigma = np.sqrt(rest / max(n_free - len(order), 1))
-        factors = terms[order]
-        scales = np.append(self._lag_scale(), [self._output_scale] * len(self.noise_lags_))
-        scales = np.append(scales, 1.0)[factors]  # -1 is the last one
+        factors, noise = terms[order], [self._output_scale] * len(self.noise_lags_)
+        scales = np.concatenate([self._lag_scale(), noise, [1.0]])[factors]  # -1 is the last one
         with np.errstate(over="ignore", under="ignore"):
             units = self._output_scale / np.prod(scales, axis=1)
             self.coef_ = theta * units
@@ -479,61 +346,30 @@ class NARMAXRegressor(AutoregressiveRegressor):
         self.term_factors_, self._theta = factors, theta
         self.error_reduction_ratio_ = np.array(ratios)
         self.noise_std_ = float(sigma * self._output_scale)
-        signals = len(self.input_lags_) + len(self.output_lags_)
-        self._deterministic = ~np.any(factors >= signals, axis=1)
-        self._plan = plan_polynomial(
-            factors[self._deterministic],
-            self.input_lags_,
-            self.output_lags_,
-            len(self._input_scale),
-        )
+        known = self._without_noise(factors)
+        self._step = PolynomialStep.of(self._lags, factors[known], theta[known])
 
     # ----------------------------------------------------------------------------------- the runs
 
     def _one_step(self, Z):
-        known = self._deterministic
-        values = term_products(Z / self._lag_scale(), self.term_factors_[known])
-        return (values @ self._theta[known]) * self._output_scale
+        return self._step.rows(Z / self._lag_scale()) * self._output_scale
 
     def _run(self, start):
-        y, n_good = polynomial_run(
-            self._plan,
-            self._theta[self._deterministic],
-            start.inputs / self._input_scale,
-            start.history / self._output_scale,
-            self.bound_ / self._output_scale,
-            start.n_past,
-        )
+        y, n_good = self._step.run(self._scaled(start), self.bound_ / self._output_scale)
         y *= self._output_scale
         return y, n_good
 
-    def _runs_ahead(self, starts, measured, horizon):
-        if self._deterministic.all():
-            return super()._runs_ahead(starts, measured, horizon)
-        lags = (self.input_lags_, self.output_lags_, self.noise_lags_)
-        bound, runs, good = self.bound_ / self._output_scale, [], True
-        for start, y in zip(starts, measured, strict=True):
-            part = RecordPart(
-                start.inputs / self._input_scale,
-                start.n_past,
-                start.history / self._output_scale,
-                y / self._output_scale,
-            )
-            run, whole = innovations(self.term_factors_, self._theta, lags, part, bound, horizon)
-            runs.append(run * self._output_scale)
-            good &= whole
-        return runs, good
+    def _runs_ahead(self, starts, horizon):
+        if self._without_noise(self.term_factors_).all():
+            return super()._runs_ahead(starts, horizon)
+        model = self.term_factors_, self._theta, self._lags, self.noise_lags_
+        bound, scale = self.bound_ / self._output_scale, self._output_scale
+        runs = [innovations(*model, self._scaled(start), bound, horizon) for start in starts]
+        return [y * scale for y, _ in runs], all(good for _, good in runs)
 
 
-def _transformed(transformer, drive):
-    return np.asarray(transformer.transform(drive), dtype=float)
-
-
-def _last_sign(rate, records):
-    """Return the direction of the last move of each record, 0 before the first one."""
+def _last_sign(rate):
+    """Return the direction of the last move of a record, 0 before the first one."""
     sign = np.sign(rate)
-    for record in records:
-        values = sign[record.rows, 0]
-        moved = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), 0))
-        sign[record.rows, 0] = values[moved]
-    return sign
+    moved = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign))[:, None], 0))
+    return np.take_along_axis(sign, moved, axis=0)

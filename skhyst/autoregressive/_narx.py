@@ -8,13 +8,11 @@ from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods
 from ._base import AutoregressiveRegressor
 from ._extract import extract_step
-from ._runs import free_runs
-from ._steps import Lags, LinearStep
+from ._steps import LinearStep
 
 __all__ = ["NARXRegressor"]
 
@@ -151,9 +149,8 @@ class NARXRegressor(AutoregressiveRegressor):
         Z, target = self._regression(X, y, records)
         estimator = _default() if self.estimator is None else clone(self.estimator)
         self.estimator_ = estimator.fit(Z, target)
-        lags = Lags(self.input_lags_, self.output_lags_, self.n_features_in_)
         rows = np.linspace(0, len(Z) - 1, min(_COMPARED, len(Z))).astype(int)
-        self._step = extract_step(self.estimator_, lags, Z[rows])
+        self._step = extract_step(self.estimator_, self._lags, Z[rows])
         self.compiled_ = self._step is not None
         for name in ("coef_", "intercept_"):  # of an earlier fit
             self.__dict__.pop(name, None)
@@ -166,16 +163,6 @@ class NARXRegressor(AutoregressiveRegressor):
         # the signals are finite: the fit has seen to it, and outputs are bounded
         with config_context(assume_finite=True):
             return self.estimator_.predict(Z)
-
-    def _free_runs(self, starts):
-        if self._step is None:
-            # a batch has one row a record: threads that wait for each other cost more than they do
-            with threadpool_limits(1):
-                return free_runs(
-                    self._one_step, starts, self.input_lags_, self.output_lags_, self.bound_
-                )
-        runs = [self._step.run(start, self.bound_) for start in starts]
-        return [y for y, _ in runs], all(n_good == len(y) for y, n_good in runs)
 
 
 def _default():

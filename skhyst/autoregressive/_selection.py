@@ -11,12 +11,24 @@ it. Greedy steps may pick a column that stands for two others, so the result is 
 single removals, additions and exchanges for as long as the criterion falls.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-__all__ = ["Criterion", "Search", "condense", "error_reduction", "subset_solution"]
+from ..exceptions import RecordError
+
+__all__ = [
+    "Criterion",
+    "Search",
+    "condense",
+    "condense_folds",
+    "error_reduction",
+    "subset_solution",
+]
 
 _CHUNK = 4096  # rows that are condensed at once
+_FOLDS = 5
 _COLLINEAR = 1e-8  # part of a column that must be left for it to count as new
 _SINGULAR = 1e-14  # the same, where a subset that was asked for is solved
 _FLOOR = 1e-24  # part of the sum of squares of y below which there is only rounding
@@ -25,14 +37,43 @@ _BEYOND = 6  # terms that the forward search goes on beyond the best number
 _ROUNDS = 200
 
 
-def condense(blocks, factor=None):
-    """Return the triangular factor of all blocks of rows (n, p + 1), on top of a known one."""
+def condense(blocks):
+    """Return the triangular factor of all blocks of rows (n, p + 1)."""
+    factor = None
     for block in blocks:
         for start in range(0, len(block), _CHUNK):
             part = block[start : start + _CHUNK]
             part = part if factor is None else np.concatenate([factor, part])
             factor = qr(part, mode="r", check_finite=False)[0][: part.shape[1]]
     return factor
+
+
+def condense_folds(sizes, left_out, block):
+    """Return the condensed data of each fold of records, one fold where none is left out.
+
+    ``sizes`` are the rows of each record; ``block`` returns some of all rows, given as a slice.
+    """
+    ends = np.cumsum(sizes)
+    parts = [(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    n_folds = 1
+    if left_out:
+        if len(parts) == 1:  # fifths of a single record
+            parts = [(a, b) for a, b in pairwise(np.linspace(0, sizes[0], _FOLDS + 1, dtype=int))]
+            parts = [(a, b) for a, b in parts if b > a]
+        n_folds = min(_FOLDS, len(parts))
+        if n_folds < 2:
+            raise RecordError(
+                "The records must have at least two samples beyond the longest lag where "
+                "'criterion' is 'cv'. Got one instead."
+            )
+    return [
+        condense(
+            block(slice(first, min(first + _CHUNK, b)))
+            for a, b in parts[fold::n_folds]
+            for first in range(a, b, _CHUNK)
+        )
+        for fold in range(n_folds)
+    ]
 
 
 def subset_solution(factor, subset):
@@ -58,86 +99,81 @@ def subset_solution(factor, subset):
 
 def error_reduction(factor, subset):
     """Return a subset in the order of forward regression, and each term's part of y'y."""
-    columns = factor[:, list(subset)].copy()
-    rest = factor[:, -1].copy()
+    columns, rest = factor[:, list(subset)].copy(), factor[:, -1].copy()
     total = rest @ rest
-    left = list(range(len(subset)))
-    order, parts = [], []
-    for _ in range(len(subset)):
-        gains = _gains(columns[:, left], rest)
-        best = left[int(np.argmax(gains))]
+    left, order, parts = list(range(len(subset))), [], []
+    while left:
+        gains = _gains(columns[:, left], rest, 0.0)
+        best = left.pop(int(np.argmax(gains)))
         order.append(subset[best])
         parts.append(float(max(gains.max(), 0.0) / total) if total > 0.0 else 0.0)
-        left.remove(best)
-        q = _unit(columns[:, best])
-        rest -= q * (q @ rest)
-        columns[:, left] -= np.outer(q, q @ columns[:, left])
+        rest = _deflate(columns, rest, best)
     return order, parts
 
 
-def _unit(column):
-    norm = np.linalg.norm(column)
-    return column / norm if norm > 0.0 else column
-
-
-def _gains(columns, rest):
+def _gains(columns, rest, least):
+    """Return what each column explains of the rest, -1 where its square is at most ``least``."""
     squares = np.einsum("ij,ij->j", columns, columns)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(squares > 0.0, (columns.T @ rest) ** 2 / squares, 0.0)
+        return np.where(squares > least, (columns.T @ rest) ** 2 / squares, -1.0)
+
+
+def _most_telling(columns, rest, taken):
+    """Return the column that explains most of the rest, None where all are collinear or taken."""
+    gains = _gains(columns, rest, _COLLINEAR**2)
+    gains[taken] = -1.0
+    return int(np.argmax(gains)) if (gains >= 0.0).any() else None
+
+
+def _deflate(columns, rest, best):
+    """Make all columns, in place, and the rest orthogonal to one of them; return the rest."""
+    norm = np.linalg.norm(columns[:, best])
+    q = columns[:, best] / (norm if norm > 0.0 else 1.0)
+    columns -= np.outer(q, q @ columns)
+    return rest - q * (q @ rest)
 
 
 class Criterion:
-    """What a search makes small: a penalised likelihood, or the error in folds left out.
+    """What a search makes small: a penalised likelihood, or the error in folds left out (``"cv"``).
 
-    Parameters
-    ----------
-    name : {"ebic", "bic", "aic", "aicc", "cv"}
-    n_samples : int
-        Number of samples.
-    n_candidates : int
-        Number of candidate terms, which ``"ebic"`` pays for.
-    scale : float
-        Sum of squares of the target.
+    ``"ebic"`` pays for the number of candidates; ``scale`` is the sum of squares of the target.
     """
 
     def __init__(self, name, n_samples, n_candidates, scale):
         self.name, self.n_samples, self.n_candidates = name, n_samples, n_candidates
         self.floor = _FLOOR * scale
 
+    def likelihood(self, rest):
+        """Return the criterion of a sum of squares without its price for terms."""
+        least = max(self.floor, np.finfo(float).tiny)
+        return self.n_samples * np.log(max(rest, least) / self.n_samples)
+
     def __call__(self, rest, size):
         """Return the criterion of a sum of squares with a number of terms."""
-        n, p = self.n_samples, self.n_candidates
+        n, value = self.n_samples, self.likelihood(rest)
         if size >= n - 2:
             return np.inf
-        value = n * np.log(max(rest, self.floor, np.finfo(float).tiny) / n)
         if self.name == "aic":
             return value + 2.0 * size
         if self.name == "aicc":
             return value + 2.0 * size * n / (n - size - 1.0)
         value += size * np.log(n)
         if self.name == "ebic":
-            value += 2.0 * size * np.log(p)
+            value += 2.0 * size * np.log(self.n_candidates)
         return value
 
 
 class Search:
     """Search for the best subset of the columns of condensed data.
 
-    Parameters
-    ----------
-    folds : list of ndarray of shape (p + 1, p + 1)
-        Condensed parts of the data; one is enough but for cross-validation.
-    criterion : Criterion
-    forced : sequence of int
-        Columns that are in every subset.
+    The folds are condensed parts of the data; one is enough but for cross-validation.
     """
 
-    def __init__(self, folds, criterion, forced=()):
+    def __init__(self, folds, criterion):
         self.factor = folds[0] if len(folds) == 1 else condense(folds)
         norms = np.linalg.norm(self.factor[:, :-1], axis=0)
-        self.norms = np.where(norms > 0.0, norms, 1.0)
-        self.candidates = np.flatnonzero(norms > 0.0)
-        self.criterion, self.forced = criterion, list(forced)
+        self.columns = self.factor[:, :-1] / np.where(norms > 0.0, norms, 1.0)
+        self.criterion = criterion
         self.folds = folds if criterion.name == "cv" else ()
         self.others = [
             condense([part for j, part in enumerate(self.folds) if j != i])
@@ -149,21 +185,15 @@ class Search:
         """Return the criterion of a subset."""
         key = frozenset(subset)
         if key not in self.known:
-            self.known[key] = self._value(sorted(subset))
+            subset = sorted(subset)
+            if self.folds:
+                self.known[key] = self.criterion.likelihood(self._fold_errors(subset).sum())
+            else:
+                self.known[key] = self.criterion(self._rest(subset), len(subset))
         return self.known[key]
 
-    def _value(self, subset):
-        if not self.folds:
-            return self.criterion(subset_solution(self.factor, subset)[2], len(subset))
-        return self._logarithm(self._fold_errors(subset).sum())
-
-    def rest(self, subset):
-        """Return the criterion without its price for terms."""
-        return self._logarithm(subset_solution(self.factor, subset)[2])
-
-    def _logarithm(self, rest):
-        n = self.criterion.n_samples
-        return n * np.log(max(rest, self.criterion.floor, np.finfo(float).tiny) / n)
+    def _rest(self, subset):
+        return subset_solution(self.factor, subset)[2]
 
     def _fold_errors(self, subset):
         """Return the sum of squares in each fold of the fit to the others."""
@@ -175,9 +205,8 @@ class Search:
 
     def best(self, n_terms=None):
         """Return the best subset, or the best one of ``n_terms`` columns that can be found."""
-        limit = len(self.candidates) if n_terms is None else n_terms
-        path, lowest, size = list(self.forced), np.inf, len(self.forced)
-        for found in self._forward(path, limit):
+        path, lowest, size = [], np.inf, 0
+        for found in self._forward(self.columns.shape[1] if n_terms is None else n_terms):
             value = self.value(found) if n_terms is None else -len(found)
             if value < lowest:
                 lowest, size = value, len(found)
@@ -197,38 +226,28 @@ class Search:
         The fold errors have a flat minimum; its place is chance.
         """
         least, n_folds = self._fold_errors(path[:size]), len(self.folds)
-        for fewer in range(len(self.forced), size):
+        for fewer in range(size):
             excess = self._fold_errors(path[:fewer]) - least
             if excess.sum() <= np.sqrt(n_folds) * excess.std(ddof=1):
                 return fewer
         return size
 
-    def _forward(self, subset, limit):
+    def _forward(self, limit):
         """Yield growing subsets, each with the column that explains most of what is left."""
-        columns = self.factor[:, :-1] / self.norms
-        rest = self.factor[:, -1].copy()
-        subset = list(subset)
-        for column in subset:
-            rest = _deflate(columns, rest, columns[:, column].copy())
-        yield list(subset)
+        columns, rest, subset = self.columns.copy(), self.factor[:, -1], []
+        yield []
         while len(subset) < limit:
-            squares = np.einsum("ij,ij->j", columns, columns)
-            squares[subset] = 0.0
-            fresh = squares > _COLLINEAR**2
-            if not fresh.any():
+            column = _most_telling(columns, rest, subset)
+            if column is None:
                 return
-            with np.errstate(divide="ignore", invalid="ignore"):
-                gains = np.where(fresh, (columns.T @ rest) ** 2 / squares, -1.0)
-            column = int(np.argmax(gains))
-            subset.append(column)
-            # a second time: what is left of a nearly collinear column is rounding in part
-            rest = _deflate(columns, rest, columns[:, column].copy())
-            yield list(subset)
+            rest = _deflate(columns, rest, column)
+            subset = [*subset, column]
+            yield subset
 
     def _backward(self, subset):
         """Return the best of the subsets that are left as the weakest terms go one by one."""
         best = current = list(subset)
-        while len(current) > len(self.forced):
+        while current:
             current = self._without_weakest(current)
             if self.value(current) < self.value(best):
                 best = current
@@ -236,57 +255,43 @@ class Search:
 
     def _without_weakest(self, subset):
         coefficients, inverse, _ = subset_solution(self.factor, subset)
-        losses = coefficients**2 / np.einsum("ij,ij->i", inverse, inverse)
-        losses[[i for i, column in enumerate(subset) if column in self.forced]] = np.inf
-        weakest = int(np.argmin(losses))
+        weakest = int(np.argmin(coefficients**2 / np.einsum("ij,ij->i", inverse, inverse)))
         return subset[:weakest] + subset[weakest + 1 :]
 
     def _with_best(self, subset):
         """Return the subset with the column that explains most of what it leaves, or None."""
-        scaled = self.factor[:, :-1] / self.norms
-        rest = self.factor[:, -1]
+        columns, rest = self.columns, self.factor[:, -1]
         if subset:
-            q = qr(scaled[:, subset], mode="economic", check_finite=False)[0]
-            scaled = scaled - q @ (q.T @ scaled)
-            rest = rest - q @ (q.T @ rest)
-        squares = np.einsum("ij,ij->j", scaled, scaled)
-        squares[subset] = 0.0
-        fresh = squares > _COLLINEAR**2
-        if not fresh.any():
-            return None
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gains = np.where(fresh, (scaled.T @ rest) ** 2 / squares, -1.0)
-        return [*subset, int(np.argmax(gains))]
+            q = qr(columns[:, subset], mode="economic", check_finite=False)[0]
+            columns, rest = columns - q @ (q.T @ columns), rest - q @ (q.T @ rest)
+        column = _most_telling(columns, rest, subset)
+        return None if column is None else [*subset, column]
 
     def refine(self, subset, moves=("removal", "addition", "exchange"), rounds=_ROUNDS):
         """Return a subset that no single move improves."""
         current = list(subset)
-        exchanged_by = self.value if "removal" in moves else self.rest
+        # exchanges alone change no number of terms, and so no price
+        exchanged_by = self.value if "removal" in moves else self._likelihood
         for _ in range(rounds):
             trials = []
-            if "removal" in moves and len(current) > len(self.forced):
+            if "removal" in moves and current:
                 trials.append(self._without_weakest(current))
             if "addition" in moves:
                 trials.append(self._with_best(current))
             better = self._better(trials, current, exchanged_by)
             if better is None:
-                kept = [column for column in current if column not in self.forced]
-                trials = [self._with_best([c for c in current if c != out]) for out in kept]
+                trials = [self._with_best([c for c in current if c != out]) for out in current]
                 better = self._better(trials, current, exchanged_by)
             if better is None:
                 break
             current = better
         return current
 
+    def _likelihood(self, subset):
+        return self.criterion.likelihood(self._rest(subset))
+
     def _better(self, trials, current, value):
         values = [np.inf if trial is None else value(trial) for trial in trials]
         if values and min(values) < value(current) - _MARGIN * self.criterion.n_samples:
             return trials[int(np.argmin(values))]
         return None
-
-
-def _deflate(columns, rest, direction):
-    """Make all columns, in place, and the rest orthogonal to a direction; return the rest."""
-    q = _unit(direction)
-    columns -= np.outer(q, q @ columns)
-    return rest - q * (q @ rest)

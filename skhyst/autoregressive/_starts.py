@@ -10,6 +10,7 @@ __all__ = ["estimate_history", "fit_line", "rest_outputs"]
 _GRID = 33  # outputs at which a resting point is looked for
 _ITERATIONS = 60  # halvings at the most: to the last digit
 _SAMPLES = 20  # that initial outputs are fitted to, or ten an output
+_STEP = 1e-6  # of a difference quotient, in ranges of the outputs
 
 
 def fit_line(X, y):
@@ -35,36 +36,26 @@ def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
         Z[:, inputs.shape[1] :] = y[:, None]
         return np.asarray(one_step(Z), dtype=float).reshape(-1) - y
 
-    span = high - low
-    n_rows = len(inputs)
-    steps = np.linspace(0.0, 1.0, _GRID)
-    bottom = np.minimum(low - span, guesses - span)
-    top = np.maximum(high + span, guesses + span)
-    grid = bottom[:, None] + (top - bottom)[:, None] * steps
+    span, n_rows = high - low, len(inputs)
+    bottom = np.minimum(low, guesses) - span
+    width = np.maximum(high, guesses) + span - bottom
+    grid = bottom[:, None] + width[:, None] * np.linspace(0.0, 1.0, _GRID)
     values = excess(np.repeat(np.arange(n_rows), _GRID), grid.ravel()).reshape(grid.shape)
     falls = (values[:, :-1] >= 0.0) & (values[:, 1:] <= 0.0)
     rises = (values[:, :-1] <= 0.0) & (values[:, 1:] >= 0.0)
-    centres = 0.5 * (grid[:, :-1] + grid[:, 1:])
-    distance = np.abs(centres - guesses[:, None])
-    distance = np.where(
-        falls, distance, np.where(rises, distance + (top - bottom)[:, None], np.inf)
-    )
-    best = np.argmin(distance, axis=1)
-    found = np.flatnonzero(np.isfinite(distance[np.arange(n_rows), best]))
+    distance = np.abs(0.5 * (grid[:, :-1] + grid[:, 1:]) - guesses[:, None])
+    distance = np.select([falls, rises], [distance, distance + width[:, None]], np.inf)
+    found, cells = np.flatnonzero(np.isfinite(distance).any(axis=1)), np.argmin(distance, axis=1)
     result = np.array(guesses, dtype=float)
     if found.size:
-        cells = best[found]
-        result[found] = _root(
-            lambda y, which: excess(found[which], y),
-            (grid[found, cells], grid[found, cells + 1]),
-            (values[found, cells], values[found, cells + 1]),
-        )
+        left, right = (found, cells[found]), (found, cells[found] + 1)
+        ends = grid[left], grid[right], values[left], values[right]
+        result[found] = _root(lambda y, which: excess(found[which], y), *ends)
     return result
 
 
-def _root(f, ends, values):
+def _root(f, a, b, fa, fb):
     """Return a root of each of several functions by regula falsi, where that stalls by halving."""
-    (a, b), (fa, fb) = (np.array(pair) for pair in (ends, values))
     width = np.abs(b - a)
     todo = np.arange(len(a))
     for iteration in range(2 * _ITERATIONS):
@@ -85,33 +76,25 @@ def _root(f, ends, values):
     return np.where(np.abs(fa) < np.abs(fb), a, b)
 
 
-def estimate_history(free_runs, inputs, measured, span):
-    """Return the outputs before a record whose free run fits its first samples best.
+def estimate_history(free_runs, inputs, y, n_outputs, span):
+    """Return the ``n_outputs`` before a record whose free run fits its first samples best.
 
-    Parameters
-    ----------
-    free_runs : callable
-        Maps a list of starts to a list of runs.
-    inputs : ndarray of shape (n_samples, n_columns)
-        Inputs of the record.
-    measured : tuple of (ndarray of shape (n_samples,), int)
-        Outputs, and how many before the record are wanted.
-    span : float
-        Range of the outputs.
+    ``free_runs`` maps a list of starts to a list of runs and whether all stayed within bounds;
+    ``span`` is the range of the outputs.
     """
-    y, n_outputs = measured
+    if not n_outputs:
+        return np.empty(0)
     n_samples = min(len(y), max(_SAMPLES, 10 * n_outputs))
     inputs, y = inputs[:n_samples], y[:n_samples]
-    step = 1e-6 * span
 
     def residuals(parts):
         histories = y[0] + span * np.atleast_2d(parts)
-        runs = free_runs([Start(inputs, 0, history) for history in histories])
+        runs, _ = free_runs([Start(inputs, 0, history) for history in histories])
         return (np.array(runs) - y) / span
 
     def jacobian(part):
-        values = residuals(np.vstack([part, part + step / span * np.eye(n_outputs)]))
-        return (values[1:] - values[0]).T * (span / step)
+        values = residuals(np.vstack([part, part + _STEP * np.eye(n_outputs)]))
+        return (values[1:] - values[0]).T / _STEP
 
     found = least_squares(lambda part: residuals(part)[0], np.zeros(n_outputs), jac=jacobian)
     return y[0] + span * found.x

@@ -1,4 +1,4 @@
-"""Polynomial terms: their enumeration, their values, their names."""
+"""The candidate terms of a polynomial model, and their names."""
 
 from collections import Counter
 from itertools import combinations_with_replacement
@@ -6,7 +6,7 @@ from math import comb
 
 import numpy as np
 
-__all__ = ["candidate_terms", "count_terms", "term_name", "term_products", "unit_scale"]
+__all__ = ["candidate_terms", "count_terms", "term_name", "unit_scale"]
 
 
 def count_terms(n_signals, degree):
@@ -15,50 +15,24 @@ def count_terms(n_signals, degree):
 
 
 def candidate_terms(groups, width, include_bias):
-    """Return the table of all products of lagged signals.
+    """Return the table (n_terms, width) of all products of lagged signals; absent factors are -1.
 
-    Parameters
-    ----------
-    groups : sequence of (sequence of int, int)
-        Signals, by position, and the highest degree of their products. Each group extends the one
-        before: products with at least one signal of its own, up to its degree.
-    width : int
-        Number of factors in a row of the table; absent ones are -1.
-    include_bias : bool
-        Whether the empty product is among them.
-
-    Returns
-    -------
-    ndarray of int, shape (n_terms, width)
-        By degree within each group.
+    A group has signals, by position, and the highest degree of their products. Each extends the one
+    before: products with at least one signal of its own, up to its degree, lower degrees first.
     """
-    rows = [()] if include_bias else []
-    known = []
+    rows, known = [()] if include_bias else [], []
     for own, degree in groups:
-        signals = [*known, *own]
-        fresh = set(own)
-        for size in range(1, degree + 1):
-            rows += [
-                product
-                for product in combinations_with_replacement(signals, size)
-                if fresh.intersection(product)
-            ]
-        known = signals
+        known += own
+        rows += [
+            product
+            for size in range(1, degree + 1)
+            for product in combinations_with_replacement(known, size)
+            if not set(product).isdisjoint(own)
+        ]
     table = np.full((len(rows), max(width, 1)), -1, dtype=np.int64)
     for row, product in zip(table, rows, strict=True):
         row[: len(product)] = product
     return table
-
-
-def term_products(Z, terms):
-    """Return the values (n_samples, n_terms) of terms from lagged signals."""
-    # terms first: each product is one contiguous row
-    columns = np.ascontiguousarray(Z.T)
-    out = np.ones((len(terms), len(Z)), dtype=columns.dtype)
-    for row, factors in zip(out, terms, strict=True):
-        for factor in factors[factors >= 0]:
-            row *= columns[factor]
-    return out.T
 
 
 def term_name(factors, names, n_inputs, n_outputs):
@@ -73,6 +47,4 @@ def term_name(factors, names, n_inputs, n_outputs):
 def unit_scale(values):
     """Return a power of two next to the largest magnitude: dividing by it rounds nothing."""
     largest = np.abs(values).max(axis=0)
-    return np.where(
-        largest > 0.0, 2.0 ** np.round(np.log2(np.where(largest > 0, largest, 1.0))), 1.0
-    )
+    return 2.0 ** np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))

@@ -84,15 +84,8 @@ class Backfitting:
     def predict(self, targets):
         """Return what the clones predict when each is fitted to its row of targets.
 
-        Every clone predicts all rows: what has a memory is not cut at the borders of a fold.
-
-        Parameters
-        ----------
-        targets : ndarray of shape (n_folds, n_samples)
-
-        Returns
-        -------
-        ndarray of shape (n_folds, n_samples)
+        Every clone predicts all rows, (n_folds, n_samples): what has a memory is not cut at the
+        borders of a fold.
         """
         found = np.empty_like(targets)
         for k, target in enumerate(targets):
@@ -190,17 +183,7 @@ def _rows(X, rows):
 def explained_change(operator, record, residual, state="rest"):
     """Return the change of the first column of a record's drive that explains the residual.
 
-    Parameters
-    ----------
-    operator : Operator
-        The effects, of the drive of the record.
-    record : RecordData
-    residual : ndarray of shape (n_samples,)
-    state : {"rest", "zero"}
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
+    Both are (n_samples,); ``operator`` is that of the effects.
     """
     if record.schedule is not None:
         operator = operator.at(record.schedule)

@@ -157,9 +157,13 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             )
 
         def refit(last, p):
-            # the matrices are tiny: threads that wait for each other cost more than they do
+            records = records_of(p)
             with one_thread():
-                result = _identify(effects, records_of(p), last)
+                if last is None:
+                    result = effects._identify(records)
+                else:  # from where it ended the last time
+                    start = last.operator, last.disturbances
+                    result = effects._refine([start], records, "variable_projection")
             return result, result.error
 
         targets = np.tile(y, (backfitting.n_folds, 1))
@@ -207,14 +211,6 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         signal, schedules = effects._signal(inputs, slices), effects._schedules(slices, inputs)
         state = effects._free_run_state()
         return run_records(effects.operator_, signal, slices, state, schedules)
-
-
-def _identify(effects, records, last):
-    """Return what identification finds, from where it ended the last time."""
-    if last is None:
-        return effects._identify(records)
-    start = last.operator, last.disturbances
-    return effects._refine([start], records, "variable_projection")
 
 
 def _stretches(fold):

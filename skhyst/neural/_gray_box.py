@@ -193,12 +193,13 @@ class GrayBoxHysteresis(ParametricModel):
     def _identify(self, data):
         largest = max(np.abs(record.y).max() for record in data)
         span = max(r.y.max() for r in data) - min(r.y.min() for r in data)
+        n_samples = sum(len(r.u) for r in data)
         self.bound_ = float(largest + _BOUND * (span or largest or 1.0))
         options = {"initial_state": self._free_run_state(), "method": self.method}
         slow = self._slow_records(data)
         first = SystemLevelHysteresis(self.variant).starting_values(slow)
         static = identify(first, slow, fixed=self.held_parameters(), **options)
-        stages = [_Stage.of("static", static, slow)]
+        stages = [_stage("static", static, sum(len(r.u) for r in slow))]
         network = GrayBoxOperator.at_rest(
             static.operator,
             input_lags=self.input_lags,
@@ -207,22 +208,19 @@ class GrayBoxHysteresis(ParametricModel):
             dynamics=self.dynamics,
         )
         held = frozenset(name for name, _ in static.operator.entries())
-        result = static
         if network.n_parameters > len(held):
             starts = [(network, ()), *self._one_step_starts(network, data)]
             dynamic = identify(starts, data, fixed=held, **options)
-            stages.append(_Stage.of("dynamic", dynamic, data))
+            stages.append(_stage("dynamic", dynamic, n_samples))
             result = _beside(static, dynamic)
         else:
             result = dataclasses.replace(static, operator=network)
         if self.training == "joint":
             joint = identify([(result.operator, ())], data, fixed=self.held_parameters(), **options)
-            stages.append(_Stage.of("joint", joint, data))
-            result = dataclasses.replace(
-                joint, n_evaluations=result.n_evaluations + joint.n_evaluations
-            )
-        fields = {f.name: getattr(result, f.name) for f in dataclasses.fields(IdentificationResult)}
-        return _TrainingResult(**fields, stages=tuple(stages))
+            stages.append(_stage("joint", joint, n_samples))
+            n_evaluations = result.n_evaluations + joint.n_evaluations
+            result = dataclasses.replace(joint, n_evaluations=n_evaluations)
+        return _TrainingResult(**vars(result), stages=stages)
 
     def _slow_records(self, data):
         """Return the records that train the static sub-model."""
@@ -250,43 +248,33 @@ class GrayBoxHysteresis(ParametricModel):
         scale[scale == 0.0] = 1.0
         weights = np.linalg.lstsq(columns / scale, rest, rcond=None)[0] / scale
         start = dataclasses.replace(network, weights=weights)
-        if np.abs(start.poles()).max(initial=0.0) >= 1.0:
-            return []
-        return [(start, ())]
+        return [(start, ())] if np.all(np.abs(start.poles()) < 1.0) else []
 
     def _adopt(self, result):
-        stages = getattr(result, "stages", None)
-        if stages is None:  # a refinement of all weights together
-            stages = (_Stage("joint", result.history, result.damping, self._n_samples()),)
-        self.history_ = {
-            "stage": np.repeat([s.name for s in stages], [len(s.history) for s in stages]),
-            "epoch": np.concatenate([np.arange(len(s.history)) for s in stages]),
-            "loss": np.concatenate([[c / s.n_samples for _, c in s.history] for s in stages]),
-            "mu": np.concatenate([s.damping or np.full(len(s.history), np.nan) for s in stages]),
-        }
-        self.n_epochs_ = {s.name: len(s.history) - 1 for s in stages}
+        if isinstance(result, _TrainingResult):
+            stages = result.stages
+        else:  # a refinement of all weights together
+            stages = [_stage("joint", result, sum(record.n_samples for record in self.records_))]
+        self.history_ = {key: np.concatenate([s[key] for s in stages]) for key in stages[0]}
+        self.n_epochs_ = {s["stage"][0]: int(s["epoch"][-1]) for s in stages}
         self.dt_ = self.records_[0].dt
         return super()._adopt(result)
-
-    def _n_samples(self):
-        return sum(record.n_samples for record in self.records_)
-
-
-@dataclass(frozen=True)
-class _Stage:
-    name: str
-    history: list
-    damping: tuple
-    n_samples: int
-
-    @classmethod
-    def of(cls, name, result, data):
-        return cls(name, result.history, result.damping, sum(len(r.u) for r in data))
 
 
 @dataclass(frozen=True)
 class _TrainingResult(IdentificationResult):
-    stages: tuple = ()
+    stages: list = ()
+
+
+def _stage(name, result, n_samples):
+    """Return the history of a stage of the training."""
+    count = len(result.history)
+    return {
+        "stage": [name] * count,
+        "epoch": np.arange(count),
+        "loss": [cost / n_samples for _, cost in result.history],
+        "mu": result.damping or np.full(count, np.nan),
+    }
 
 
 def _beside(static, dynamic):

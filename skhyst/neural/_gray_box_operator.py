@@ -1,8 +1,7 @@
 """The gray-box network: a quasi-static sub-model and a NARMAX sub-model of its dynamics.
 
-A recursion that adds a polynomial of past signals to a known output.
-
-With the window ``z = [w(k), ..., w(k - n_w), y(k - 1), ..., y(k - n_y)]`` and ``x = mix z``
+A recursion that adds a polynomial of past signals to a known output. With the window
+``z = [w(k), ..., w(k - n_w), y(k - 1), ..., y(k - n_y)]`` and ``x = mix z``
 
     y(k) = level(k) + sum_t weights[t] prod_j x[terms[t, j]]
 
@@ -21,13 +20,21 @@ from .._jit import jit
 from ..hysteresis import SystemLevelOperator
 from ..operators import Operator, ParameterSpec, as_signal
 
-__all__ = [
-    "GrayBoxOperator",
-    "gray_box_run",
-    "gray_box_tangents",
-]
+__all__ = ["GrayBoxOperator"]
 
 _BOUND = 1e100  # beyond, the recursion has left the range in which squares are finite
+
+
+@jit
+def _signals(mix, w, y, n_w, n_y, k, x):
+    """Fill ``x`` with the signals of sample ``k``."""
+    for i in range(x.size):
+        value = 0.0
+        for j in range(n_w + 1):
+            value += mix[i, j] * w[n_w + k - j]
+        for j in range(1, n_y + 1):
+            value += mix[i, n_w + j] * y[n_y + k - j]
+        x[i] = value
 
 
 @jit
@@ -41,13 +48,7 @@ def gray_box_run(level, w, mix, terms, weights, y):
         if n_y > 0 and math.isnan(y[now - 1]):
             y[now] = math.nan
             continue
-        for i in range(x.size):
-            value = 0.0
-            for j in range(n_w + 1):
-                value += mix[i, j] * w[n_w + k - j]
-            for j in range(1, n_y + 1):
-                value += mix[i, n_w + j] * y[now - j]
-            x[i] = value
+        _signals(mix, w, y, n_w, n_y, k, x)
         total = level[k]
         for t in range(weights.size):
             value = weights[t]
@@ -75,14 +76,8 @@ def gray_box_tangents(w, mix, terms, weights, y, dlevel, dw, dy):
         row = dy[now]
         for q in range(m):
             row[q] = dlevel[k, q]
-        for i in range(x.size):
-            value = 0.0
-            for j in range(n_w + 1):
-                value += mix[i, j] * w[n_w + k - j]
-            for j in range(1, n_y + 1):
-                value += mix[i, n_w + j] * y[now - j]
-            x[i] = value
-            slopes[i] = 0.0
+        _signals(mix, w, y, n_w, n_y, k, x)
+        slopes[:] = 0.0
         for t in range(weights.size):
             product = 1.0
             for j in range(terms.shape[1]):
@@ -181,49 +176,29 @@ class GrayBoxOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        if self.dynamics not in ("rate", "printed"):
-            raise ValueError(
-                "The 'dynamics' parameter of GrayBoxOperator must be 'rate' or 'printed'. "
-                f"Got {self.dynamics!r} instead."
-            )
-        if self.degree not in (1, 2):
-            raise ValueError(
-                "The 'degree' parameter of GrayBoxOperator must be 1 or 2. "
-                f"Got {self.degree!r} instead."
-            )
-        for name in ("input_lags", "output_lags"):
-            if getattr(self, name) < 0:
+        for name, fine, wanted in (
+            ("dynamics", self.dynamics in ("rate", "printed"), "be 'rate' or 'printed'"),
+            ("degree", self.degree in (1, 2), "be 1 or 2"),
+            ("input_lags", self.input_lags >= 0, "not be negative"),
+            ("output_lags", self.output_lags >= 0, "not be negative"),
+        ):
+            if not fine:
                 raise ValueError(
-                    f"The '{name}' parameter of GrayBoxOperator must not be negative. "
+                    f"The '{name}' parameter of GrayBoxOperator must {wanted}. "
                     f"Got {getattr(self, name)!r} instead."
                 )
-        if np.shape(self.weights) != (len(self._terms),):
+        n_terms = len(self._terms)
+        if np.shape(self.weights) != (n_terms,):
             raise ValueError(
-                f"The 'weights' parameter of GrayBoxOperator must have {len(self._terms)} values, "
+                f"The 'weights' parameter of GrayBoxOperator must have {n_terms} values, "
                 f"one a term. Got shape {np.shape(self.weights)} instead."
             )
 
     @classmethod
     def at_rest(cls, static, **structure):
-        """Return an operator without dynamics: all weights are zero.
-
-        Parameters
-        ----------
-        static : SystemLevelOperator
-        **structure
-            ``input_lags``, ``output_lags``, ``degree``, ``dynamics``.
-
-        Returns
-        -------
-        operator : GrayBoxOperator
-        """
-        terms = _terms(
-            structure.get("input_lags", 2),
-            structure.get("output_lags", 2),
-            structure.get("degree", 1),
-            structure.get("dynamics", "rate"),
-        )
-        return cls(static, np.zeros(len(terms)), **structure)
+        """Return an operator without dynamics: all weights are zero; the rest as in the class."""
+        given = {field.name: field.default for field in dataclasses.fields(cls)[2:]} | structure
+        return cls(static, np.zeros(len(_terms(**given))), **given)
 
     # ---------------------------------------------------------------------------- the parameters
 
@@ -373,43 +348,38 @@ class GrayBoxOperator(Operator):
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
-        n, m, n_own = u.size, du.shape[1], self.static.n_parameters
+        n, m, own = u.size, du.shape[1], du.shape[1] + self.static.n_parameters
         level, dlevel = self.static.linearize(u, du, dt, initial_state)
         state = self.init(u[0] if n else 0.0, initial_state)
         y, _ = self.run(u, dt, state)
-        wide = np.zeros((n, m + n_own + len(self._terms)))
-        wide[:, : m + n_own] = dlevel
-        column = m + [name for name, _ in self.static.entries()].index("intercept")
+        known = np.zeros((n, own + len(self._terms)))
+        known[:, :own] = dlevel
         rate = self.dynamics == "rate"
         if rate:
-            level = level - self._constant
-            wide[:, column] = 0.0
-            driven = wide
+            constant = m + [name for name, _ in self.static.entries()].index("intercept")
+            known[:, constant] = 0.0
+            w, driven = level - self._constant, known
         else:
-            driven = np.zeros_like(wide)
+            w, driven = u, np.zeros_like(known)
             driven[:, :m] = du
-        dw = np.zeros((self.input_lags + n, wide.shape[1]))
-        dy = np.zeros((self.output_lags + n, wide.shape[1]))
-        dw[self.input_lags :] = driven
+        past_w = np.zeros((self.input_lags, known.shape[1]))
+        past_y = np.zeros((self.output_lags, known.shape[1]))
         if initial_state == "rest" and n:
-            dw[: self.input_lags] = driven[0]
+            past_w[:] = driven[0]
             _, by_level, by_drive, by_weights = self._rest(u[0], level[0])
-            past = by_level * wide[0] + by_drive * driven[0]
-            past[m + n_own :] += by_weights
-            dy[: self.output_lags] = past
-        w = np.concatenate([state[1], level if rate else u])
-        full = np.concatenate([state[2], y - self._constant])
-        bad = not np.isfinite(y).all() or np.any(np.abs(self.poles()) >= 1.0)
-        if not bad:
-            good = gray_box_tangents(
-                w, self._mix, self._terms, as_signal(self.weights), full, wide, dw, dy
-            )
-            bad = good < n
+            past_y[:] = by_level * known[0] + by_drive * driven[0]
+            past_y[:, own:] += by_weights
+        dw, dy = np.concatenate([past_w, driven]), np.concatenate([past_y, np.zeros_like(known)])
+        w, full = np.concatenate([state[1], w]), np.concatenate([state[2], y - self._constant])
+        good = 0
+        if np.isfinite(y).all() and np.all(np.abs(self.poles()) < 1.0):
+            model = self._mix, self._terms, as_signal(self.weights)
+            good = gray_box_tangents(w, *model, full, known, dw, dy)
         dy = np.ascontiguousarray(dy[self.output_lags :])
-        if bad:
+        if good < n:
             dy[:] = np.nan
         elif rate:
-            dy[:, column] = 1.0
+            dy[:, constant] = 1.0
         return y, dy
 
 

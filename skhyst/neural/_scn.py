@@ -1,4 +1,10 @@
-"""Stochastic configuration network."""
+"""Stochastic configuration network: its random nodes, and how they are admitted.
+
+Nodes live in scaled inputs. A sigmoid node is ``1 / (1 + exp(-(w x + b)))`` with ``w`` and
+``b`` uniform in ``[-scope, scope]``. A Gaussian node is ``exp(-|x - c|^2 / (2 sigma^2))`` whose
+centre ``c`` is one of the samples, since lagged signals fill a thin part of any box, and whose
+``1 / sigma`` is uniform in ``(0, scope]``: in both cases the scope is the steepest slope.
+"""
 
 import warnings
 from numbers import Integral, Real
@@ -12,7 +18,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._sklearn import Interval, StrOptions, fit_context
 from ..exceptions import ConvergenceWarning
-from ._scn_nodes import ACTIVATIONS, gaussian, match, sigmoid
 from ._scn_weights import Constructive, LeastSquares, Window
 
 __all__ = ["SCNRegressor"]
@@ -20,6 +25,59 @@ __all__ = ["SCNRegressor"]
 _ROUND_OFF = 1e-13  # of the targets' standard deviation: what is left of an exact fit
 _TRIES = 5  # candidates of a scope that may be refused for round-off before it is widened
 _DEPENDENT = 1e-10  # spread of a principal component, over the largest, that is round-off
+_FAINT = 1e-5  # root mean square of activations that count as none
+_BLOCK = 1 << 18  # activations held at a time: they stay in the cache
+
+
+def sigmoid(X, nodes):
+    """Return (n_samples, n_nodes); a row of ``nodes`` is the weights, then the bias."""
+    z = X @ nodes[:, :-1].T
+    z += nodes[:, -1]
+    z *= 0.5
+    np.tanh(z, out=z)  # the logistic function, without overflow
+    z += 1.0
+    z *= 0.5
+    return z
+
+
+def gaussian(X, nodes):
+    """Return (n_samples, n_nodes); a row of ``nodes`` is the centre, then ``1 / sigma``."""
+    # differences rather than the expanded square, which cancels where a node is narrow
+    z = np.zeros((len(X), len(nodes)))
+    for column in range(X.shape[1]):
+        z += np.square(X[:, column : column + 1] - nodes[:, column])
+    z *= -0.5 * np.square(nodes[:, -1])
+    return np.exp(z, out=z)
+
+
+def _draw_sigmoid(X, scope, size, rng):
+    return rng.uniform(-scope, scope, (size, X.shape[1] + 1))
+
+
+def _draw_gaussian(X, scope, size, rng):
+    centers = X[rng.randint(len(X), size=size)]
+    return np.column_stack([centers, scope * (1.0 - rng.uniform(size=size))])
+
+
+ACTIVATIONS = {"sigmoid": (sigmoid, _draw_sigmoid), "rbf": (gaussian, _draw_gaussian)}
+
+
+def match(activation, X, nodes, residual):
+    """Return what a residual loses, (n_nodes, n_outputs), by one node and least squares.
+
+    That is ``<e_q, g>^2 / <g, g>``, zero for a node that next to vanishes at all samples: it would
+    act by its tail, with a giant weight.
+    """
+    products = np.zeros((len(nodes), residual.shape[1]))
+    squares = np.zeros(len(nodes))
+    rows = max(1, _BLOCK // len(nodes))
+    for start in range(0, len(X), rows):
+        block = slice(start, start + rows)
+        g = activation(X[block], nodes)
+        products += g.T @ residual[block]
+        squares += np.einsum("ij,ij->j", g, g)
+    squares[squares < _FAINT**2 * len(X)] = np.inf
+    return np.square(products) / squares[:, np.newaxis]
 
 
 class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -290,66 +348,64 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _build(self, X, y, held_back, scopes, contraction, rng):
         """Grow the network on standardised data; return nodes, coefficients and intercepts."""
-        activation = ACTIVATIONS[self.activation][0]
-        if self.algorithm == "SC-III":
-            solver = LeastSquares(y, self.max_nodes, self.alpha)
-        elif self.algorithm == "SC-II":
-            solver = Window(y, self.window)
-        else:
-            solver = Constructive(y)
-        nodes, best = np.empty((self.max_nodes, X.shape[1] + 1)), (-np.inf, 0, None)
-        history = {"scope": [], "contraction": [], "residual": [], "xi": []}
-        if held_back:
-            history["validation_score"] = []
-            g_back = np.empty((len(held_back[0]), self.max_nodes))
-        total = np.linalg.norm(y)
-        tolerance = max(self.tolerance, _ROUND_OFF) * np.sqrt(len(y))
-        n = 0
-        while True:
-            if (np.linalg.norm(solver.residual, axis=0) <= tolerance).all():
-                reason = "tolerance"
-                break
-            if n == min(self.max_nodes, len(y) - 1):
-                reason = "max_nodes"
-                break
-            if held_back and n - best[1] >= self.n_iter_no_change:
-                reason = "validation"
-                break
-            candidates = self._candidates(X, solver.residual, n + 1, scopes, contraction, rng)
+        activation, solver = ACTIVATIONS[self.activation][0], self._solver(y)
+        nodes, hidden, total, best = [], [], np.linalg.norm(y), (-np.inf, 0, None)
+        names = ["scope", "contraction", "residual", "xi", *["validation_score"] * bool(held_back)]
+        history = {name: [] for name in names}
+        while (reason := self._reason_to_stop(solver.residual, len(nodes), best[1])) is None:
+            candidates = self._candidates(
+                X, solver.residual, len(nodes) + 1, scopes, contraction, rng
+            )
             taken = (c for c in candidates if solver.add(activation(X, c[0][np.newaxis])[:, 0]))
             found = next(taken, None)
             if found is None:
                 reason = "no_candidate"
                 break
-            nodes[n], scope, r, xi = found
-            n += 1
-            residual = np.linalg.norm(solver.residual) / total
-            for name, value in zip(history, (scope, r, residual, xi), strict=False):
-                history[name].append(value)
+            node, scope, r, xi = found
+            nodes.append(node)
+            values = [scope, r, np.linalg.norm(solver.residual) / total, xi]
             if held_back:
-                g_back[:, n - 1] = activation(held_back[0], nodes[n - 1 : n])[:, 0]
+                hidden.append(activation(held_back[0], node[np.newaxis])[:, 0])
                 coef, intercept = solver.weights()
-                score = r2_score(held_back[1], g_back[:, :n] @ coef + intercept)
-                history["validation_score"].append(score)
+                score = r2_score(held_back[1], np.transpose(hidden) @ coef + intercept)
                 if score > best[0]:
-                    best = score, n, (coef.copy(), np.copy(intercept))
+                    best = score, len(nodes), (coef.copy(), np.copy(intercept))
+                values.append(score)
+            for name, value in zip(names, values, strict=True):
+                history[name].append(value)
         if reason == "no_candidate":
             warnings.warn(
-                f"No candidate for node {n + 1} satisfied the supervisory inequality, and the "
-                f"residual is {np.linalg.norm(solver.residual) / total:.2g} of the outputs' "
+                f"No candidate for node {len(nodes) + 1} satisfied the supervisory inequality, and "
+                f"the residual is {np.linalg.norm(solver.residual) / total:.2g} of the outputs' "
                 "standard deviation. Increase 'n_candidates', widen 'scopes', or bring "
                 "'contraction' closer to 1.",
                 ConvergenceWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
-        weights = solver.weights()
+        n, weights = len(nodes), solver.weights()
         if held_back:
             self.validation_score_ = float("nan") if best[2] is None else float(best[0])
             if best[2] is not None:
                 n, weights = best[1:]
         self.stop_reason_ = reason
         self.history_ = {name: np.array(values[:n]) for name, values in history.items()}
-        return nodes[:n].copy(), *weights
+        return np.reshape(nodes[:n], (n, X.shape[1] + 1)), *weights
+
+    def _solver(self, y):
+        if self.algorithm == "SC-III":
+            return LeastSquares(y, self.max_nodes, self.alpha)
+        return Window(y, self.window) if self.algorithm == "SC-II" else Constructive(y)
+
+    def _reason_to_stop(self, residual, n_nodes, n_best):
+        """Return why no further node is wanted, or None."""
+        tolerance = max(self.tolerance, _ROUND_OFF) * np.sqrt(len(residual))
+        if (np.linalg.norm(residual, axis=0) <= tolerance).all():
+            return "tolerance"
+        if n_nodes == min(self.max_nodes, len(residual) - 1):
+            return "max_nodes"
+        if self.early_stopping and n_nodes - n_best >= self.n_iter_no_change:
+            return "validation"
+        return None
 
     def _candidates(self, X, residual, size, scopes, contraction, rng):
         """Yield (node, scope, r, xi) of admissible candidates, the best of each scope first."""

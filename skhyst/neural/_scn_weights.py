@@ -1,7 +1,8 @@
 """Output weights of a stochastic configuration network, updated node by node.
 
-The three algorithms of Wang and Li (2017). Each starts from the mean of the targets, keeps the
-residual of what it holds, and returns its weights on demand.
+The three algorithms of Wang and Li (2017). Each starts from the mean of the targets and keeps the
+residual of what it holds. ``add(g)`` adds a node with activations (n_samples,) and returns whether
+it was taken; ``weights()`` returns coefficients (n_nodes, n_outputs) and intercepts (n_outputs,).
 """
 
 import numpy as np
@@ -21,14 +22,12 @@ class Constructive:
         self._coef = []
 
     def add(self, g):
-        """Add a node with activations ``g`` (n_samples,); return whether it was taken."""
         coef = g @ self.residual / (g @ g)
         self.residual -= np.outer(g, coef)
         self._coef.append(coef)
         return True
 
     def weights(self):
-        """Return the coefficients (n_nodes, n_outputs) and the intercepts (n_outputs,)."""
         return np.reshape(self._coef, (-1, len(self._mean))), self._mean
 
 
@@ -43,7 +42,6 @@ class Window:
         self._coef = np.empty((0, y.shape[1]))
 
     def add(self, g):
-        """Add a node with activations ``g`` (n_samples,); return whether it was taken."""
         self._nodes = [*self._nodes, g][-self._width :]
         q, r = np.linalg.qr(np.column_stack([np.ones(len(g)), *self._nodes]))
         change = q.T @ self.residual
@@ -55,7 +53,6 @@ class Window:
         return True
 
     def weights(self):
-        """Return the coefficients (n_nodes, n_outputs) and the intercepts (n_outputs,)."""
         return self._coef, self._intercept
 
 
@@ -80,7 +77,6 @@ class LeastSquares:
         self.add(np.ones(len(y)))
 
     def add(self, g):
-        """Add a node with activations ``g`` (n_samples,); return whether it was taken."""
         k, length = self._size, np.linalg.norm(g)
         basis, new, parts = self._q[:, :k], g / length, np.zeros(k)
         for _ in range(2):
@@ -100,7 +96,6 @@ class LeastSquares:
         return True
 
     def weights(self):
-        """Return the coefficients (n_nodes, n_outputs) and the intercepts (n_outputs,)."""
         k = self._size
         r, z, length = self._r[:k, :k], self._z[:k], self._length[:k, np.newaxis]
         if self._alpha == 0.0:

@@ -150,6 +150,10 @@ class Operator(ABC):
 
     def sizes(self) -> dict[str, int]:
         """Return the number of values in each identifiable field."""
+        return self._layout
+
+    @cached_property
+    def _layout(self):
         found = {}
         for name in self.parameter_specs():
             value = getattr(self, name)
@@ -163,7 +167,7 @@ class Operator(ABC):
 
     def pack(self) -> np.ndarray:
         """Return all identifiable values as one vector."""
-        values = [np.ravel(getattr(self, name)) for name in self.parameter_specs()]
+        values = [np.ravel(getattr(self, name)) for name in self.sizes()]
         return np.concatenate(values).astype(float) if values else np.empty(0)
 
     def unpack(self, vector) -> "Operator":

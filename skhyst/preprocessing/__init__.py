@@ -5,7 +5,15 @@ same index, so that record and time are not lost on the way through a pipeline.
 """
 
 from ._input_gradient import GeneralizedInputGradient
-from ._lagged_features import LaggedFeatures
+from ._lagged_features import LaggedFeatures, lagged_columns, read_lag_table, read_lags
 from ._play_operators import PlayOperators, StopOperators
 
-__all__ = ["GeneralizedInputGradient", "LaggedFeatures", "PlayOperators", "StopOperators"]
+__all__ = [
+    "GeneralizedInputGradient",
+    "LaggedFeatures",
+    "PlayOperators",
+    "StopOperators",
+    "lagged_columns",
+    "read_lag_table",
+    "read_lags",
+]

@@ -7,7 +7,7 @@ import numpy as np
 from .._sklearn import Interval, StrOptions
 from ._base import RecordTransformer, find_column
 
-__all__ = ["LaggedFeatures", "read_lag_table", "read_lags", "write_lags"]
+__all__ = ["LaggedFeatures", "lagged_columns", "read_lag_table", "read_lags"]
 
 
 class LaggedFeatures(RecordTransformer):
@@ -64,7 +64,7 @@ class LaggedFeatures(RecordTransformer):
             self.columns_ = tuple(dict.fromkeys(column for column, _ in self.lags_))
 
     def _transform_record(self, X, dt, out):
-        write_lags(X, self.lags_, out)
+        lagged_columns(X, self.lags_, out=out)
         if self.before != "rest":
             for feature, (_, lag) in enumerate(self.lags_):
                 out[:lag, feature] = 0.0 if self.before == "zero" else np.nan
@@ -73,20 +73,29 @@ class LaggedFeatures(RecordTransformer):
         return [f"{names[column]}_lag{lag}" for column, lag in self.lags_]
 
 
-def read_lag_table(estimator, parameter, columns):
-    """Return (column, lag) of each lagged input from a number, lags or a dict of these."""
-    given = getattr(estimator, parameter)
-    if not isinstance(given, dict):
-        given = dict.fromkeys(columns, given)
-    return tuple(
-        (find_column(estimator, column, "columns" if parameter == "lags" else parameter), lag)
-        for column, lags in given.items()
-        for lag in read_lags(estimator, parameter, lags, 0)
-    )
+def read_lags(estimator, parameter, lags, first=0):
+    """Read lags that a user gave.
 
+    Parameters
+    ----------
+    estimator : estimator
+        Whose parameter it is; an error names both.
+    parameter : str
+        Name of the parameter.
+    lags : int or array-like of int
+        A number stands for all lags from ``first`` up to it.
+    first : {0, 1}, default=0
+        Smallest lag there is. Where it is 0 there must be at least one lag.
 
-def read_lags(estimator, parameter, lags, first):
-    """Return lags as a list of int; a number stands for all lags from ``first`` up to it."""
+    Returns
+    -------
+    list of int
+
+    Raises
+    ------
+    ValueError
+        If the lags are not such whole numbers.
+    """
     if isinstance(lags, Integral):
         lags = range(first, lags + 1)
     lags = list(lags)
@@ -100,14 +109,65 @@ def read_lags(estimator, parameter, lags, first):
     return [int(lag) for lag in lags]
 
 
-def write_lags(X, table, out, first=0):
-    """Write rows ``first`` and on of the lagged inputs of one record to ``out``.
+def read_lag_table(estimator, parameter, columns):
+    """Read the lags of each input from a parameter of a fitted or fitting estimator.
 
-    Before the record its inputs have rested at their first values.
+    Parameters
+    ----------
+    estimator : estimator
+        Knows ``n_features_in_`` and, where columns go by name, ``feature_names_in_``.
+    parameter : str
+        Name of the parameter: lags as in :func:`read_lags`, or a dict of them by column.
+    columns : iterable of int
+        Columns that lags without a dict are those of.
+
+    Returns
+    -------
+    tuple of (int, int)
+        Column and lag of each lagged input.
     """
-    n_rows = len(out)
+    given = getattr(estimator, parameter)
+    if not isinstance(given, dict):
+        given = dict.fromkeys(columns, given)
+    return tuple(
+        (find_column(estimator, column, "columns" if parameter == "lags" else parameter), lag)
+        for column, lags in given.items()
+        for lag in read_lags(estimator, parameter, lags)
+    )
+
+
+def lagged_columns(X, table, first=0, stop=None, out=None):
+    """Return lagged inputs of one record, which have rested at their first values before it.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_samples, n_inputs)
+        Inputs of the record.
+    table : sequence of (int, int)
+        Column and lag of each lagged input.
+    first, stop : int, optional
+        Rows that are wanted; all by default.
+    out : ndarray of shape (stop - first, len(table)), optional
+        Where they are written to.
+
+    Returns
+    -------
+    ndarray of shape (stop - first, len(table))
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.preprocessing import lagged_columns
+    >>> lagged_columns(np.array([[1.0], [2.0], [3.0]]), [(0, 0), (0, 1)])
+    array([[1., 1.],
+           [2., 1.],
+           [3., 2.]])
+    """
+    n_rows = (len(X) if stop is None else stop) - first
+    out = np.empty((n_rows, len(table))) if out is None else out
     for feature, (column, lag) in enumerate(table):
         missing = min(max(lag - first, 0), n_rows)
         out[:missing, feature] = X[0, column]
         start = first + missing - lag
         out[missing:, feature] = X[start : start + n_rows - missing, column]
+    return out

@@ -1,8 +1,8 @@
-"""The gray-box network recovers a plant that is computed without the package."""
+"""The gray-box network: its laws, and its training on a plant that the package has no part in."""
 
 import copy
 import dataclasses
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 
 import numpy as np
 import pandas as pd
@@ -11,10 +11,112 @@ from scipy.signal import cont2discrete, lfilter
 from sklearn.linear_model import LinearRegression
 
 from skhyst.exceptions import DivergenceWarning, RecordError
-from skhyst.hysteresis import SystemLevelHysteresis
-from skhyst.neural import GrayBoxHysteresis
+from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
+from skhyst.neural import GrayBoxHysteresis, GrayBoxOperator
 from skhyst.preprocessing import GeneralizedInputGradient, PlayOperators
 from skhyst.records import stack_records
+
+# ----------------------------------------------------------------------- laws of the operator
+
+
+def mode(omega, zeta, dt):
+    """Numerator and denominator of a second-order mode's discrete form, by SciPy."""
+    continuous = [omega**2], [1.0, 2 * zeta * omega, omega**2]
+    numerator, denominator, _ = cont2discrete(continuous, dt, method="foh")
+    return numerator.ravel(), denominator
+
+
+def behind(filtering, level):
+    """The response of a mode that was at rest before."""
+    padded = np.r_[np.full(3000, level[0]), level]
+    return lfilter(*filtering, padded)[3000:]
+
+
+STATIC = SystemLevelOperator(1.1, 0.4, 0.7, 0.3)
+
+
+DRIVE = 0.5 + 0.2 * np.cumsum(np.random.default_rng(0).normal(size=400)) * np.hanning(400)
+
+
+@pytest.mark.parametrize("dynamics", ["rate", "printed"])
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_without_weights_it_is_the_static_model(dynamics, initial_state):
+    operator = GrayBoxOperator.at_rest(STATIC, degree=2, dynamics=dynamics)
+    y, _ = operator.run(DRIVE, 0.01, operator.init(DRIVE[0], initial_state))
+    expected, _ = STATIC.run(DRIVE, 0.01, STATIC.init(DRIVE[0], initial_state))
+    np.testing.assert_allclose(y, expected, atol=1e-14)
+
+
+def test_of_degree_one_it_is_hysteresis_and_a_second_order_mode():
+    omega, zeta = 40.0, 0.2
+    (b0, _, b2), (_, a1, a2) = filtering = mode(omega, zeta, 0.01)
+    e = -a1 - a2
+    operator = GrayBoxOperator(STATIC, np.array([b0 - 1.0 + e, -b2, e, a2]))
+    assert operator.term_names() == ["dd(k)", "dd(k-1)", "e(k)", "dy(k-1)"]
+    expected = behind(filtering, STATIC.run(DRIVE, 0.01)[0])
+    np.testing.assert_allclose(operator.run(DRIVE, 0.01)[0], expected, atol=1e-11)
+    poles = np.exp(0.01 * omega * (-zeta + 1j * np.sqrt(1 - zeta**2)))
+    np.testing.assert_allclose(np.sort_complex(operator.poles()), [poles.conj(), poles], atol=1e-12)
+
+
+def test_the_printed_form_is_equation_35():
+    rng = np.random.default_rng(1)
+    pairs = list(combinations_with_replacement(range(4), 2))
+    weights = np.r_[0.2, -0.1, 0.3, -0.2, 0.01 * rng.normal(size=len(pairs))]
+    operator = GrayBoxOperator(STATIC, weights, degree=2, dynamics="printed")
+    level = STATIC.run(DRIVE, 0.01, STATIC.init(DRIVE[0], "zero"))[0]
+    u, y = np.r_[0.0, 0.0, DRIVE], np.zeros(len(DRIVE) + 2)
+    for k in range(2, len(y)):
+        x = [u[k - 1], u[k - 2], y[k - 1], y[k - 2]]
+        y[k] = level[k - 2] + weights[:4] @ x
+        y[k] += sum(w * x[i] * x[j] for w, (i, j) in zip(weights[4:], pairs, strict=True))
+    found, _ = operator.run(DRIVE, 0.01, operator.init(DRIVE[0], "zero"))
+    np.testing.assert_allclose(found, y[2:], atol=1e-12)
+
+
+def test_products_of_rates_vanish_at_rest():
+    """Held still, the response ends where the static model is, whatever the weights."""
+    rng = np.random.default_rng(2)
+    n = len(GrayBoxOperator.at_rest(STATIC, degree=2).weights)
+    weights = np.r_[0.1, 0.2, 0.4, -0.2, 0.02 * rng.normal(size=n - 4)]
+    operator = GrayBoxOperator(STATIC, weights, degree=2)
+    drive = np.r_[np.linspace(0.0, 1.3, 30), np.linspace(1.3, 0.4, 20), np.full(200, 0.4)]
+    y, level = operator.run(drive, 0.01)[0], STATIC.run(drive, 0.01)[0]
+    assert np.abs(y - level).max() > 0.01
+    np.testing.assert_allclose(y[-1], level[-1], atol=1e-12)
+
+
+def test_regressors_explain_a_noise_free_run():
+    for dynamics, degree in (("rate", 2), ("printed", 2), ("rate", 1)):
+        zero = GrayBoxOperator.at_rest(STATIC, degree=degree, dynamics=dynamics)
+        weights = 0.05 * np.cos(np.arange(len(zero.weights)))
+        operator = dataclasses.replace(zero, weights=weights)
+        y, _ = operator.run(DRIVE, 0.01)
+        columns, rest = operator.regressors(DRIVE, y, 0.01)
+        np.testing.assert_allclose(columns @ weights, rest, atol=1e-12)
+
+
+def test_what_diverges_is_no_number_nor_are_its_tangents():
+    operator = GrayBoxOperator(STATIC, np.array([0.0, 0.0, 0.0, -3.0]))
+    assert np.abs(operator.poles()).max() > 1.0
+    y, _ = operator.run(np.tile(DRIVE, 5), 0.01)
+    first = np.flatnonzero(np.isnan(y))[0]
+    assert np.isnan(y[first:]).all()
+    assert np.isfinite(y[:first]).all()
+    _, dy = operator.linearize(DRIVE, np.empty((len(DRIVE), 0)), 0.01)
+    assert np.isnan(dy).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("dynamics", "other"), ("degree", 3), ("input_lags", -1), ("weights", np.zeros(3))],
+)
+def test_errors(name, value):
+    with pytest.raises(ValueError, match=f"The '{name}' parameter of GrayBoxOperator must"):
+        GrayBoxOperator(**{"static": STATIC, "weights": np.zeros(4)} | {name: value})
+
+
+# -------------------------------------------------------------------------------- the training
 
 DT = 1e-3
 SLOPE, CURVATURE, DECAY, INTERCEPT = 80.0, 0.9, 0.02, 400.0  # nm, V
@@ -40,13 +142,8 @@ def hysteresis(u):
 
 
 def stage(u):
-    """A second-order mode behind it, at rest before the record."""
-    (numerator,), denominator, _ = cont2discrete(
-        ([OMEGA**2], [1.0, 2 * ZETA * OMEGA, OMEGA**2]), DT, method="foh"
-    )
-    level = hysteresis(u)
-    past = np.full(1000, level[0])
-    return lfilter(numerator.ravel(), denominator, np.r_[past, level])[1000:]
+    """A second-order mode behind it."""
+    return behind(mode(OMEGA, ZETA, DT), hysteresis(u))
 
 
 def records(seed, noise=NOISE, frequencies=(0.5, 5.0, 10.0, 25.0)):
@@ -74,9 +171,7 @@ def staged(data):
 
 
 def test_joint_training_recovers_the_parameters_within_their_errors(joint):
-    (numerator,), (_, a1, a2), _ = cont2discrete(
-        ([OMEGA**2], [1.0, 2 * ZETA * OMEGA, OMEGA**2]), DT, method="foh"
-    )
+    numerator, (_, a1, a2) = mode(OMEGA, ZETA, DT)
     e = -a1 - a2
     truth = {
         "slope": SLOPE,
@@ -210,10 +305,10 @@ def test_two_minor_loops_share_drive_and_gradient_and_differ():
     speed = 1 / 128  # a power of two: drive and gradient are equal to the last bit
     down = _path([0.0, 1.5, 0.25, 0.75, 0.25, 0.75, 0.25], speed)
     up = _path([0.25, -1.0, 0.75, 0.25, 0.75, 0.25], speed)
-    u, n = np.r_[down, up[1:]], round(0.5 / speed)
+    u, n = np.r_[down, up[1:]].reshape(-1, 1), round(0.5 / speed)
     thresholds = [0.0, 0.1, 0.2, 0.4, 0.7]
-    y = np.array([1.0, 0.5, 0.4, 0.6, 0.5]) @ [_play(u, r) for r in thresholds]
-    features = GeneralizedInputGradient().fit_transform(u.reshape(-1, 1))
+    y = np.array([1.0, 0.5, 0.4, 0.6, 0.5]) @ [_play(u[:, 0], r) for r in thresholds]
+    features = GeneralizedInputGradient().fit_transform(u)
     from_above, from_below = slice(len(down) - n, len(down)), slice(len(u) - n, len(u))
     np.testing.assert_array_equal(features[from_above], features[from_below])
     gap = (y[from_above] - y[from_below]).max()
@@ -225,7 +320,10 @@ def test_two_minor_loops_share_drive_and_gradient_and_differ():
     np.fmax.at(highest, group, y)
     best = 0.5 * (lowest + highest)[group]
     assert np.abs(y - best).max() >= 0.5 * gap
-    states = PlayOperators(thresholds=thresholds).fit_transform(u.reshape(-1, 1))
+    # the extreme before the last one tells them apart
+    extremes = GeneralizedInputGradient(turning_points=4).fit_transform(u)
+    assert (extremes[from_above] != extremes[from_below]).any(axis=1).all()
+    states = PlayOperators(thresholds=thresholds).fit_transform(u)
     beside = np.column_stack([features, states])
     np.testing.assert_allclose(LinearRegression().fit(beside, y).predict(beside), y, atol=1e-10)
 

@@ -1,4 +1,6 @@
-"""The supervisory inequality, the residual, units, early stopping."""
+"""The supervisory inequality, the residual, units, early stopping, hysteresis."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -6,6 +8,7 @@ from scipy.special import expit
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV
 
+from skhyst.autoregressive import NARXRegressor
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.neural import SCNRegressor
 
@@ -274,3 +277,41 @@ def test_grid_search():
     ).fit(X, y[:, 1])
     assert search.best_params_["max_nodes"] == 30
     assert search.best_score_ > 0.9
+
+
+# ------------------------------------------------------------------- hysteresis, in a NARX model
+
+
+def bouc_wen(u):
+    """Hysteresis of unit slope and unit limit, integrated in small steps."""
+    fine = np.interp(np.arange(0, len(u), 0.02), np.arange(len(u)), u)
+    h, out = 0.0, np.zeros(len(fine))
+    for k, du in enumerate(np.diff(fine)):
+        h += du * (1.0 - abs(h) * (0.6 * np.sign(h * du) + 0.4))
+        out[k + 1] = h
+    return out[::50]
+
+
+def swings(peaks, step=0.1):
+    """Return a drive from zero to each peak in turn, in steps of at most this."""
+    corners = np.r_[0.0, peaks]
+    parts = [
+        np.linspace(a, b, 1 + int(np.ceil(abs(b - a) / step)))[1:] for a, b in pairwise(corners)
+    ]
+    return np.concatenate([[0.0], *parts])
+
+
+def test_hysteresis_and_its_inverse_in_the_free_run():
+    """Loops that were not in the training, to a percent of their height, and back."""
+    u = swings(2.5 * np.exp(-0.08 * np.arange(28)) * (-1.0) ** np.arange(28))
+    y = bouc_wen(u)
+    held_out = swings([2.0, -2.0, 2.0, -2.0, 0.5, 1.5, -1.0, 2.2])
+    truth = bouc_wen(held_out)
+    network = SCNRegressor(60, scaling="whiten", tolerance=1e-6, random_state=0)
+    model = NARXRegressor(network, initial_output=0.0).fit(u[:, None], y)
+    error = np.abs(model.predict(held_out[:, None]) - truth).max()
+    assert error < 0.01 * np.ptp(truth)
+    # the displacement of an actuator is the drive less part of it
+    inverse = NARXRegressor(network, initial_output=0.0).fit((u - 0.45 * y)[:, None], u)
+    found = inverse.predict((held_out - 0.45 * truth)[:, None])
+    assert np.abs(found - held_out).max() < 0.02 * np.ptp(held_out)

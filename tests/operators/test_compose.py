@@ -13,8 +13,15 @@ from skhyst.linear import (
     KelvinVoigtOperator,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator, SumOperator
-from skhyst.static import DeadZoneOperator
+from skhyst.operators import (
+    FrozenOperator,
+    SeriesOperator,
+    SumOperator,
+    check_operator,
+    put_beside,
+    take_apart,
+)
+from skhyst.static import DeadZoneOperator, SaturationOperator
 
 DT = 0.01
 U = 0.3 + np.cumsum(np.random.default_rng(0).normal(size=60)) / 4
@@ -174,3 +181,63 @@ def test_rest_is_that_of_the_whole_chain():
     level = level + 0.5 * (level - 0.2) + 0.1  # first loading
     y, _ = chain.run(np.full(20, 0.8), DT, chain.init(0.8))
     np.testing.assert_allclose(y, 0.8 * level + 0.1, rtol=1e-12)
+
+
+def test_what_stands_beside_is_taken_off_again():
+    offset = OffsetOperator(np.array([0.4]))
+    assert take_apart(LAG) == (LAG, ())
+    assert take_apart(put_beside(LAG, (offset,), ("offset",))) == (LAG, (offset,))
+    assert take_apart(parallel(lag=LAG, offset=offset)) == (parallel(lag=LAG), (offset,))
+    assert take_apart(offset) == (parallel(), (offset,))
+    assert take_apart((MODE, (offset,))) == (MODE, (offset,))
+
+
+@pytest.mark.parametrize("kind", [series, parallel])
+def test_a_composition_declares_what_its_stages_do(kind):
+    whole = kind(lag=LAG, inner=FrozenOperator(kind(mode=MODE, creep=CREEP)))
+    assert whole.n_poles == (2, 1)
+    assert not whole.memoryless
+    assert not whole.stands_beside
+    assert whole.lag_rates() == LAG.lag_rates() + MODE.lag_rates() + CREEP.lag_rates()
+    assert whole.n_ringing() == MODE.n_ringing()
+    assert kind(limit=SaturationOperator(upper=1.0)).memoryless == SaturationOperator.memoryless
+    assert kind(mode=MODE).linear_mode() == MODE.linear_mode()
+    assert whole.linear_mode() is whole.way_before_sliding() is None
+
+
+class Wrong(FirstOrderLagOperator):
+    """A lag that goes wrong in one place."""
+
+    fault = None
+
+    def run(self, u, dt, state=None):
+        y, state = super().run(u, dt, state)
+        return y, self.init(0.0) if self.fault == "state" else state
+
+    def step(self, state, u, dt):
+        state, y = super().step(state, u, dt)
+        return state, y + 1e-3 * (self.fault == "step")
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        y, dy = super().linearize(u, du, dt, initial_state)
+        dy[:, -3] *= 1.001 if self.fault == "derivative" else 1.0
+        dy[:, 0] *= 1.001 if self.fault == "carried" else 1.0
+        return y + (self.fault == "output"), dy[:, 1:] if self.fault == "shape" else dy
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("state", "A run cut at sample 30 and the whole"),
+        ("step", "'step' from sample to sample"),
+        ("derivative", "The derivative by time_constant"),
+        ("carried", "The derivative by the input"),
+        ("shape", "The tangents of 'linearize' must be"),
+        ("output", "The output of 'linearize'"),
+    ],
+)
+def test_the_check_of_an_operator_names_the_fault(fault, message):
+    check_operator(Wrong(0.03, gain=1.4), U, DT)
+    kind = type("Faulty", (Wrong,), {"fault": fault})
+    with pytest.raises(AssertionError, match=message):
+        check_operator(kind(0.03, gain=1.4), U, DT)

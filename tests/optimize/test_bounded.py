@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, nnls
 
-from skhyst.optimize import bounded_step
+from skhyst.optimize import bounded_step, nonnegative_minimum
 
 
 def objective(a, r, s):
@@ -57,24 +57,6 @@ def test_reaches_the_minimum_of_lsq_linear(seed, n, degenerate):
     assert objective(a, r, step) <= best + 1e-9 * 0.5 * (r @ r)
 
 
-@settings(deadline=None, max_examples=60)
-@given(seed=st.integers(0, 10**6), n=st.integers(1, 20))
-def test_agrees_with_nnls(seed, n):
-    rng = np.random.default_rng(seed)
-    a, b = rng.normal(size=(2 * n + 5, n)), rng.normal(size=2 * n + 5)
-    step = bounded_step(a.T @ a, -a.T @ b, np.zeros(n), np.full(n, np.inf))
-    np.testing.assert_allclose(step, nnls(a, b)[0], atol=1e-8)
-
-
-@pytest.mark.parametrize("n", [1, 5, 30])
-def test_without_bounds_it_is_least_squares(n):
-    rng = np.random.default_rng(n)
-    a, b = rng.normal(size=(3 * n, n)), rng.normal(size=3 * n)
-    free = np.full(n, np.inf)
-    step = bounded_step(a.T @ a, -a.T @ b, -free, free)
-    np.testing.assert_allclose(step, np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-9)
-
-
 def test_pinned_unknowns_stay():
     a = np.random.default_rng(0).normal(size=(20, 4))
     b = np.ones(20)
@@ -106,3 +88,45 @@ def test_an_unknown_that_moves_nothing_but_rounding_stays(rounding):
     hessian = np.diag([1.0, rounding])
     step = bounded_step(hessian, np.array([-2.0, -1e-170]), *np.array([[-9.0] * 2, [9.0] * 2]))
     np.testing.assert_allclose(step, [2.0, 0.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 5, 60, 300])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_agrees_with_nnls(n, seed):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2 * n, n)), rng.normal(size=2 * n)
+    a += 0.7 * a[:, :1]  # correlated columns
+    a /= np.linalg.norm(a, axis=0)
+    expected, _ = nnls(a, b)
+    if n <= 60:
+        step = bounded_step(a.T @ a, -a.T @ b, np.zeros(n), np.full(n, np.inf))
+        np.testing.assert_allclose(step, expected, atol=1e-8)
+    x, free = nonnegative_minimum(a.T @ a, -a.T @ b)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-9 * np.abs(expected).max(initial=1.0))
+    np.testing.assert_array_equal(free, expected > 0.0)
+
+
+def test_cumulative_columns():
+    """Neighbouring columns that nearly agree, as those of a grid of relays do."""
+    rng = np.random.default_rng(3)
+    a = np.tril(np.ones((150, 150)))
+    a /= np.linalg.norm(a, axis=0)
+    b = a @ np.maximum(rng.normal(size=150), 0.0) + 0.1 * rng.normal(size=150)
+    x, _ = nonnegative_minimum(a.T @ a, -a.T @ b)
+    expected, residual = nnls(a, b, maxiter=10_000)
+    assert np.linalg.norm(a @ x - b) == pytest.approx(residual, rel=1e-9)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-6)
+
+
+def test_free_unknowns():
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(40, 6)), rng.normal(size=40)
+    bounded = np.array([True, False, True, False, True, False])
+    x, free = nonnegative_minimum(a.T @ a, -a.T @ b, bounded)
+    expected, _ = nnls(np.column_stack((a, -a[:, ~bounded])), b)
+    expected, negative = expected[:6], expected[6:]
+    expected[~bounded] -= negative
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-10)
+    assert free[~bounded].all()
+    x, _ = nonnegative_minimum(a.T @ a, -a.T @ b, np.zeros(6, dtype=bool))
+    np.testing.assert_allclose(x, np.linalg.lstsq(a, b)[0], rtol=0, atol=1e-10)

@@ -187,14 +187,6 @@ def test_fold_equals_a_problem_of_its_rows(disturbances, count):
     )
 
 
-def test_segments_add_up_to_the_whole():
-    data = records(chain(), noise=0.05)
-    whole = OperatorProblem(chain(), data)
-    parts = OperatorProblem(chain(), [cut(record, 7) for record in data])
-    a, b = whole.total(whole.evaluate(whole.x0)), parts.total(parts.evaluate(parts.x0))
-    np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10 * np.abs(a).max())
-
-
 def test_rows_outside_the_segments_do_not_count():
     record = records(chain(), noise=0.05, n_records=1)[0]
     spoiled = record.y.copy()

@@ -1,43 +1,23 @@
-"""Free run of a network of Gaussian nodes that sees its own past outputs."""
+"""Networks of Gaussian nodes that see their own past outputs.
+
+``y = last[-1] + sum_q last[q] exp(rates[q] |x S - c_q|^2)`` of the signals x.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from .._jit import jit
-from ._recurrent_loops import _exponentials
+from ._network_step import exponentials
+from ._runs import Lags
+from ._steps import Step
 
-__all__ = [
-    "gaussian_run",
-]
+__all__ = ["GaussianStep"]
 
 
 @jit(fastmath={"contract", "reassoc", "nsz"})
-def gaussian_run(inputs, scaling, centers, rates, last, lags, bound, y):
-    """Run ``last[-1] + sum_q last[q] exp(rates[q] |x S - c_q|^2)`` over its past outputs.
-
-    Parameters
-    ----------
-    inputs : ndarray of shape (n, n_inputs)
-        Lagged inputs, the first signals that the network sees; the past outputs come after them.
-    scaling : ndarray of shape (n_inputs + n_lags, n_components)
-        The matrix S.
-    centers : ndarray of shape (n_components, n_nodes)
-        Centres in scaled signals.
-    rates : ndarray of shape (n_nodes,)
-        ``-1 / (2 sigma^2)``.
-    last : ndarray of shape (n_nodes + 1,)
-        Weights of the output and, at the end, its constant.
-    lags : ndarray of int, shape (n_lags,)
-        Lags of the output.
-    bound : float
-        Magnitude beyond which outputs are cut off.
-    y : ndarray of shape (start + n,)
-        Outputs: those before the run in front, the rest is filled.
-
-    Returns
-    -------
-    int
-        Samples before the first one that was cut off.
-    """
+def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
+    """Run a network over its past outputs; see :class:`GaussianStep`."""
     (n_samples, n_inputs), (n_signals, n_components) = inputs.shape, scaling.shape
     before, n_nodes = len(y) - n_samples, len(rates)
     n_good = n_samples
@@ -60,7 +40,7 @@ def gaussian_run(inputs, scaling, centers, rates, last, lags, bound, y):
                 distance[q] += away * away
         for q in range(n_nodes):
             distance[q] *= rates[q]
-        _exponentials(distance, n_nodes, bits, powers)
+        exponentials(distance, n_nodes, bits, powers)
         value = last[n_nodes]
         for q in range(n_nodes):
             value += last[q] * distance[q]
@@ -69,3 +49,22 @@ def gaussian_run(inputs, scaling, centers, rates, last, lags, bound, y):
             value = -bound if value < 0.0 else bound
         y[k] = value
     return n_good
+
+
+@dataclass(frozen=True)
+class GaussianStep(Step):
+    """Gaussian nodes, and a linear output."""
+
+    lags: Lags
+    scaling: np.ndarray  # (n_signals, n_components): the matrix S
+    centers: np.ndarray  # (n_components, n_nodes): in scaled signals
+    rates: np.ndarray  # (n_nodes,): -1 / (2 sigma^2)
+    last: np.ndarray  # (n_nodes + 1,): weights of the output and, at the end, its constant
+
+    _loop = staticmethod(gaussian_run)
+
+    def rows(self, Z):
+        distance = np.zeros((len(Z), len(self.rates)))
+        for place, centers in zip((Z @ self.scaling).T, self.centers, strict=True):
+            distance += np.square(place[:, np.newaxis] - centers)
+        return np.exp(self.rates * distance) @ self.last[:-1] + self.last[-1]

@@ -1,19 +1,16 @@
-"""Free runs of linear models and neural networks that see their own past outputs.
+"""Feed-forward networks that see their own past outputs."""
 
-``inputs`` (n, n_inputs) are lagged inputs, the first signals that a model sees; the past outputs
-come after them. ``y`` holds the outputs before the run in front; each loop fills the rest and
-returns the samples before the first one that was cut off.
-"""
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from scipy.special import expit
 
 from .._jit import jit
+from ._runs import Lags
+from ._steps import Step
 
-__all__ = [
-    "ACTIVATIONS",
-    "linear_run",
-    "network_run",
-]
+__all__ = ["ACTIVATIONS", "NetworkStep", "exponentials"]
 
 ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
 
@@ -23,28 +20,8 @@ _LN2_LOW = 1.90821492927058770002e-10
 _ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to a whole number, in the lowest bits
 
 
-@jit
-def linear_run(inputs, weights, intercept, lags, bound, y):
-    """Fill ``y`` with ``intercept + weights . signals``; ``weights`` (n_inputs + n_lags,)."""
-    n_samples, n_inputs = inputs.shape
-    before = len(y) - n_samples
-    n_good = n_samples
-    for i in range(n_samples):
-        k = before + i
-        value = intercept
-        for j in range(n_inputs):
-            value += weights[j] * inputs[i, j]
-        for j in range(len(lags)):
-            value += weights[n_inputs + j] * y[k - lags[j]]
-        if not abs(value) <= bound:
-            n_good = min(n_good, i)
-            value = -bound if value < 0.0 else bound
-        y[k] = value
-    return n_good
-
-
 @jit(fastmath={"contract"})
-def _exponentials(x, width, bits, powers):
+def exponentials(x, width, bits, powers):
     """Replace ``x[:width]`` by its exponential, exact to the last digits, in packed arithmetic.
 
     ``exp(x) = 2^m exp(r)`` with ``|r| <= ln(2) / 2``, where the Taylor series to the 13th power is
@@ -77,47 +54,26 @@ def _exponentials(x, width, bits, powers):
 
 
 @jit(fastmath={"contract"})
-def _squash(kind, x, width, bits, powers):
-    """Apply the logistic function or the hyperbolic tangent to ``x[:width]``."""
+def _activate(kind, x, width, bits, powers):
+    """Apply an activation to ``x[:width]``; see :func:`exponentials`."""
+    if kind == 0:
+        return
+    if kind == 1:
+        for i in range(width):
+            x[i] = x[i] if x[i] > 0.0 else 0.0
+        return
     factor = -1.0 if kind == 2 else 2.0
     for i in range(width):
         x[i] *= factor
-    _exponentials(x, width, bits, powers)
+    exponentials(x, width, bits, powers)
     offset, scale = (0.0, 1.0) if kind == 2 else (1.0, -2.0)
     for i in range(width):
         x[i] = offset + scale / (1.0 + x[i])
 
 
 @jit(fastmath={"contract", "reassoc", "nsz"})
-def network_run(inputs, first, offsets, widths, weights, biases, last, kind, lags, bound, y):
-    """Run a network with one output over its past outputs.
-
-    Parameters
-    ----------
-    inputs : ndarray of shape (n, n_inputs)
-        Lagged inputs.
-    first : ndarray of shape (n_inputs + n_lags, widths[0])
-        Weights from the signals to the first hidden layer.
-    offsets : ndarray of shape (widths[0],)
-        Biases of the first hidden layer.
-    widths : ndarray of int, shape (n_layers,)
-        Units of each hidden layer.
-    weights : ndarray of shape (n_layers - 1, widest, widest)
-        Weights from each hidden layer to the next, a row for each unit that they come from; zero
-        beyond the widths. ``widest`` is a multiple of 4.
-    biases : ndarray of shape (n_layers - 1, widest)
-        Biases of the hidden layers after the first.
-    last : ndarray of shape (widths[-1] + 1,)
-        Weights of the output and, at the end, its bias.
-    kind : int
-        Activation of the hidden layers, see ``ACTIVATIONS``.
-    lags : ndarray of int, shape (n_lags,)
-        Lags of the output.
-    bound : float
-        Magnitude beyond which outputs are cut off.
-    y : ndarray of shape (start + n,)
-        Outputs.
-    """
+def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lags, bound, y):
+    """Run a network with one output over its past outputs; see :class:`NetworkStep`."""
     (n_samples, n_inputs), widest = inputs.shape, weights.shape[2]
     before = len(y) - n_samples
     n_good = n_samples
@@ -133,11 +89,7 @@ def network_run(inputs, first, offsets, widths, weights, biases, last, kind, lag
             row = first[j]
             for q in range(width):
                 now[q] += signal * row[q]
-        if kind == 1:
-            for q in range(width):
-                now[q] = now[q] if now[q] > 0.0 else 0.0
-        elif kind > 1:
-            _squash(kind, now, width, bits, powers)
+        _activate(kind, now, width, bits, powers)
         for layer in range(len(weights)):
             matrix, n_in = weights[layer], width
             width = widths[layer + 1]
@@ -151,11 +103,7 @@ def network_run(inputs, first, offsets, widths, weights, biases, last, kind, lag
                 row_a, row_b, row_c, row_d = matrix[p], matrix[p + 1], matrix[p + 2], matrix[p + 3]
                 for q in range(width):
                     after[q] += (a * row_a[q] + b * row_b[q]) + (c * row_c[q] + d * row_d[q])
-            if kind == 1:
-                for q in range(width):
-                    after[q] = after[q] if after[q] > 0.0 else 0.0
-            elif kind > 1:
-                _squash(kind, after, width, bits, powers)
+            _activate(kind, after, width, bits, powers)
             now, after = after, now
         value = last[width]
         for q in range(width):
@@ -165,3 +113,51 @@ def network_run(inputs, first, offsets, widths, weights, biases, last, kind, lag
             value = -bound if value < 0.0 else bound
         y[k] = value
     return n_good
+
+
+@dataclass(frozen=True)
+class NetworkStep(Step):
+    """Layers of units with one activation, and a linear output."""
+
+    lags: Lags
+    first: np.ndarray  # (n_signals, widths[0]): weights from the signals to the first hidden layer
+    offsets: np.ndarray  # (widths[0],): biases of that layer
+    widths: np.ndarray  # (n_layers,): units of each hidden layer
+    weights: np.ndarray  # (n_layers - 1, widest, widest): from each hidden layer to the next, a row
+    # for each unit that they come from; zero beyond the widths, widest is a multiple of 4
+    biases: np.ndarray  # (n_layers - 1, widest): of the hidden layers after the first
+    last: np.ndarray  # (widths[-1] + 1,): weights of the output and, at the end, its bias
+    kind: int  # of the hidden layers, see ``ACTIVATIONS``
+
+    _loop = staticmethod(network_run)
+
+    @classmethod
+    def from_layers(cls, lags, matrices, biases, activation):
+        """Arrange the weights (n_in, n_out) and biases of all layers, the last one the output."""
+        widths = np.array([matrix.shape[1] for matrix in matrices[:-1]], dtype=np.int64)
+        widest = -(-int(widths.max()) // 4) * 4
+        inner = np.zeros((len(widths) - 1, widest, widest))
+        offsets = np.zeros((len(widths) - 1, widest))
+        for layer in range(len(widths) - 1):
+            matrix, bias = matrices[layer + 1], biases[layer + 1]
+            inner[layer, : matrix.shape[0], : matrix.shape[1]] = matrix
+            offsets[layer, : len(bias)] = bias
+        last = np.append(matrices[-1][:, 0], biases[-1])
+        first = np.ascontiguousarray(matrices[0])
+        kind = ACTIVATIONS[activation]
+        return cls(lags, first, np.array(biases[0]), widths, inner, offsets, last, kind)
+
+    def rows(self, Z):
+        x = _activation(self.kind, Z @ self.first + self.offsets)
+        for layer, (n_in, n_out) in enumerate(pairwise(self.widths)):
+            matrix, bias = self.weights[layer, :n_in, :n_out], self.biases[layer, :n_out]
+            x = _activation(self.kind, x @ matrix + bias)
+        return x @ self.last[:-1] + self.last[-1]
+
+
+def _activation(kind, x):
+    if kind == ACTIVATIONS["relu"]:
+        return np.maximum(x, 0.0)
+    if kind == ACTIVATIONS["logistic"]:
+        return expit(x)
+    return np.tanh(x) if kind == ACTIVATIONS["tanh"] else x

@@ -1,4 +1,4 @@
-r"""Free runs of polynomial models with past inputs and past outputs, and their exact derivatives.
+r"""Polynomial models of past inputs and past outputs: terms, free runs, exact derivatives.
 
 A model is a sum of terms, each a coefficient times a product of lagged signals. The recursion
 
@@ -11,21 +11,35 @@ to the next only one product and one sum a power have to wait for each other. Mo
 degree in at most one output before ``y(k-1)``, the common ones, have a loop without tables.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from .._jit import jit
 from ..operators import as_signal
+from ._runs import Lags
 
 __all__ = [
-    "Polynomial",
+    "PolynomialStep",
     "plan_polynomial",
     "polynomial_run",
     "polynomial_tangents",
+    "term_products",
 ]
 
 _BLOCK = 500  # samples; the weights of a block stay in the first cache
+
+
+def term_products(Z, terms):
+    """Return the values (n_samples, n_terms) of terms from lagged signals."""
+    # terms first: each product is one contiguous row
+    columns = np.ascontiguousarray(Z.T)
+    out = np.ones((len(terms), len(Z)), dtype=columns.dtype)
+    for row, factors in zip(out, terms, strict=True):
+        for factor in factors[factors >= 0]:
+            row *= columns[factor]
+    return out.T
 
 
 class Polynomial(NamedTuple):
@@ -37,61 +51,32 @@ class Polynomial(NamedTuple):
     n_columns: int  # of the inputs
     start: int  # outputs before a record that the recursion needs: the longest output lag
     reach: int  # the longest input lag
-    n_factors: np.ndarray  # (n_terms,): inputs in each term
-    columns: np.ndarray  # (n_terms, degree)
-    lags: np.ndarray  # (n_terms, degree)
-    group: np.ndarray  # (n_terms,)
-    n_outputs: np.ndarray  # (n_groups,): outputs in each group
-    output_lags: np.ndarray  # (n_groups, degree)
-    n_older: np.ndarray  # (n_groups,): outputs in each group but for y(k-1)
-    older: np.ndarray  # (n_groups, degree): their lags
-    powers: np.ndarray  # (n_powers, 3), highest power of y(k-1) first: the group without older
-    # outputs, and where the groups with one older output and those with several end
+    inputs: tuple  # of each term: number of inputs, their columns and lags (n_terms, degree), group
+    outputs: tuple  # of each group: number of outputs and their lags (n_groups, degree)
+    older: tuple  # the same of all but y(k-1), and the powers (n_powers, 3) of that, highest first:
+    # the group without older outputs, and where those with one older output and with several end
     short: np.ndarray  # (10,): group of y(k-1)^i y(k-lag)^j, i + j <= 3, n_groups for none; or (0,)
     older_lag: int  # that lag; 1 where there is none
 
 
 def plan_polynomial(terms, input_lags, output_lags, n_columns):
-    """Arrange the terms of a model for :func:`polynomial_run`.
+    """Arrange the terms of a model, see ``Lags``, for :func:`polynomial_run`.
 
-    Parameters
-    ----------
-    terms : array-like of int, shape (n_terms, degree)
-        Factors of each term: positions in the list of lagged signals, inputs first, then outputs.
-        -1 stands for the factor one.
-    input_lags : sequence of (int, int)
-        Column and lag (0 or more) of each lagged input.
-    output_lags : sequence of int
-        Lag (1 or more) of each lagged output.
-    n_columns : int
-        Number of inputs.
-
-    Returns
-    -------
-    Polynomial
+    ``terms`` (n_terms, degree) has the factors of each term: positions in the list of lagged
+    signals, inputs first, then outputs; -1 stands for the factor one.
     """
     terms = np.atleast_2d(np.asarray(terms, dtype=np.int64))
-    n_terms, degree = terms.shape
-    n_inputs = len(input_lags)
-    n_factors = np.zeros(n_terms, dtype=np.int64)
-    columns = np.zeros((n_terms, degree), dtype=np.int64)
-    lags = np.zeros((n_terms, degree), dtype=np.int64)
-    products = []
-    for t, factors in enumerate(terms):
-        outputs = []
-        for factor in factors[factors >= 0]:
-            if factor < n_inputs:
-                columns[t, n_factors[t]], lags[t, n_factors[t]] = input_lags[factor]
-                n_factors[t] += 1
-            else:
-                outputs.append(int(output_lags[factor - n_inputs]))
-        products.append(tuple(sorted(outputs)))
+    degree, n_inputs = terms.shape[1], len(input_lags)
+    inputs = [[input_lags[f] for f in row if 0 <= f < n_inputs] for row in terms]
+    products = [
+        tuple(sorted(int(output_lags[f - n_inputs]) for f in row if f >= n_inputs)) for row in terms
+    ]
     n_powers = 1 + max((product.count(1) for product in products), default=0)
     bare = {(1,) * power for power in range(n_powers)}
     groups = sorted({*products, *bare}, key=lambda p: (-p.count(1), len(p), p))
     place = {product: g for g, product in enumerate(groups)}
     ones = np.array([product.count(1) for product in groups])
-    n_older = np.array([len(product) for product in groups]) - ones
+    n_outputs, n_older = _counts(groups), _counts(groups) - ones
     powers = [
         [
             place[(1,) * p],
@@ -99,27 +84,30 @@ def plan_polynomial(terms, input_lags, output_lags, n_columns):
         ]
         for p in reversed(range(n_powers))
     ]
-    older_lags = {lag for product in groups for lag in product if lag > 1}
+    older = [[lag for lag in product if lag > 1] for product in groups]
+    older_lags = {lag for lags in older for lag in lags}
     lag, short = max(older_lags, default=0), []
-    if len(older_lags) <= 1 and max(map(len, groups)) <= 3:
+    if len(older_lags) <= 1 and n_outputs.max() <= 3:
         pairs = [(1,) * i + (lag,) * j for i in range(4) for j in range(4 - i)]
         short = [place.get(product, len(groups)) for product in pairs]
+    columns = _table([[column for column, _ in row] for row in inputs], degree)
+    lags = _table([[lag for _, lag in row] for row in inputs], degree)
+    group = np.array([place[product] for product in products], dtype=np.int64)
+    tables = n_older, _table(older, degree), np.array(powers)
     return Polynomial(
-        int(n_columns),
-        max((int(lag) for lag in output_lags), default=0),
-        max((int(lag) for _, lag in input_lags), default=0),
-        n_factors,
-        columns,
-        lags,
-        np.array([place[product] for product in products], dtype=np.int64),
-        n_older + ones,
-        _table(groups, degree),
-        n_older,
-        _table([[lag for lag in product if lag > 1] for product in groups], degree),
-        np.array(powers, dtype=np.int64),
-        np.array(short, dtype=np.int64),
-        max(lag, 1),
+        n_columns=int(n_columns),
+        start=max((int(lag) for lag in output_lags), default=0),
+        reach=max((int(lag) for _, lag in input_lags), default=0),
+        inputs=(_counts(inputs), columns, lags, group),
+        outputs=(n_outputs, _table(groups, degree)),
+        older=tuple(table.astype(np.uint64) for table in tables),
+        short=np.array(short, dtype=np.int64),
+        older_lag=max(lag, 1),
     )
+
+
+def _counts(rows):
+    return np.array([len(row) for row in rows], dtype=np.int64)
 
 
 def _table(rows, width):
@@ -130,53 +118,31 @@ def _table(rows, width):
 
 
 def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
-    """Run a model freely over one record.
+    """Return the free run (n_samples,) and how many samples lie before the first that was cut off.
 
-    Parameters
-    ----------
-    plan : Polynomial
-        Arrangement of the terms.
-    coefficients : ndarray of shape (n_terms,)
-        Coefficients.
-    inputs : ndarray of shape (n_past + n_samples, n_columns)
-        Inputs; before the first row they have rested at it.
-    initial : ndarray of shape (start,)
-        Outputs before the record, the latest last.
-    bound : float
-        Outputs beyond this magnitude, and those that are no numbers, are cut off there.
-    n_past : int
-        Rows of ``inputs`` that lie before the record.
-
-    Returns
-    -------
-    y : ndarray of shape (n_samples,)
-        Output.
-    n_good : int
-        Samples before the first one that was cut off; ``n_samples`` where none was.
+    Outputs beyond ``bound``, and those that are no numbers, are cut off there. ``inputs``
+    (n_past + n_samples, n_columns) have rested at their first row before it; ``initial`` (start,)
+    are the outputs before the run, the latest last.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
-    coefficients = np.ascontiguousarray(coefficients, dtype=float)
-    bound, n_good = float(bound), n_samples
+    coefficients, n_good = as_signal(coefficients), n_samples
     # only the first samples look beyond the first row; the long rest is not copied
     n_head = min(max(plan.reach - n_past, 0), n_samples)
     pieces = [(n_head, n_samples, as_signal(inputs.T), n_past + n_head)]
     if n_head:
-        pieces.insert(
-            0, (0, n_head, _with_past(plan, inputs[: n_past + n_head], n_past), plan.reach)
-        )
+        head = _with_past(plan, inputs[: n_past + n_head], n_past)
+        pieces.insert(0, (0, n_head, head, plan.reach))
     for first, stop, signals, origin in pieces:
-        inputs_of = (origin, plan.n_factors, plan.columns, plan.lags, plan.group)
-        last = (coefficients, signals, bound, y[first : plan.start + stop])
+        model = origin, plan.inputs, coefficients, signals, float(bound)
+        values = y[first : plan.start + stop]
         if len(plan.short) and plan.start:
-            n_groups = len(plan.n_outputs)
-            good = _run_short(plan.start, plan.older_lag, plan.short, n_groups, *inputs_of, *last)
+            n_groups = len(plan.outputs[0])
+            good = _run_short(plan.start, plan.older_lag, plan.short, n_groups, *model, values)
         else:
-            tables = (plan.n_older, plan.older, plan.powers)
-            tables = (table.astype(np.uint64) for table in tables)
-            good = _run(plan.start, *inputs_of, *tables, *last)
+            good = _run(plan.start, plan.older, *model, values)
         if good < stop - first:
             n_good = min(n_good, first + good)
     return y[plan.start :], n_good
@@ -185,53 +151,23 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
 def polynomial_tangents(
     plan, coefficients, inputs, initial, d_initial, bound=np.inf, n_past=0, measured=None, pull=0.0
 ):
-    """Run a model and differentiate the run by its coefficients.
+    """Return the run, its derivatives (n_samples, n_terms + m) and ``n_good``.
 
-    Parameters
-    ----------
-    plan, coefficients, inputs, initial, bound, n_past
-        As in :func:`polynomial_run`.
-    d_initial : ndarray of shape (start, n_terms + m)
-        Derivatives of the initial outputs by the coefficients and by ``m`` further parameters.
-    measured : ndarray of shape (n_samples,), optional
-        Measured outputs.
-    pull : float
-        How far each output is drawn to the measured one before the recursion goes on: 0 is the free
-        run, 1 the prediction one step ahead.
-
-    Returns
-    -------
-    y : ndarray of shape (n_samples,)
-        Output.
-    dy : ndarray of shape (n_samples, n_terms + m)
-        Its derivatives: those of what is computed, so zero where the output was cut off.
-    n_good : int
-        As in :func:`polynomial_run`.
+    Beyond :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of the
+    initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is how far each
+    output is drawn to the measured one before the recursion goes on, 0 in the free run and 1 one
+    step ahead. Derivatives are those of what is computed, so zero where the output was cut off.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
-    state, dy = y.copy(), np.empty((len(y), d_initial.shape[1]))
+    dy = np.empty((len(y), d_initial.shape[1]))
     dy[: plan.start] = d_initial
-    n_good = _tangents(
-        plan.start,
-        plan.reach,
-        plan.n_factors,
-        plan.columns,
-        plan.lags,
-        plan.group,
-        plan.n_outputs,
-        plan.output_lags,
-        np.ascontiguousarray(coefficients, dtype=float),
-        _with_past(plan, inputs, n_past),
-        float(bound),
-        np.zeros(n_samples) if measured is None else np.ascontiguousarray(measured, dtype=float),
-        float(pull),
-        y,
-        state,
-        dy,
-    )
+    measured = np.zeros(n_samples) if measured is None else as_signal(measured)
+    signals, coefficients = _with_past(plan, inputs, n_past), as_signal(coefficients)
+    model = plan.reach, plan.inputs, coefficients, signals, float(bound)
+    n_good = _tangents(plan.start, plan.outputs, *model, measured, float(pull), y, y.copy(), dy)
     return y[plan.start :], dy[plan.start :], n_good
 
 
@@ -245,21 +181,9 @@ def _with_past(plan, inputs, n_past):
 
 
 @jit
-def _products(first, stop, origin, n_factors, columns, lags, signals, out):
-    """Fill ``out`` (n_terms, block) with the product of the inputs in each term."""
-    for t in range(len(n_factors)):
-        row = out[t]
-        for i in range(stop - first):
-            row[i] = 1.0
-        for j in range(n_factors[t]):
-            signal = signals[columns[t, j], origin + first - lags[t, j] :]
-            for i in range(stop - first):
-                row[i] *= signal[i]
-
-
-@jit
-def _weights(first, stop, origin, n_factors, columns, lags, group, coefficients, signals, row, out):
+def _weights(first, stop, origin, terms, coefficients, signals, row, out):
     """Fill ``out`` (n_groups, block) with the sum of the terms of each group."""
+    n_factors, columns, lags, group = terms
     size = stop - first
     out[:, :size] = 0.0
     for t in range(len(n_factors)):
@@ -289,41 +213,16 @@ def _weights(first, stop, origin, n_factors, columns, lags, group, coefficients,
 
 
 @jit
-def _run(
-    start,
-    origin,
-    n_factors,
-    columns,
-    lags,
-    group,
-    n_older,
-    older,
-    powers,
-    coefficients,
-    signals,
-    bound,
-    y,
-):
+def _run(start, tables, origin, terms, coefficients, signals, bound, y):
     """Fill ``y``. Places are unsigned: no check whether they are counted from the end."""
+    n_older, older, powers = tables
     n_samples, n_powers = len(y) - start, len(powers)
     n_good, one = n_samples, np.uint64(1)
     row, weights = np.empty(_BLOCK), np.empty((len(n_older), _BLOCK))
     previous = y[start - 1] if start > 0 else 0.0
     for first in range(0, n_samples, _BLOCK):
         stop = min(first + _BLOCK, n_samples)
-        _weights(
-            first,
-            stop,
-            origin,
-            n_factors,
-            columns,
-            lags,
-            group,
-            coefficients,
-            signals,
-            row,
-            weights,
-        )
+        _weights(first, stop, origin, terms, coefficients, signals, row, weights)
         for i in range(np.uint64(stop - first)):
             k = np.uint64(start + first) + i
             total = 0.0
@@ -346,21 +245,7 @@ def _run(
 
 
 @jit
-def _run_short(
-    start,
-    older,
-    short,
-    n_groups,
-    origin,
-    n_factors,
-    columns,
-    lags,
-    group,
-    coefficients,
-    signals,
-    bound,
-    y,
-):
+def _run_short(start, older, short, n_groups, origin, terms, coefficients, signals, bound, y):
     """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; one more group stays zero."""
     n_samples = len(y) - start
     n_good = n_samples
@@ -371,19 +256,7 @@ def _run_short(
     q = y[start - 1]
     for first in range(0, n_samples, _BLOCK):
         stop = min(first + _BLOCK, n_samples)
-        _weights(
-            first,
-            stop,
-            origin,
-            n_factors,
-            columns,
-            lags,
-            group,
-            coefficients,
-            signals,
-            row,
-            weights,
-        )
+        _weights(first, stop, origin, terms, coefficients, signals, row, weights)
         new = y[start + first :]
         old = y[start + first - older :]
         for i in range(stop - first):
@@ -400,48 +273,38 @@ def _run_short(
 
 
 @jit
+def _products(first, stop, origin, terms, coefficients, signals, products, weights):
+    """Fill the products of the inputs of each term, (n_terms, block), and the groups' weights."""
+    n_factors, columns, lags, group = terms
+    size = stop - first
+    weights[:, :size] = 0.0
+    for t in range(len(n_factors)):
+        row, weight, c = products[t], weights[group[t]], coefficients[t]
+        for i in range(size):
+            row[i] = 1.0
+        for j in range(n_factors[t]):
+            signal = signals[columns[t, j], origin + first - lags[t, j] :]
+            for i in range(size):
+                row[i] *= signal[i]
+        for i in range(size):
+            weight[i] += c * row[i]
+
+
+@jit
 def _tangents(
-    start,
-    origin,
-    n_factors,
-    columns,
-    lags,
-    group,
-    n_outputs,
-    output_lags,
-    coefficients,
-    signals,
-    bound,
-    measured,
-    pull,
-    y,
-    state,
-    dy,
+    start, outputs, origin, terms, coefficients, signals, bound, measured, pull, y, state, dy
 ):
     """Fill ``y``, and ``dy`` with its derivatives; ``state`` is what the recursion goes on from."""
-    n_samples, n_terms, n_groups = len(y) - start, len(group), len(n_outputs)
-    n_parameters = dy.shape[1]
+    n_outputs, output_lags = outputs
+    n_samples, n_terms, n_groups = len(y) - start, len(coefficients), len(n_outputs)
+    n_parameters, group = dy.shape[1], terms[3]
     n_good = n_samples
     keep = 1.0 - pull
-    products, row = np.empty((n_terms, _BLOCK)), np.empty(_BLOCK)
-    weights = np.empty((n_groups, _BLOCK))
+    products, weights = np.empty((n_terms, _BLOCK)), np.empty((n_groups, _BLOCK))
     monomials, slopes = np.empty(n_groups), np.zeros(start + 1)
     for first in range(0, n_samples, _BLOCK):
         stop = min(first + _BLOCK, n_samples)
-        _products(first, stop, origin, n_factors, columns, lags, signals, products)
-        _weights(
-            first,
-            stop,
-            origin,
-            n_factors,
-            columns,
-            lags,
-            group,
-            coefficients,
-            signals,
-            row,
-            weights,
-        )
+        _products(first, stop, origin, terms, coefficients, signals, products, weights)
         for i in range(stop - first):
             k = start + first + i
             slopes[:] = 0.0
@@ -476,3 +339,25 @@ def _tangents(
             y[k] = total
             state[k] = total + pull * (measured[first + i] - total)
     return n_good
+
+
+@dataclass(frozen=True)
+class PolynomialStep:
+    """A sum of products of signals, see ``_steps``."""
+
+    lags: Lags
+    terms: np.ndarray
+    coefficients: np.ndarray
+    plan: Polynomial
+
+    @classmethod
+    def of(cls, lags, terms, coefficients):
+        return cls(lags, terms, coefficients, plan_polynomial(terms, *lags))
+
+    def rows(self, Z):
+        return term_products(Z, self.terms) @ self.coefficients
+
+    def run(self, start, bound):
+        return polynomial_run(
+            self.plan, self.coefficients, start.inputs, start.history, bound, start.n_past
+        )

@@ -1,0 +1,168 @@
+"""Which terms a model needs whose error is no linear function of its coefficients.
+
+The fit of a subset and a search around it take turns: condensed, the Jacobian of all candidates at
+the solution and the error make a linear problem, whose best subset is fitted next. Gauss-Newton
+steps are damped as by Levenberg and Marquardt, on condensed data. A run that has left the data says
+nothing of the way back; it is led there by a pull towards the measurement, which is then let go.
+"""
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..exceptions import ConvergenceWarning
+from ._selection import Search, condense, condense_folds, subset_solution
+
+__all__ = ["improve"]
+
+_TOLERANCE = 1e-10  # part of the sum of squares that a further step must promise
+_ROUGH = 1e-5  # the same while subsets are compared
+_EVALUATIONS = 150
+_FEW = 10  # on the way
+_PULLS = (0.5, 0.2, 0.05)  # of the run towards the measurement, before it is let go
+_MOVES = ("removal", "addition", "exchange")
+_SIZES = (3, 6, 12)  # of subsets to begin from where the chosen one is unstable
+_ROUNDS = 10  # of search and fit
+
+
+class _State(NamedTuple):
+    """A subset of the terms, fitted, and the search among its neighbours."""
+
+    subset: list
+    theta: np.ndarray
+    search: Search
+    value: Any
+    converged: bool
+
+
+def improve(problem, search, n_terms):
+    """Return subset, coefficients, the search on the Jacobian there, and the runs it took.
+
+    Begins from the search of the linear problem one step ahead. ``n_terms`` is None where the
+    criterion decides.
+    """
+    fits = _Fits(problem, search.criterion, n_terms)
+    state = min(fits.begin(search), key=lambda state: state.value)
+    for _ in range(_ROUNDS):
+        for subset in fits.neighbours(state):
+            other = fits.settle(subset, subset_solution(state.search.factor, subset)[0])
+            if other.value < state.value:
+                state = other
+                break
+        else:
+            break
+    state = fits.settle(state.subset, state.theta, rough=False)
+    if not state.converged:
+        warnings.warn(
+            "The fit of NARMAXRegressor has not converged; it stopped at the best so far.",
+            ConvergenceWarning,
+            stacklevel=5,
+        )
+    return state.subset, state.theta, state.search, fits.n_evaluations
+
+
+class _Fits:
+    """Fits of subsets, and what each leads to; parameters as in :func:`improve`."""
+
+    def __init__(self, problem, criterion, n_terms):
+        self.problem, self.criterion, self.n_terms = problem, criterion, n_terms
+        self.n_evaluations = 0
+
+    def begin(self, search):
+        """Yield states to begin from: one, unless its run has left the data."""
+        subset, theta = self._best(search, self.n_terms)
+        lost = self.problem.lost(subset, theta)
+        if lost and self.n_terms is None:
+            for size in _SIZES:  # few terms, mostly linear ones, are often stable
+                if size < len(subset):
+                    yield self.settle(*self._best(search, size))
+        for pull in _PULLS if lost else ():
+            subset, theta = self._best(self.settle(subset, theta, pull).search, self.n_terms)
+        yield self.settle(subset, theta)
+
+    def _best(self, search, n_terms):
+        subset = search.best(n_terms)
+        return subset, subset_solution(search.factor, subset)[0]
+
+    def neighbours(self, state):
+        """Yield other subsets that promise more: the best one first, then the best single move."""
+        best = state.search.best(self.n_terms)
+        if set(best) != set(state.subset):
+            yield best
+        moves = _MOVES if self.n_terms is None else ("exchange",)
+        near = state.search.refine(state.subset, moves, 1)
+        if set(near) not in (set(state.subset), set(best)):
+            yield near
+
+    def settle(self, subset, theta, pull=0.0, *, rough=True):
+        """Fit a subset and look around it."""
+        problem, n_own, n_terms = self.problem, len(subset), len(self.problem.terms)
+        theta, converged = self._solve(subset, theta, pull, rough)
+        full = np.concatenate([np.zeros(n_terms), theta[n_own:]])
+        full[subset] = theta[:n_own]
+        blocks, cost = [], 0.0
+        for tangents, error in problem.blocks(range(n_terms), full, pull)[0]:
+            cost += float(error @ error)
+            target = error + tangents[:, subset] @ full[subset]
+            block = np.column_stack([tangents[:, :n_terms], target])
+            if problem.n_extra:  # whatever a change of the initial outputs can explain
+                own = tangents[:, n_terms:]
+                q = np.linalg.qr(own[:, np.any(own != 0.0, axis=0)])[0]
+                block -= q @ (q.T @ block)
+            blocks.append(block)
+        rows, left_out = np.concatenate(blocks), self.criterion.name == "cv"
+        folds = condense_folds([len(block) for block in blocks], left_out, rows.__getitem__)
+        search = Search(folds, self.criterion)
+        if self.n_terms is not None:
+            value = (-n_own, cost)
+        else:
+            value = search.value(subset) if left_out else self.criterion(cost, n_own)
+        return _State(list(subset), theta[:n_own], search, value, converged)
+
+    def _solve(self, subset, coefficients, pull, rough):
+        """Return the unknowns that minimise the sum of squares, and whether that was reached.
+
+        A rough solution is good enough to compare subsets.
+        """
+        theta = np.array(self.problem.unknowns(np.asarray(coefficients, dtype=float)))
+        if not pull and self.problem.lost(subset, coefficients):
+            for step in _PULLS:
+                theta, _ = self._descend(subset, theta, step, _FEW, _ROUGH)
+        budget = _FEW if pull else _FEW * 2 if rough else _EVALUATIONS
+        return self._descend(subset, theta, pull, budget, _ROUGH if rough else _TOLERANCE)
+
+    def _descend(self, subset, theta, pull, budget, tolerance):
+        """Take damped Gauss-Newton steps from ``theta``; return as :meth:`_solve`."""
+        factor = self._condensed(subset, theta, pull)
+        last, damping, growth, k = self.n_evaluations + budget - 1, 1e-6, 2.0, len(theta)
+        scale = sum(float(start.measured @ start.measured) for start in self.problem.starts)
+        while self.n_evaluations < last:
+            r, target = factor[:k, :k], factor[:k, -1]
+            cost = float(np.sum(factor[:, -1] ** 2))
+            weights = np.sqrt(damping) * np.linalg.norm(r, axis=0)
+            matrix = np.concatenate([r, np.diag(np.where(weights > 0.0, weights, 1.0))])
+            norms = np.linalg.norm(matrix, axis=0)
+            padded = np.append(target, np.zeros(k))
+            step = np.linalg.lstsq(matrix / norms, padded, rcond=None)[0] / norms
+            predicted = float(np.sum(target**2) - np.sum((target - r @ step) ** 2))
+            if not predicted > tolerance * cost + 1e-28 * scale:
+                return theta, True
+            trial = self._condensed(subset, theta + step, pull)
+            gain = cost - float(np.sum(trial[:, -1] ** 2))
+            if np.isfinite(trial).all() and gain > 0.0:
+                ratio = gain / predicted
+                damping = max(damping * max(0.2, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-14)
+                growth = 2.0
+                theta, factor = theta + step, trial
+            else:
+                damping, growth = damping * growth, growth * 2.0
+                if damping > 1e12:
+                    return theta, True
+        return theta, False
+
+    def _condensed(self, subset, theta, pull):
+        """Return the condensed Jacobian and error of all records."""
+        self.n_evaluations += 1
+        blocks, _ = self.problem.blocks(subset, theta, pull)
+        return condense(np.column_stack(block) for block in blocks)

@@ -1,0 +1,156 @@
+"""What holds for every autoregressive model."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import lfilter
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.linear_model import LinearRegression
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
+from skhyst.exceptions import DivergenceWarning, RecordError
+from skhyst.records import stack_records
+
+LAGS = {"input_lags": {0: [0, 1, 3], 1: [0]}, "output_lags": [1, 2]}
+MODELS = {
+    "linear": NARXRegressor(**LAGS),
+    "neighbours": NARXRegressor(make_pipeline(StandardScaler(), KNeighborsRegressor(3)), **LAGS),
+    "polynomial": NARMAXRegressor(2, n_terms=8, **LAGS),
+    "noise terms": NARMAXRegressor(1, noise_lags=(1,), **LAGS),
+    "simulation": NARMAXRegressor(2, n_terms=8, objective="simulation", **LAGS),
+    "features": NARMAXRegressor(1, features=["rate_sign", "play"], n_terms=9, **LAGS),
+}
+
+
+def recordings(sizes=(150, 90, 120)):
+    parts = []
+    for seed, n in enumerate(sizes):
+        rng = np.random.default_rng(seed)
+        u = np.sin(np.outer(np.arange(n), [0.11, 0.047]) + rng.uniform(0, 6, 2))
+        u += 0.3 * rng.standard_normal((n, 2))
+        y = np.zeros(n)
+        for k in range(2, n):
+            y[k] = 0.9 * y[k - 1] - 0.2 * y[k - 2] + 0.2 * u[k - 1, 0] + 0.1 * u[k, 1]
+            y[k] += 0.05 * y[k - 1] * u[k - 1, 0] + 0.02 * rng.standard_normal()
+        parts.append((u, y))
+    return stack_records(parts, labels=list("abc"), dt=0.01)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return recordings()
+
+
+@pytest.fixture(params=MODELS)
+def model(request):
+    return clone(MODELS[request.param])
+
+
+def test_future_does_not_change_the_past(model, data):
+    X, y = data
+    changed = X.copy()
+    changed.iloc[50:] += 1.0
+    model.fit(X, y)
+    np.testing.assert_array_equal(model.predict(changed)[:50], model.predict(X)[:50])
+
+
+def test_records_do_not_know_each_other(model, data):
+    X, y = data
+    model.set_params(initial_output=0.0).fit(X, y)
+    alone = np.concatenate([model.predict(X.loc[[label]]) for label in "abc"])
+    np.testing.assert_array_equal(model.predict(X), alone)
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.predict(X), alone)
+    other = [pd.concat([part.loc[[label]] for label in "cab"]) for part in data]
+    permuted = clone(model).fit(*other).predict(X)
+    np.testing.assert_allclose(permuted, alone, rtol=1e-7, atol=1e-9)
+    keep = np.r_[0:60, 75 : len(X)]
+    assert len(clone(model).fit(X.iloc[keep], y.iloc[keep]).records_) == 4
+
+
+@pytest.mark.parametrize("initial_output", ["rest", "measured"])
+def test_horizons(model, initial_output, data):
+    X, y = data
+    model.set_params(initial_output=initial_output).fit(X, y)
+    np.testing.assert_array_equal(model.predict_one_step(X, y), model.predict(X, y, horizon=1))
+    far = model.predict(X, y, horizon=1000)
+    np.testing.assert_allclose(far, model.predict(X, y), rtol=1e-10, atol=1e-12)
+
+
+def test_horizon_is_limited_by_the_record(model):
+    X, y = recordings((60, 6, 3))
+    model.fit(X, y)
+    for horizon in (1, 3, 5, 6, 7, 60, 61):
+        both = model.predict(X, y, horizon=horizon)
+        alone = [model.predict(X.loc[[r]], y.loc[[r]], horizon=horizon) for r in "abc"]
+        np.testing.assert_allclose(both, np.concatenate(alone), rtol=1e-12, atol=1e-14)
+
+
+def test_constant_data(model):
+    X, names = np.full((40, 2), 2.0), {"input_lags": [0, 1]}
+    for level in (3.0, 0.0):
+        y = np.full(40, level)
+        np.testing.assert_allclose(model.set_params(**names).fit(X, y).predict(X), y, atol=1e-9)
+
+
+class Called(LinearRegression):
+    """Predicts otherwise than its class, and so has no compiled form."""
+
+    def predict(self, X):
+        return super().predict(X) + 1e-6
+
+
+@pytest.mark.parametrize("model", [NARXRegressor(), NARXRegressor(Called()), NARMAXRegressor(1)])
+def test_divergence_is_caught(model):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((120, 1))
+    y = lfilter([1.0], [1.0, -1.02], np.append(0.0, u[1:, 0]))
+    model = clone(model).set_params(input_lags=[0], output_lags=1, initial_output=0.0).fit(u, y)
+    with pytest.warns(DivergenceWarning, match="diverged"):
+        run = model.predict(rng.standard_normal((3000, 1)) + 1.0)
+    assert np.isfinite(run).all()
+    assert np.abs(run).max() == pytest.approx(np.abs(y).max() + 100.0 * np.ptp(y))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("input_lags", [-1]),
+        ("input_lags", []),
+        ("input_lags", {"nothing": [1]}),
+        ("output_lags", [0]),
+        ("output_lags", [1.5]),
+        ("initial_output", "asleep"),
+        ("initial_output", [1.0]),
+        ("initial_output", float("nan")),
+        ("dt", 0.0),
+    ],
+)
+@pytest.mark.parametrize("kind", [NARXRegressor, NARMAXRegressor])
+def test_wrong_parameters(kind, name, value, data):
+    with pytest.raises(ValueError, match=f"'{name}' parameter of {kind.__name__}"):
+        kind(**LAGS | {name: value}).fit(*data)
+
+
+@pytest.mark.parametrize("kind", [NARXRegressor, NARMAXRegressor])
+def test_wrong_calls(kind, data):
+    X, y = data
+    with pytest.raises(NotFittedError):
+        kind(**LAGS).predict(X)
+    model = kind(**LAGS).fit(X, y)
+    with pytest.raises(ValueError, match="'horizon' parameter"):
+        model.predict(X, y, horizon=0)
+    with pytest.raises(ValueError, match="'y' parameter"):
+        model.predict(X, horizon=2)
+    with pytest.raises(ValueError, match="NaN"):
+        model.predict(X, y.where(y > y.min()), horizon=2)
+    with pytest.raises(RecordError, match="longer than the longest lag"):
+        kind(input_lags=[500]).fit(X, y)
+    with pytest.raises(RecordError, match="set_output"):
+        kind(**LAGS).fit(X.to_numpy(), y)
