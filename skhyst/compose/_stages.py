@@ -48,15 +48,14 @@ def snake_case(name):
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
-def series_stages(model, operator):
+def series_stages(whole):
     """Return the stages of the series that follows the drive.
 
     Parameters
     ----------
-    model : estimator
-        Unfitted: a parametric model of skhyst, or a composition of them.
-    operator : Operator
-        Of this model, without what stands beside it.
+    whole : Stage
+        A composition: its unfitted model, and its operator without what stands beside it. Without a
+        name (None), a single model goes by that of its class.
 
     Returns
     -------
@@ -66,70 +65,50 @@ def series_stages(model, operator):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.compose import Modulated, series_stages
+    >>> from skhyst.compose import Modulated, Stage, series_stages
     >>> from skhyst.linear import FirstOrderLag
     >>> X = np.random.default_rng(0).normal(size=(100, 2))
     >>> model = Modulated(FirstOrderLag()).fit(X, 0.5 * np.cumsum(X[:, 0]))
-    >>> [stage.name for stage in series_stages(model, model.operator_)]
+    >>> [stage.name for stage in series_stages(Stage(None, model, model.operator_))]
     ['first_order_lag']
     """
-    whole = Stage(None, model, operator)
     while (part := _inside(whole.model, whole)) is not None:
         whole = part
     return _steps(whole.model, whole)
 
 
-def with_series_stages(model, operator, stages):
-    """Return the model and the operator with other stages in the series that follows the drive.
+def with_series_stages(whole, stages):
+    """Return a composition with other stages in the series that follows the drive.
 
     A single model becomes a Cascade where there are several. Parameters that follow a number of the
     record do so by their names.
-
-    Parameters
-    ----------
-    model, operator
-        As for :func:`series_stages`.
-    stages : sequence of Stage
-
-    Returns
-    -------
-    model : estimator
-    operator : Operator
     """
-    whole = Stage(None, model, operator)
-    return _changed(whole, lambda part: _in_series(part.model, part, tuple(stages)), 0)[1:]
+    return _changed(whole, lambda part: _in_series(part.model, part, tuple(stages)), 0)
 
 
-def put_beside_series(model, operator, name, other, branch=None, column=None):
-    """Return the model and the operator with another model beside what follows the drive.
+def put_beside_series(whole, name, model, branch=None, column=None):
+    """Return a composition with another model beside what follows the drive.
 
-    Parameters
-    ----------
-    model, operator
-        As for :func:`series_stages`.
-    name : str
-    other : estimator
-        A disturbance, or what a further column of X drives.
-    branch : Operator, default=None
-        Of ``other`` where a column drives it. A disturbance is no part of the operator.
-    column : int, default=None
+    That is a disturbance, which is no part of the operator, or what a further ``column`` of X
+    drives, with ``branch`` as its operator.
     """
-    whole = Stage(None, model, operator)
-    if _layer(model) <= _COLUMNS or _inside(model, whole) is None:
-        stages = series_stages(model, operator)
+    options = {"initial_state": whole.model.initial_state, "dt": whole.model.dt}
+    if _layer(whole.model) <= _COLUMNS or _inside(whole.model, whole) is None:
+        stages = series_stages(whole)
         own = stages[0].name if len(stages) == 1 else _DRIVEN
-        options = {"initial_state": model.initial_state, "dt": model.dt}
-        model, parts = Sum([(own, model)], **options), [Stage(own, model, operator)]
+        total, parts = Sum([(own, whole.model)], **options), [whole._replace(name=own)]
     else:
-        parts = _parts(model, operator)
+        total, parts = whole.model, _parts(whole.model, whole.operator)
     if branch is None:
-        return _like(model, steps=[*model.steps, (name, other)]), _sum(parts)
-    other = OnColumn(other, column, initial_state=model.initial_state, dt=model.dt)
-    return _of_parts(model, [*parts, Stage(name, other, ColumnOperator(branch, column))])
+        return Stage(None, _like(total, steps=[*total.steps, (name, model)]), _sum(parts))
+    model = OnColumn(model, column, **options)
+    return Stage(
+        None, *_of_parts(total, [*parts, Stage(name, model, ColumnOperator(branch, column))])
+    )
 
 
-def modulated(model, operator, column, reference, sensitivity=0.0):
-    """Return the model and the operator with the response to the drive scaled by a column.
+def modulated(whole, column, reference, sensitivity=0.0):
+    """Return a composition with the response to the drive scaled by a column.
 
     ``column`` is its number, or ``"amplitude"``; see :class:`Modulated`.
     """
@@ -141,52 +120,51 @@ def modulated(model, operator, column, reference, sensitivity=0.0):
         scaled = ModulatedOperator(_of_columns(part), number, reference, sensitivity)
         return Stage(part.name, around, scaled)
 
-    return _changed(Stage(None, model, operator), change, _COLUMNS)[1:]
+    return _changed(whole, change, _COLUMNS)
 
 
-def scheduled(model, operator, by, low, high, lines):
-    """Return the model and the operator with entries that are straight lines in a record's number.
+def scheduled(whole, by, low, high, lines):
+    """Return a composition with entries that are straight lines in a number of the record.
 
     ``lines`` are the values at ``low`` and at ``high``, by name of the stage and of the entry.
     """
 
     def change(part):
         own = part.model
-        names, follows = _scheduled(part, low, high, lines)
+        names, operator = _scheduled(part, low, high, lines)
         options = {"initial_state": own.initial_state, "dt": own.dt}
         around = ScheduledParameters(own, by=by, parameters=names, **options)
-        return Stage(part.name, around, follows)
+        return Stage(part.name, around, operator)
 
-    return _changed(Stage(None, model, operator), change, _SCHEDULE)[1:]
+    return _changed(whole, change, _SCHEDULE)
 
 
-def stage_values(model, operator, *, held=True):
+def stage_values(whole, *, held=True):
     """Return the values of the operator by (name of the stage, name of the entry).
 
     Each is an array of one value, or of several where it follows a number of the record. Without
     ``held``, those of entries that are held because another stage has their freedom are left out.
     """
-    found = {}
-    keys, values = _keys(model, Stage(None, model, operator)), operator.pack()
-    for key, value, is_held in zip(keys, values, operator.gauge_mask(), strict=True):
+    found, operator = {}, whole.operator
+    rows = zip(_keys(whole.model, whole), operator.pack(), operator.gauge_mask(), strict=True)
+    for key, value, is_held in rows:
         if held or not is_held:
             found[key] = np.append(found.get(key, []), value)
     return found
 
 
-def with_stage_values(model, operator, values):
-    """Return the operator with values by (name of the stage, name of the entry), where it has them.
+def with_stage_values(whole, values):
+    """Return a composition with values by (name of the stage, name of the entry), where it has any.
 
     What follows a number of the record in one of both only has its mean in the other.
     """
-    keys = _keys(model, Stage(None, model, operator))
-    vector, fixed = operator.pack(), operator.gauge_mask()
+    keys, operator = _keys(whole.model, whole), whole.operator
+    vector, held = operator.pack(), operator.gauge_mask()
     for key in set(keys) & set(values):
-        rows = [i for i, own in enumerate(keys) if own == key and not fixed[i]]
-        if rows:
-            same = len(rows) == len(values[key])
-            vector[rows] = values[key] if same else np.mean(values[key])
-    return operator.unpack(vector)
+        rows = [i for i, own in enumerate(keys) if own == key and not held[i]]
+        same = len(rows) == len(values[key])
+        vector[rows] = values[key] if same else np.mean(values[key])
+    return whole._replace(operator=operator.unpack(vector))
 
 
 # ---------------------------------------------------------------------- what is inside of what
@@ -257,7 +235,7 @@ def _around(model, whole, part):
 
 @_around.register
 def _(model: ScheduledParameters, whole, part):
-    lines = {key: own for key, own in stage_values(*whole[1:]).items() if len(own) > 1}
+    lines = {key: own for key, own in stage_values(whole).items() if len(own) > 1}
     keys, held = _keys(part.model, part), part.operator.gauge_mask()
     free = [key for key, is_held in zip(keys, held, strict=True) if not is_held]
     values = dict(zip(keys, part.operator.pack(), strict=True))

@@ -105,8 +105,8 @@ class Beside:
     place = None
 
     def apply(self, tree, name):
-        composed = put_beside_series(tree.model, tree.operator, name, self.model)
-        return tree.composed(*composed, (*tree.disturbances, self.operator))
+        whole = put_beside_series(tree.whole, name, self.model)
+        return tree.composed(whole, (*tree.disturbances, self.operator))
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,7 @@ class Drive:
 
     def apply(self, tree, name):
         branch = self.operator, self.column
-        return tree.composed(
-            *put_beside_series(tree.model, tree.operator, name, self.model, *branch)
-        )
+        return tree.composed(put_beside_series(tree.whole, name, self.model, *branch))
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,7 @@ class Modulate:
     place = None
 
     def apply(self, tree, name):
-        return tree.composed(*modulated(tree.model, tree.operator, self.column, self.reference))
+        return tree.composed(modulated(tree.whole, self.column, self.reference))
 
 
 @dataclass(frozen=True)
@@ -160,9 +158,7 @@ class Schedule:
             lines = {key: np.repeat(values[key], 2) for key in self.entries(tree, self.which)}
         else:
             lines = {(name, entry): line for entry, line in self.which.items()}
-        return tree.composed(
-            *scheduled(tree.model, tree.operator, self.by, self.low, self.high, lines)
-        )
+        return tree.composed(scheduled(tree.whole, self.by, self.low, self.high, lines))
 
     @staticmethod
     def entries(tree, which):

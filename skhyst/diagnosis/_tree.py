@@ -65,6 +65,8 @@ class Tree:
         Before any edit; None where there is none.
     edits : tuple of (str, edit)
         Names of effects, and what was done for them, see ``_edits``.
+    name : str or None
+        Of a stage that stands alone, where that is not the name of its class.
     """
 
     model: object
@@ -72,6 +74,7 @@ class Tree:
     disturbances: tuple = ()
     declared: object = None
     edits: tuple = ()
+    name: str | None = None
 
     @classmethod
     def from_result(cls, model, result):
@@ -80,10 +83,15 @@ class Tree:
 
     # ------------------------------------------------------------------ parts
 
+    @property
+    def whole(self):
+        """The composition: its name, its model and its operator."""
+        return Stage(self.name, self.model, self.operator)
+
     @cached_property
     def stages(self):
         """The stages of the series that follows the drive."""
-        return series_stages(self.model, self.operator)
+        return series_stages(self.whole)
 
     @property
     def names(self):
@@ -118,7 +126,7 @@ class Tree:
     @property
     def values(self):
         """Values of the operator by (name of the stage, name of the entry)."""
-        return stage_values(self.model, self.operator)
+        return stage_values(self.whole)
 
     @property
     def lines(self):
@@ -199,16 +207,16 @@ class Tree:
         added = tuple((effect, edit) for edit in edits)
         return replace(tree, declared=self.declared or self, edits=(*self.edits, *added))
 
-    def composed(self, model, operator, disturbances=None):
-        """Return the tree with another model and its operator."""
+    def composed(self, whole, disturbances=None):
+        """Return the tree with another composition."""
+        name, model, operator = whole
         disturbances = self.disturbances if disturbances is None else disturbances
-        return replace(
-            self, model=informed(model, self.model), operator=operator, disturbances=disturbances
-        )
+        model = informed(model, self.model)
+        return replace(self, name=name, model=model, operator=operator, disturbances=disturbances)
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
-        return self.composed(*with_series_stages(self.model, self.operator, stages))
+        return self.composed(with_series_stages(self.whole, stages))
 
     def with_stage(self, at, **changes):
         """Return the tree with another ``operator``, or ``model``, of a stage."""
@@ -245,13 +253,11 @@ class Tree:
             for stage in self.stages
         ]
         tree = self.with_stages(stages)
-        values = stage_values(other.model, other.operator, held=False)
+        values = stage_values(other.whole, held=False)
         beside = dict(zip(other.beside_names, other.disturbances, strict=True))
         own = zip(tree.beside_names, tree.disturbances, strict=True)
-        return replace(
-            tree,
-            operator=with_stage_values(tree.model, tree.operator, values),
-            disturbances=tuple(beside.get(name, start) for name, start in own),
+        return tree.composed(
+            with_stage_values(tree.whole, values), tuple(beside.get(n, start) for n, start in own)
         )
 
     # ------------------------------------------------------------------ as an operator
@@ -280,7 +286,7 @@ class Tree:
         """Return the stages as they are in a record whose parameters follow a number."""
         if number is None:
             return self.stages
-        return series_stages(self.model, self.operator.at(number))
+        return series_stages(self.whole._replace(operator=self.operator.at(number)))
 
     def run(self, records, first=0, last=None, signals=None):
         """Return the output of a stretch of the series for each record."""

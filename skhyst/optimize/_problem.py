@@ -293,8 +293,8 @@ class OperatorProblem(Unknowns):
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
-    def predictions(self, x, select):
-        """Return the prediction of each record where the selected segments are known.
+    def predictions(self, x, select, wanted=None):
+        """Return the prediction of each (wanted) record where the selected segments are known.
 
         The coefficients of a record's disturbances come from its selected segments. In a record
         that has none, those for every other segment come from the segments between, so that no
@@ -303,6 +303,9 @@ class OperatorProblem(Unknowns):
         operator, disturbances = self.unpack(x)
         found = []
         for number, record in enumerate(self.records):
+            if wanted is not None and number not in wanted:
+                found.append(None)
+                continue
             y = self.simulate(operator, record)
             if disturbances:
                 basis = self._basis(disturbances, record)
