@@ -31,7 +31,7 @@ _FALL = 0.01
 _DRIVE_LIMITS = 0  # rank, see Operator.rank
 
 
-def declare(estimator, X, columns, y, slices, *, cv, random_state):
+def declare(estimator, X, columns, y, slices, cv, random_state):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""
     if getattr(estimator, "operator_class", Operator).stands_beside:
         raise ValueError(
@@ -148,7 +148,7 @@ class BlackBox(Declared):
 
     def begin(self, records, folds):
         self._folds = folds
-        fold = np.empty(len(self._y), dtype=int)
+        fold = np.zeros(len(self._y), dtype=int)
         # a stretch that is not fitted belongs to the fold, whether it is scored or not
         stretches = [
             slice(s.rows.start + a, s.rows.start + b)

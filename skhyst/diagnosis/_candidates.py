@@ -1,11 +1,11 @@
 """Candidates: the model so far with effects added, refitted in rounds of halving, and held out.
 
-Successive halving (Jamieson and Talwalkar, AISTATS 2016) spends the same number of simulations on
-each rung: every candidate is simulated once, at its starting values, and the step from there is
-predicted; the best third is refitted with three simulations each, the best third of these with
-nine, the last third with 27. An effect keeps its best candidate up to the last cut, so that a
-variant with many parameters does not crowd out another effect; of the effects the best third, and
-three at least, is refitted last and held out.
+Successive halving (Jamieson and Talwalkar, AISTATS 2016) spends about the same number of
+simulations on each rung. Every starting value is simulated once, and the step from there is
+predicted. The best one of each variant is refitted with three simulations, the variants of the best
+third of the effects with nine; of these effects the best variant that still is what its name says
+is refitted with 27, and held out. Three effects at least stay to the end, so that it is seen what
+else explains the data.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,6 @@ from ._starts import starting_trees
 __all__ = [
     "FACTOR",
     "Candidate",
-    "best_of_effects",
     "halve",
     "held_out",
     "predicted",
@@ -68,14 +67,19 @@ class Candidate:
 
 
 def predicted(effect, structure, records):
-    """Return candidates at an effect's starting values, with what one step from there promises."""
+    """Return the most promising candidate of each variant of an effect, at starting values.
+
+    Its cost is what one step from there is predicted to reach.
+    """
     found = []
     for variant in starting_trees(effect, structure, records):
+        starts = []
         for start in variant:
             problem = start.problem(records)
             promise = predicted_cost(problem, problem.x0)
             n_parameters = len(problem.x0) + start.n_coefficients()
-            found.append(Candidate((effect.name,), start, promise, n_parameters, problem.x0))
+            starts.append(Candidate((effect.name,), start, promise, n_parameters, problem.x0))
+        found.append(min(starts, key=lambda c: c.cost))
     return found
 
 
@@ -96,42 +100,49 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR ** (_RUNGS + 
 
 
 def halve(groups, parallel):
-    """Halve the candidates of each group until each has about one that is well refitted.
+    """Refit the variants of effects in rungs; return those of the best third of the effects.
 
     Parameters
     ----------
-    groups : list of (list of Candidate, list of RecordData)
-        At starting values, and the records they are refitted to.
+    groups : list of (list of Candidate, list of RecordData, float)
+        Of each effect: its variants at starting values, the records they are refitted to, and the
+        sum of squares of the model so far in these.
     parallel : joblib.Parallel
 
     Returns
     -------
-    list of list of (float, Candidate)
-        Of each group, with Schwarz's criterion, best first.
+    variants : list of list of Candidate
+        Of each effect, best first: by Schwarz's criterion where it stays, else by their cost.
+    kept : list of int
+        The numbers of the effects that stay.
     """
-    found = [candidates for candidates, _ in groups]
-    for rung in range(1, _RUNGS):
-        found = [_best(candidates) for candidates in found]
-        flat = [(c, groups[i][1]) for i, own in enumerate(found) for c in own]
-        fitted = iter(parallel(delayed(refitted)(c, c.structure, r, FACTOR**rung) for c, r in flat))
-        found = [[next(fitted) for _ in own] for own in found]
-    judged = iter(
-        parallel(delayed(_criterion)(c, groups[i][1]) for i, own in enumerate(found) for c in own)
+    found = _rung([own for own, *_ in groups], groups, 1, parallel)
+    best = sorted(
+        (min(c.cost for c in own) / groups[i][2], i) for i, own in enumerate(found) if own
     )
-    found = [[(next(judged), c) for c in own] for own in found]
-    return [sorted(own, key=lambda entry: entry[0]) for own in found]
+    for _, i in best[_last(len(best)) :]:
+        found[i].sort(key=lambda c: c.cost)
+    kept = [i for _, i in best[: _last(len(best))]]
+    refined = _rung([found[i] for i in kept], [groups[i] for i in kept], 2, parallel)
+    jobs = [(c, groups[i][1]) for i, own in zip(kept, refined, strict=True) for c in own]
+    judged = iter(parallel(delayed(_criterion)(c, records) for c, records in jobs))
+    for i, own in zip(kept, refined, strict=True):
+        order = sorted((next(judged), number) for number in range(len(own)))
+        found[i] = [own[number] for _, number in order]
+    return found, kept
 
 
-def _best(candidates):
-    """Return the best third of the candidates, one at least."""
-    ordered = sorted(candidates, key=lambda c: c.cost)
-    return ordered[: -(-len(ordered) // FACTOR)]
+def _rung(found, groups, rung, parallel):
+    jobs = [(c, group[1]) for own, group in zip(found, groups, strict=True) for c in own]
+    fitted = iter(
+        parallel(delayed(refitted)(c, c.structure, records, FACTOR**rung) for c, records in jobs)
+    )
+    return [[next(fitted) for _ in own] for own in found]
 
 
-def best_of_effects(candidates):
-    """Return the best third of candidates with their criterion, ``FACTOR`` at least."""
-    ordered = sorted(candidates, key=lambda entry: entry[0])
-    return [c for _, c in ordered[: max(-(-len(ordered) // FACTOR), FACTOR)]]
+def _last(count):
+    """Return how many of so many effects stay."""
+    return max(-(-count // FACTOR), FACTOR)
 
 
 def _criterion(candidate, records):

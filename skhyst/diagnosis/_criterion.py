@@ -53,7 +53,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-__all__ = ["Criterion", "block_length", "paired_p_value"]
+__all__ = ["Criterion", "block_length", "block_p_value", "paired_p_value"]
 
 
 @dataclass(frozen=True)
@@ -117,12 +117,28 @@ def paired_p_value(worse, better, weights=None):
         a, b, w = a[known] / scale, b[known] / scale, 1.0 if w is None else w[known]
         gain += np.sum(w * (a - b) * (a + b))
         chances.append(w * (a - b) * b)
-    if not gain > 0.0:
+    return block_p_value(0.5 * gain, chances)
+
+
+def block_p_value(total, chances):
+    """Return the p-value against a total that chance alone has made.
+
+    Parameters
+    ----------
+    total : float
+    chances : sequence of ndarray
+        Stretches of the series whose sum is what chance does to the total.
+
+    Returns
+    -------
+    float
+    """
+    if not total > 0.0:
         return 1.0
     length, missing = block_length(chances)
     sums = np.concatenate([_block_sums(q, length) for q in chances])
-    spread = 2.0 * np.sqrt(sums @ sums / (1.0 - missing))
-    return float(student.sf(gain / spread, len(sums))) if spread > 0.0 else 0.0
+    spread = np.sqrt(sums @ sums / (1.0 - missing))
+    return float(student.sf(total / spread, len(sums))) if spread > 0.0 else 0.0
 
 
 def block_length(series):

@@ -11,13 +11,12 @@ repetitions could tell.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
 from ..hysteresis import PrandtlIshlinskiiOperator
 from ..operators import turning_points
+from ._criterion import block_p_value, paired_p_value
 
 __all__ = [
     "FEW_TURNS",
@@ -40,7 +39,6 @@ _LAGS = 2 ** np.arange(9)  # samples
 _OWN_LAGS = (1, 2, 3, 4, 8)  # of the residual, one by one
 _OWN_MEANS = (4, 16, 64, 256)  # and averages of so many samples before
 _GAINS = (16, 256)  # samples before from which a gain that moves is read off
-_UNEXPLAINED = 0.03  # part of the residual's power that is structure worth a word
 _VISIBLE = 0.05  # of its range that a signal must go back to have turned round
 _PROBES = 64  # samples that rule out most lags as periods
 _AWAY = (
@@ -69,8 +67,11 @@ class Judgement:
     repeated: bool
 
 
-def judge_residual(records, residuals, predictions, rng, *, alpha=0.01):
+def judge_residual(records, residuals, predictions, rng, criterion):
     """Decide whether residuals are noise or structure that a model has left.
+
+    What repetitions have in common, or what a black box foretells, is structure where it is
+    significant and where without it the error is better by what matters, as for any candidate.
 
     Parameters
     ----------
@@ -78,8 +79,7 @@ def judge_residual(records, residuals, predictions, rng, *, alpha=0.01):
     residuals, predictions : sequence of ndarray of shape (n_samples,)
         Of each record, NaN where nothing counts.
     rng : numpy.random.Generator
-    alpha : float, default=0.01
-        Probability of calling noise structure.
+    criterion : Criterion
 
     Returns
     -------
@@ -93,14 +93,17 @@ def judge_residual(records, residuals, predictions, rng, *, alpha=0.01):
     floor = repeatability(records, pairs=pairs)
     if floor is not None:
         common, p_value = _common_part(pairs, residuals)
-        gain = common / power
-        structured = p_value < alpha and gain > _UNEXPLAINED
-        return Judgement(structured, floor, p_value, gain, True)
-    error, p_value = black_box_gain(records, residuals, predictions, rng)
-    gain = max(1.0 - error**2 / power, 0.0)
-    structured = p_value < alpha and gain > _UNEXPLAINED
-    floor = error if structured else float(np.sqrt(power))
-    return Judgement(structured, floor, p_value, gain, False)
+        left = max(power - common, 0.0)
+    else:
+        error, p_value = black_box_gain(records, residuals, predictions, rng)
+        left = error**2
+    structured = (
+        p_value < criterion.alpha and left <= (1.0 - criterion.min_improvement) ** 2 * power
+    )
+    if floor is None:
+        floor = float(np.sqrt(left if structured else power))
+        return Judgement(structured, floor, p_value, 1.0 - left / power, False)
+    return Judgement(structured, floor, p_value, 1.0 - left / power, True)
 
 
 # ---------------------------------------------------------------------------------- repetitions
@@ -183,22 +186,12 @@ def _slow(difference):
 def _common_part(pairs, residuals):
     """Return the mean power that residuals have in common in repetitions, and its p-value.
 
-    Noise is not repeated: the product of two repetitions' residuals is zero on average. The means
-    of stretches are taken as independent of each other.
+    Noise is not repeated: the product of two repetitions' residuals is zero on average.
     """
-    means, sizes = [], []
-    for i, a, j, b in pairs:
-        product = residuals[i][a] * residuals[j][b]
-        for part in np.array_split(product, _BLOCKS):
-            part = part[np.isfinite(part)]
-            if part.size:
-                means.append(part.mean())
-                sizes.append(part.size)
-    if len(means) < 3 or not np.ptp(means) > 0.0:
-        return 0.0, 1.0
-    means = np.array(means)
-    p_value = student.sf(means.mean() / (means.std(ddof=1) / np.sqrt(means.size)), means.size - 1)
-    return max(float(np.average(means, weights=sizes)), 0.0), float(p_value)
+    products = [residuals[i][a] * residuals[j][b] for i, a, j, b in pairs]
+    products = [p[np.isfinite(p)] for p in products]
+    total, count = sum(p.sum() for p in products), sum(p.size for p in products)
+    return max(float(total / max(count, 1)), 0.0), block_p_value(total, products)
 
 
 def visible_turns(u):
@@ -273,12 +266,10 @@ def black_box_gain(records, residuals, predictions, rng):
         Root mean square of what the black box leaves, on held-out stretches, relative to the
         residual's there and in units of the residual's over all samples.
     p_value : float
-        That it predicts nothing: of the mean product of residual and prediction, which noise makes
-        zero also where it is larger here than there (Clark and West, J. Econometrics 138, 2007).
-        1 where nothing is gained.
+        That it predicts nothing, see ``_criterion``.
     """
     x, y, block = _seen(records, residuals, predictions, rng)
-    squares, left, products, spreads = 0.0, np.zeros(2), np.zeros(2), np.zeros(2)
+    left = np.stack([y, y])  # by ridge regression, and with trees
     for fold in range(_FOLDS):
         test = block % _FOLDS == fold
         train = np.flatnonzero(~test)
@@ -286,11 +277,9 @@ def black_box_gain(records, residuals, predictions, rng):
             continue
         if len(train) > _ROWS:
             train = np.sort(rng.choice(train, _ROWS, replace=False))
-        test = np.flatnonzero(test)
         scale = x[train].std(axis=0)
         scale = np.where(scale > 0.0, scale, 1.0)
         ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train] / scale, y[train])
-        linear = ridge.predict(x[test] / scale)
         trees = HistGradientBoostingRegressor(
             max_iter=_TREES,
             learning_rate=0.15,
@@ -299,20 +288,14 @@ def black_box_gain(records, residuals, predictions, rng):
             early_stopping=False,
             random_state=int(rng.integers(2**31)),
         ).fit(x[train], y[train] - ridge.predict(x[train] / scale))
-        both = linear + trees.predict(x[test])
-        found, rest = np.stack([linear, both]), y[test]
-        squares += rest @ rest
-        left += np.sum((rest - found) ** 2, axis=1)
-        products += found @ rest
-        spreads += found**2 @ rest**2
-    best = np.argmin(left)
-    known = np.concatenate([r[np.isfinite(r)] for r in residuals])
-    power = float(np.mean(np.square(known))) if known.size else 0.0
-    if not left[best] < squares:
-        return float(np.sqrt(power)), 1.0
-    # of noise, each product with what was predicted before is zero on average whatever came before
-    p_value = 2.0 * norm.sf(products[best] / np.sqrt(spreads[best]))  # the better one was chosen
-    return float(np.sqrt(power * left[best] / squares)), float(min(1.0, p_value))
+        left[:, test] -= ridge.predict(x[test] / scale)
+        left[1, test] -= trees.predict(x[test])
+    best = min(left, key=lambda own: own @ own)
+    power = np.mean(np.concatenate([np.square(r[np.isfinite(r)]) for r in residuals]))
+    ends = np.flatnonzero(np.diff(block)) + 1
+    p_value = paired_p_value(np.split(y, ends), np.split(best, ends))
+    share = min((best @ best) / (y @ y), 1.0) if y.any() else 1.0
+    return float(np.sqrt(power * share)), min(1.0, len(left) * p_value)
 
 
 def _seen(records, residuals, predictions, rng):

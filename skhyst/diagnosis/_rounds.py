@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 from joblib import Parallel, delayed
 
-from ._candidates import FACTOR, best_of_effects, halve, held_out, predicted, refitted
+from ._candidates import FACTOR, halve, held_out, predicted, refitted
 from ._effects import EFFECTS
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
@@ -108,7 +108,8 @@ class Rounds:
         screened = self._screened(base, [(effect, base) for effect in effects], parallel)
         self._add_time("screening", begin)
         begin = time.perf_counter()
-        singles = self._held_out(base, self._fitted(base, screened, parallel), parallel)
+        fitted = self._fitted([base] * len(effects), screened, parallel)
+        singles = self._held_out(base, fitted, parallel)
         n_tried = len(effects)
         tested = list(singles)
         if len(self.history) + 2 <= self.max_effects:
@@ -121,48 +122,51 @@ class Rounds:
         return chosen
 
     def _screened(self, base, pairs, parallel):
-        """Return, for effects and what they are put into, the fits to what is screened, best first.
+        """Return what halving leaves of effects and what they are put into, and what was screened.
 
-        Of long records that are the first parts. An entry is (criterion, candidate, cost of the
-        base in the same samples).
+        Of long records the first parts are screened.
+
+        Returns
+        -------
+        variants : list of list of Candidate
+            Of each pair, best first.
+        kept : list of int
+            The numbers of the pairs that stay.
+        seen : list of (list of RecordData, float)
+            Of each pair the records, and the sum of squares of the base in them.
         """
-        parts = shortened(self.records, base.residuals)
+        whole, parts = (self.records, base.cost), shortened(self.records, base.residuals)
+        short = parts and (parts, refitted(base, base.structure, parts).cost)
         seen = [
-            self.records
-            if parts is None or not suffices(effect, c.structure, self.records, parts)
-            else parts
+            short if parts and suffices(effect, c.structure, self.records, parts) else whole
             for effect, c in pairs
         ]
         starts = parallel(
-            delayed(predicted)(effect, c.structure, r)
-            for (effect, c), r in zip(pairs, seen, strict=True)
+            delayed(predicted)(effect, c.structure, records)
+            for (effect, c), (records, _) in zip(pairs, seen, strict=True)
         )
-        in_parts = None if parts is None else refitted(base, base.structure, parts).cost
-        found = halve(list(zip(starts, seen, strict=True)), parallel)
-        before = [base.cost if r is self.records else in_parts for r in seen]
-        return [
-            [(criterion, c, cost, r) for criterion, c in own]
-            for own, cost, r in zip(found, before, seen, strict=True)
-        ]
+        groups = [(own, *what) for own, what in zip(starts, seen, strict=True)]
+        return *halve(groups, parallel), seen
 
-    def _fitted(self, base, screened, parallel):
-        """Return the plausible candidates of the best effects, refitted to all samples."""
+    def _fitted(self, bases, screened, parallel):
+        """Return the best plausible candidate of each effect that stays, refitted to all samples.
+
+        ``bases`` are what the effects were put into.
+        """
+        variants, kept, seen = screened
         most = (1.0 - self.criterion.min_improvement) ** 2
         best = []
-        for own in screened:
+        for i in kept:
+            records, cost = seen[i]
             plausible = (
-                (criterion, (c, r))
-                for criterion, c, cost, r in own
-                if c.cost < most * cost and self._is_plausible(base, c, r)
+                c
+                for c in variants[i]
+                if c.cost < most * cost and self._is_plausible(bases[i], c, records)
             )
-            best += [entry for entry in [next(plausible, None)] if entry is not None]
+            best += [c for c in [next(plausible, None)] if c is not None]
         # of long records, what fits their first parts is near the solution
-        return parallel(
-            delayed(refitted)(
-                c, c.structure, self.records, FACTOR if are_long(self.records) else FACTOR**3
-            )
-            for c, _ in best_of_effects(best)
-        )
+        budget = FACTOR if are_long(self.records) else FACTOR**3
+        return parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
 
     def _held_out(self, base, candidates, parallel):
         """Return the candidates held out."""
@@ -180,14 +184,10 @@ class Rounds:
         known = {effect.name: effect for effect in self.effects}
         # the better one comes first: the other starts from what that leaves
         pairs = [(known[b.effects[0]], a) for a, b in combinations(best, 2)]
-        fitted = []
-        for (_, a), own in zip(pairs, self._screened(base, pairs, parallel), strict=True):
-            plausible = (c for _, c, _, r in own if self._is_plausible(a, c, r))
-            fitted += [
-                replace(c, effects=(*a.effects, *c.effects))
-                for c in [next(plausible, None)]
-                if c is not None
-            ]
+        first = [a for _, a in pairs]
+        fitted = self._fitted(first, self._screened(base, pairs, parallel), parallel)
+        names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
+        fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
         return self._held_out(base, fitted, parallel)
 
     def _is_plausible(self, base, candidate, records):
@@ -237,15 +237,16 @@ class Rounds:
     def _rank(self, base, effects, screened, tested, p_values, chosen):
         tested = {c.effects[0]: c for c in tested if len(c.effects) == 1}
         claimed = chosen.effects if chosen else ()
-        for effect, own in zip(effects, screened, strict=True):
+        variants, _, seen = screened
+        for effect, own, (_, cost) in zip(effects, variants, seen, strict=True):
             c = tested.get(effect.name)
             fit = own[0] if own else None
-            added = (c or fit[1]).n_parameters - base.n_parameters if c or fit else 0
+            added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
             self.ranking.append(
                 {
                     "round": self._number,
                     "effect": effect.name,
-                    "screen": round(max(1.0 - fit[1].cost / fit[2], 0.0), 9) if fit else 0.0,
+                    "screen": round(max(1.0 - fit.cost / cost, 0.0), 9) if fit else 0.0,
                     "error_before": base.error,
                     "error_after": c.error if c else float("nan"),
                     "p_value": p_values[c.effects] if c else float("nan"),

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from itertools import pairwise
+from collections.abc import Iterable
 from numbers import Integral, Real
 
 import numpy as np
@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
+from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
 from ._candidates import Candidate, held_out
@@ -23,16 +24,12 @@ from ._effects import EFFECTS
 from ._evidence import gather_evidence
 from ._location import locate
 from ._noise import judge_residual, repeatability
-from ._order import by_content
 from ._report import Report
 from ._rounds import Rounds
 from ._tree import Tree
 
 __all__ = ["EffectSearchCV"]
 
-_SEGMENTS = 32  # a record
-_SHORTEST_SEGMENT = 16  # samples
-_WASHOUT = 0.05  # of a block of a single record
 _REWEIGHTED = 2  # times, before the first round
 _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
 
@@ -40,12 +37,11 @@ _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing
 class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     """Find the physical effects that a declared model lacks, add them, and report the errors.
 
-    Each round screens every effect (its model is put at its place and refitted briefly from
-    data-driven starting values), lets the best contest on held-out data after a joint refit of
-    everything, and claims one whose improvement is significant after correction for the number
-    of candidates, large enough to matter, and not reached by a simpler one. It stops when no
-    effect qualifies. Where most of what is then left is structure, an effect that explains most of
-    it needs no correction, and other first effects are tried.
+    Each round puts every effect into the model so far, at data-driven starting values, refits the
+    promising ones jointly with everything else, and predicts held-out data with them, alone and in
+    pairs. What foretells significantly better, with a correction for all that were tried, and by
+    enough to matter, is a candidate; the simplest of those that the data cannot tell from the best
+    is claimed. Then what has become needless is dropped. It stops when nothing is better.
 
     Parameters
     ----------
@@ -57,12 +53,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         that act on the drive before it are not tried.
     effects : "all" or list of str, default="all"
         Effects to try, see :func:`effect_names`.
-    cv : int, default=5
-        Number of folds.
-    folds : {"records", "blocks"}, default="records"
-        What a fold leaves out. ``"records"``: whole records; a single record is cut into contiguous
-        blocks. ``"blocks"``: a contiguous block of every record, for few records at levels that
-        cannot be foretold from each other.
+    cv : int, splitter or iterable, default=5
+        What is held out, as in ``GridSearchCV``. An int: so many folds of whole records, or of
+        contiguous blocks of a single record. A splitter, such as
+        ``BlockedTimeSeriesSplit(staggered=True)``, which holds out a block of every record, for few
+        records at levels that cannot be foretold from each other; or an iterable of (train, test)
+        row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
     max_effects : int, default=3
@@ -98,10 +94,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         of the response. Constants that belong to a record (offset, drift, phase) are taken from
         one half of a held-out record's segments to predict the other half.
     noise_floor_ : float
-        The error that no model can beat: from repetitions, else what a black box leaves.
+        The error that no model is known to beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
-        One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (that nothing is
-        missing, corrected unless that is known), ``ambiguous_with``, ``experiment``, ``evidence``.
+        One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (corrected for
+        the number of candidates), ``ambiguous_with``, ``experiment``, ``evidence``.
     ranking_ : DataFrame
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
@@ -143,8 +139,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],
         "effects": ["array-like", str],
-        "cv": [Interval(Integral, 2, None, closed="left")],
-        "folds": [StrOptions({"records", "blocks"})],
+        "cv": [
+            Interval(Integral, 2, None, closed="left"),
+            HasMethods(["split"]),
+            "array-like",
+            Iterable,
+        ],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "max_effects": [Interval(Integral, 0, None, closed="left")],
         "min_improvement": [Interval(Real, 0, 1, closed="left")],
@@ -161,7 +161,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         *,
         effects="all",
         cv=5,
-        folds="records",
         alpha=0.01,
         max_effects=3,
         min_improvement=0.05,
@@ -174,7 +173,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.estimator = estimator
         self.effects = effects
         self.cv = cv
-        self.folds = folds
         self.alpha = alpha
         self.max_effects = max_effects
         self.min_improvement = min_improvement
@@ -207,8 +205,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         effects = self._chosen_effects()
         declared = clone(self.estimator)
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
-        options = {"cv": self.cv, "random_state": self.random_state}
-        declared = declare(declared, X, drive, response, slices, **options)
+        segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
+        declared = declare(declared, X, drive, response, slices, len(folds), self.random_state)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
         self._inputs = _with_others(declared.drive(), drive)
@@ -216,7 +214,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
         with threadpool_limits(limits=1):
-            self._search(declared, slices, effects)
+            self._search(declared, slices, effects, segments, folds)
         return self
 
     def _chosen_effects(self):
@@ -234,54 +232,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             )
         return [EFFECTS[name] for name in names]
 
-    def _cut(self, slices):
-        """Return the records with their segments, and the folds over segments."""
-        single = len(slices) == 1
-        blocked = single or self.folds == "blocks"
-        n_folds = self.cv if blocked else min(self.cv, len(slices))
-        n_blocks = n_folds if blocked else 1
-        place = np.argsort(by_content(slices, self.drive_, self.response_))
-        records, fold_of, washed = [], [], []
-        for number, s in enumerate(slices):
-            n = s.n_samples
-            # a record is washed out before its first block, a single one in each of them
-            lead = 0 if single else min(self._washed(n, single), n - n_blocks)
-            washout = self._washed(n // n_blocks, single) if single else 0
-            segments = [(0, lead)] if lead else []
-            fold_of += [place[number] % n_folds] * len(segments)
-            washed += [True] * len(segments)
-            blocks = np.linspace(lead, n, n_blocks + 1).astype(int)
-            for block, (first, last) in enumerate(pairwise(blocks)):
-                start = min(first + washout, last - 1)
-                parts = _stretches(start, last, _SEGMENTS // n_blocks)
-                flags = [False] * len(parts)
-                if start > first:
-                    parts.insert(0, (int(first), int(start)))
-                    flags.insert(0, True)
-                segments += parts
-                washed += flags
-                # other blocks of other records: each fold sees all parts of a repeated drive
-                fold_of += [(place[number] + block) % n_folds] * len(parts)
-            records.append(_record_data(s, *self._inputs, self.response_, segments))
-        fold_of, washed = np.array(fold_of), np.array(washed)
-        # a washed-out stretch belongs to a block: it is fitted with other blocks, never scored
-        folds = [(fold_of != k, (fold_of == k) & ~washed) for k in range(n_folds)]
-        return records, folds
-
-    def _washed(self, n_samples, single):
-        """Return the number of samples at the start of a block that are not scored."""
-        if self.washout is not None:
-            return self.washout
-        return int(_WASHOUT * n_samples) if single else 0
-
-    def _search(self, declared, slices, effects):
+    def _search(self, declared, slices, effects, segments, folds):
         begin = time.perf_counter()
-        records, folds = self._cut(slices)
-        if len(records) == 1 and len(self.response_) < 2 * self.cv:
-            raise ValueError(
-                f"EffectSearchCV needs at least {2 * self.cv} samples for {self.cv} folds. "
-                f"Got {len(self.response_)} instead."
-            )
+        records = [
+            _record_data(s, *self._inputs, self.response_, own)
+            for s, own in zip(slices, segments, strict=True)
+        ]
         records = declared.begin(records, folds)
         result, records = declared.identified(records)
         structure = Tree.from_result(declared.model, result)
@@ -381,7 +337,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         # they do not determine, which is no missing structure
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, *self._fitted(records, base))]
-        return judge_residual(*seen, rng, alpha=self.alpha)
+        criterion = Criterion(self.alpha, self.min_improvement)
+        return judge_residual(*seen, rng, criterion)
 
     @staticmethod
     def _fitted(records, base):
@@ -428,8 +385,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         driver = self.declared_estimator_ if declared else self._driver
         inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
-            start = min(self._washed(s.n_samples, len(self.records_) == 1), s.n_samples - 1)
-            segments = _stretches(start, s.n_samples, _SEGMENTS)
+            start = min(self.washout or 0, s.n_samples - 1)
+            segments = stretches(start, s.n_samples)
             records.append(_record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
         problem = structure.problem(records)
@@ -461,11 +418,3 @@ def _record_data(s, drive, others, response, segments):
     return RecordData(
         drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), auxiliary=auxiliary
     )
-
-
-def _stretches(start, stop, most):
-    """Cut rows into stretches of one length, ``most`` at most; the last takes what is over."""
-    count = max(min(most, (stop - start) // _SHORTEST_SEGMENT), 1)
-    length = (stop - start) // count
-    firsts = [int(start) + i * length for i in range(count)]
-    return list(zip(firsts, [*firsts[1:], int(stop)], strict=True))

@@ -1,0 +1,224 @@
+"""The criterion keeps its level whatever the colour of the noise, and finds what is there."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from skhyst.diagnosis._criterion import Criterion, block_length, block_p_value, paired_p_value
+
+N, RECORDS = 600, 4
+
+
+def coloured(rng, correlation, n=N):
+    """Draw AR(1) noise of unit variance."""
+    white = np.sqrt(1.0 - correlation**2) * rng.standard_normal(n + 2000)
+    return lfilter([1.0], [1.0, -correlation], white)[2000:]
+
+
+def difference(kind, rng, n=N):
+    """Return what the rival predicts beyond the model: of the drive, and slow."""
+    phase = 2.0 * np.pi * np.arange(n) / 37.0 + rng.uniform(0.0, 6.0)
+    return {
+        "smooth": 0.2 * np.sin(0.2 * phase),
+        "edges": 0.15 * np.sign(np.sin(phase)) + 0.05,
+        "slow": 0.3 * (np.arange(n) / n - rng.uniform()),
+    }[kind]
+
+
+def equal_models(rng, correlation, kind, records=RECORDS):
+    """Return residuals of two models that are wrong by equal and opposite amounts."""
+    worse, better = [], []
+    for _ in range(records):
+        noise, delta = coloured(rng, correlation), difference(kind, rng)
+        worse.append(noise + 0.5 * delta)
+        better.append(noise - 0.5 * delta)
+    return worse, better
+
+
+@pytest.mark.parametrize("records", [1, RECORDS])
+@pytest.mark.parametrize("kind", ["smooth", "edges", "slow"])
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9, 0.97, 0.995])
+def test_equal_models_are_told_apart_no_more_often_than_the_level(correlation, kind, records):
+    trials = 300
+    rng = np.random.default_rng(9000)
+    p = [paired_p_value(*equal_models(rng, correlation, kind, records)) for _ in range(trials)]
+    for level in (0.001, 0.01):
+        margin = 3.0 * np.sqrt(level / trials) + 2.0 / trials  # of the rate that is seen
+        assert np.mean(np.array(p) < level) <= level + margin
+
+
+def test_white_noise_uses_the_level_up():
+    """A test that never rejects would pass every calibration."""
+    rng = np.random.default_rng(9001)
+    p = [paired_p_value(*equal_models(rng, 0.0, "edges")) for _ in range(1000)]
+    assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.97])
+def test_a_needless_parameter_is_hardly_ever_significant(correlation):
+    """What a rival has learned of noise makes it worse elsewhere."""
+    rng = np.random.default_rng(9002)
+    rejected = 0
+    for _ in range(400):
+        noise = [coloured(rng, correlation) for _ in range(RECORDS)]
+        deltas = [difference("smooth", rng) for _ in range(RECORDS)]
+        rejected += paired_p_value(noise, [e - d for e, d in zip(noise, deltas, strict=True)]) < 0.01
+    assert rejected <= 4
+
+
+@pytest.mark.parametrize("shown", [1.0, 0.1])
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_an_effect_is_found_also_where_it_shows_for_a_tenth_of_the_time(correlation, shown):
+    rng = np.random.default_rng(9003)
+    better = [coloured(rng, correlation) for _ in range(RECORDS)]
+    shows = np.arange(N) < shown * N
+    worse = [e + 6.0 * shows * difference("edges", rng) for e in better]
+    assert paired_p_value(worse, better) < 1e-4
+    assert paired_p_value(better, worse) == 1.0
+
+
+def test_rest_has_no_part_in_the_decision():
+    """Where both predict the same there is no evidence, however long that lasts."""
+    rng = np.random.default_rng(9004)
+    worse, better = equal_models(rng, 0.5, "edges")
+    better = [0.9 * b for b in better]
+    alone = paired_p_value(worse, better)
+    rests = [100.0 * rng.standard_normal(N) for _ in range(3)]
+    together = paired_p_value([*worse, *rests], [*better, *rests])
+    assert alone < 1e-3
+    assert together == pytest.approx(alone, rel=2.0)
+
+
+def test_a_gain_in_one_stretch_that_is_chance_is_no_evidence():
+    """The rival happens to do well at one place, and as badly at others of its kind."""
+    rng = np.random.default_rng(9005)
+    worse = [coloured(rng, 0.0) for _ in range(RECORDS)]
+    better = [w.copy() for w in worse]
+    better[1][100:130] += 3.0 * worse[1][100:130].sum() / 90.0
+    better[2][200:230] *= 0.5
+    assert paired_p_value(worse, better) > 0.001
+
+
+@settings(deadline=None, max_examples=50)
+@given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-200, 200))
+def test_unit_of_the_response_does_not_matter(seed, exponent):
+    worse, better = equal_models(np.random.default_rng(seed), 0.3, "edges")
+    scaled = [[2.0**exponent * e for e in own] for own in (worse, better)]
+    assert paired_p_value(*scaled) == paired_p_value(worse, better)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_order_of_records_does_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    worse, better = equal_models(rng, 0.5, "smooth")
+    order = rng.permutation(RECORDS)
+    expected = paired_p_value(worse, better)
+    found = paired_p_value([worse[i] for i in order], [better[i] for i in order])
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+@settings(deadline=None, max_examples=50)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_never_both_directions_are_significant(seed):
+    worse, better = equal_models(np.random.default_rng(seed), 0.5, "slow")
+    assert max(paired_p_value(worse, better), paired_p_value(better, worse)) == 1.0
+
+
+def test_weights_count_samples_and_what_is_not_scored_does_not_count():
+    rng = np.random.default_rng(9006)
+    worse, better = equal_models(rng, 0.0, "edges")
+    better = [0.95 * b for b in better]
+    gap = rng.random(N) < 0.3
+    weights = [np.where(gap, 0.0, 1.0)] * RECORDS
+    holes = [np.where(gap, np.nan, w) for w in worse]
+    assert paired_p_value(worse, better, weights) == pytest.approx(
+        paired_p_value(holes, better), rel=0.5
+    )
+    assert paired_p_value(worse, better) < paired_p_value(holes, better)
+
+
+@pytest.mark.parametrize(
+    ("worse", "better"),
+    [([1.0] * 9, [1.0] * 9), ([0.0] * 9, [0.0] * 9), ([np.nan] * 9,) * 2, ([], [])],
+    ids=["the same", "no error at all", "nothing scored", "no sample"],
+)
+def test_no_evidence_gives_one(worse, better):
+    assert paired_p_value([np.array(worse, dtype=float)], [np.array(better, dtype=float)]) == 1.0
+
+
+@pytest.mark.parametrize(("correlation", "least", "most"), [(0.0, 1, 3), (0.9, 20, 400)])
+def test_blocks_are_as_long_as_the_memory_asks_for(correlation, least, most):
+    rng = np.random.default_rng(9007)
+    lengths = [
+        block_length([coloured(rng, correlation) for _ in range(RECORDS)])[0] for _ in range(20)
+    ]
+    assert least <= np.median(lengths) <= most
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8, 0.95])
+def test_the_variance_that_blocks_miss_is_put_back(correlation):
+    """Block sums and what they leave out add up to the variance of the whole sum."""
+    rng = np.random.default_rng(9008)
+    found, totals = [], []
+    for _ in range(400):
+        series = coloured(rng, correlation, 4000)
+        length, missing = block_length([series])
+        edges = np.arange(0, 4000, length)
+        sums = np.add.reduceat(series, edges)
+        found.append(sums @ sums / (1.0 - missing))
+        totals.append(series.sum() ** 2)
+    # 400 squares of normal numbers are known to 7 %
+    assert np.mean(found) == pytest.approx(np.mean(totals), rel=0.25)
+
+
+def test_a_total_that_chance_makes_often_is_not_significant():
+    rng = np.random.default_rng(9009)
+    p = []
+    for _ in range(1000):
+        series = coloured(rng, 0.8)
+        p.append(block_p_value(series.sum(), [series]))
+    assert np.mean(np.array(p) < 0.01) <= 0.02
+
+
+def contestant(cost, residual):
+    error = float(np.sqrt(np.mean(np.square(residual))))
+    return SimpleNamespace(cost=cost, error=error, residuals=(residual,), weights=(None,))
+
+
+def test_a_better_model_is_better_held_out_and_in_the_fit():
+    rng = np.random.default_rng(9010)
+    noise = rng.standard_normal(2000)
+    criterion = Criterion(alpha=0.01, min_improvement=0.05)
+    base = contestant(1.2 * 2000, noise + 0.5 * difference("smooth", rng, 2000) / 0.2)
+    better = contestant(1.0 * 2000, noise)
+    assert criterion.is_better(base, better)
+    assert not criterion.is_better(better, base)
+    assert not criterion.is_better(base, contestant(1.19 * 2000, noise))  # not in the fit
+    assert not Criterion(0.01, 0.3).is_better(base, better)  # not by enough
+    assert not criterion.is_better(base, better, n_tried=1e300)
+
+
+def test_every_candidate_that_was_tried_counts():
+    rng = np.random.default_rng(9011)
+    criterion = Criterion(0.01, 0.05)
+    noise = rng.standard_normal(300)
+    base = contestant(400.0, noise + 0.4 * np.sign(np.sin(0.3 * np.arange(300))))
+    better = contestant(300.0, noise)
+    alone = criterion.p_value(base, better)
+    assert criterion.p_value(base, better, 190) == pytest.approx(min(1.0, 190 * alone))
+
+
+def test_models_that_describe_equally_well_are_not_told_apart():
+    rng = np.random.default_rng(9012)
+    noise = rng.standard_normal(5000)
+    criterion = Criterion(0.01, 0.05)
+    best = contestant(1.0, noise)
+    assert not criterion.is_told_apart(contestant(1.0, 1.004 * noise), best)  # too small to matter
+    assert not criterion.is_told_apart(contestant(1.0, rng.permutation(1.02 * noise)), best)
+    worse = contestant(1.0, noise + 0.5 * np.sin(0.1 * np.arange(5000)))
+    assert criterion.is_told_apart(worse, best)
