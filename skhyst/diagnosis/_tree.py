@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count
+from itertools import count, product
 
 import numpy as np
 from sklearn.base import clone
@@ -245,15 +245,22 @@ class Tree:
     def _at_values_of(self, other):
         """Return the tree with the values of another where both have them, by name."""
         other = other.cut(*(name for name in other.names if name not in self.names))
-        present = dict(zip(other.names, other.operators, strict=True))
-        stages = [
-            stage._replace(operator=present[stage.name])
-            if _alike(stage.operator, present.get(stage.name))
-            else stage
-            for stage in self.stages
-        ]
-        tree = self.with_stages(stages)
+        masks = other.series().gauge_mask()
+        present, stages = {}, []
+        for name, _, operator in other.stages:
+            held, masks = np.split(masks, [operator.n_parameters])
+            present[name] = operator, held
         values = stage_values(other.whole, held=False)
+        for stage in self.stages:
+            found, held = present.get(stage.name, (None, None))
+            names, fixed = [n for n, _ in stage.operator.entries()], stage.model.held_parameters()
+            if _alike(stage.operator, found):  # fixed structure too, but no value that is held
+                held = held | np.array([name in fixed for name in names], dtype=bool)
+                own = np.where(held, stage.operator.pack(), found.pack())
+                stage = stage._replace(operator=found.unpack(own))
+            stages.append(stage)
+            values = {key: own for key, own in values.items() if key not in product([stage.name], fixed)}
+        tree = self.with_stages(stages)
         beside = dict(zip(other.beside_names, other.disturbances, strict=True))
         own = zip(tree.beside_names, tree.disturbances, strict=True)
         return tree.composed(
