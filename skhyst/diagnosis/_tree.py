@@ -193,11 +193,7 @@ class Tree:
         if label in self.beside_names:
             return self.disturbances[self.beside_names.index(label)]
         stage = self.operators[self.place(effect)]
-        return (
-            dict(zip(stage.names, stage.stages, strict=True))[label]
-            if self.is_part(effect)
-            else stage
-        )
+        return stage.stages[stage.names.index(label)] if self.is_part(effect) else stage
 
     def edited(self, effect, *edits):
         """Return the tree with the edits of one more effect."""
