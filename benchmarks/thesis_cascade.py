@@ -140,7 +140,7 @@ def compare(vibration, X, y, arguments):
     ours, seconds = fit(cascade(vibration), X, y)
     rows["skhyst"] = relative_errors(ours, X, y).mean(), ours.n_evaluations_, seconds
     start = ours.operator_
-    held = (*start.stages[:2], cascade(vibration)._models()[2].starting_values(None)[0][0])
+    held = (*start.stages[:2], cascade(vibration)._models()[2].starting_values(None)[0])
     slices, array, response = read_data(ours, X, y, reset=True, dt=1.0)
     problem = OperatorProblem(
         type(start)(start.names, held).normalized(),

@@ -11,7 +11,7 @@ from functools import partial
 __all__ = ["jit"]
 
 
-def jit(function=None, *, fastmath=False):
+def jit(function=None, *, fastmath=False, inline=False):
     """Compile a kernel lazily, without the GIL, cached where that is possible.
 
     Parameters
@@ -21,6 +21,9 @@ def jit(function=None, *, fastmath=False):
     fastmath : bool or set of str, default=False
         Liberties that the compiler may take with the order of floating-point operations, as in
         ``numba.njit``.
+    inline : bool, default=False
+        The body takes the place of every call in compiled code, however long it is, so that
+        results that a caller does not use are not computed.
 
     Returns
     -------
@@ -28,13 +31,13 @@ def jit(function=None, *, fastmath=False):
         The compiled function; its plain Python original is the attribute ``py_func``.
     """
     if function is None:
-        return partial(jit, fastmath=fastmath)
+        return partial(jit, fastmath=fastmath, inline=inline)
     try:
         import numba
     except ImportError:
         function.py_func = function
         return function
-    options = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
+    options = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": inline}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder to cache in

@@ -9,18 +9,14 @@ from ..disturbance import Drift, Offset, PeriodicDisturbance
 from ..hysteresis import (
     Backlash,
     BoucWen,
-    BoucWenOperator,
     BoucWenStage,
     BoucWenStageOperator,
     CoulombFriction,
     Dahl,
-    DahlOperator,
     FrictionStage,
-    FrictionStageOperator,
     MaxwellSlip,
     PrandtlIshlinskii,
     RestoringForce,
-    RestoringForceOperator,
     SlewLimit,
 )
 from ..linear import (
@@ -153,7 +149,7 @@ _WAY = 0.05  # before sliding, of the range of the motion: below it is friction,
 
 def _slides(operator, motion, records):
     """Tell whether a force saturates soon after the motion turns round, as friction does."""
-    way = _way_before_sliding(operator)
+    way = operator.way_before_sliding()
     return way is None or way < _WAY * np.ptp(motion)
 
 
@@ -161,23 +157,8 @@ def _remembers(operator, motion, records):
     """Tell whether a force builds up over a visible way, and not as a hard spring does."""
     if isinstance(operator, BoucWenStageOperator) and abs(operator.shape) > _HARD:
         return False
-    way = _way_before_sliding(operator)
+    way = operator.way_before_sliding()
     return way is None or way > 0.2 * _WAY * np.ptp(motion)
-
-
-def _way_before_sliding(operator):
-    """Return the way before a force saturates, in units of the motion, or None."""
-    if isinstance(operator, FrictionStageOperator):
-        return abs(operator.gain) * operator.static_level / operator.bristle_stiffness
-    if isinstance(operator, RestoringForceOperator) and operator.hysteresis_stiffness:
-        return abs(operator.gain) * operator.slip_level / operator.hysteresis_stiffness
-    if isinstance(operator, BoucWenStageOperator):
-        return abs(operator.gain) * operator.level / operator.hysteresis_stiffness
-    if isinstance(operator, DahlOperator):
-        return operator.presliding_displacement
-    if isinstance(operator, BoucWenOperator):
-        return operator.limit
-    return None
 
 
 _BUILT_IN = (

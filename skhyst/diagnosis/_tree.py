@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count, product
+from itertools import count
 
 import numpy as np
 from sklearn.base import clone
@@ -241,21 +241,21 @@ class Tree:
     def _at_values_of(self, other):
         """Return the tree with the values of another where both have them, by name."""
         other = other.cut(*(name for name in other.names if name not in self.names))
-        masks = other.series().gauge_mask()
-        present, stages = {}, []
+        masks, present = other.series().gauge_mask(), {}
         for name, _, operator in other.stages:
             held, masks = np.split(masks, [operator.n_parameters])
             present[name] = operator, held
-        values = stage_values(other.whole, held=False)
+        values, stages = stage_values(other.whole, held=False), []
         for stage in self.stages:
+            fixed = stage.model.held_parameters()
             found, held = present.get(stage.name, (None, None))
-            names, fixed = [n for n, _ in stage.operator.entries()], stage.model.held_parameters()
             if _alike(stage.operator, found):  # fixed structure too, but no value that is held
-                held = held | np.array([name in fixed for name in names], dtype=bool)
+                held = held | [name in fixed for name, _ in found.entries()]
                 own = np.where(held, stage.operator.pack(), found.pack())
                 stage = stage._replace(operator=found.unpack(own))
             stages.append(stage)
-            values = {key: own for key, own in values.items() if key not in product([stage.name], fixed)}
+            for name in fixed:
+                values.pop((stage.name, name), None)
         tree = self.with_stages(stages)
         beside = dict(zip(other.beside_names, other.disturbances, strict=True))
         own = zip(tree.beside_names, tree.disturbances, strict=True)

@@ -373,7 +373,7 @@ class TankChain(ParametricModel):
             longest = max(len(r.u) * r.dt for r in records)
             slow = 10.0 / longest * np.ones(self.n_tanks)
             sets = [slow * spread ** np.arange(self.n_tanks) for spread in _SPREADS]
-        return [(start, ()) for rates in sets for start in self.starts_of(rates, records)]
+        return [start for rates in sets for start in self.starts_of(rates, records)]
 
     def starts_of(self, rates, records):
         """Return operators to start from, of a linear chain with these rates (1/s), in any order.

@@ -1,67 +1,35 @@
-"""Backlash: one play of unknown width.
-
-Loops over one play whose gap is identified, with its tangents.
-
-One play of identified width.
-"""
+"""Backlash: one play of unknown width."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, parameter
+from ..operators import OneStateOperator, parameter
 
-__all__ = [
-    "Backlash",
-    "BacklashOperator",
-    "backlash_run",
-    "backlash_tangents",
-]
+__all__ = ["Backlash", "BacklashOperator"]
 
 
-@jit
-def backlash_run(u, half_gap, play, out):
-    """Write the play of ``u`` to ``out`` (n,), from ``play`` before the first sample."""
-    for i in range(u.size):
-        if play > u[i] + half_gap:
-            play = u[i] + half_gap
-        elif play < u[i] - half_gap:
-            play = u[i] - half_gap
-        out[i] = play
-
-
-@jit
-def backlash_tangents(u, du, half_gap, play, tangent, out, dout):
-    """Write the play to ``out`` (n,) and its tangents to ``dout`` (n, m + 1).
-
-    ``tangent`` (m + 1,) are those of ``play`` before the first sample, overwritten; the last column
-    is the derivative with respect to the half gap.
-    """
-    m = du.shape[1]
-    for i in range(u.size):
-        side = 0.0
-        if play > u[i] + half_gap:
-            side = 1.0
-        elif play < u[i] - half_gap:
-            side = -1.0
-        if side != 0.0:
-            play = u[i] + side * half_gap
-            for q in range(m):
-                tangent[q] = du[i, q]
-            tangent[m] = side
-        out[i] = play
-        for q in range(m + 1):
-            dout[i, q] = tangent[q]
+def backlash_step(play, u0, u1, dt, values):
+    """Step the play, which is the output."""
+    half_gap = values[0]
+    side = 0.0
+    if play > u1 + half_gap:
+        side = 1.0
+    elif play < u1 - half_gap:
+        side = -1.0
+    if side == 0.0:
+        by = (1.0, 0.0, 0.0, 0.0)
+    else:
+        play = u1 + side * half_gap
+        by = (0.0, 0.0, 1.0, side)
+    return play, play, by, by
 
 
 @dataclass(frozen=True)
-class BacklashOperator(Operator):
-    r"""Backlash: the output follows the input once half the gap is used up.
-
-    .. math:: y(t) = \max(u(t) - r, \min(u(t) + r, y(t^-)))
+class BacklashOperator(OneStateOperator, step=backlash_step):
+    """The output follows the input once half the gap is used up; see :class:`Backlash`.
 
     Parameters
     ----------
@@ -72,8 +40,8 @@ class BacklashOperator(Operator):
 
     Notes
     -----
-    The drive is a straight line between samples, and the samples are exact. The state is the last
-    output. From rest, the output is where a first loading from zero has taken it.
+    The drive is a straight line between samples, and the samples are exact. The state is
+    ``(output, last drive)``. From rest, the output is where a first loading from zero has taken it.
 
     Examples
     --------
@@ -84,27 +52,6 @@ class BacklashOperator(Operator):
 
     half_gap: float = parameter(log=True, lower=0.0, unit="drive")
     rank: int = 0
-
-    def init(self, u0, initial_state="rest"):
-        if initial_state == "zero":
-            return 0.0
-        return float(np.sign(u0) * max(abs(u0) - self.half_gap, 0.0))
-
-    def run(self, u, dt, state=None):
-        u = as_signal(u)
-        if not u.size:
-            return np.empty(0), state
-        out = np.empty(u.size)
-        backlash_run(u, float(self.half_gap), self.init(u[0]) if state is None else state, out)
-        return out, float(out[-1])
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        # a first loading from zero passes through the first sample: either state starts at zero
-        u, du = as_signal(u), as_signal(du)
-        out, dout = np.empty(u.size), np.empty((u.size, du.shape[1] + 1))
-        tangent = np.zeros(du.shape[1] + 1)
-        backlash_tangents(u, du, float(self.half_gap), 0.0, tangent, out, dout)
-        return out, dout
 
 
 _PARTS = (0.01, 0.03, 0.1, 0.25)  # half gaps to start from, parts of the signal's range
@@ -141,8 +88,7 @@ class Backlash(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import Backlash
-    >>> from skhyst.hysteresis import BacklashOperator
+    >>> from skhyst.hysteresis import Backlash, BacklashOperator
     >>> drive = np.sin(np.linspace(0, 20, 500))
     >>> y, _ = BacklashOperator(0.13).run(drive, 1.0)
     >>> round(Backlash().fit(drive.reshape(-1, 1), y).operator_.half_gap, 6)
@@ -166,4 +112,4 @@ class Backlash(ParametricModel):
 
     def starting_values(self, records):
         swing = max(np.ptp(record.u) for record in records) or 1.0
-        return [(BacklashOperator(float(part * swing), self.series_rank), ()) for part in _PARTS]
+        return [BacklashOperator(float(part * swing), self.series_rank) for part in _PARTS]

@@ -1,7 +1,4 @@
-"""Coulomb friction model.
-
-Friction that is a function of the velocity alone.
-"""
+"""Coulomb friction: a function of the velocity alone."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -11,25 +8,17 @@ from numbers import Integral
 import numpy as np
 
 from .._sklearn import Interval
-from ..operators import as_signal, latest, parameter, samples_before, slopes
-from ._friction import FrictionModel, FrictionOperator, half_range, speed_noise, top_speed
+from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
+from ._friction import FrictionModel, half_range, speed_noise, top_speed
 
-__all__ = [
-    "CoulombFriction",
-    "CoulombFrictionOperator",
-]
+__all__ = ["CoulombFriction", "CoulombFrictionOperator"]
 
 _FAR = 30.0  # Stribeck velocities; nothing is left there, and squares stay small
 
 
 @dataclass(frozen=True)
-class CoulombFrictionOperator(FrictionOperator):
-    r"""Coulomb friction with a smooth transition, Stribeck effect, spring, dashpot and constant.
-
-    .. math::
-
-        y = \left(F_c + F_d e^{-(v/v_s)^2} + a s\right) s + k u + d v + c, \qquad
-        s = \tanh(v / v_0), \quad v = \dot u
+class CoulombFrictionOperator(Operator):
+    """Coulomb friction, a spring, a dashpot and a constant: the law of :class:`CoulombFriction`.
 
     Parameters
     ----------
@@ -61,11 +50,6 @@ class CoulombFrictionOperator(FrictionOperator):
     difference by default, and lags behind by half of them. In ``"rest"`` it counts as zero until a
     record is that long. The state is the last samples, at most ``smoothing``.
 
-    References
-    ----------
-    B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and
-    compensation methods for the control of machines with friction", Automatica 30(7), 1994.
-
     Examples
     --------
     >>> from skhyst.hysteresis import CoulombFrictionOperator
@@ -85,6 +69,9 @@ class CoulombFrictionOperator(FrictionOperator):
     slowest: float = 0.0
     fastest: float = np.inf
     smoothing: int = 1
+
+    carries_scale = True
+    rank = 10
 
     def parameter_specs(self):
         """Return the identifiable fields; both velocities are between slowest and fastest."""
@@ -254,16 +241,13 @@ class CoulombFriction(FrictionModel):
         transitions = np.unique(np.maximum(np.multiply(_TRANSITIONS, top), 1.5 * slowest))
         velocities = np.multiply(_VELOCITIES, top) if self.stribeck else [fastest]
         return [
-            (
-                CoulombFrictionOperator(
-                    float(transition),
-                    force,
-                    float(velocity),
-                    slowest=slowest,
-                    fastest=fastest,
-                    smoothing=smoothing,
-                ),
-                (),
+            CoulombFrictionOperator(
+                float(transition),
+                force,
+                float(velocity),
+                slowest=slowest,
+                fastest=fastest,
+                smoothing=smoothing,
             )
             for transition, velocity in product(transitions, velocities)
             if velocity > transition

@@ -1,13 +1,9 @@
-r"""Dahl friction model.
-
-Loops over the Dahl model, exact on straight pieces of the drive.
+r"""Dahl friction.
 
 The normalised force ``w`` moves with the displacement alone, ``dw/du = (1 - s w)^n / x_c`` with
 ``s`` the sign of the motion. The gap ``q = 1 - s w`` to the saturated force then decays along the
 way ``l``: ``dq/dl = -q^n / x_c``, so ``q = q0 exp(-l/x_c)`` for ``n = 1`` and
 ``q = q0 (1 + (n - 1) q0^(n-1) l/x_c)^(-1/(n-1))`` otherwise; for ``n < 1`` it reaches zero.
-
-Dahl friction.
 """
 
 import math
@@ -16,93 +12,55 @@ from numbers import Real
 
 import numpy as np
 
-from .._jit import jit
 from .._sklearn import Interval
-from ..operators import as_signal, parameter
-from ._friction import FrictionModel, FrictionOperator, half_range, swing
+from ..operators import OneStateOperator, parameter
+from ._friction import FrictionModel, half_range, swing
 
-__all__ = [
-    "Dahl",
-    "DahlOperator",
-    "dahl_run",
-    "dahl_step",
-    "dahl_tangents",
-]
+__all__ = ["Dahl", "DahlOperator"]
 
 _LONGEST = 1e300  # in presliding displacements; an infinite way times a gap of zero is no number
 
 
-@jit
-def dahl_step(w, change, x_c, exponent):
-    """Return ``w`` after the displacement ``change`` and its derivatives by w, change and x_c.
-
-    Where the drive stands still, the derivative by ``change`` is the mean of both directions.
-    """
-    if change == 0.0:
+def dahl_step(w, u0, u1, dt, values):
+    """Step the normalised force; the output is the force, spring, dashpot and constant included."""
+    x_c, force, stiffness, damping, intercept, exponent = values
+    change = u1 - u0
+    by_w, by_x_c = 1.0, 0.0
+    if change == 0.0:  # the slope is the mean of both directions
         slope = 1.0
         if exponent != 1.0:
             slope = 0.5 * ((1.0 - w) ** exponent + (1.0 + w) ** exponent)
-        return w, 1.0, slope / x_c, 0.0
-    sign = 1.0 if change > 0.0 else -1.0
-    way = min(abs(change) / x_c, _LONGEST)
-    gap = max(1.0 - sign * w, 0.0)
-    if exponent == 1.0:
-        by_w = math.exp(-way)
-        gap *= by_w
-        slope = gap
     else:
-        power = exponent - 1.0
-        # a gap of zero to a negative power is infinite, so that the base is negative
-        base = 1.0 + power * gap**power * way
-        if base > 0.0:
-            gap *= base ** (-1.0 / power)
-            by_w = base ** (-exponent / power)
-            slope = gap**exponent
+        sign = 1.0 if change > 0.0 else -1.0
+        way = min(abs(change) / x_c, _LONGEST)
+        gap = max(1.0 - sign * w, 0.0)
+        if exponent == 1.0:
+            by_w = math.exp(-way)
+            gap *= by_w
+            slope = gap
         else:
-            gap = by_w = slope = 0.0
-    return sign - sign * gap, by_w, slope / x_c, -sign * slope * way / x_c
-
-
-@jit
-def dahl_run(u, before, w, x_c, exponent, out):
-    """Write the normalised force of ``u`` to ``out`` (n,), from the force ``w`` at ``before``."""
-    for k in range(u.size):
-        w = dahl_step(w, u[k] - before, x_c, exponent)[0]
-        before = u[k]
-        out[k] = w
-
-
-@jit
-def dahl_tangents(u, du, x_c, exponent, out, dout):
-    """Write the normalised force (n,), and its tangents (n, m + 1): those of ``du``, by ``x_c``.
-
-    The device is virgin and stands at zero.
-    """
-    m = du.shape[1]
-    w = 0.0
-    before = 0.0
-    for k in range(u.size):
-        w, by_w, by_change, by_x_c = dahl_step(w, u[k] - before, x_c, exponent)
-        before = u[k]
-        out[k] = w
-        if k == 0:
-            for q in range(m):
-                dout[k, q] = by_change * du[k, q]
-            dout[k, m] = by_x_c
-        else:
-            for q in range(m):
-                dout[k, q] = by_w * dout[k - 1, q] + by_change * (du[k, q] - du[k - 1, q])
-            dout[k, m] = by_w * dout[k - 1, m] + by_x_c
+            power = exponent - 1.0
+            # a gap of zero to a negative power is infinite, so that the base is negative
+            base = 1.0 + power * gap**power * way
+            if base > 0.0:
+                gap *= base ** (-1.0 / power)
+                by_w = base ** (-exponent / power)
+                slope = gap**exponent
+            else:
+                gap = by_w = slope = 0.0
+        w = sign - sign * gap
+        by_x_c = -sign * slope * way / x_c
+    slope /= x_c
+    drag = damping / dt
+    y = force * w + stiffness * u1 + drag * change + intercept
+    by_u = force * slope + drag
+    y_by = (force * by_w, -by_u, by_u + stiffness, force * by_x_c, w, u1, change / dt, 1.0)
+    return w, y, (by_w, -slope, slope, by_x_c), y_by
 
 
 @dataclass(frozen=True)
-class DahlOperator(FrictionOperator):
-    r"""Dahl friction, a spring, a dashpot and a constant in parallel.
-
-    .. math::
-
-        y = F_c w + k u + d \dot u + c, \qquad
-        \frac{dw}{du} = \frac{(1 - w \operatorname{sgn} \dot u)^n}{x_c}
+class DahlOperator(OneStateOperator, step=dahl_step):
+    """Dahl friction, a spring, a dashpot and a constant in parallel: the law of :class:`Dahl`.
 
     Parameters
     ----------
@@ -121,20 +79,15 @@ class DahlOperator(FrictionOperator):
 
     Notes
     -----
-    The drive is a straight line between samples, and the step from one to the next is exact. The
-    velocity at a sample is that of the line that ends there. ``w`` depends on the path of the
-    drive alone, not on its rate, and stays within -1 and 1. The state is ``(w, last drive)``.
-
-    References
-    ----------
-    P. R. Dahl, "A solid friction model", The Aerospace Corporation, TOR-0158(3107-18)-1 (1968).
+    The step along the straight line between two samples is exact; the velocity at a sample is that
+    of the line that ends there. The state is ``(w, last drive)``, with ``w`` within -1 and 1.
 
     Examples
     --------
     >>> from skhyst.hysteresis import DahlOperator
     >>> y, state = DahlOperator(1.0, coulomb_force=2.0).run([0.0, 1.0, 40.0, 39.0], dt=1e-3)
     >>> y.round(3)
-    array([ 0.   , 1.264, 2.   , -0.528])
+    array([ 0.   ,  1.264,  2.   , -0.528])
     """
 
     presliding_displacement: float = parameter(log=True, lower=0.0, unit="drive")
@@ -144,39 +97,13 @@ class DahlOperator(FrictionOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     exponent: float = 1.0
 
-    def _friction(self, u, before, w):
-        out = np.empty(u.size)
-        x_c, exponent = float(self.presliding_displacement), float(self.exponent)
-        dahl_run(u, before, w, x_c, exponent, out)
-        return out
+    carries_scale = True
+    rank = 10
+    structure = ("exponent",)
 
-    def init(self, u0, initial_state="rest"):
-        if initial_state == "zero":
-            return 0.0, 0.0
-        return float(self._friction(as_signal([u0]), 0.0, 0.0)[0]), float(u0)
-
-    def run(self, u, dt, state=None):
-        u = as_signal(u)
-        if not u.size:
-            return np.empty(0), state or self.init(0.0)
-        w, before = state or self.init(u[0])
-        friction = self._friction(u, before, w)
-        y = self.coulomb_force * friction + self._beside(u, before, dt)
-        return y, (float(friction[-1]), float(u[-1]))
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        # from rest or from zero: either way the path starts at zero, and its rate is immaterial
-        u, du = as_signal(u), as_signal(du)
-        m = du.shape[1]
-        friction, tangents = np.empty(u.size), np.empty((u.size, m + 1))
-        x_c, exponent = float(self.presliding_displacement), float(self.exponent)
-        dahl_tangents(u, du, x_c, exponent, friction, tangents)
-        y = self.coulomb_force * friction
-        dy = np.empty((u.size, m + self.n_parameters))
-        dy[:, : m + 1] = self.coulomb_force * tangents
-        dy[:, m + 1] = friction
-        self._linearize_beside(u, du, dt, initial_state, y, dy)
-        return y, dy
+    def way_before_sliding(self):
+        """Return the presliding displacement, units of the drive."""
+        return float(self.presliding_displacement)
 
 
 _STARTS = np.geomspace(0.003, 1.0, 6)  # presliding displacements, parts of the drive's swing
@@ -233,8 +160,7 @@ class Dahl(FrictionModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import Dahl
-    >>> from skhyst.hysteresis import DahlOperator
+    >>> from skhyst.hysteresis import Dahl, DahlOperator
     >>> drive = np.sin(np.linspace(0, 20, 2000))
     >>> y, _ = DahlOperator(0.1, coulomb_force=5.0, damping=0.3).run(drive, 0.01)
     >>> model = Dahl(dt=0.01).fit(drive.reshape(-1, 1), y)
@@ -269,6 +195,6 @@ class Dahl(FrictionModel):
     def starting_values(self, records):
         length, force = swing(records), half_range(records)
         return [
-            (DahlOperator(float(part * length), force, exponent=float(self.exponent)), ())
+            DahlOperator(float(part * length), force, exponent=float(self.exponent))
             for part in _STARTS
         ]

@@ -1,12 +1,9 @@
-r"""Duhem model of Coleman and Hodgdon.
-
-Loops over the Duhem model of Coleman and Hodgdon, exact on straight pieces of the drive.
+"""Duhem model of Coleman and Hodgdon, exact on straight pieces of the drive.
 
 The memory terms follow ``dH_j/du = -s alpha H_j + t^j`` with ``s`` the sign of the motion and
 ``t = (u - center)/scale``, j = 0 .. d-1. On a straight piece with ``x = alpha |change|``,
-``H_j = exp(-x) H_j0 + change M_j``, ``M_j = int_0^1 exp(-x (1 - a)) (t0 + (t1 - t0) a)^j da``.
-
-Duhem hysteresis in the form of Coleman and Hodgdon.
+``H_j = exp(-x) H_j0 + change M_j``, ``M_j = int_0^1 exp(-x (1 - a)) (t0 + (t1 - t0) a)^j da``. The
+response is ``f(u) + sum_j (b_j - (j + 1) a_(j+1)) H_j + c``: linear in all but ``alpha``.
 """
 
 import dataclasses
@@ -21,15 +18,7 @@ from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._friction import half_range, swing
 
-__all__ = [
-    "MAX_TERMS",
-    "Duhem",
-    "DuhemOperator",
-    "duhem_moments",
-    "duhem_run",
-    "duhem_tangents",
-    "exponential_moments",
-]
+__all__ = ["Duhem", "DuhemOperator"]
 
 _LONGEST = 1e300  # in units of 1/alpha; an infinite way times zero is no number
 MAX_TERMS = 9  # upwards from x = 1 the error grows by a factor i a step, 9! in all
@@ -93,87 +82,55 @@ def duhem_moments(x, t0, step, work, moments):
 
 
 @jit
-def duhem_run(u, before, h, alpha, center, scale, out):
-    """Write the memory terms of ``u`` to ``out`` (n, d), from ``h`` (d,) at ``before``."""
-    d = h.size
-    if d == 1:  # the classical model: numbers instead of arrays take a third of the time
+def duhem(u, du, before, h, alpha, center, scale, out, dout):
+    """Write the memory terms of ``u`` to ``out`` (n, d), from ``h`` (d,) at ``before``.
+
+    Their tangents, of ``du`` (n, m) and by ``alpha``, go to ``dout`` (n, d, m + 1), those of ``h``
+    and ``before`` being zero; without rows none is written.
+    """
+    d, m, wanted = h.size, du.shape[1], dout.size > 0
+    if d == 1 and not wanted:  # numbers instead of arrays take a third of the time
         value = h[0]
         for k in range(u.size):
             x = min(alpha * abs(u[k] - before), _LONGEST)
-            decay = math.exp(-x)
             moment = -math.expm1(-x) / x if x > 0.0 else 1.0
-            value = decay * value + (u[k] - before) * moment
+            value = math.exp(-x) * value + (u[k] - before) * moment
             out[k, 0] = value
             before = u[k]
         return
-    work = np.empty(d)
-    moments = np.empty((1, d))
-    last = h
+    rows = 2 if wanted else 1
+    work, moments = np.empty(d + rows - 1), np.empty((rows, d))
+    dbefore, dh = np.zeros(m), np.zeros((d, m + 1))
     for k in range(u.size):
         change = u[k] - before
         x = min(alpha * abs(change), _LONGEST)
-        t0 = (before - center) / scale
-        decay = duhem_moments(x, t0, change / scale, work, moments)
+        steep = math.copysign(alpha, change) if change != 0.0 else 0.0  # at rest, the mean of both
+        decay = duhem_moments(x, (before - center) / scale, change / scale, work, moments)
         for j in range(d):
-            out[k, j] = decay * last[j] + change * moments[0, j]
-        last = out[k]
-        before = u[k]
-
-
-@jit
-def duhem_tangents(u, du, alpha, center, scale, out, dout):
-    """Write the memory terms (n, d) and their tangents (n, d, m + 1): of ``du``, by ``alpha``.
-
-    The device is virgin and stands at zero.
-    """
-    d = out.shape[1]
-    m = du.shape[1]
-    work = np.empty(d + 1)
-    moments = np.empty((2, d))
-    last = np.zeros(d)
-    before = 0.0
-    for k in range(u.size):
-        change = u[k] - before
-        sign = 0.0 if change == 0.0 else (1.0 if change > 0.0 else -1.0)
-        x = min(alpha * abs(change), _LONGEST)
-        t0 = (before - center) / scale
-        decay = duhem_moments(x, t0, change / scale, work, moments)
-        for j in range(d):
+            out[k, j] = decay * h[j] + change * moments[0, j]
+            if not wanted:
+                continue
             # by x; then by the end and by the start of the piece
-            by_x = -decay * last[j] - change * (moments[0, j] - moments[1, j])
-            by_end = moments[0, j] + alpha * sign * by_x
+            by_x = -decay * h[j] - change * (moments[0, j] - moments[1, j])
+            by_end = moments[0, j] + steep * by_x
             by_start = -by_end
             if j > 0:
                 by_end += j * change / scale * moments[1, j - 1]
                 by_start += j * change / scale * (moments[0, j - 1] - moments[1, j - 1])
-            out[k, j] = decay * last[j] + change * moments[0, j]
-            if k == 0:
-                for q in range(m):
-                    dout[k, j, q] = by_end * du[k, q]
-                dout[k, j, m] = by_x * abs(change)
-            else:
-                for q in range(m):
-                    value = decay * dout[k - 1, j, q] + by_end * du[k, q]
-                    dout[k, j, q] = value + by_start * du[k - 1, q]
-                dout[k, j, m] = decay * dout[k - 1, j, m] + by_x * abs(change)
-        last = out[k]
-        before = u[k]
+            for q in range(m):
+                dout[k, j, q] = decay * dh[j, q] + by_end * du[k, q] + by_start * dbefore[q]
+            dout[k, j, m] = decay * dh[j, m] + by_x * abs(change)
+        before, h = u[k], out[k]
+        if wanted:
+            dbefore[:] = du[k]
+            dh = dout[k]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DuhemOperator(Operator):
-    r"""Duhem model of Coleman and Hodgdon with polynomials for its two functions.
-
-    .. math::
-
-        \dot h = \alpha |\dot u| (f(u) - h) + \dot u\, g(u), \qquad y = h + c
-
-        f(u) = s \sum_{i=1}^{d} a_i t^i, \quad g(u) = \sum_{j=0}^{d-1} b_j t^j, \quad
-        t = (u - m)/s
+    """Duhem model with polynomials for its two functions: the law of :class:`Duhem`.
 
     ``f`` is the curve that the response is drawn to, ``g`` its slope where it crosses that curve.
-    With ``H_j`` the solution of ``dH_j/du = -sgn(du/dt) alpha H_j + t^j`` the response is
-    ``f(u) + sum_j (b_j - (j + 1) a_(j+1)) H_j + c``: linear in all but ``alpha``.
 
     Parameters
     ----------
@@ -200,11 +157,6 @@ class DuhemOperator(Operator):
     ``dt`` is not used. At degree 1 the response equals that of a Dahl model with
     ``x_c = 1/alpha``, ``F_c = (b_0 - a_1)/alpha`` and a spring ``a_1``. The state is
     ``(H, last drive)``.
-
-    References
-    ----------
-    B. D. Coleman, M. L. Hodgdon, "A constitutive relation for rate-independent hysteresis in
-    ferromagnetically soft materials", Int. J. Engineering Science 24(6), 1986.
 
     Examples
     --------
@@ -241,10 +193,13 @@ class DuhemOperator(Operator):
                 "instead."
             )
 
-    def _memory(self, u, before, h):
+    def _memory(self, u, before, h, du=None, dout=None):
+        """Return the memory terms, (n, d), and write their tangents where they are asked for."""
+        if du is None:
+            du, dout = as_signal(np.empty((0, 0))), np.empty((0, 0, 0))
         out = np.empty((u.size, h.size))
         shape = float(self.alpha), float(self.center), float(self.scale)
-        duhem_run(u, float(before), h, *shape, out)
+        duhem(u, du, float(before), h, *shape, out, dout)
         return out
 
     def _output(self, u, memory):
@@ -280,9 +235,8 @@ class DuhemOperator(Operator):
         # from rest or from zero: either way the path starts at zero, and its rate is immaterial
         u, du = as_signal(u), as_signal(du)
         m, d = du.shape[1], self.curve.size
-        memory, tangents = np.empty((u.size, d)), np.empty((u.size, d, m + 1))
-        shape = float(self.alpha), float(self.center), float(self.scale)
-        duhem_tangents(u, du, *shape, memory, tangents)
+        tangents = np.empty((u.size, d, m + 1))
+        memory = self._memory(u, 0.0, np.zeros(d), du, tangents)
         powers = np.vander((u - self.center) / self.scale, d + 1, increasing=True)
         degrees = np.arange(1, d + 1)
         dy = np.empty((u.size, m + self.n_parameters))
@@ -342,8 +296,7 @@ class Duhem(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import Duhem
-    >>> from skhyst.hysteresis import DuhemOperator
+    >>> from skhyst.hysteresis import Duhem, DuhemOperator
     >>> drive = np.sin(np.linspace(0, 20, 2000))
     >>> y, _ = DuhemOperator(3.0, curve=[1.0], slope=[0.4]).run(drive, 1.0)
     >>> model = Duhem().fit(drive.reshape(-1, 1), y)
@@ -357,7 +310,7 @@ class Duhem(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = DuhemOperator.rank
+    operator_class = DuhemOperator
 
     def __init__(
         self,
@@ -385,7 +338,7 @@ class Duhem(ParametricModel):
         curve, slopes = np.zeros((2, self.degree))
         curve[0], slopes[0] = 2.0 * slope, slope
         return [
-            (DuhemOperator(1.0 / (part * length), curve, slopes, center=center, scale=scale), ())
+            DuhemOperator(1.0 / (part * length), curve, slopes, center=center, scale=scale)
             for part in _STARTS
         ]
 

@@ -1,16 +1,13 @@
 """Krasnosel'skii-Pokrovskii model: relays with ramps in place of jumps.
 
-Loops over the kernels of Krasnosel'skii and Pokrovskii.
-
-Kernel ``(i, j)``, ``j <= i``, rises along the ramp of interval ``i`` and falls along that of
-interval ``j``, where the ramp of interval ``k`` goes from -1 at ``levels[k]`` to 1 at
-``levels[k + 1]``::
+Kernel ``(i, j)``, ``j <= i``, rises along the ramp of interval ``i`` of the drive and falls along
+that of interval ``j``, where the ramp of interval ``k`` goes from -1 at level ``k`` to 1 at level
+``k + 1``::
 
     z = max(ramp_i(u), min(ramp_j(u), z))
 
-Kernels are numbered ``i (i + 1) / 2 + j``. Since ``ramp_i <= ramp_j``, the order does not matter.
-
-Krasnosel'skii-Pokrovskii operator: relays with ramps in place of jumps.
+Since ``ramp_i <= ramp_j``, the order does not matter. Those with ``i = j`` are reversible. The
+response is a weighted sum of the kernels, which are numbered as the cells in ``_relay_grid``.
 """
 
 import dataclasses
@@ -18,16 +15,10 @@ import dataclasses
 import numpy as np
 
 from .._jit import jit
-from ..operators import Operator, as_signal, parameter
-from ._relay_grid import RelayGridModel, cell_indices, check_grid
+from ..operators import as_signal, clip_play, parameter
+from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
-__all__ = [
-    "KrasnoselskiiPokrovskii",
-    "KrasnoselskiiPokrovskiiOperator",
-    "ramp_basis",
-    "ramp_run",
-    "ramp_tangents",
-]
+__all__ = ["KrasnoselskiiPokrovskii", "KrasnoselskiiPokrovskiiOperator"]
 
 
 @jit
@@ -45,10 +36,7 @@ def move(ramps, kernels):
     for i in range(ramps.size):
         low = ramps[i]
         for j in range(i + 1):
-            high = ramps[j]
-            kernel = kernels[start + j]
-            kernel = high if high < kernel else kernel
-            kernels[start + j] = low if low > kernel else kernel
+            kernels[start + j] = clip_play(kernels[start + j], low, ramps[j])
         start += i + 1
 
 
@@ -72,9 +60,7 @@ def ramp_basis(u, levels, kernels, out):
     for k in range(u.size):
         fill_ramps(u[k], levels, ramps)
         move(ramps, kernels)
-        row = out[k]
-        for c in range(kernels.size):
-            row[c] = kernels[c]
+        out[k, : kernels.size] = kernels
 
 
 @jit
@@ -109,17 +95,10 @@ def ramp_tangents(u, du, levels, weights, kernels, out):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class KrasnoselskiiPokrovskiiOperator(Operator):
-    r"""Weighted sum of Krasnosel'skii-Pokrovskii kernels.
+class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
+    """Weighted sum of kernels with ramps; :class:`KrasnoselskiiPokrovskii` gives the law.
 
-    .. math::
-
-        y = c + \sum_{j \le i} w_{ij} z_{ij}, \qquad
-        z_{ij}(t) = \max(p_i(u), \min(p_j(u), z_{ij}(t^-)))
-
-    where the ramp ``p_k`` rises from -1 at level ``k`` to 1 at level ``k + 1``. A kernel rises
-    along the ramp of interval ``i`` of the drive and falls along that of interval ``j``: a relay
-    with finite slopes. Those with ``i = j`` are reversible.
+    A sample costs time in proportion to the number of kernels. It does not depend on ``dt``.
 
     Parameters
     ----------
@@ -129,7 +108,7 @@ class KrasnoselskiiPokrovskiiOperator(Operator):
     weights : array-like of shape (n (n - 1) / 2,)
         Weights, units of the response; kernel ``(i, j)`` has the number ``i (i + 1) / 2 + j``.
     intercept : float, default=0.0
-        Constant ``c`` in units of the response.
+        In units of the response.
     center : float, default=0.0
         Drive at which the virgin device is demagnetised: kernels whose middle is above it stand at
         -1, those below at 1, those about it at 0, as far as their ramps allow. ``-inf``: all
@@ -145,15 +124,8 @@ class KrasnoselskiiPokrovskiiOperator(Operator):
     Notes
     -----
     The state is the array of kernels, shape (n (n - 1) / 2,). ``"rest"`` is the first loading from
-    ``center`` to the first sample; in ``"zero"`` the drive stands at ``center`` still. Both give
-    the same output. The operator is rate-independent: ``dt`` is not used. A sample costs time in
-    proportion to the number of kernels.
-
-    References
-    ----------
-    H. T. Banks, A. J. Kurdila, G. Webb, "Identification of hysteretic control influence operators
-    representing smart actuators, part I: formulation", Mathematical Problems in Engineering 3,
-    1997, equations (2) to (6).
+    ``center`` to the first sample; in ``"zero"`` that loading is still to come. Both give the same
+    output.
 
     Examples
     --------
@@ -170,83 +142,34 @@ class KrasnoselskiiPokrovskiiOperator(Operator):
     center: float = 0.0
     non_negative: bool = True
 
-    carries_scale = True
-    rank = 10
-
-    def __post_init__(self):
-        check_grid(self)
-
-    def __reduce__(self):
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
-
-    def parameter_specs(self):
-        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
-        specs = super().parameter_specs()
-        if not self.non_negative:
-            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
-        return specs
-
     def init(self, u0, initial_state="rest"):
         """Return the kernels before the first sample ``u0``."""
-        center = float(np.clip(self.center, self.levels[0], self.levels[-1]))
         middle = 0.5 * (self.levels[1:] + self.levels[:-1])
         i, j = cell_indices(self.levels.size)
-        distance = 2.0 * center - middle[i] - middle[j]
+        distance = 2.0 * self._center - middle[i] - middle[j]
         # mirrored levels meet up to rounding only
         distance[np.abs(distance) < 1e-9 * np.ptp(self.levels)] = 0.0
         kernels = np.sign(distance)
-        path = [center, float(u0)] if initial_state == "rest" else [center]
+        path = [self._center, float(u0)] if initial_state == "rest" else [self._center]
         ramp_basis(as_signal(path), self.levels, kernels, np.empty((len(path), kernels.size)))
         return kernels
 
     def run(self, u, dt, state=None):
         """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        kernels = self._kernels(u, state)
+        kernels = self._before(u) if state is None else state.copy()
         y = np.empty(u.size)
         ramp_run(u, self.levels, self.weights, kernels, y)
         y += self.intercept
         return y, kernels
 
-    def _kernels(self, u, state):
-        if state is None:
-            return self.init(u[0] if u.size else self.center)
-        return state.copy()
-
-    def basis(self, u, state=None):
-        """Return the derivatives of the response with respect to all parameters, and the state.
-
-        Parameters
-        ----------
-        u : array-like of shape (n_samples,)
-            Drive.
-        state : ndarray of shape (n (n - 1) / 2,), optional
-            Kernels before the first sample; first loading by default.
-
-        Returns
-        -------
-        rows : ndarray of shape (n_samples, n_parameters)
-            The kernels, then a one, in the order of ``pack``.
-        state : ndarray of shape (n (n - 1) / 2,)
-        """
-        u = as_signal(u)
-        kernels = self._kernels(u, state)
-        rows = np.ones((u.size, self.n_parameters))
+    def _fill(self, u, state, rows):
+        kernels = state.copy()
         ramp_basis(u, self.levels, kernels, rows)
-        return rows, kernels
+        return kernels
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
-        u, du = as_signal(u), as_signal(du)
-        kernels = self.init(u[0] if u.size else self.center, initial_state)
-        y, _ = self.run(u, dt, kernels)
-        m = du.shape[1]
-        dy = np.ones((u.size, m + self.n_parameters))
-        if m:
-            ramp_tangents(u, du, self.levels, self.weights, kernels.copy(), dy)
-        ramp_basis(u, self.levels, kernels, dy[:, m:])
-        return y, dy
+    def _carry(self, u, du, state, out):
+        ramp_tangents(u, du, self.levels, self.weights, state.copy(), out)
 
 
 class KrasnoselskiiPokrovskii(RelayGridModel):
@@ -288,19 +211,15 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from ``center``; the
         drive still at ``center``; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        As for every model; all parameters are linear, and solved exactly by any.
+    dt, method
+        As for every model; the model does not depend on ``dt``, and any method solves it exactly.
 
     Attributes
     ----------
     levels_ : ndarray of shape (n_levels,)
         Units of the drive.
-    weights_ : ndarray of shape (n_levels * (n_levels - 1) / 2,)
+    weights_, intercept_ : ndarray of shape (n_levels * (n_levels - 1) / 2,) and float
         Units of the response; kernel (i, j) has the number i (i + 1) / 2 + j.
-    intercept_ : float
-        Units of the response.
     operator_ : KrasnoselskiiPokrovskiiOperator
         The model as frozen numbers, to run sample by sample.
     params_, params_std_ : dict
@@ -317,7 +236,7 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
     ----------
     H. T. Banks, A. J. Kurdila, G. Webb, "Identification of hysteretic control influence operators
     representing smart actuators, part I: formulation", Mathematical Problems in Engineering 3,
-    1997.
+    1997, equations (2) to (6).
 
     Examples
     --------

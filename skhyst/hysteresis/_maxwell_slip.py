@@ -1,7 +1,4 @@
-"""Maxwell-slip friction model: elasto-slide elements in parallel.
-
-Maxwell-slip friction: springs that slide, in parallel.
-"""
+"""Maxwell-slip friction: springs that slide, in parallel."""
 
 import dataclasses
 from functools import cached_property
@@ -11,24 +8,16 @@ import numpy as np
 from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..operators import as_signal, parameter, play_thresholds
-from ._friction import FrictionModel, FrictionOperator
+from ..operators import Operator, as_signal, parameter, play_thresholds
+from ._friction import FrictionModel
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 
-__all__ = [
-    "MaxwellSlip",
-    "MaxwellSlipOperator",
-]
+__all__ = ["MaxwellSlip", "MaxwellSlipOperator"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MaxwellSlipOperator(FrictionOperator):
-    r"""Elasto-slide elements, a spring, a dashpot and a constant in parallel.
-
-    .. math::
-
-        y = \sum_i k_i E_{r_i}[u] + k u + d \dot u + c, \qquad
-        E_r[u](t) = \max(-r, \min(r, E_r[u](t^-) + u(t) - u(t^-)))
+class MaxwellSlipOperator(Operator):
+    """Elasto-slide elements, a spring, a dashpot and a constant: the law of :class:`MaxwellSlip`.
 
     An element is a spring of stiffness ``k_i`` that slides once it is deflected by ``r_i``, a stop
     operator: what is left of the drive when a play has taken its part, ``E_r[u] = u - F_r[u]``.
@@ -60,12 +49,6 @@ class MaxwellSlipOperator(FrictionOperator):
     :class:`PrandtlIshlinskiiOperator`; the state is its :class:`PlayMemory`. The velocity at a
     sample is the slope of the straight line that ends there.
 
-    References
-    ----------
-    W. D. Iwan, "A distributed-element model for hysteresis and its steady-state dynamic response",
-    Journal of Applied Mechanics 33(4), 1966; F. Al-Bender, V. Lampaert, J. Swevers, "The
-    generalized Maxwell-slip model", IEEE Trans. Automatic Control 50(11), 2005.
-
     Examples
     --------
     >>> from skhyst.hysteresis import MaxwellSlipOperator
@@ -80,6 +63,9 @@ class MaxwellSlipOperator(FrictionOperator):
     damping: float = parameter(default=0.0, linear=True, unit="response s/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     non_negative: bool = True
+
+    carries_scale = True
+    rank = 10
 
     def __post_init__(self):
         for name in ("thresholds", "weights"):
@@ -126,18 +112,23 @@ class MaxwellSlipOperator(FrictionOperator):
         if state is None:
             state = self.init(u[0] if u.size else 0.0)
         y, after = self._plays.run(u, dt, state)
-        y += self._beside(u, state.last, dt)
+        change = np.diff(u, prepend=state.last)
+        y += self.stiffness * u + (self.damping / dt) * change + self.intercept
         return y, after
 
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
-        m, n_elements = du.shape[1], self.thresholds.size
+        m, n_elements, rest = du.shape[1], self.thresholds.size, initial_state == "rest"
         y, plays = self._plays.linearize(u, du, dt, initial_state)
+        change = np.diff(u, prepend=u[:1] if rest else 0.0)
+        dchange = np.diff(du, axis=0, prepend=du[:1] if rest else np.zeros((1, m)))
+        drag = self.damping / dt
+        y += self.stiffness * u + drag * change + self.intercept
         dy = np.empty((u.size, m + n_elements + 3))
-        dy[:, :m] = plays[:, :m]
+        dy[:, :m] = plays[:, :m] + self.stiffness * du + drag * dchange
         np.subtract(u[:, None], plays[:, m + 1 : -2], out=dy[:, m : m + n_elements])
-        self._linearize_beside(u, du, dt, initial_state, y, dy)
+        dy[:, -3], dy[:, -2], dy[:, -1] = u, change / dt, 1.0
         return y, dy
 
     def elements(self, state):
@@ -276,7 +267,7 @@ class MaxwellSlip(FrictionModel):
         operator = MaxwellSlipOperator(
             thresholds, np.zeros(len(thresholds)), non_negative=self.non_negative
         )
-        return [(operator, ())]
+        return [operator]
 
     def _adopt(self, result):
         super()._adopt(result)

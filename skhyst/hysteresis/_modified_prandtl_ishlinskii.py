@@ -9,8 +9,7 @@ from .._sklearn import Interval, StrOptions
 from ..operators import SeriesOperator
 from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
-from ._invertible import InvertibleModel
-from ._prandtl_ishlinskii import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from ._prandtl_ishlinskii import InvertibleModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
 __all__ = [
     "ModifiedPrandtlIshlinskii",
@@ -57,10 +56,8 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
+    dt, method
+        As for every model; the model does not depend on ``dt``.
 
     Attributes
     ----------
@@ -100,7 +97,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
     }
     del _parameter_constraints["form"]
 
-    series_rank = PrandtlIshlinskiiOperator.rank
+    operator_class = PrandtlIshlinskiiOperator
 
     def __init__(
         self,
@@ -133,7 +130,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
             thresholds=self.thresholds,
             non_negative=self.non_negative,
             drive_offset=self.drive_offset,
-        ).starting_values(records)[0][0]
+        ).starting_values(records)[0]
         levels, n_lower = self._levels(np.concatenate([record.y for record in records]))
         unit = MonotoneDeadZoneOperator(np.ones(levels.size), levels, n_lower)
         gram = self._inverse_gram(plays, unit, records)
@@ -145,7 +142,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
             if not isinstance(self.dead_zone_thresholds, str):
                 zones = MonotoneDeadZoneOperator(zones.slopes, levels, n_lower)
             values = np.concatenate([weights, [intercept, plays.drive_offset]])
-            starts.append((SeriesOperator(("plays", "zones"), (plays.unpack(values), zones)), ()))
+            starts.append(SeriesOperator(("plays", "zones"), (plays.unpack(values), zones)))
         return starts
 
     def _levels(self, y):

@@ -1,6 +1,13 @@
-"""Prandtl-Ishlinskii model: a weighted superposition of play or stop operators.
+r"""Prandtl-Ishlinskii model: a weighted sum of plays or of stops, with an exact inverse.
 
-Prandtl-Ishlinskii operator: a weighted sum of plays or stops, with an exact inverse.
+    y = c + sum_k w_k F_k[u - d],    F_k[v](t) = max(v(t) - r_k, min(v(t) + r_k, F_k[v](t-)))
+
+(thesis on Prandtl-Ishlinskii cascades, equations (3.1) to (3.5), where a_0 is the weight of the
+threshold zero here). In the stop form E_k[v] = v - F_k[v], springs that yield at r_k, take the
+place of the plays: that is a sum of plays with the gain sum_k w_k and the weights -w_k, and is
+evaluated as such, see ``_prandtl_ishlinskii_loops``. The first loading is a piecewise straight
+curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes
+1 / s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
 """
 
 import dataclasses
@@ -8,38 +15,28 @@ from functools import cached_property
 from numbers import Integral, Real
 
 import numpy as np
-from sklearn.utils.validation import check_array
+from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
-from ..operators import Operator, as_signal, parameter, play_basis, play_tangents, play_thresholds
-from ._invertible import InvertibleModel
+from ..base import ParametricModel, read_data, run_records
+from ..operators import as_signal, parameter, play_basis, play_tangents, play_thresholds
 from ._prandtl_ishlinskii_loops import build_table, restore_stack, stack_size, turning_point_run
+from ._superposition import Superposition, as_constant
 
 __all__ = [
+    "InvertibleModel",
     "PlayMemory",
     "PlaySum",
     "PrandtlIshlinskii",
     "PrandtlIshlinskiiOperator",
-    "as_constant",
 ]
 
 
-def as_constant(values):
-    """Return a read-only copy."""
-    constant = np.array(values, dtype=float, ndmin=1)
-    constant.flags.writeable = False
-    return constant
-
-
-class PlaySum(Operator):
+class PlaySum(Superposition):
     """Base of the weighted sums of plays: fields ``thresholds``, ``weights``, ``non_negative``."""
 
-    carries_scale = True
-    rank = 10
-
     def __post_init__(self):
-        for name in ("thresholds", "weights"):
-            object.__setattr__(self, name, as_constant(getattr(self, name)))
+        super().__post_init__()
         kind, r = type(self).__name__, self.thresholds
         if r.ndim != 1 or r.size == 0 or not (r[0] >= 0.0 and np.all(r[1:] >= r[:-1])):
             raise ValueError(
@@ -51,17 +48,6 @@ class PlaySum(Operator):
                 f"The 'weights' parameter of {kind} must have one value for each of the {r.size} "
                 f"thresholds. Got shape {self.weights.shape} instead."
             )
-
-    def __reduce__(self):
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
-
-    def parameter_specs(self):
-        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
-        specs = super().parameter_specs()
-        if not self.non_negative:
-            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
-        return specs
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,38 +67,26 @@ class PlayMemory:
     last: float
 
 
+_VIRGIN = PlayMemory(np.empty(0), 0.0)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class PrandtlIshlinskiiOperator(PlaySum):
-    r"""Weighted sum of play or stop operators.
+    """Weighted sum of play or stop operators; :class:`PrandtlIshlinskii` gives the law.
 
-    .. math::
-
-        y = c + \sum_k w_k F_{r_k}[u - d], \qquad
-        F_r[v](t) = \max(v - r, \min(v + r, F_r[v](t^-)))
-
-    A play of threshold ``r`` follows its input once the slack ``2 r`` is used up. In the stop form
-    the :math:`F_{r_k}` are replaced by stops :math:`E_r[v] = v - F_r[v]`, springs that yield at
-    ``r``. The output is evaluated from the turning points of the drive and costs the same for any
-    number of plays.
+    A run costs the same for any number of plays. It does not depend on ``dt``.
 
     Parameters
     ----------
-    thresholds : array-like of shape (n_plays,)
-        Thresholds ``r_k`` in units of the drive, ascending, not negative. Fixed structure. A first
-        threshold of zero is the plain gain, without which there is no inverse; so it is in the stop
-        form too, where it stands for a spring that never yields.
-    weights : array-like of shape (n_plays,)
-        Weights ``w_k`` in response/drive.
-    intercept : float, default=0.0
-        Constant ``c`` in units of the response.
-    drive_offset : float, default=0.0
-        Drive ``d`` at which the virgin device rests, in units of the drive.
+    thresholds, weights : array-like of shape (n_plays,)
+        Units of the drive, ascending, not negative, fixed structure; response/drive. A threshold of
+        zero is the plain gain, in the stop form a spring that never yields.
+    intercept, drive_offset : float, default=0.0
+        Units of the response; of the drive.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
     form : {"play", "stop"}, default="play"
-        What the weights are those of. Positive weights of plays give loops that run counter-
-        clockwise (response over drive), those of stops clockwise ones, as of a force over a
-        displacement.
+        What the weights are those of.
 
     Raises
     ------
@@ -123,18 +97,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
     Notes
     -----
     The state is a :class:`PlayMemory`. ``"rest"`` is the first loading from ``drive_offset`` to the
-    first sample, where a play stands at ``max(v - r, min(v + r, 0))`` with ``v = u - d``; in
-    ``"zero"`` all plays and ``v`` are zero. Both give the same output, since the way to the first
-    sample is that first loading. The operator is rate-independent: ``dt`` is not used.
-
-    A sum of stops is a sum of plays, with the gain :math:`\sum_k w_k` and the weights
-    :math:`-w_k`, and is evaluated as such.
-
-    References
-    ----------
-    Equations (3.1) to (3.5) of the thesis on Prandtl-Ishlinskii cascades, where ``a_0`` is the
-    weight of the threshold zero here. Inverse: K. Kuhnen, "Modeling, identification and
-    compensation of complex hysteretic nonlinearities", European Journal of Control 9 (2003).
+    first sample; in ``"zero"`` that loading is still to come. Both give the same output.
 
     Examples
     --------
@@ -180,8 +143,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         thresholds, weights, _ = self._play_form
         table = np.empty((thresholds.size + 1, 4))
         bins = np.empty(16 * thresholds.size + 2, dtype=np.int32)
-        scale = build_table(thresholds, weights, table, bins)
-        return table, bins, scale
+        return table, bins, build_table(thresholds, weights, table, bins)
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
@@ -194,26 +156,15 @@ class PrandtlIshlinskiiOperator(PlaySum):
         y = np.empty(u.size)
         if state is None:
             state = self.init(u[0] if u.size else self.drive_offset)
-        table, bins, scale = self._tables
-        size = stack_size(table.shape[0] - 1)
+        tables = self._tables
+        size = stack_size(tables[0].shape[0] - 1)
         if state.turning_points.size > size - 2:
             size += state.turning_points.size
-        points, values = np.empty((2, size))
-        top = restore_stack(as_signal(state.turning_points), points, values, table, bins, scale)
-        top, last = turning_point_run(
-            u,
-            float(self.drive_offset),
-            float(self.intercept),
-            table,
-            bins,
-            scale,
-            points,
-            values,
-            top,
-            float(state.last),
-            y,
-        )
-        return y, PlayMemory(points[1 : top + 1].copy(), last)
+        stack = tuple(np.empty((2, size)))
+        top = restore_stack(as_signal(state.turning_points), *stack, *tables)
+        constants = float(self.drive_offset), float(self.intercept)
+        top, last = turning_point_run(u, *constants, *tables, *stack, top, float(state.last), y)
+        return y, PlayMemory(stack[0][1 : top + 1].copy(), last)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`.
@@ -242,18 +193,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return plays
 
     def state_from_plays(self, plays, u):
-        """Return the state in which the plays stand at ``plays`` while the drive is ``u``.
-
-        Parameters
-        ----------
-        plays : array-like of shape (n_plays,)
-            Values of the plays, less the drive's offset, as :meth:`plays` returns them.
-        u : float
-            Drive.
-
-        Returns
-        -------
-        state : PlayMemory
+        """Return the state in which :meth:`plays` are ``plays`` (n_plays,) at the drive ``u``.
 
         Raises
         ------
@@ -276,18 +216,10 @@ class PrandtlIshlinskiiOperator(PlaySum):
             )
         # From the widest play inwards, visit both ends of its slack; inner plays follow later.
         path = np.ravel(np.column_stack((plays + self.thresholds, plays - self.thresholds))[::-1])
-        path = np.append(path, v) + self.drive_offset
-        _, state = self.run(path, 1.0, PlayMemory(np.empty(0), 0.0))
-        return state
+        return self.run(np.append(path, v) + self.drive_offset, 1.0, _VIRGIN)[1]
 
     def inverse(self):
-        """Return the exact inverse: an operator of the same kind, from response to drive.
-
-        Returns
-        -------
-        inverse : PrandtlIshlinskiiOperator
-            In the play form: thresholds ``sum_j w_j max(r_k - r_j, 0)``, slopes the reciprocals of
-            the slopes of this operator, ``intercept`` and ``drive_offset`` exchanged.
+        """Return the exact inverse: an operator from response to drive, in the play form.
 
         Raises
         ------
@@ -320,9 +252,36 @@ class PrandtlIshlinskiiOperator(PlaySum):
     def inverse_state(self, state):
         """Return the state of :meth:`inverse` that belongs to a state of this operator."""
         path = np.append(state.turning_points, state.last) + self.drive_offset
-        y, _ = self.run(path, 1.0, PlayMemory(np.empty(0), 0.0))
-        y -= self.intercept
+        y = self.run(path, 1.0, _VIRGIN)[0] - self.intercept
         return PlayMemory(y[:-1], float(y[-1]))
+
+
+class InvertibleModel(ParametricModel):
+    """Base of the models whose operator has an ``inverse``."""
+
+    def inverse_predict(self, X):
+        """Return the drive that makes the response follow column 0 of ``X``.
+
+        The inverse is exact (Kuhnen 2003).
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the desired response, in its units; the index carries the records.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Drive.
+
+        Raises
+        ------
+        ValueError
+            If the model is not strictly monotone: the threshold zero needs a positive weight.
+        """
+        check_is_fitted(self)
+        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        return run_records(self.operator_.inverse(), X[:, 0], slices, self._free_run_state())
 
 
 class PrandtlIshlinskii(InvertibleModel):
@@ -355,17 +314,13 @@ class PrandtlIshlinskii(InvertibleModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
+    dt, method
+        As for every model; the model does not depend on ``dt``.
 
     Attributes
     ----------
-    thresholds_ : ndarray of shape (n_operators,)
-        Units of the drive.
-    weights_ : ndarray of shape (n_operators,)
-        Of the plays or of the stops, units of the response over units of the drive.
+    thresholds_, weights_ : ndarray of shape (n_operators,)
+        Units of the drive; of the response over those of the drive.
     intercept_ : float
         Units of the response.
     operator_ : PrandtlIshlinskiiOperator
@@ -399,7 +354,7 @@ class PrandtlIshlinskii(InvertibleModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = PrandtlIshlinskiiOperator.rank
+    operator_class = PrandtlIshlinskiiOperator
     _any_interval = True
 
     def __init__(
@@ -426,21 +381,20 @@ class PrandtlIshlinskii(InvertibleModel):
         self.method = method
 
     def starting_values(self, records):
-        if isinstance(self.thresholds, str):
-            thresholds = play_thresholds(
-                [record.u for record in records], self.n_operators, self.thresholds
-            )
+        thresholds = self.thresholds
+        if isinstance(thresholds, str):
+            drives = [record.u for record in records]
+            thresholds = play_thresholds(drives, self.n_operators, thresholds)
         else:
-            thresholds = check_array(self.thresholds, ensure_2d=False, dtype=np.float64)
-        offset = 0.0 if self.drive_offset == "fit" else self.drive_offset
+            thresholds = check_array(thresholds, ensure_2d=False, dtype=np.float64)
         operator = PrandtlIshlinskiiOperator(
             thresholds,
             np.zeros(len(thresholds)),
-            drive_offset=offset,
+            drive_offset=0.0 if self.drive_offset == "fit" else self.drive_offset,
             non_negative=self.non_negative,
             form=self.form,
         )
-        return [(operator, ())]
+        return [operator]
 
     def held_parameters(self):
         fixed = set() if self.drive_offset == "fit" else {"drive_offset"}

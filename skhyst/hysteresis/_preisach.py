@@ -1,6 +1,11 @@
-"""Preisach model: relays with a density on the half plane of their thresholds.
+r"""Preisach model: relays with a density on the half plane of their thresholds.
 
-Preisach operator: relays with a density that is constant in the cells of a grid.
+    y = c + integral of mu(alpha, beta) gamma[u] over alpha >= beta + sum_k g_k s_k(u)
+
+A relay gamma is +1 once ``u`` has reached alpha, -1 once it has fallen to beta. The density mu is
+constant in the cells of a grid, see ``_relay_grid``; the last sum is the density on the line
+alpha = beta, where ``s_k`` rises from -1 to 1 between levels ``k`` and ``k + 1``. The response is
+evaluated from the turning points of the drive, see ``_preisach_loops``.
 """
 
 import dataclasses
@@ -8,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..operators import Operator, as_signal, parameter
+from ..operators import as_signal, parameter
 from ._preisach_loops import (
     build_bins,
     everett_run,
@@ -19,13 +24,9 @@ from ._preisach_loops import (
     restore_values,
     staircase_rows,
 )
-from ._relay_grid import RelayGridModel, cell_indices, check_grid
+from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
-__all__ = [
-    "Preisach",
-    "PreisachMemory",
-    "PreisachOperator",
-]
+__all__ = ["Preisach", "PreisachMemory", "PreisachOperator"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,20 +46,11 @@ class PreisachMemory:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PreisachOperator(Operator):
-    r"""Superposition of relays with a piecewise-constant density.
+class PreisachOperator(RelayGridOperator):
+    """Superposition of relays with a piecewise-constant density; :class:`Preisach` gives the law.
 
-    .. math::
-
-        y = c + \iint_{\alpha \ge \beta} \mu(\alpha, \beta)\, \gamma_{\alpha\beta}[u]\,
-        d\alpha\, d\beta + \sum_k g_k\, s_k(u)
-
-    A relay is +1 once ``u`` has reached ``alpha``, -1 once it has fallen to ``beta``. The levels
-    cut the half plane into ``n (n - 1) / 2`` cells, inside which the density is constant: the
-    output is continuous. The last sum is the density on the line ``alpha = beta``, the reversible
-    part, where ``s_k`` rises from -1 to 1 between levels ``k`` and ``k + 1``. The output is
-    evaluated from the turning points of the drive by the Everett function and costs the same for
-    any number of cells.
+    The output is continuous. A run costs the same for any number of cells. It does not depend on
+    ``dt``.
 
     Parameters
     ----------
@@ -69,9 +61,9 @@ class PreisachOperator(Operator):
         Density times area of each cell, units of the response. The cell of interval ``i`` of alpha
         and interval ``j <= i`` of beta has the number ``i (i + 1) / 2 + j``.
     reversible : array-like of shape (n - 1,) or (0,), default=()
-        Weights ``g_k`` of the reversible part, units of the response.
+        Weights of the reversible part, units of the response.
     intercept : float, default=0.0
-        Constant ``c`` in units of the response: midway between the two saturations.
+        Midway between the two saturations, units of the response.
     center : float, default=0.0
         Drive at which the virgin device is demagnetised: relays with ``alpha + beta`` above
         ``2 center`` are down, the others up. ``-inf`` (or the lowest level): all down at first,
@@ -87,14 +79,7 @@ class PreisachOperator(Operator):
     Notes
     -----
     The state is a :class:`PreisachMemory`. ``"rest"`` is the first loading from ``center`` to the
-    first sample; in ``"zero"`` the drive stands at ``center`` still. Both give the same output,
-    since the way to the first sample is that first loading. The operator is rate-independent:
-    ``dt`` is not used.
-
-    References
-    ----------
-    I. D. Mayergoyz, "Mathematical Models of Hysteresis and Their Applications", Elsevier 2003,
-    sections 1.2 (staircase, wiping-out, congruency) and 1.3 (Everett function, numerical form).
+    first sample; in ``"zero"`` that loading is still to come. Both give the same output.
 
     Examples
     --------
@@ -112,33 +97,14 @@ class PreisachOperator(Operator):
     center: float = 0.0
     non_negative: bool = True
 
-    carries_scale = True
-    rank = 10
-
     def __post_init__(self):
-        check_grid(self)
+        super().__post_init__()
         size = self.reversible.size
         if size not in (0, self.levels.size - 1):
             raise ValueError(
                 "The 'reversible' parameter of PreisachOperator must be empty or have one value "
                 f"for each of the {self.levels.size - 1} intervals. Got {size} instead."
             )
-
-    def __reduce__(self):
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
-
-    def parameter_specs(self):
-        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
-        specs = super().parameter_specs()
-        if not self.non_negative:
-            for name in ("weights", "reversible"):
-                specs[name] = dataclasses.replace(specs[name], lower=-np.inf)
-        return specs
-
-    @cached_property
-    def _center(self):
-        return float(np.clip(self.center, self.levels[0], self.levels[-1]))
 
     @cached_property
     def _bins(self):
@@ -162,10 +128,9 @@ class PreisachOperator(Operator):
         knots = knots[(knots >= low) & (knots <= high)]
         loading = np.zeros((knots.size, 4))
         loading[0, 1] = -(self.weights.sum() + reversible.sum())
-        first_loading_table(
-            knots, self._center, self.levels, everett, diagonal, *self._bins, loading
-        )
-        return self.levels, everett, diagonal, loading, *self._bins
+        grid = self.levels, everett, diagonal
+        first_loading_table(knots, self._center, *grid, *self._bins, loading)
+        return *grid, loading, *self._bins
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``, a :class:`PreisachMemory`."""
@@ -184,84 +149,29 @@ class PreisachOperator(Operator):
     def run(self, u, dt, state=None):
         """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        if state is None:
-            state = self.init(u[0] if u.size else self._center)
+        state = self._before(u) if state is None else state
         points, top = self._stack(state, u.size)
         values, y = np.empty(points.size), np.empty(u.size)
         restore_values(points, top, values, *self._tables)
-        top, last = everett_run(
-            u, self._center, *self._tables, points, values, top, float(state.last), y
-        )
+        stack = points, values, top, float(state.last)
+        top, last = everett_run(u, self._center, *self._tables, *stack, y)
         y += self.intercept
         return y, PreisachMemory(points[1 : top + 1].copy(), last)
 
-    def basis(self, u, state=None):
-        """Return the derivatives of the response with respect to all parameters, and the state.
-
-        Parameters
-        ----------
-        u : array-like of shape (n_samples,)
-            Drive.
-        state : PreisachMemory, optional
-            State before the first sample; first loading by default.
-
-        Returns
-        -------
-        rows : ndarray of shape (n_samples, n_parameters)
-            Mean states of the relays of each cell and of the reversible part, between -1 and 1,
-            then a one, in the order of ``pack``.
-        state : PreisachMemory
-        """
-        u = as_signal(u)
-        if state is None:
-            state = self.init(u[0] if u.size else self._center)
-        rows = np.empty((u.size, self.n_parameters))
-        return rows, self._fill(u, state, rows)
-
     def _fill(self, u, state, rows):
         points, top = self._stack(state, u.size)
-        top, last = staircase_rows(
-            u,
-            self._center,
-            self.levels,
-            *self._bins,
-            self.reversible.size,
-            points,
-            top,
-            float(state.last),
-            rows,
-        )
-        rows[:, -1] = 1.0
+        grid = self._center, self.levels, *self._bins, self.reversible.size
+        top, last = staircase_rows(u, *grid, points, top, float(state.last), rows)
         return PreisachMemory(points[1 : top + 1].copy(), last)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`.
-
-        A sample on the staircase depends on itself and on the turning points before it.
-        """
-        u, du = as_signal(u), as_signal(du)
-        state = self.init(u[0] if u.size else self._center, initial_state)
-        y, _ = self.run(u, dt, state)
-        m = du.shape[1]
-        dy = np.empty((u.size, m + self.n_parameters))
-        if m:
-            points, _ = self._stack(state, u.size)
-            everett_tangents(u, du, self._center, *self._tables, points, state.last, dy)
-        self._fill(u, state, dy[:, m:])
-        return y, dy
+    def _carry(self, u, du, state, out):
+        points, _ = self._stack(state, u.size)
+        everett_tangents(u, du, self._center, *self._tables, points, state.last, out)
 
     def everett(self, alpha, beta):
         """Return the Everett function: half the response's change from ``beta`` up to ``alpha``.
 
-        Parameters
-        ----------
-        alpha, beta : float
-            Drives, ``alpha >= beta``; beyond the levels the function stays constant.
-
-        Returns
-        -------
-        float
-            Units of the response.
+        Beyond the levels it stays constant.
         """
         high, low = np.clip([alpha, beta], *self.levels[[0, -1]])
         levels, everett, diagonal, _, *bins = self._tables
@@ -311,10 +221,8 @@ class Preisach(RelayGridModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from ``center``; the
         drive still at ``center``; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        As for every model; all parameters are linear, and solved exactly by any.
+    dt, method
+        As for every model; the model does not depend on ``dt``, and any method solves it exactly.
 
     Attributes
     ----------
@@ -323,12 +231,9 @@ class Preisach(RelayGridModel):
     density_ : ndarray of shape (n_levels - 1, n_levels - 1)
         Density in each cell, alpha by beta, zero above the diagonal; units of the response over
         those of the drive squared.
-    weights_ : ndarray of shape (n_levels * (n_levels - 1) / 2,)
-        Density times area of the cells, units of the response.
-    reversible_ : ndarray of shape (n_levels - 1,) or (0,)
-        Weights of the reversible part, units of the response.
-    intercept_ : float
-        Units of the response.
+    weights_, reversible_, intercept_ : ndarray, ndarray and float
+        Density times area of the n (n - 1) / 2 cells, weights of the reversible part (n - 1 or
+        none) and constant, units of the response.
     operator_ : PreisachOperator
         The model as frozen numbers, to run sample by sample.
     params_, params_std_ : dict
@@ -344,7 +249,7 @@ class Preisach(RelayGridModel):
     References
     ----------
     I. D. Mayergoyz, "Mathematical Models of Hysteresis and Their Applications", Elsevier 2003,
-    chapter 1.
+    sections 1.2 (staircase, wiping-out, congruency) and 1.3 (Everett function, numerical form).
 
     Examples
     --------
@@ -357,10 +262,7 @@ class Preisach(RelayGridModel):
     True
     """
 
-    _parameter_constraints = {
-        **RelayGridModel._parameter_constraints,
-        "reversible": ["boolean"],
-    }
+    _parameter_constraints = {**RelayGridModel._parameter_constraints, "reversible": ["boolean"]}
 
     def __init__(
         self,

@@ -1,6 +1,12 @@
-"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the drive.
+r"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the drive.
 
-Prandtl-Ishlinskii operator whose thresholds, or weights, follow the rate of the drive.
+    y = c + sum_k (w_k + s_k |u'|) F_k[u],    F_k a play of the threshold r_k + beta |u'|
+
+with growing thresholds (Al Janaideh and Krejci 2013) or rate weights s_k (Ang, Khosla and Riviere
+2007). The rate at a sample is that of the straight line that leads to it. Threshold and drive are
+straight lines between samples, so the ends of the slack are too, and a play, which lies between
+them at the start, is moved by one of them at most: clipping it to their last values is exact. A
+threshold of zero is the plain gain and does not grow.
 """
 
 import dataclasses
@@ -9,51 +15,123 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from sklearn.utils.validation import check_is_fitted
 
+from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel, read_data
-from ..operators import as_signal, parameter
-from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskii, as_constant
-from ._rate_dependent_prandtl_ishlinskii_loops import (
-    rate_play_inverse,
-    rate_play_run,
-    rate_play_tangents,
-)
+from ..operators import as_signal, clip_play, parameter
+from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskii
 
-__all__ = [
-    "RateDependentPrandtlIshlinskii",
-    "RateDependentPrandtlIshlinskiiOperator",
-]
+__all__ = ["RateDependentPrandtlIshlinskii", "RateDependentPrandtlIshlinskiiOperator"]
 
 _PASSES = 40  # of the inverse with one window, at most
 _GAIN = 0.99  # part of the error that a pass must leave at most, for another one
 _RESERVE = 0.9  # of the rate at which the response is no longer monotone
+_GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range
+
+
+@jit
+def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write ``sum_k (w_k + s_k rate) F_k[u]`` to ``out`` (n,); ``plays`` (K,) is updated.
+
+    ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
+    """
+    n_plays = thresholds.size
+    for i in range(u.size):
+        value = u[i]
+        rate = rates[i]
+        for k in range(n_plays):
+            slack = thresholds[k] + growth[k] * rate
+            plays[k] = clip_play(plays[k], value - slack, value + slack)
+        total = 0.0
+        for k in range(n_plays):
+            total += (weights[k] + rate * rate_weights[k]) * plays[k]
+        out[i] = total
+
+
+@jit
+def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write to ``out`` (n,) the drive whose :func:`rate_play_run` is ``y`` at the given rates.
+
+    The first threshold is zero and does not grow; the sums of the first weights are positive at
+    all rates; growth is the same for all other plays. The response is then a rising function of
+    the drive, straight between the values at which one play after the other starts to move: these
+    are passed in order, upwards or downwards. ``plays`` (K,) is updated.
+    """
+    n_plays = thresholds.size
+    for i in range(y.size):
+        rate = rates[i]
+        rest = y[i]
+        for k in range(1, n_plays):
+            rest -= (weights[k] + rate * rate_weights[k]) * plays[k]
+        slope = weights[0] + rate * rate_weights[0]
+        value = rest / slope
+        sign = 0.0
+        for k in range(1, n_plays):
+            slack = thresholds[k] + growth[k] * rate
+            if sign >= 0.0 and value > plays[k] + slack:
+                sign = 1.0
+            elif sign <= 0.0 and value < plays[k] - slack:
+                sign = -1.0
+            else:
+                break
+            weight = weights[k] + rate * rate_weights[k]
+            slope += weight
+            rest += weight * (plays[k] + sign * slack)
+            value = rest / slope
+        for k in range(n_plays):
+            slack = thresholds[k] + growth[k] * rate
+            plays[k] = clip_play(plays[k], value - slack, value + slack)
+        out[i] = value
+
+
+@jit
+def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write to ``out`` (n, m + K) the tangents carried through by the plays, and the plays.
+
+    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates, which act
+    by the thresholds here, not by the weights. ``plays`` (K,) is updated. A play that moves takes
+    over the tangent of the end of its slack; one that sticks keeps the one it took last.
+    """
+    m = du.shape[1]
+    tangents = np.zeros((thresholds.size, m))
+    for i in range(u.size):
+        value = u[i]
+        rate = rates[i]
+        row = out[i]
+        row[:m] = 0.0
+        for k in range(thresholds.size):
+            slack = thresholds[k] + growth[k] * rate
+            play = plays[k]
+            sign = 0.0
+            if value - slack >= play:
+                play = value - slack
+                sign = -1.0
+            elif value + slack <= play:
+                play = value + slack
+                sign = 1.0
+            plays[k] = play
+            row[m + k] = play
+            weight = weights[k] + rate * rate_weights[k]
+            for j in range(m):
+                if sign != 0.0:
+                    tangents[k, j] = du[i, j] + sign * growth[k] * drates[i, j]
+                row[j] += weight * tangents[k, j]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RateDependentPrandtlIshlinskiiOperator(PlaySum):
-    r"""Weighted sum of play operators that depend on the rate of the drive.
-
-    .. math::
-
-        y = c + \sum_k (w_k + s_k |u'|) F_{r_k(t)}[u], \qquad r_k(t) = r_k + \beta |u'(t)|,
-
-    with :math:`F_r[u](t) = \max(u - r, \min(u + r, F_r[u](t^-)))`. A threshold of zero is the plain
-    gain and does not grow. The rate at a sample is that of the straight line that leads to it;
-    thresholds are straight lines between samples.
+    """Weighted sum of plays, as in :class:`RateDependentPrandtlIshlinskii`.
 
     Parameters
     ----------
-    thresholds : array-like of shape (n_plays,)
-        Thresholds ``r_k`` at rest in units of the drive, ascending, not negative. Fixed structure.
-    weights : array-like of shape (n_plays,)
-        Weights ``w_k`` at rest in response/drive.
+    thresholds, weights : array-like of shape (n_plays,)
+        At rest: units of the drive, ascending, not negative, fixed structure; response/drive.
     rate_weights : array-like of shape (n_plays,) or (0,), default=()
-        Change ``s_k`` of the weights with the rate in response s/drive^2; empty: none, and not
-        identified.
+        Change of the weights with the rate in response s/drive^2; empty: none, and not identified.
     intercept : float, default=0.0
-        Constant ``c`` in units of the response.
+        In units of the response.
     dilation : float, default=0.0
-        Growth ``beta`` of the thresholds with the rate, in s; zero: none, and not identified.
+        Growth of the thresholds with the rate, in s; zero: none, and not identified.
     non_negative : bool, default=True
         Whether the weights at rest are bounded below by zero when they are identified.
 
@@ -66,14 +144,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     -----
     The state is a tuple of the plays (n_plays,) and the last drive. ``"rest"`` is a first loading
     from zero, infinitely slow.
-
-    References
-    ----------
-    Thresholds: M. Al Janaideh and P. Krejci, "Inverse rate-dependent Prandtl-Ishlinskii model for
-    feedforward compensation of hysteresis in a piezomicropositioning actuator", IEEE/ASME Trans.
-    Mechatronics 18(5), 2013. Weights: W. T. Ang, P. K. Khosla and C. N. Riviere, "Feedforward
-    controller with inverse rate-dependent model for piezoelectric actuators in
-    trajectory-tracking applications", IEEE/ASME Trans. Mechatronics 12(2), 2007.
 
     Examples
     --------
@@ -94,7 +164,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        object.__setattr__(self, "rate_weights", as_constant(self.rate_weights))
         if self.rate_weights.size and self.rate_weights.shape != self.thresholds.shape:
             raise ValueError(
                 "The 'rate_weights' parameter of RateDependentPrandtlIshlinskiiOperator must have "
@@ -142,38 +211,31 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         steps = np.diff(u, prepend=state[1])
         before = du[:1] if initial_state == "rest" else np.zeros((1, du.shape[1]))
         drates = np.diff(du, axis=0, prepend=before[: len(du)]) * (np.sign(steps) / dt)[:, None]
-        n_plays, n_rates = self.thresholds.size, self.rate_weights.size
-        dy = np.empty((u.size, du.shape[1] + n_plays + n_rates + 2))
-        rate_play_tangents(
-            u,
-            du,
-            np.abs(steps) / dt,
-            as_signal(drates),
-            self.thresholds,
-            self._grows,
-            float(self.dilation),
-            self.weights,
-            self.rate_weights,
-            np.zeros(n_plays),
-            dy,
-        )
-        return y, dy if self.dilation else np.ascontiguousarray(dy[:, :-1])
+        rates, m = np.abs(steps) / dt, du.shape[1]
+        if self.dilation:  # a threshold grows by ``growth * rate``, so this is one tangent more
+            drive = np.column_stack((du, np.zeros(u.size)))
+            speed = np.column_stack((drates, rates / self.dilation))
+        else:
+            drive, speed = du, drates
+        arguments = self._arguments()
+        out = np.empty((u.size, drive.shape[1] + self.thresholds.size))
+        start = np.zeros(self.thresholds.size)
+        rate_play_tangents(u, as_signal(drive), rates, as_signal(speed), *arguments, start, out)
+        plays = out[:, drive.shape[1] :]
+        carried = out[:, :m] + (plays @ arguments[-1])[:, None] * drates
+        scaled = rates[:, None] * plays[:, : self.rate_weights.size]
+        ones = np.ones((u.size, 1))
+        return y, np.hstack((carried, plays, scaled, ones, out[:, m : drive.shape[1]]))
 
     def drive_at_rates(self, y, rates, plays=None):
-        """Return the drive under which the response is ``y``, its rates being known.
+        """Return the drive (n_samples,) under which the response is ``y``, its rates being known.
 
         Parameters
         ----------
-        y : array-like of shape (n_samples,)
-            Response.
-        rates : array-like of shape (n_samples,)
-            Sizes of the drive's rates, units of the drive over s.
+        y, rates : array-like of shape (n_samples,)
+            Response, and sizes of the drive's rates, units of the drive over s.
         plays : ndarray of shape (n_plays,), optional
             The plays before the first sample; by default they are zero.
-
-        Returns
-        -------
-        u : ndarray of shape (n_samples,)
 
         Raises
         ------
@@ -183,13 +245,14 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         y, rates = as_signal(np.asarray(y) - self.intercept), as_signal(rates)
         thresholds, growth, weights, rate_weights = self._arguments()
         fastest = rates.max(initial=0.0)
-        slopes = np.cumsum(weights), np.cumsum(weights + fastest * rate_weights)
-        if thresholds[0] != 0.0 or not np.all(np.concatenate(slopes) > 0.0):
+        sums = np.cumsum(weights), np.cumsum(weights + fastest * rate_weights)
+        least = np.min(sums)
+        if thresholds[0] != 0.0 or not least > 0.0:
             raise ValueError(
                 "RateDependentPrandtlIshlinskiiOperator.drive_at_rates needs a first threshold of "
                 "0 and positive sums of the first weights at all rates: the response must be "
                 f"strictly monotone. Got thresholds[0]={thresholds[0]!r} and the smallest sum "
-                f"{min(part.min() for part in slopes)!r} instead."
+                f"{least!r} instead."
             )
         u = np.empty(y.size)
         plays = np.zeros(thresholds.size) if plays is None else plays.copy()
@@ -197,7 +260,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return u
 
     def inverse_run(self, y, dt, initial_state="rest"):
-        """Return a drive that makes the response follow ``y``.
+        """Return a drive (n_samples,) that makes the response follow ``y``.
 
         With the rates known, the inverse is exact (Al Janaideh and Krejci 2013). Here the rates are
         those of the drive that is sought, which is found by repetition, beginning with the inverse
@@ -214,10 +277,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
             Sampling interval in s.
         initial_state : {"rest", "zero"}
             As in :meth:`init`.
-
-        Returns
-        -------
-        u : ndarray of shape (n_samples,)
         """
         y = as_signal(y)
         fastest = self._fastest_monotone()
@@ -247,9 +306,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         slopes = np.cumsum(self.weights)[: falls.size]
         falling = falls > 0.0
         return _RESERVE * np.min(slopes[falling] / falls[falling], initial=np.inf)
-
-
-_GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range
 
 
 class RateDependentPrandtlIshlinskii(ParametricModel):
@@ -285,17 +341,13 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
+    dt, method
+        As for every model.
 
     Attributes
     ----------
-    thresholds_ : ndarray of shape (n_operators,)
-        At rest, units of the drive.
-    weights_ : ndarray of shape (n_operators,)
-        At rest, units of the response over units of the drive.
+    thresholds_, weights_ : ndarray of shape (n_operators,)
+        At rest: units of the drive, units of the response over units of the drive.
     rate_weights_ : ndarray of shape (n_operators,) or (0,)
         Change of the weights with the rate (``variant="slope"``).
     dilation_ : float
@@ -333,7 +385,7 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     }
     del _parameter_constraints["form"], _parameter_constraints["drive_offset"]
 
-    series_rank = RateDependentPrandtlIshlinskiiOperator.rank
+    operator_class = RateDependentPrandtlIshlinskiiOperator
 
     def __init__(
         self,
@@ -358,23 +410,15 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
 
     def starting_values(self, records):
         plays = PrandtlIshlinskii(self.n_operators, thresholds=self.thresholds)
-        thresholds = plays.starting_values(records)[0][0].thresholds
+        thresholds = plays.starting_values(records)[0].thresholds
         zeros = np.zeros(thresholds.size)
         if self.variant == "slope":
             rates, dilations = zeros, [0.0]
         else:
             rates, dilations = (), self._dilations(records)
+        kind, options = RateDependentPrandtlIshlinskiiOperator, {"non_negative": self.non_negative}
         return [
-            (
-                RateDependentPrandtlIshlinskiiOperator(
-                    thresholds,
-                    zeros,
-                    rates,
-                    dilation=float(dilation),
-                    non_negative=self.non_negative,
-                ),
-                (),
-            )
+            kind(thresholds, zeros, rates, dilation=float(dilation), **options)
             for dilation in dilations
         ]
 

@@ -1,7 +1,9 @@
 """What the models over the half plane ``alpha >= beta`` share: the grid and its identification.
 
-The response is linear in the weights, of which there are many, and data rarely determine all of
-them: a major loop alone says nothing about where inside it minor loops differ. The weights minimise
+Levels ``x_0 < ... < x_{n-1}`` of the drive cut the half plane into cells: interval ``i`` of alpha
+(``x_i`` to ``x_{i+1}``) and interval ``j <= i`` of beta, with the number ``i (i + 1) / 2 + j``. The
+response is linear in their weights, of which there are many, and data rarely determine all of them:
+a major loop alone says nothing about where inside it minor loops differ. The weights minimise
 
     |y - A w|^2 + lambda sum (v_a - v_b)^2,    w >= 0,
 
@@ -11,8 +13,6 @@ itself. On an uneven grid the weights are smooth as functions of the level's num
 drive. ``lambda`` is ``smoothness`` times the mean squared norm of the columns of A less their
 means, so that ``smoothness`` has no unit and does not depend on the number of samples. The normal
 equations are added up over stretches of the records.
-
-What the operators over the half plane ``alpha >= beta`` share: levels and cells.
 """
 
 import dataclasses
@@ -23,18 +23,21 @@ from numbers import Integral, Real
 import numpy as np
 from scipy.linalg import cholesky, eigh
 from scipy.linalg.lapack import dpocon, dpotri
-from scipy.sparse import coo_array
 from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..optimize import IdentificationResult, nonnegative_minimum
+from ..operators import as_signal
+from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
+from ._superposition import Superposition
 
-__all__ = [
-    "RelayGridModel",
-    "cell_indices",
-    "check_grid",
-]
+__all__ = ["RelayGridModel", "RelayGridOperator", "cell_indices"]
+
+_STRETCH = 1024  # rows of the design matrix at a time
+_BINS = 200  # of the drive, to see where the response changes
+_SILENT = 1e-13  # mean square of a column, of 1, below which it has not moved
+_RIDGE = 1e-12  # relative to the scaled diagonal; keeps exactly collinear columns solvable
+_SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 
 def cell_indices(n_levels):
@@ -42,33 +45,55 @@ def cell_indices(n_levels):
     return np.tril_indices(n_levels - 1)
 
 
-def check_grid(operator):
-    """Turn array fields into read-only arrays; refuse levels and weights that do not fit."""
-    kind = type(operator).__name__
-    for name in ("levels", "weights", "reversible"):
-        if hasattr(operator, name):
-            constant = np.array(getattr(operator, name), dtype=float, ndmin=1)
-            constant.flags.writeable = False
-            object.__setattr__(operator, name, constant)
-    levels, weights = operator.levels, operator.weights
-    if levels.ndim != 1 or levels.size < 2 or not np.all(levels[1:] > levels[:-1]):
-        raise ValueError(
-            f"The 'levels' parameter of {kind} must be a list of two or more ascending values. "
-            f"Got {levels!r} instead."
-        )
-    n_cells = levels.size * (levels.size - 1) // 2
-    if weights.shape != (n_cells,):
-        raise ValueError(
-            f"The 'weights' parameter of {kind} must have one value for each of the {n_cells} "
-            f"cells between {levels.size} levels. Got shape {weights.shape} instead."
-        )
+class RelayGridOperator(Superposition):
+    """Base of the operators over a grid: fields ``levels``, ``weights`` and ``center``.
 
+    A subclass fills in ``_fill(u, state, rows)``, which writes the derivatives by the weights to
+    the first columns of ``rows`` and returns the state, and ``_carry(u, du, state, out)``, which
+    writes the tangents carried through to those of ``out``.
+    """
 
-_STRETCH = 1024  # rows of the design matrix at a time
-_BINS = 200  # of the drive, to see where the response changes
-_SILENT = 1e-13  # mean square of a column, of 1, below which it has not moved
-_RIDGE = 1e-12  # relative to the scaled diagonal; keeps exactly collinear columns solvable
-_SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
+    def __post_init__(self):
+        super().__post_init__()
+        kind, levels, weights = type(self).__name__, self.levels, self.weights
+        if levels.ndim != 1 or levels.size < 2 or not np.all(levels[1:] > levels[:-1]):
+            raise ValueError(
+                f"The 'levels' parameter of {kind} must be a list of two or more ascending values. "
+                f"Got {levels!r} instead."
+            )
+        n_cells = levels.size * (levels.size - 1) // 2
+        if weights.shape != (n_cells,):
+            raise ValueError(
+                f"The 'weights' parameter of {kind} must have one value for each of the {n_cells} "
+                f"cells between {levels.size} levels. Got shape {weights.shape} instead."
+            )
+
+    @property
+    def _center(self):
+        return float(np.clip(self.center, self.levels[0], self.levels[-1]))
+
+    def _before(self, u, initial_state="rest"):
+        return self.init(u[0] if u.size else self._center, initial_state)
+
+    def basis(self, u, state=None):
+        """Return the derivatives (n_samples, n_parameters) of the response, and the state.
+
+        They are the mean states of the relays of each cell, or of the ramps, between -1 and 1, and
+        a one, in the order of ``pack``. Drive and state are those of :meth:`run`.
+        """
+        u = as_signal(u)
+        rows = np.ones((u.size, self.n_parameters))
+        return rows, self._fill(u, self._before(u) if state is None else state, rows)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+        u, du = as_signal(u), as_signal(du)
+        state, m = self._before(u, initial_state), du.shape[1]
+        dy = np.ones((u.size, m + self.n_parameters))
+        if m:
+            self._carry(u, du, state, dy)
+        self._fill(u, state, dy[:, m:])
+        return self.run(u, dt, state)[0], dy
 
 
 class RelayGridModel(ParametricModel):
@@ -84,7 +109,7 @@ class RelayGridModel(ParametricModel):
         "center": [Interval(Real, None, None, closed="both")],
     }
 
-    series_rank = 10
+    operator_class = RelayGridOperator
     _diagonal_is_reversible = False  # the cells (i, i) have no loop
 
     @abstractmethod
@@ -96,15 +121,16 @@ class RelayGridModel(ParametricModel):
             return check_array(self.levels, ensure_2d=False, dtype=np.float64)
         low = min(record.u.min() for record in records)
         high = max(record.u.max() for record in records)
-        if not np.all(np.diff(np.linspace(low, high, _BINS + 1)) > 0.0):  # the drive rests
+        edges = np.linspace(low, high, _BINS + 1)
+        if not np.all(np.diff(edges) > 0.0):  # the drive rests
             half = max(abs(low), abs(high)) or 1.0
             return np.linspace(low - half, high + half, self.n_levels)
         if self.levels == "grid":
             return np.linspace(low, high, self.n_levels)
-        return _response_levels(records, np.linspace(low, high, _BINS + 1), self.n_levels)
+        return _response_levels(records, edges, self.n_levels)
 
     def starting_values(self, records):
-        return [(self._operator(self._levels(records)), ())]
+        return [self._operator(self._levels(records))]
 
     def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
@@ -112,32 +138,33 @@ class RelayGridModel(ParametricModel):
     def _identify(self, data):
         begin = time.perf_counter()
         operator = self._operator(self._levels(data))
-        problem = _WeightProblem(operator, data, self._free_run_state(), self.fit_intercept)
-        weights, std, undetermined, condition = problem.solve(
-            _roughness(operator.levels.size, problem.n_weights, self._diagonal_is_reversible),
+        problem = OperatorProblem(
+            operator, data, fixed=self.held_parameters(), initial_state=self._free_run_state()
+        )
+        x, std, undetermined, condition, freedom = _solve(
+            *_normal_equations(problem, self.fit_intercept),
+            _roughness(operator, self._diagonal_is_reversible),
             self.smoothness,
             self.non_negative,
         )
-        operator = operator.unpack(np.append(weights, problem.intercept(weights)))
-        cost = problem.cost(operator)
-        deviation = np.sqrt(cost / max(problem.n_samples - problem.freedom, 1.0))
-        std[np.isfinite(std)] *= deviation
-        names = [name for name, _ in operator.entries()][: len(std)]
+        cost = float(problem.total(problem.evaluate(x, jacobian=False))[-1, -1])
+        n_samples, names = problem.segment_weight.sum(), problem.names
+        std[np.isfinite(std)] *= np.sqrt(cost / max(n_samples - freedom, 1.0))
         return IdentificationResult(
-            operator=operator,
+            operator=problem.unpack(x)[0],
             disturbances=(),
-            params=dict(zip(names, operator.pack().tolist(), strict=False)),
+            params=dict(zip(names, x.tolist(), strict=True)),
             params_std=dict(zip(names, std.tolist(), strict=True)),
             undetermined=tuple(names[i] for i in np.flatnonzero(undetermined)),
             condition_number=condition,
             record_coefficients=np.empty((len(data), 0)),
-            error=float(np.sqrt(cost / problem.n_samples)),
+            error=float(np.sqrt(cost / n_samples)),
             n_evaluations=1,
             seconds=time.perf_counter() - begin,
             converged=True,
             message="All parameters are linear and were solved exactly.",
             history=[(1, cost)],
-            x=operator.pack()[: len(std)],
+            x=x,
         )
 
     def _finish(self, result, data):
@@ -179,133 +206,52 @@ def _response_levels(records, edges, n_levels):
     return np.interp(np.linspace(0.0, place[-1], n_levels), place, edges)
 
 
-def _roughness(n_levels, n_weights, diagonal_is_reversible):
+def _roughness(operator, diagonal_is_reversible):
     """Return the matrix of the penalty.
 
     Reversible weights are neighbours of each other only: those of the diagonal, or else those
     behind the cells, if any.
     """
-    i, j = cell_indices(n_levels)
-    number = np.full((n_levels, n_levels), -1)
+    n, n_weights = operator.levels.size, operator.n_parameters - 1
+    i, j = cell_indices(n)
+    number, scale = np.full((n, n), -1), np.ones(n_weights)
     number[i, j] = np.arange(i.size)
-    scale = np.ones(n_weights)
+    diagonal = np.arange(n - 1)
     if diagonal_is_reversible:
-        line = number.diagonal()[:-1].copy()
-        number[np.diag_indices_from(number)] = -1
+        line = number[diagonal, diagonal]
+        number[diagonal, diagonal] = -1
     else:
         line = np.arange(i.size, n_weights)
-        scale[number.diagonal()[:-1]] = 2.0
+        scale[number[diagonal, diagonal]] = 2.0
     here = number[i, j]
-    first = np.concatenate((here, here, line[:-1]))
-    second = np.concatenate((number[i + 1, j], number[i, j + 1], line[1:]))
-    both = (first >= 0) & (second >= 0)
-    first, second = first[both], second[both]
-    row = np.arange(first.size)
-    difference = coo_array(
-        (
-            np.concatenate((scale[first], -scale[second])),
-            (np.tile(row, 2), np.concatenate((first, second))),
-        ),
-        shape=(first.size, n_weights),
-    ).tocsr()
-    return (difference.T @ difference).tocoo()
+    a = np.concatenate((here, here, line[:-1]))
+    b = np.concatenate((number[i + 1, j], number[i, j + 1], line[1:]))
+    cells = (a >= 0) & (b >= 0)
+    a, b = a[cells], b[cells]
+    matrix = np.zeros((n_weights, n_weights))
+    np.add.at(matrix, (a, a), scale[a] ** 2)
+    np.add.at(matrix, (b, b), scale[b] ** 2)
+    np.add.at(matrix, (a, b), -scale[a] * scale[b])
+    np.add.at(matrix, (b, a), -scale[a] * scale[b])
+    return matrix
 
 
-class _WeightProblem:
-    """The normal equations of all weights."""
-
-    def __init__(self, operator, records, initial_state, fit_intercept):
-        self.records, self.initial_state = records, initial_state
-        self.n_weights = operator.n_parameters - 1
-        self.fit_intercept = fit_intercept
-        self.n_samples = sum(record.segment_weights().sum() for record in records)
-        mean = sum(_weights(record) @ record.y for record in records) / self.n_samples
-        self.shift = mean if fit_intercept else 0.0
-        gram = np.zeros((self.n_weights + 2,) * 2)
-        for record in records:
-            self._add(operator, record, gram)
-        n = self.n_weights
-        self.mean = gram[n, :n] / self.n_samples
-        self.gram = gram[:n, :n]
-        spread = self.gram.diagonal() - self.n_samples * self.mean**2
-        self.silent = spread <= _SILENT * self.n_samples
-        self.power = max(spread.mean(), 0.0) if n else 0.0
-        self.right = gram[n + 1, :n]
-        if fit_intercept:
-            self.gram = self.gram - self.n_samples * np.outer(self.mean, self.mean)
-            self.right = self.right - self.mean * gram[n + 1, n]
-            self.gram[self.silent] = 0.0
-            self.gram[:, self.silent] = 0.0
-            self.right[self.silent] = 0.0
-
-    def _add(self, operator, record, gram):
-        """Add the Gram matrix of ``[A, 1, y]`` over the rows of a record that count."""
-        state = operator.init(_first(record), self.initial_state)
-        if record.before is not None:
-            _, state = operator.run([record.before], record.dt, state)
-        weights = _weights(record)
-        counts, roots = weights > 0.0, np.sqrt(weights)
+def _normal_equations(problem, fit_intercept):
+    """Return the Gram matrix of ``[A, 1, y - shift]`` and the shift, a mean that spares digits."""
+    weights = [_weights(record) for record in problem.records]
+    y = np.concatenate([record.y for record in problem.records])
+    shift = np.average(y, weights=np.concatenate(weights)) if fit_intercept else 0.0
+    operator, gram = problem.operator, 0.0
+    for record, counts in zip(problem.records, weights, strict=True):
+        u, skip = record.with_history()
+        _, state = operator.run(u[:skip], record.dt, operator.init(u[0], problem.initial_state))
         for start in range(0, len(record.u), _STRETCH):
             part = slice(start, start + _STRETCH)
             rows, state = operator.basis(record.u[part], state)
-            rows = np.column_stack((rows, record.y[part] - self.shift))[counts[part]]
-            if record.weights is not None:
-                rows *= roots[part][counts[part], None]
-            gram += rows.T @ rows
-
-    def solve(self, roughness, smoothness, non_negative):
-        """Return weights, standard errors per unit of noise, what is undetermined, condition.
-
-        Sets ``freedom``, the effective number of parameters. The standard errors are those of the
-        penalised estimate; what the penalty pulls away from the truth is not in them.
-        """
-        matrix = self.gram.copy()
-        matrix[roughness.coords] += smoothness * self.power * roughness.data
-        scale = np.sqrt(matrix.diagonal())
-        moves = scale > 0.0
-        index = np.flatnonzero(moves)
-        scale = scale[moves]
-        matrix = matrix[np.ix_(moves, moves)] / np.outer(scale, scale)
-        matrix[np.diag_indices_from(matrix)] += _RIDGE
-        weights, undetermined = np.zeros(self.n_weights), self.silent.copy()
-        if not non_negative:
-            bounded = np.zeros(index.size, dtype=bool)
-        else:
-            bounded = np.ones(index.size, dtype=bool)
-        solution, free = nonnegative_minimum(matrix, -self.right[moves] / scale, bounded)
-        weights[moves] = solution / scale
-        free &= (solution > 0.0) | ~bounded
-        std = np.where(self.silent, np.inf, np.nan)
-        index, scale, matrix = index[free], scale[free], matrix[np.ix_(free, free)]
-        if smoothness > 0.0:
-            inverse, condition = _inverse(matrix)
-        else:
-            inverse, condition, unknown = _pseudo_inverse(matrix)
-            undetermined[index[unknown]] = True
-        data = self.gram[np.ix_(index, index)] / np.outer(scale, scale)
-        resolution = inverse @ data
-        covariance = resolution @ inverse
-        self.freedom = float(np.trace(resolution)) + self.fit_intercept
-        std[index] = np.sqrt(np.maximum(covariance.diagonal(), 0.0)) / scale
-        std[undetermined] = np.inf
-        if self.fit_intercept:
-            mean = self.mean[index] / scale
-            std = np.append(std, np.sqrt(1.0 / self.n_samples + mean @ covariance @ mean))
-        return weights, std, undetermined, condition
-
-    def intercept(self, weights):
-        return self.shift - self.mean @ weights if self.fit_intercept else 0.0
-
-    def cost(self, operator):
-        """Return the sum of squares of the residual, from the residual itself."""
-        cost = 0.0
-        for record in self.records:
-            state = operator.init(_first(record), self.initial_state)
-            if record.before is not None:
-                _, state = operator.run([record.before], record.dt, state)
-            residual = operator.run(record.u, record.dt, state)[0] - record.y
-            cost += _weights(record) @ residual**2
-        return float(cost)
+            rows = np.column_stack((rows, record.y[part] - shift))
+            rows *= np.sqrt(counts[part, None])
+            gram = gram + rows.T @ rows
+    return gram, shift, fit_intercept
 
 
 def _weights(record):
@@ -316,25 +262,60 @@ def _weights(record):
     return weights
 
 
-def _first(record):
-    return record.u[0] if record.before is None else record.before
+def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
+    """Return values, standard errors per unit of noise, what is undetermined, condition, freedom.
+
+    The values are the weights and the intercept, if any; the freedom is their effective number. The
+    standard errors are those of the penalised estimate; what the penalty pulls away from the truth
+    is not in them.
+    """
+    n_samples, n = gram[-2, -2], len(gram) - 2
+    mean, right, gram_y = gram[-2, :n] / n_samples, gram[-1, :n], gram[-1, -2]
+    gram = gram[:n, :n]
+    spread = gram.diagonal() - n_samples * mean**2
+    silent = spread <= _SILENT * n_samples
+    if fit_intercept:
+        gram = np.where(silent | silent[:, None], 0.0, gram - n_samples * np.outer(mean, mean))
+        right = np.where(silent, 0.0, right - mean * gram_y)
+    matrix = gram + smoothness * max(spread.mean(), 0.0) * roughness
+    index = np.flatnonzero(matrix.diagonal() > 0.0)
+    scale = np.sqrt(matrix.diagonal()[index])
+    matrix = matrix[np.ix_(index, index)] / np.outer(scale, scale)
+    matrix[np.diag_indices_from(matrix)] += _RIDGE
+    bounded = np.full(index.size, non_negative)
+    solution, free = nonnegative_minimum(matrix, -right[index] / scale, bounded)
+    x, undetermined = np.zeros(n), silent.copy()
+    x[index] = solution / scale
+    free &= (solution > 0.0) | ~bounded
+    index, scale, matrix = index[free], scale[free], matrix[np.ix_(free, free)]
+    inverse, condition, unknown = (_inverse if smoothness > 0.0 else _pseudo_inverse)(matrix)
+    undetermined[index[unknown]] = True
+    resolution = inverse @ (gram[np.ix_(index, index)] / np.outer(scale, scale))
+    covariance = resolution @ inverse
+    std = np.where(silent, np.inf, np.nan)
+    std[index] = np.sqrt(np.maximum(covariance.diagonal(), 0.0)) / scale
+    std[undetermined] = np.inf
+    if fit_intercept:
+        x = np.append(x, shift - mean @ x)
+        mean = mean[index] / scale
+        std = np.append(std, np.sqrt(1.0 / n_samples + mean @ covariance @ mean))
+    return x, std, undetermined, condition, float(np.trace(resolution)) + fit_intercept
 
 
 def _inverse(matrix):
-    """Return the inverse of a positive definite matrix and its condition number."""
+    """Return the inverse of a positive definite matrix, its condition number, no unknowns."""
     if not len(matrix):
-        return matrix, 1.0
+        return matrix, 1.0, []
     factor = cholesky(matrix)
     reciprocal, _ = dpocon(factor, np.abs(matrix).sum(axis=0).max())
-    inverse, _ = dpotri(factor)
-    inverse = np.triu(inverse)
-    return inverse + np.triu(inverse, 1).T, _condition(reciprocal)
+    inverse = np.triu(dpotri(factor)[0])
+    return inverse + np.triu(inverse, 1).T, _condition(reciprocal), []
 
 
 def _pseudo_inverse(matrix):
     """Return the inverse where the matrix has one, condition number, unknowns without one."""
     if not len(matrix):
-        return matrix, 1.0, np.zeros(0, dtype=bool)
+        return matrix, 1.0, []
     values, vectors = eigh(matrix)
     small = values < _SINGULAR * values[-1]
     inverse = np.where(small, 0.0, 1.0 / np.where(small, 1.0, values))

@@ -1,6 +1,4 @@
-"""System-level model: the slope depends on the distance from the last turning point.
-
-A slope that depends on the distance from the drive's last turning point.
+"""System-level model: the slope depends on the distance from the drive's last turning point.
 
 With the distance ``s = |u - v|`` from the last turning point ``v`` and ``x = decay s``
 
@@ -9,8 +7,6 @@ With the distance ``s = |u - v|`` from the last turning point ``v`` and ``x = de
 and its integral from the turning point is ``slope s + curvature s^2 H(x)`` where
 ``H(x) = (1 - E(x)) / x = sum_n (-x)^n / (n + 2)!``. Both have a limit for ``decay = 0``: the
 Rayleigh law.
-
-The system-level model: the slope depends on the distance from the last turning point.
 """
 
 import math
@@ -23,13 +19,7 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 
-__all__ = [
-    "SystemLevelHysteresis",
-    "SystemLevelOperator",
-    "saturation_terms",
-    "system_level_run",
-    "system_level_tangents",
-]
+__all__ = ["SystemLevelHysteresis", "SystemLevelOperator"]
 
 _H = tuple((-1.0) ** n / math.factorial(n + 2) for n in range(13))
 _H1 = tuple((n + 1) * value for n, value in enumerate(_H[1:]))
@@ -53,74 +43,50 @@ def saturation_terms(x):
 
 
 @jit
-def system_level_run(
-    u, slope, curvature, decay, intercept, rate, printed, turning, base, last, direction, y
-):
-    """Write the response to ``y``; return the new ``turning, base, last, direction``.
+def system_level(u, du, values, dt, printed, turning, base, last, direction, dlast, y, dy):
+    """Write the response to ``y`` and its tangents to ``dy``; return the state after.
 
     ``turning`` is the last turning point, ``base`` the response there less the intercept, ``last``
-    the last drive, ``direction`` that in which it moved last (0 if it never has). ``rate`` weighs
-    the change of the drive from sample to sample.
+    the last drive, ``direction`` that in which it moved last (0 if it never has); their tangents
+    are zero, but for those of ``last``, ``dlast`` (m,), which are overwritten. The columns of
+    ``dy`` (n, m + p) after those of ``du`` (n, m) are the derivatives by slope, curvature, decay,
+    intercept and, if ``printed``, the weight of the rate; without rows none is written.
     """
+    slope, curvature, decay, intercept, rate_gain = values
+    rate = rate_gain / dt
+    m = du.shape[1]
+    dturning = np.zeros(m)
+    dbase = np.zeros(m + 3)
     for k in range(u.size):
         value = u[k]
         step = value - last
         if step != 0.0:
-            if step * direction < 0.0:
+            if step * direction < 0.0:  # the sample before was the turning point
                 s = abs(last - turning)
                 h = saturation_terms(decay * s)[2]
                 base += direction * s * (slope + curvature * s * h)
                 turning = last
+                if k > 0 and dy.size:
+                    dturning[:] = dlast
+                    dbase[:] = dy[k - 1, : m + 3]
             direction = 1.0 if step > 0.0 else -1.0
-        s = abs(value - turning)
-        e, _, h, _ = saturation_terms(decay * s)
-        if printed:
-            y[k] = intercept + (slope + curvature * s * e) * value + rate * step
-        else:
-            y[k] = intercept + (base + direction * s * (slope + curvature * s * h))
         last = value
-    return turning, base, last, direction
-
-
-@jit
-def system_level_tangents(
-    u, du, slope, curvature, decay, rate, dt, printed, last, direction, dlast, dy
-):
-    """Write the tangents to ``dy``, (n_samples, m + 4), one column more if ``printed``.
-
-    The first loading began at zero. The columns after the ``m`` upstream ones are the derivatives
-    by slope, curvature, decay, intercept and, if ``printed``, by the weight of the rate in s;
-    ``dlast`` (m,) are the tangents of ``last``.
-    """
-    m = du.shape[1]
-    turning = 0.0
-    dturning = np.zeros(m)
-    dbase = np.zeros(m + 3)
-    before = dlast.copy()
-    for k in range(u.size):
-        value = u[k]
-        step = value - last
-        if step != 0.0:
-            if step * direction < 0.0:
-                # the sample before was the turning point
-                turning = last
-                for q in range(m):
-                    dturning[q] = before[q]
-                for q in range(m + 3):
-                    dbase[q] = dy[k - 1, q]
-            direction = 1.0 if step > 0.0 else -1.0
         s = abs(value - turning)
         e, de, h, dh = saturation_terms(decay * s)
         gain = slope + curvature * s * e
         if printed:
+            y[k] = intercept + gain * value + rate * step
+        else:
+            y[k] = intercept + (base + direction * s * (slope + curvature * s * h))
+        if dy.size == 0:
+            continue
+        dy[k, m + 3] = 1.0
+        if printed:
             # s E(decay s) has the derivative exp(-decay s) by s
             bend = value * direction * curvature * (1.0 - decay * s * e)
             for q in range(m):
-                dy[k, q] = (
-                    gain * du[k, q]
-                    + bend * (du[k, q] - dturning[q])
-                    + rate * (du[k, q] - before[q])
-                )
+                dy[k, q] = gain * du[k, q] + rate * (du[k, q] - dlast[q])
+                dy[k, q] += bend * (du[k, q] - dturning[q])
             dy[k, m] = value
             dy[k, m + 1] = value * s * e
             dy[k, m + 2] = value * curvature * s * s * de
@@ -131,20 +97,18 @@ def system_level_tangents(
             dy[k, m] = dbase[m] + direction * s
             dy[k, m + 1] = dbase[m + 1] + direction * s * s * h
             dy[k, m + 2] = dbase[m + 2] + direction * curvature * s * s * s * dh
-        dy[k, m + 3] = 1.0
         for q in range(m):
-            before[q] = du[k, q]
-        last = value
+            dlast[q] = du[k, q]
+    return turning, base, last, direction
 
 
 @dataclass(frozen=True)
 class SystemLevelOperator(Operator):
     r"""Hysteresis whose slope depends on the distance from the drive's last turning point.
 
-    .. math:: d(s) = p + \kappa \frac{1 - e^{-\lambda s}}{\lambda}, \qquad s = |u - V_{shift}|
-
-    ``variant="integral"``: :math:`y = c + \int d(s)\, du`, rate-independent.
-    ``variant="printed"``: :math:`y = c + d(s)\, u + h_s \dot u`, where the rate is the backward
+    The law of :class:`SystemLevelHysteresis`: with :math:`d(s)` the slope at a distance :math:`s`,
+    ``variant="integral"`` is :math:`y = c + \int d(s)\, du`, rate-independent, and
+    ``variant="printed"`` is :math:`y = c + d(s)\, u + h_s \dot u`, where the rate is the backward
     difference ``(u[k] - u[k-1]) / dt``.
 
     Parameters
@@ -169,23 +133,12 @@ class SystemLevelOperator(Operator):
 
     Notes
     -----
-    The paper's ``d_o``, ``Delta d``, ``gamma`` and ``V_c`` are ``slope = d_o + Delta d (1 -
-    gamma)``, ``curvature = Delta d gamma / V_c`` and ``decay = 1 / V_c``; see :meth:`from_paper`.
-    While ``s`` is much smaller than ``V_c``, gamma and V_c appear in the curvature alone.
-
     The state is the tuple (last turning point, response there less the intercept, last drive,
     direction in which it moved last). ``"rest"`` is the first loading from zero to the first
     sample; in ``"zero"`` all four are zero. Both turn at zero, so the integral is the same; only
     the rate of the first sample differs. The integral closes every minor loop, but does not wipe
     it out: beyond the loop it goes on from the last turning point, the only one it knows. The
     printed form jumps where the drive turns.
-
-    References
-    ----------
-    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
-    a gray box neural network based approach", equations (15) to (22). M. Lallart et al.,
-    "System-level modeling of nonlinear hysteretic piezoelectric actuators in quasi-static
-    operations", Mech. Syst. Signal Process. 116 (2019) 985-996.
 
     Examples
     --------
@@ -271,47 +224,29 @@ class SystemLevelOperator(Operator):
         last = float(u0) if initial_state == "rest" else 0.0
         return 0.0, 0.0, last, float(np.sign(last))
 
-    def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
-        u = as_signal(u)
-        y = np.empty(u.size)
-        if state is None:
-            state = self.init(u[0] if u.size else 0.0)
-        state = system_level_run(
-            u,
-            float(self.slope),
-            float(self.curvature),
-            float(self.decay),
-            float(self.intercept),
-            float(self.rate_gain) / dt,
-            self.variant == "printed",
-            *state,
-            y,
+    def _loop(self, u, du, dt, state, dlast, dy):
+        """Return the response and the state after, and write the tangents to ``dy``."""
+        values = self.slope, self.curvature, self.decay, self.intercept, self.rate_gain
+        u, du, y = as_signal(u), as_signal(du), np.empty(len(u))
+        printed = self.variant == "printed"
+        state = system_level(
+            u, du, tuple(map(float, values)), float(dt), printed, *state, dlast, y, dy
         )
         return y, state
 
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        if state is None:
+            state = self.init(u[0] if len(u) else 0.0)
+        return self._loop(u, np.empty((0, 0)), dt, state, np.empty(0), np.empty((0, 0)))
+
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`."""
-        u, du = as_signal(u), as_signal(du)
-        start = self.init(u[0] if u.size else 0.0, initial_state)
-        y, _ = self.run(u, dt, start)
-        dy = np.empty((u.size, du.shape[1] + self.n_parameters))
-        if u.size:
-            dlast = du[0] if initial_state == "rest" else np.zeros(du.shape[1])
-            system_level_tangents(
-                u,
-                du,
-                float(self.slope),
-                float(self.curvature),
-                float(self.decay),
-                float(self.rate_gain) / dt,
-                float(dt),
-                self.variant == "printed",
-                *start[2:],
-                as_signal(dlast),
-                dy,
-            )
-        return y, dy
+        n, m = du.shape
+        state = self.init(u[0] if n else 0.0, initial_state)
+        dlast = np.array(du[0]) if n and initial_state == "rest" else np.zeros(m)
+        dy = np.empty((n, m + self.n_parameters))
+        return self._loop(u, du, dt, state, dlast, dy)[0], dy
 
 
 _DECAYS = (0.1, 1.0, 4.0, 15.0, 60.0)  # starts: decay times the span of the drive
@@ -369,8 +304,7 @@ class SystemLevelHysteresis(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import SystemLevelHysteresis
-    >>> from skhyst.hysteresis import SystemLevelOperator
+    >>> from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
     >>> drive = 50.0 - 50.0 * np.cos(np.linspace(0.0, 20.0, 500))
     >>> y, _ = SystemLevelOperator(0.1, 0.002, 0.03).run(drive, 1.0)
     >>> model = SystemLevelHysteresis().fit(drive.reshape(-1, 1), y)
@@ -384,7 +318,7 @@ class SystemLevelHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = SystemLevelOperator.rank
+    operator_class = SystemLevelOperator
 
     def __init__(
         self,
@@ -405,8 +339,7 @@ class SystemLevelHysteresis(ParametricModel):
         # a first loading from zero is a branch too
         span = max(np.ptp(np.append(record.u, 0.0)) for record in records) or 1.0
         return [
-            (SystemLevelOperator(0.0, 1.0, decay / span, variant=self.variant), ())
-            for decay in _DECAYS
+            SystemLevelOperator(0.0, 1.0, decay / span, variant=self.variant) for decay in _DECAYS
         ]
 
     def held_parameters(self):

@@ -1,9 +1,4 @@
-"""Hyperbolic tangent model of piezo actuators.
-
-The hyperbolic tangent model: a static curve plus a term in the drive's rate.
-
-The hyperbolic tangent model of a piezo actuator.
-"""
+"""Hyperbolic tangent model of piezo actuators: a static curve plus a term in the drive's rate."""
 
 import dataclasses
 import math
@@ -11,60 +6,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._jit import jit
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, parameter
+from ..operators import OneStateOperator, parameter
 from ..optimize import identify
 
-__all__ = [
-    "TanhHysteresis",
-    "TanhHysteresisOperator",
-    "tanh_run",
-    "tanh_tangents",
-]
+__all__ = ["TanhHysteresis", "TanhHysteresisOperator"]
 
 
-@jit
-def tanh_run(u, dt, k0, alpha, beta, gamma, intercept, last, y):
-    """Write the response to ``y``; ``last`` is the drive before the first sample."""
+def tanh_step(nothing, u0, u1, dt, values):
+    """Return the response; the drive before is all that the model remembers."""
+    k0, alpha, beta, gamma, intercept = values
+    rate = (u1 - u0) / dt
+    bend = math.tanh(gamma * u1)
+    slope = (1.0 - bend) * (1.0 + bend)
     damping = alpha / dt
-    for k in range(u.size):
-        value = u[k]
-        y[k] = intercept + k0 * value + damping * (value - last) + beta * math.tanh(gamma * value)
-        last = value
-
-
-@jit
-def tanh_tangents(u, du, dt, k0, alpha, beta, gamma, last, dlast, dy):
-    """Write the tangents to ``dy``, shape (n_samples, m + 5).
-
-    The last five columns are the derivatives by k0, alpha, beta, gamma and the intercept;
-    ``dlast`` (m,) are the tangents of ``last``.
-    """
-    m = du.shape[1]
-    damping = alpha / dt
-    before = dlast.copy()
-    for k in range(u.size):
-        value = u[k]
-        bend = math.tanh(gamma * value)
-        slope = (1.0 - bend) * (1.0 + bend)
-        gain = k0 + beta * gamma * slope
-        for q in range(m):
-            dy[k, q] = gain * du[k, q] + damping * (du[k, q] - before[q])
-            before[q] = du[k, q]
-        dy[k, m] = value
-        dy[k, m + 1] = (value - last) / dt
-        dy[k, m + 2] = bend
-        dy[k, m + 3] = beta * value * slope
-        dy[k, m + 4] = 1.0
-        last = value
+    gain = k0 + beta * gamma * slope + damping
+    return (
+        0.0,
+        intercept + k0 * u1 + alpha * rate + beta * bend,
+        (0.0, 0.0, 0.0),
+        (0.0, -damping, gain, u1, rate, bend, beta * u1 * slope, 1.0),
+    )
 
 
 @dataclass(frozen=True)
-class TanhHysteresisOperator(Operator):
-    r"""Static curve plus a term in the drive's rate.
-
-    .. math:: z = k_0 u + \alpha \dot u + \beta \tanh(\gamma u) + c
+class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
+    """Static curve plus a term in the drive's rate: the law of :class:`TanhHysteresis`.
 
     The rate is the slope of the straight line that leads to a sample, the backward difference
     ``(u[k] - u[k-1]) / dt``: it needs no future sample.
@@ -84,15 +51,9 @@ class TanhHysteresisOperator(Operator):
 
     Notes
     -----
-    The state is the last drive, a float. ``"rest"`` has it at the first sample, so that the rate
-    begins at zero; ``"zero"`` at zero. The model has no other memory: its loop closes through
+    The state is ``(0, last drive)``. ``"rest"`` has the last drive at the first sample, so that the
+    rate begins at zero; ``"zero"`` at zero. The model has no other memory: its loop closes through
     ``alpha`` alone, and has an area in proportion to the frequency.
-
-    References
-    ----------
-    "Modeling and identification of nonlinear hysteresis behavior of piezoelectric actuators using
-    a computationally efficient phenomenological model and modified cuckoo search algorithm",
-    Smart Mater. Struct. 32 (2023) 015013, equation (3).
 
     Examples
     --------
@@ -110,32 +71,6 @@ class TanhHysteresisOperator(Operator):
 
     carries_scale = True
     rank = 10
-
-    def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``: the last drive."""
-        return float(u0) if initial_state == "rest" else 0.0
-
-    def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
-        u = as_signal(u)
-        y = np.empty(u.size)
-        if state is None:
-            state = self.init(u[0] if u.size else 0.0)
-        tanh_run(u, float(dt), *map(float, self.pack()), float(state), y)
-        return y, float(u[-1]) if u.size else state
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
-        u, du = as_signal(u), as_signal(du)
-        last = self.init(u[0] if u.size else 0.0, initial_state)
-        y, _ = self.run(u, dt, last)
-        dlast = np.zeros(du.shape[1])
-        if initial_state == "rest" and u.size:
-            dlast += du[0]
-        dy = np.empty((u.size, du.shape[1] + 5))
-        values = map(float, (dt, self.k0, self.alpha, self.beta, self.gamma, last))
-        tanh_tangents(u, du, *values, dlast, dy)
-        return y, dy
 
 
 _BENDS = np.geomspace(0.5, 500.0, 7)  # starts: gamma times the largest drive
@@ -206,7 +141,7 @@ class TanhHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = TanhHysteresisOperator.rank
+    operator_class = TanhHysteresisOperator
 
     def __init__(
         self, fit_intercept=False, *, initial_state="rest", dt=1.0, method="variable_projection"
@@ -218,7 +153,7 @@ class TanhHysteresis(ParametricModel):
 
     def starting_values(self, records):
         largest = _largest(records)
-        return [(_start(bend / largest), ()) for bend in _BENDS]
+        return [_start(bend / largest) for bend in _BENDS]
 
     def held_parameters(self):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
@@ -233,7 +168,7 @@ class TanhHysteresis(ParametricModel):
         largest = _largest(data)
         smallest = magnitudes[magnitudes > _NEGLIGIBLE * largest].min(initial=largest)
         step = identify(
-            [(_start(_STEP / smallest), ())],
+            [_start(_STEP / smallest)],
             data,
             fixed=self.held_parameters(),
             initial_state=self._free_run_state(),

@@ -84,7 +84,7 @@ class Delay(LinearModel):
     0.125 s
     """
 
-    series_rank = DelayOperator.rank
+    operator_class = DelayOperator
 
     def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.initial_state = initial_state
@@ -94,6 +94,6 @@ class Delay(LinearModel):
     def starting_values(self, records):
         dt, span = time_span(records)
         return [
-            (DelayOperator(float(delay)), ())
+            DelayOperator(float(delay))
             for delay in [0.5 * dt, *log_grid(2.0 * dt, max(0.1 * span, 4.0 * dt), 5)]
         ]

@@ -200,7 +200,7 @@ class DynamicStiffness(ParametricModel):
         "smoothing": [Interval(Integral, 1, None, closed="left")],
     }
 
-    series_rank = DynamicStiffnessOperator.rank
+    operator_class = DynamicStiffnessOperator
 
     def __init__(
         self,
@@ -226,7 +226,7 @@ class DynamicStiffness(ParametricModel):
         self.method = method
 
     def starting_values(self, records):
-        return [(DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing)), ())]
+        return [DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing))]
 
     def held_parameters(self):
         names = ("mass", "damping", "stiffness", "intercept")

@@ -72,6 +72,6 @@ class FirstOrderLag(LinearModel):
     def starting_values(self, records):
         dt, span = time_span(records)
         return [
-            (FirstOrderLagOperator(float(tau), hold=self.hold), ())
+            FirstOrderLagOperator(float(tau), hold=self.hold)
             for tau in log_grid(0.3 * dt, 0.3 * span, 2)
         ]

@@ -101,4 +101,4 @@ class Gain(LinearModel):
         self.method = method
 
     def starting_values(self, records):
-        return [(GainOperator(slope(records) if self.fit_gain else 1.0), ())]
+        return [GainOperator(slope(records) if self.fit_gain else 1.0)]

@@ -139,7 +139,7 @@ class KelvinVoigt(LinearModel):
         ratios = _SPREAD ** np.arange(self.n_units)
         fastest = log_grid(2.0 * dt, max(0.5 * span / ratios[-1], 4 * dt), 1)
         return [
-            (KelvinVoigtOperator(compliances, tau * ratios, gain=gain, hold=self.hold), ())
+            KelvinVoigtOperator(compliances, tau * ratios, gain=gain, hold=self.hold)
             for tau in fastest
         ]
 

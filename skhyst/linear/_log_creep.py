@@ -234,4 +234,4 @@ class LogCreep(LinearModel):
             constants = log_grid(dt, max(span, 10.0 * dt), 1)
         options = {"shortest": _SHORTEST * dt, "longest": _LONGEST * span, "hold": self.hold}
         gain = slope(records) if self.fit_gain else 1.0
-        return [(LogCreepOperator(0.05, float(tau), gain, **options), ()) for tau in constants]
+        return [LogCreepOperator(0.05, float(tau), gain, **options) for tau in constants]

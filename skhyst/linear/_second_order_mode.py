@@ -105,7 +105,4 @@ class SecondOrderMode(LinearModel):
         for poles in pole_starts([(r.u, r.y, r.dt) for r in records], 2):
             _, frequencies, dampings = sections(poles)
             found += list(zip(frequencies[:1], dampings[:1], strict=True))
-        return [
-            (SecondOrderModeOperator(float(w), float(zeta), hold=self.hold), ())
-            for w, zeta in found
-        ]
+        return [SecondOrderModeOperator(float(w), float(zeta), hold=self.hold) for w, zeta in found]

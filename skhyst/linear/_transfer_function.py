@@ -216,13 +216,13 @@ class TransferFunction(ModesMixin, LinearModel):
     def starting_values(self, records):
         self._check_orders()
         if self.n_poles == "auto" or self.n_zeros is None:
-            return [(self._choose(records).operator, ())]
+            return [self._choose(records).operator]
         return self._starts_of(records, self.n_poles, self.n_zeros)
 
     def _starts_of(self, records, n_poles, n_zeros):
         n_inputs = records[0].u.shape[1] if self._reads_columns else 1
         operators = record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
-        return [(operator, ()) for operator in operators]
+        return list(operators)
 
     def _identify(self, data):
         self._check_orders()

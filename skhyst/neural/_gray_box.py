@@ -121,7 +121,7 @@ class GrayBoxHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = GrayBoxOperator.rank
+    operator_class = GrayBoxOperator
     _one_interval = True
 
     def __init__(
@@ -188,7 +188,7 @@ class GrayBoxHysteresis(ParametricModel):
         return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def starting_values(self, records):
-        return [(self._identify(records).operator, ())]
+        return [self._identify(records).operator]
 
     def _identify(self, data):
         largest = max(np.abs(record.y).max() for record in data)
@@ -209,14 +209,14 @@ class GrayBoxHysteresis(ParametricModel):
         )
         held = frozenset(name for name, _ in static.operator.entries())
         if network.n_parameters > len(held):
-            starts = [(network, ()), *self._one_step_starts(network, data)]
+            starts = [network, *self._one_step_starts(network, data)]
             dynamic = identify(starts, data, fixed=held, **options)
             stages.append(_stage("dynamic", dynamic, n_samples))
             result = _beside(static, dynamic)
         else:
             result = dataclasses.replace(static, operator=network)
         if self.training == "joint":
-            joint = identify([(result.operator, ())], data, fixed=self.held_parameters(), **options)
+            joint = identify([result.operator], data, fixed=self.held_parameters(), **options)
             stages.append(_stage("joint", joint, n_samples))
             n_evaluations = result.n_evaluations + joint.n_evaluations
             result = dataclasses.replace(joint, n_evaluations=n_evaluations)
@@ -248,7 +248,7 @@ class GrayBoxHysteresis(ParametricModel):
         scale[scale == 0.0] = 1.0
         weights = np.linalg.lstsq(columns / scale, rest, rcond=None)[0] / scale
         start = dataclasses.replace(network, weights=weights)
-        return [(start, ())] if np.all(np.abs(start.poles()) < 1.0) else []
+        return [start] if np.all(np.abs(start.poles()) < 1.0) else []
 
     def _adopt(self, result):
         if isinstance(result, _TrainingResult):

@@ -10,11 +10,20 @@ from ._composition import (
     take_apart,
 )
 from ._differences import latest, samples_before, slopes
-from ._plays import play_basis, play_tangents, play_thresholds, stop_basis, turning_points
+from ._one_state import OneStateOperator
+from ._plays import (
+    clip_play,
+    play_basis,
+    play_tangents,
+    play_thresholds,
+    stop_basis,
+    turning_points,
+)
 from ._protocol import Operator, ParameterSpec, as_signal, parameter
 
 __all__ = [
     "FrozenOperator",
+    "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "SeriesOperator",
@@ -22,6 +31,7 @@ __all__ = [
     "WrappedOperator",
     "as_signal",
     "check_operator",
+    "clip_play",
     "latest",
     "parameter",
     "play_basis",

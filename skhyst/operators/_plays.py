@@ -1,14 +1,8 @@
-"""Where to put the thresholds of play operators.
-
-Loops over play operators.
+"""Play operators: loops over them, and where to put their thresholds.
 
 A play of threshold ``r`` follows its input once the slack is used up::
 
     F[k] = max(u[k] - r, min(u[k] + r, F[k - 1]))
-
-The comparisons are written as ``a if a > b else b``, the form that compiles to packed
-``vmaxpd``/``vminpd`` without relaxed arithmetic. The thresholds of :func:`play_tangents` ascend, so
-the plays that move at one sample are always the first ones.
 """
 
 import numpy as np
@@ -16,12 +10,23 @@ import numpy as np
 from .._jit import jit
 
 __all__ = [
+    "clip_play",
     "play_basis",
     "play_tangents",
     "play_thresholds",
     "stop_basis",
     "turning_points",
 ]
+
+
+@jit
+def clip_play(play, low, high):
+    """Return a play that the ends of its slack have moved.
+
+    The comparisons compile to packed ``vminpd`` and ``vmaxpd`` without relaxed arithmetic.
+    """
+    play = high if high < play else play
+    return low if low > play else play
 
 
 @jit
@@ -32,11 +37,7 @@ def play_basis(u, thresholds, plays, out):
         value = u[i]
         row = out[i]
         for k in range(thresholds.size):
-            low = value - thresholds[k]
-            high = value + thresholds[k]
-            play = before[k]
-            play = high if high < play else play
-            row[k] = low if low > play else play
+            row[k] = clip_play(before[k], value - thresholds[k], value + thresholds[k])
         before = row
     for k in range(thresholds.size):
         plays[k] = before[k]
@@ -50,11 +51,7 @@ def stop_basis(u, thresholds, plays, out):
         value = u[i]
         row = out[i]
         for k in range(n_plays):
-            low = value - thresholds[k]
-            high = value + thresholds[k]
-            play = plays[k]
-            play = high if high < play else play
-            play = low if low > play else play
+            play = clip_play(plays[k], value - thresholds[k], value + thresholds[k])
             plays[k] = play
             row[k] = value - play
 
@@ -65,8 +62,8 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
 
     The first ``m`` columns are the tangents ``du`` (n, m) carried through, then the K plays (the
     derivatives with respect to the weights), a one (intercept) and the derivative with respect to
-    an offset subtracted from ``u``. ``cumulative`` (K + 1,) holds ``w_0 + ... + w_{k-1}``, and
-    ``plays`` (K,) the state, updated.
+    an offset subtracted from ``u``. ``thresholds`` (K,) ascend, ``cumulative`` (K + 1,) holds
+    ``w_0 + ... + w_{k-1}``, and ``plays`` (K,) the state, updated.
 
     A play that moves takes over the tangent of ``u``; one that sticks keeps the one it took last.
     Plays that moved last at the same sample are neighbours: they form a block, and the blocks
@@ -89,9 +86,7 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
         for k in range(n_plays):
             low = value - thresholds[k]
             high = value + thresholds[k]
-            play = plays[k]
-            play = high if high < play else play
-            play = low if low > play else play
+            play = clip_play(plays[k], low, high)
             plays[k] = play
             row[m + k] = play
             count += (play == low) | (play == high)

@@ -12,6 +12,8 @@ __all__ = ["PlayOperators", "StopOperators"]
 
 
 class _OperatorBasis(RecordTransformer):
+    """Base of both: ``_kernel``, ``_label`` and ``_first``, the number of the first threshold."""
+
     _parameter_constraints = {
         **RecordTransformer._parameter_constraints,
         "n_operators": [Interval(Integral, 1, None, closed="left")],
@@ -22,10 +24,11 @@ class _OperatorBasis(RecordTransformer):
 
     def _fit_records(self, X, records):
         if self.thresholds is None:
-            rows = [
-                self._spaced([X[record.rows, column] for record in records])
-                for column in self.columns_
-            ]
+            number = self.n_operators + self._first
+            rows = []
+            for column in self.columns_:
+                drives = [X[record.rows, column] for record in records]
+                rows.append(play_thresholds(drives, number, self.spacing)[self._first :])
         else:
             thresholds = np.array(self.thresholds, dtype=float)
             if thresholds.ndim != 1 or thresholds.size == 0 or not np.all(thresholds >= 0.0):
@@ -65,7 +68,8 @@ class PlayOperators(_OperatorBasis):
 
     .. math:: F_r[u](t) = \max(u(t) - r, \min(u(t) + r, F_r[u](t^-)))
 
-    Each record starts with a first loading from zero to its first value, where a play stands at
+    (thesis on Prandtl-Ishlinskii cascades, equations (3.2) to (3.6)). Each record starts with a
+    first loading from zero to its first value, where a play stands at
     ``max(u - r, min(u + r, 0))``. A linear model behind it is a Prandtl-Ishlinskii model, any other
     regressor a static map of hysteresis memory.
 
@@ -92,14 +96,6 @@ class PlayOperators(_OperatorBasis):
     n_features_in_ : int
         Number of columns of ``X``.
 
-    See Also
-    --------
-    StopOperators : What the plays leave of the drive.
-
-    References
-    ----------
-    Thesis on Prandtl-Ishlinskii cascades, equations (3.2) to (3.6).
-
     Examples
     --------
     >>> import numpy as np
@@ -113,6 +109,7 @@ class PlayOperators(_OperatorBasis):
 
     _kernel = staticmethod(play_basis)
     _label = "play"
+    _first = 0
 
     def __init__(
         self, n_operators=20, *, thresholds=None, spacing="grid", include_drive=False, columns=0
@@ -123,12 +120,11 @@ class PlayOperators(_OperatorBasis):
         self.include_drive = include_drive
         self.columns = columns
 
-    def _spaced(self, drive):
-        return play_thresholds(drive, self.n_operators, self.spacing)
-
 
 class StopOperators(_OperatorBasis):
     r"""Stop operators of the drive: ``E_r[u] = u - F_r[u]``, an elastic element that yields at r.
+
+    ``F_r`` is a play, see :class:`PlayOperators`.
 
     Parameters
     ----------
@@ -146,20 +142,8 @@ class StopOperators(_OperatorBasis):
 
     Attributes
     ----------
-    thresholds_ : ndarray of shape (n_columns, n_operators)
-        Thresholds of each column in its unit.
-    columns_ : tuple of int
-        Positions of the columns.
-    n_features_in_ : int
-        Number of columns of ``X``.
-
-    See Also
-    --------
-    PlayOperators : The plays, and the state at the start of a record.
-
-    References
-    ----------
-    Thesis on Prandtl-Ishlinskii cascades, equation (3.4), for the play.
+    thresholds_, columns_, n_features_in_
+        As those of :class:`PlayOperators`.
 
     Examples
     --------
@@ -174,6 +158,7 @@ class StopOperators(_OperatorBasis):
 
     _kernel = staticmethod(stop_basis)
     _label = "stop"
+    _first = 1
 
     def __init__(
         self, n_operators=20, *, thresholds=None, spacing="grid", include_drive=True, columns=0
@@ -183,6 +168,3 @@ class StopOperators(_OperatorBasis):
         self.spacing = spacing
         self.include_drive = include_drive
         self.columns = columns
-
-    def _spaced(self, drive):
-        return play_thresholds(drive, self.n_operators + 1, self.spacing)[1:]

@@ -1,15 +1,11 @@
 """Memoryless curves, to stand in a cascade."""
 
-from ._curves import DeadBand, DeadZones, Saturation, SmoothCurve
-from ._monotone_dead_zones import MonotoneDeadZoneOperator
+from ._base import StaticOperator
+from ._dead_band import DeadBand, DeadBandOperator
+from ._dead_zones import DeadZoneOperator, DeadZones, MonotoneDeadZoneOperator
+from ._saturation import Saturation, SaturationOperator
+from ._smooth_curve import PolynomialCurveOperator, SmoothCurve
 from ._soft_saturation import SoftSaturation, SoftSaturationOperator
-from ._static import (
-    DeadBandOperator,
-    DeadZoneOperator,
-    PolynomialCurveOperator,
-    SaturationOperator,
-    StaticOperator,
-)
 
 __all__ = [
     "DeadBand",

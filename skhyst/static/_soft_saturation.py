@@ -1,25 +1,18 @@
-"""Saturation with a rounded knee.
-
-Saturation with a rounded knee.
-"""
+"""Saturation with a rounded knee: ``y = c + v / (1 + |v / L|^n)^(1 / n)``, ``v = u - c``."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
 
-from .._sklearn import StrOptions
-from ..base import ParametricModel
 from ..operators import parameter
-from ._curves import limits_of_drive
-from ._static import StaticOperator
+from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
-__all__ = [
-    "SoftSaturation",
-    "SoftSaturationOperator",
-]
+__all__ = ["SoftSaturation", "SoftSaturationOperator"]
 
 _BROADEST, _SHARPEST = 0.3, 50.0  # knee
+_LEVELS = (0.5, 0.8, 1.3)  # to start from, of the largest distance from the centre
+_KNEES = (1.0, 2.0, 4.0)
 _LEAST = np.finfo(float).tiny
 
 
@@ -86,12 +79,7 @@ class SoftSaturationOperator(StaticOperator):
         return self.center + drive
 
 
-_LEVELS = (0.5, 0.8, 1.3)  # of the largest distance from the centre
-_KNEES = (1.0, 2.0, 4.0)
-_SIDES = {"both": 0, "lower": -1, "upper": 1}
-
-
-class SoftSaturation(ParametricModel):
+class SoftSaturation(SaturationModel):
     r"""Saturation with a rounded knee, as of a magnetic core or an amplifier.
 
     .. math:: y = c + \frac{v}{(1 + |v / L|^n)^{1/n}}, \qquad v = u - c
@@ -135,9 +123,7 @@ class SoftSaturation(ParametricModel):
     """
 
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
-        "sides": [StrOptions(set(_SIDES))],
-        "rank": [StrOptions({"drive", "sensor"})],
+        **SaturationModel._parameter_constraints,
         "fit_center": ["boolean"],
     }
 
@@ -158,24 +144,16 @@ class SoftSaturation(ParametricModel):
         self.dt = dt
         self.method = method
 
-    @property
-    def series_rank(self):
-        return 0 if self.rank == "drive" else 50
-
     def held_parameters(self):
         return frozenset() if self.fit_center else frozenset({"center"})
 
     def starting_values(self, records):
-        low, high = limits_of_drive(records)
+        low, high = range_of_drive(records)
         center = 0.5 * (low + high) if self.fit_center else 0.0
         reach = max(high - center, center - low) or 1.0
+        fixed = center, sum(SIDES[self.sides]), self.series_rank
         return [
-            (
-                SoftSaturationOperator(
-                    part * reach, n, center, _SIDES[self.sides], self.series_rank
-                ),
-                (),
-            )
+            SoftSaturationOperator(part * reach, knee, *fixed)
             for part in _LEVELS
-            for n in _KNEES
+            for knee in _KNEES
         ]

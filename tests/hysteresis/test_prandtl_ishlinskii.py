@@ -1,20 +1,25 @@
-import dataclasses
+"""Plays and stops: definition, memory, work, inverse, recovery of plants."""
+
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
 
-from skhyst.hysteresis import PlayMemory, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import PlayMemory, PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.preprocessing import StopOperators
 
 signals = arrays(float, st.integers(2, 60), elements=st.floats(-100, 100, width=32))
-VIRGIN = PlayMemory(np.empty(0), 0.0)
+FORMS = pytest.mark.parametrize("form", ["play", "stop"])
 
 
 @st.composite
-def operators(draw, lowest=0.0, first=None):
+def operators(draw, form="play", lowest=0.0, first=None):
     size = draw(st.integers(1, 12))
     gaps = draw(arrays(float, size, elements=st.floats(0.01, 20)))
     gaps[0] = draw(st.floats(0, 5)) if first is None else first
@@ -23,6 +28,7 @@ def operators(draw, lowest=0.0, first=None):
         draw(arrays(float, size, elements=st.floats(lowest, 10))),
         intercept=draw(st.floats(-50, 50)),
         drive_offset=draw(st.floats(-20, 20)),
+        form=form,
     )
 
 
@@ -30,145 +36,102 @@ def run(operator, u, state=None):
     return operator.run(u, 1.0, state)[0]
 
 
-def play_sum(operator, u):
-    v = np.asarray(u) - operator.drive_offset
-    plays, y = np.zeros(operator.thresholds.size), []
+def play_values(thresholds, v):
+    """Return the plays of a signal by their definition, (n_samples, n_plays)."""
+    plays, rows = np.zeros(len(thresholds)), []
     for value in v:
-        plays = np.maximum(
-            value - operator.thresholds, np.minimum(value + operator.thresholds, plays)
-        )
-        y.append(operator.intercept + operator.weights @ plays)
-    return np.array(y)
+        plays = np.maximum(value - thresholds, np.minimum(value + thresholds, plays))
+        rows.append(plays)
+    return np.array(rows)
+
+
+def by_definition(operator, u):
+    v, r = np.asarray(u)[:, None] - operator.drive_offset, operator.thresholds
+    parts = play_values(r, v[:, 0])
+    if operator.form == "stop":
+        parts = np.where(r > 0.0, v - parts, v)
+    return operator.intercept + parts @ operator.weights
+
+
+def scale_of(operator, u):
+    return np.abs(operator.weights).sum() * (np.abs(u).max() + 20) + abs(operator.intercept)
 
 
 def example(n_plays=12, **options):
     rng = np.random.default_rng(0)
-    return PrandtlIshlinskiiOperator(
-        np.linspace(0.0, 1.5, n_plays), rng.random(n_plays) + 0.1, 0.7, -0.2, **options
-    )
+    weights = rng.random(n_plays) + 0.1
+    return PrandtlIshlinskiiOperator(np.linspace(0.0, 1.5, n_plays), weights, 0.7, -0.2, **options)
 
 
-def close(a, b, range_=None, tolerance=1e-12):
-    range_ = max(np.ptp(b), np.abs(b).max(), 1e-300) if range_ is None else range_
-    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * range_)
+def close(a, b, scale=None, tolerance=1e-12):
+    scale = max(np.ptp(b), np.abs(b).max(), 1e-300) if scale is None else scale
+    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * scale)
 
 
-# Theorems of the operator
+# Definition
 
 
+@FORMS
 @settings(deadline=None, max_examples=100)
-@given(operators(lowest=-10.0), signals)
-def test_equals_the_sum_of_plays(operator, u):
-    scale = np.abs(operator.weights).sum() * (np.abs(u).max() + 120)
-    close(run(operator, u), play_sum(operator, u), scale)
+@given(st.data(), signals)
+def test_equals_the_sum_of_plays_or_stops(form, data, u):
+    operator = data.draw(operators(form, lowest=-10.0))
+    close(run(operator, u), by_definition(operator, u), scale_of(operator, u))
 
 
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals, st.integers(0, 2**32 - 1))
-def test_rate_independence(operator, u, seed):
-    # Repeated samples, and samples on the way from one to the next, change nothing.
-    rng = np.random.default_rng(seed)
-    time = np.arange(u.size, dtype=float)
-    extra = np.sort(rng.random(2 * u.size) * (u.size - 1))
-    warped = np.sort(np.concatenate((time, time, extra)))
-    slow = np.interp(warped, time, u)
-    rows = np.searchsorted(warped, time)
-    assert slow.size > 2 * u.size
-    close(run(operator, slow)[rows], run(operator, u), 1e4)
+THRESHOLDS = {
+    "one": np.array([0.0]),
+    "one_positive": np.array([0.7]),
+    "even": np.linspace(0.0, 2.0, 25),
+    "crowded": np.append(0.0, np.geomspace(1e-9, 2.0, 60)),
+    "crowded_far": 2.0 - np.geomspace(1.0, 1e-9, 60),
+    "repeated": np.array([0.0, 0.5, 0.5, 0.5, 1.0, 1.0]),
+    "all_zero": np.zeros(3),
+    "tiny": np.linspace(0.0, 1e-305, 4),
+}
+DRIVES = {
+    "noise": np.random.default_rng(4).standard_normal(4000),
+    "walk": 0.1 * np.cumsum(np.random.default_rng(5).standard_normal(4000)),
+    "decay": 3.0 * np.cos(2.5 * np.arange(4000)) * np.linspace(1.0, 0.0, 4000),
+    "growth": 3.0 * np.cos(2.5 * np.arange(4000)) * np.linspace(0.0, 1.0, 4000),
+    "steps": np.round(np.random.default_rng(6).standard_normal(4000)),
+}
+EVERY_GRID = pytest.mark.parametrize("grid", THRESHOLDS)
 
 
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals, signals)
-def test_wiping_out(operator, u, loop):
-    # An excursion that stays within the last branch's range leaves no trace beyond its ends.
-    low, high = -101.0, 101.0
-    inner = np.clip(loop, low, high)
-    direct = np.concatenate((u, [high, low, high, low], u))
-    detour = np.concatenate((u, [high, low], inner, [high, low], u))
-    close(run(operator, detour)[-u.size :], run(operator, direct)[-u.size :], 1e4)
+def on_grid(grid):
+    weights = np.random.default_rng(3).random(THRESHOLDS[grid].size) + 0.1
+    return PrandtlIshlinskiiOperator(THRESHOLDS[grid], weights, -1.0, 0.3)
 
 
-def test_a_wiped_loop_is_forgotten_by_the_state():
-    operator = example()
-    _, short = operator.run([0.0, 4.0, -3.0, 3.5], 1.0)
-    _, long = operator.run([0.0, 4.0, -3.0, 2.0, -1.0, 1.0, 3.5], 1.0)
-    np.testing.assert_array_equal(short.turning_points, long.turning_points)
-    assert short.last == long.last
+@EVERY_GRID
+@pytest.mark.parametrize("drive", DRIVES)
+def test_thresholds_of_all_kinds(grid, drive):
+    """A long run is the sum of plays, and chunks of it equal the whole to the bit."""
+    operator, u = on_grid(grid), DRIVES[drive]
+    y, end = operator.run(u, 1.0)
+    close(y, by_definition(operator, u), np.ptp(y))
+    parts, state = [], operator.init(0.3)
+    for start in range(0, u.size, 7):
+        part, state = operator.run(u[start : start + 7], 1.0, state)
+        parts.append(part)
+    np.testing.assert_array_equal(np.concatenate(parts), y)
+    np.testing.assert_array_equal(state.turning_points, end.turning_points)
+    assert state.last == end.last
 
 
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals, signals, st.floats(-40, 0), st.floats(1, 40))
-def test_congruency(operator, first, second, low, width):
-    # Loops between the same two values have one shape, whatever came before.
-    loop = np.concatenate((np.linspace(low, low + width, 9), np.linspace(low + width, low, 9)))
-    shapes = []
-    for history in (first, second):
-        y = run(operator, np.concatenate((history, loop, loop)))[-loop.size :]
-        shapes.append(y - y[0])
-    close(shapes[0], shapes[1], 1e4)
-
-
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals)
-def test_odd_symmetry(operator, u):
-    centre = dataclasses.replace(operator, drive_offset=0.0)
-    np.testing.assert_array_equal(
-        run(centre, -u) - centre.intercept,
-        run(dataclasses.replace(centre, intercept=-centre.intercept), u) * -1 - centre.intercept,
-    )
-
-
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals)
-def test_monotone_branches(operator, u):
-    y = run(operator, u)
-    assert np.all(np.diff(y) * np.sign(np.diff(u)) >= -1e-10)
-
-
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals)
-def test_order_is_preserved(operator, u):
-    assert np.all(run(operator, u + 0.5) >= run(operator, u) - 1e-10)
-
-
-@settings(deadline=None, max_examples=50)
-@given(
-    arrays(float, st.integers(2, 12), elements=st.integers(-9, 9).map(float)),
-    st.lists(st.integers(1, 80), min_size=1, max_size=8, unique=True).map(sorted),
-    st.integers(0, 2**32 - 1),
-)
-def test_dissipation(u, quarters, seed):
-    # A play of half-width r takes the work w r each time it moves by 1. It moves at least from one
-    # end of the loop to the other and back. All kinks lie on the grid of samples, so the trapezoid
-    # is exact.
-    thresholds = np.array(quarters) / 4.0
-    weights = np.random.default_rng(seed).random(thresholds.size) + 0.1
-    operator = PrandtlIshlinskiiOperator(thresholds, weights)
-    period = np.append(u, u[0])
-    steps = np.concatenate([[u[0]], *map(straight, period[:-1], period[1:])])
-    y = run(operator, np.concatenate((steps, steps, steps)))[-steps.size :]
-    work = np.trapezoid(steps, y)
-    least = 2.0 * weights * thresholds * np.maximum(np.ptp(u) - 2.0 * thresholds, 0.0)
-    assert work >= least.sum() - 1e-9
-
-
-def straight(start, stop):
-    return start + np.sign(stop - start) * 0.25 * np.arange(1, 4 * abs(stop - start) + 1)
-
-
-def test_loop_area_of_one_play():
-    operator = PrandtlIshlinskiiOperator([0.5], [2.0])
-    u = np.array([0.0, 3.0, 2.0, -3.0, -2.0, 3.0])
-    area = np.trapezoid(u[1:], run(operator, u)[1:])
-    # Parallelogram: width 2 r, height w (2 A - 2 r).
-    assert area == pytest.approx(2 * 0.5 * 2.0 * (6.0 - 1.0), rel=1e-12)
-
-
-def test_no_weight_beyond_the_excursion_matters():
-    u = np.sin(np.linspace(0.0, 20.0, 300))
-    full = PrandtlIshlinskiiOperator([0.0, 0.5, 1.0, 7.0], [1.0, 2.0, 3.0, 4.0])
-    used = PrandtlIshlinskiiOperator([0.0, 0.5], [1.0, 2.0])
-    np.testing.assert_allclose(run(full, u), run(used, u), rtol=0, atol=1e-14)
+@EVERY_GRID
+def test_excursions_that_end_at_a_threshold(grid):
+    """From a turning point, as on the first loading, each play gives one dead zone."""
+    operator = on_grid(grid)
+    r, w = operator.thresholds, operator.weights
+    ends = np.concatenate((r, np.nextafter(r, np.inf), np.nextafter(r, 0.0), [1e3, 0.4]))
+    for end in ends:
+        expected = w @ np.maximum(end - r, 0.0)
+        y = run(operator, 0.3 + np.array([end, -5.0, -5.0 + 2.0 * end, 5.0, 5.0 - 2.0 * end]))
+        assert y[0] == pytest.approx(expected - 1.0, rel=1e-13)
+        if end < 5.0:
+            np.testing.assert_allclose([y[2] - y[1], y[3] - y[4]], 2.0 * expected, atol=1e-12)
 
 
 def test_excursion_to_a_threshold_and_just_beyond():
@@ -178,186 +141,150 @@ def test_excursion_to_a_threshold_and_just_beyond():
     np.testing.assert_allclose(y, [0.5, 6.0, 33.75, 32.75, 21.75, -33.75], rtol=0, atol=1e-13)
 
 
-# State
+def test_without_a_spring_of_threshold_zero_the_force_saturates():
+    operator = PrandtlIshlinskiiOperator([0.5, 1.0], [2.0, 3.0], form="stop")
+    y = run(operator, np.array([0.0, 0.25, 0.75, 50.0, 1e6]))
+    np.testing.assert_allclose(y, [0.0, 1.25, 3.25, 4.0, 4.0], rtol=1e-9)
 
 
-@settings(deadline=None, max_examples=50)
-@given(operators(), signals, st.integers(0, 60))
-def test_chunks_equal_the_whole(operator, u, cut):
-    whole, end = operator.run(u, 1.0)
-    first, state = operator.run(u[:1], 1.0)
-    second, state = operator.run(u[1 : 1 + cut], 1.0, state)
-    third, state = operator.run(u[1 + cut :], 1.0, state)
-    np.testing.assert_array_equal(np.concatenate((first, second, third)), whole)
-    np.testing.assert_array_equal(state.turning_points, end.turning_points)
-    assert state.last == end.last
+# Memory
 
 
-def test_steps_equal_the_run():
-    operator, u = example(), np.random.default_rng(1).standard_normal(50)
-    state, y = operator.init(u[0]), []
-    for value in u:
-        state, output = operator.step(state, value, 1.0)
-        y.append(output)
-    np.testing.assert_array_equal(y, run(operator, u))
+@EVERY_GRID
+def test_memory_of_a_long_decay_stays_bounded_and_forgets_no_play(grid):
+    operator = on_grid(grid)
+    u = 0.3 + 3.0 * (-1.0) ** np.arange(20_000) * np.linspace(1.0, 0.0, 20_000)
+    _, state = operator.run(u, 1.0)
+    assert state.turning_points.size <= 4 * operator.thresholds.size + 16
+    expected = play_values(operator.thresholds, u - 0.3)[-1]
+    np.testing.assert_allclose(operator.plays(state), expected, rtol=0, atol=1e-15)
 
 
-def test_state_passed_in_is_left_alone():
-    operator = example()
-    _, state = operator.run([0.0, 3.0, -2.0, 1.0], 1.0)
-    before = state.turning_points.copy()
-    operator.run([5.0, -5.0, 4.0], 1.0, state)
-    np.testing.assert_array_equal(state.turning_points, before)
-    assert state.last == pytest.approx(1.2)
-
-
-@pytest.mark.parametrize("initial_state", ["rest", "zero"])
-def test_first_loading(initial_state):
-    operator, u0 = example(), 1.3
-    y = run(operator, [u0], operator.init(u0, initial_state))
-    expected = operator.intercept + operator.weights @ np.maximum(1.5 - operator.thresholds, 0.0)
-    assert y[0] == pytest.approx(expected, rel=1e-14)
-
-
-def test_rest_remembers_the_first_loading():
-    operator = example()
-    y = run(operator, [0.0], operator.init(2.0, "rest"))
-    assert y[0] == pytest.approx(run(operator, [2.0, 0.0])[1], rel=1e-14)
-    assert y[0] != pytest.approx(run(operator, [0.0], operator.init(2.0, "zero"))[0], rel=1e-3)
-
-
-def test_no_samples():
-    operator = example()
-    y, state = operator.run([], 1.0)
-    assert y.shape == (0,)
-    assert run(operator, [operator.drive_offset], state)[0] == operator.intercept
-    y, dy = operator.linearize(np.empty(0), np.empty((0, 2)), 1.0)
-    assert dy.shape == (0, 16)
-
-
-def test_a_state_from_more_plays_is_accepted():
-    # More turning points than an operator of one play needs.
+def test_a_state_from_more_plays_is_accepted_and_a_broken_one_is_cut():
     u = 2.0 * (-1.0) ** np.arange(200) * np.linspace(1.0, 0.1, 200)
     _, state = example(100).run(u, 1.0)
+    assert state.turning_points.size > 20
     small = PrandtlIshlinskiiOperator([0.3], [1.0], drive_offset=-0.2)
     after = np.array([1.5, -1.5])
-    assert state.turning_points.size > 20
     close(run(small, after, state), run(small, np.append(u, after))[-2:])
+    broken, nested = np.array([3.0, -2.0, 1.0, -2.5]), np.array([3.0, -2.0, 1.0])
+    found, expected = (run(small, after, PlayMemory(p, 0.0)) for p in (broken, nested))
+    np.testing.assert_array_equal(found, expected)
 
 
+@EVERY_GRID
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_stay_harmless(grid, value):
+    operator, u = on_grid(grid), np.random.default_rng(6).standard_normal(500)
+    clean = run(operator, u[:100])
+    u[100::50] = value
+    y, state = operator.run(u, 1.0)
+    np.testing.assert_array_equal(y[:100], clean)
+    assert state.turning_points.size <= 4 * operator.thresholds.size + 16
+
+
+def test_first_loading_is_remembered_at_rest_only():
+    operator = example()
+    expected = operator.intercept + operator.weights @ np.maximum(1.5 - operator.thresholds, 0.0)
+    for initial_state in ("rest", "zero"):
+        y = run(operator, [1.3], operator.init(1.3, initial_state))
+        assert y[0] == pytest.approx(expected, rel=1e-14)
+    rest, zero = (run(operator, [0.0], operator.init(2.0, name))[0] for name in ("rest", "zero"))
+    assert rest == pytest.approx(run(operator, [2.0, 0.0])[1], rel=1e-14)
+    assert rest != pytest.approx(zero, rel=1e-3)
+
+
+@FORMS
 @settings(deadline=None, max_examples=50)
-@given(operators(), signals, signals)
-def test_plays_and_state_are_the_same_memory(operator, u, after):
+@given(st.data(), signals, signals)
+def test_plays_and_state_are_the_same_memory(form, data, u, after):
+    operator = data.draw(operators(form))
     _, state = operator.run(u, 1.0)
     plays = operator.plays(state)
-    v = u - operator.drive_offset
-    expected = np.zeros(plays.size)
-    for value in v:
-        expected = np.clip(expected, value - operator.thresholds, value + operator.thresholds)
-    np.testing.assert_allclose(plays, expected, rtol=0, atol=1e-12)
+    close(plays, play_values(operator.thresholds, u - operator.drive_offset)[-1], 1.0)
     again = operator.state_from_plays(plays, u[-1])
-    np.testing.assert_allclose(operator.plays(again), plays, rtol=0, atol=1e-12)
+    assert isinstance(again, PlayMemory)
+    close(operator.plays(again), plays, 1.0)
     close(run(operator, after, again), run(operator, after, state), 1e4)
 
 
-def test_plays_that_cannot_be_reached():
+@pytest.mark.parametrize("plays", [[0.0, 1.5], [0.5, 0.5], [0.0]])
+def test_plays_that_cannot_be_reached(plays):
     operator = PrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 1.0])
     with pytest.raises(ValueError, match=r"'plays' parameter .* reachable"):
-        operator.state_from_plays([0.0, 1.5], 0.0)
-    with pytest.raises(ValueError, match=r"'plays' parameter .* reachable"):
-        operator.state_from_plays([0.5, 0.5], 0.0)
-    with pytest.raises(ValueError, match=r"'plays' parameter .* reachable"):
-        operator.state_from_plays([0.0], 0.0)
-
-
-# Derivatives
-
-
-@pytest.mark.parametrize("initial_state", ["rest", "zero"])
-@pytest.mark.parametrize("m", [0, 1, 3])
-def test_linearize_against_central_differences(m, initial_state):
-    rng = np.random.default_rng(5)
-    operator = example(non_negative=False)
-    u = np.cumsum(rng.standard_normal(400)) * 0.3 + 0.5
-    du = rng.standard_normal((400, m)) if m else np.empty((400, 0))
-    y, dy = operator.linearize(u, du, 1.0, initial_state)
-    np.testing.assert_array_equal(y, run(operator, u, operator.init(u[0], initial_state)))
-    assert dy.shape == (400, m + operator.n_parameters)
-    assert dy.flags.c_contiguous
-    h, vector = 1e-6, operator.pack()
-
-    def output(parameters, drive):
-        changed = operator.unpack(parameters)
-        return run(changed, drive, changed.init(drive[0], initial_state))
-
-    for j in range(m):
-        numeric = output(vector, u + h * du[:, j]) - output(vector, u - h * du[:, j])
-        np.testing.assert_allclose(dy[:, j], numeric / (2 * h), rtol=1e-6, atol=1e-6)
-    for j, step in enumerate(h * np.eye(vector.size)):
-        numeric = output(vector + step, u) - output(vector - step, u)
-        np.testing.assert_allclose(dy[:, m + j], numeric / (2 * h), rtol=1e-6, atol=1e-6)
+        operator.state_from_plays(plays, 0.0)
 
 
 def test_stuck_plays_hold_their_tangent():
     operator = PrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 10.0])
     u = np.array([3.0, 2.0, 1.5, 0.0])
-    du = np.array([[1.0], [2.0], [3.0], [4.0]])
-    _, dy = operator.linearize(u, du, 1.0)
+    _, dy = operator.linearize(u, np.array([[1.0], [2.0], [3.0], [4.0]]), 1.0)
     # The second play moves at first, sticks twice, and moves again.
     np.testing.assert_array_equal(dy[:, 0], [11.0, 12.0, 13.0, 44.0])
     np.testing.assert_array_equal(dy[:, 1:3], [[3, 2], [2, 2], [1.5, 2], [0, 1]])
 
 
-def test_pack_and_unpack():
-    operator = example(3)
-    vector = operator.pack()
-    np.testing.assert_array_equal(vector, [*operator.weights, 0.7, -0.2])
-    changed = operator.unpack(vector + 1.0)
-    np.testing.assert_array_equal(changed.pack(), vector + 1.0)
-    np.testing.assert_array_equal(changed.thresholds, operator.thresholds)
-    np.testing.assert_array_equal(operator.pack(), vector)
+# Work
 
 
-@pytest.mark.parametrize(("non_negative", "lower"), [(True, 0.0), (False, -np.inf)])
-def test_bound_of_the_weights(non_negative, lower):
-    specs = example(non_negative=non_negative).parameter_specs()
-    assert list(specs) == ["weights", "intercept", "drive_offset"]
-    assert specs["weights"].lower == lower
-    assert specs["weights"].linear
-    assert specs["intercept"].linear
-    assert not specs["drive_offset"].linear
+@FORMS
+@settings(deadline=None, max_examples=50)
+@given(
+    st.data(),
+    arrays(float, st.integers(2, 12), elements=st.integers(-9, 9).map(float)),
+    st.lists(st.integers(1, 80), min_size=1, max_size=8, unique=True).map(sorted),
+)
+def test_work_of_a_closed_loop(form, data, u, quarters):
+    """An element takes the work w r each time its play moves by 1.
+
+    It moves at least from one end of the loop to the other and back. All kinks lie on the grid of
+    samples, so the trapezoid is exact.
+    """
+    thresholds = np.array(quarters) / 4.0
+    weights = data.draw(arrays(float, thresholds.size, elements=st.floats(0.1, 1.1)))
+    operator = PrandtlIshlinskiiOperator(thresholds, weights, form=form)
+    steps = [
+        a + np.sign(b - a) * 0.25 * np.arange(4 * abs(b - a) + 1)
+        for a, b in pairwise(np.append(u, u[0]))
+    ]
+    path = np.concatenate(steps)
+    y = run(operator, np.concatenate((path, path, path)))[-path.size :]
+    work = np.trapezoid(path, y) if form == "play" else np.trapezoid(y, path)
+    least = 2.0 * weights * thresholds * np.maximum(np.ptp(u) - 2.0 * thresholds, 0.0)
+    assert work >= least.sum() - 1e-9
+
+
+@FORMS
+def test_loop_area_of_one_element(form):
+    """A parallelogram: of a play 2 r wide and w (2 A - 2 r) high, of a stop the other way round."""
+    operator = PrandtlIshlinskiiOperator([0.5], [2.0], form=form)
+    u = np.array([0.0, 3.0, 2.0, -3.0, -2.0, 3.0])
+    y = run(operator, u)
+    area = np.trapezoid(u[1:], y[1:]) if form == "play" else np.trapezoid(y[1:], u[1:])
+    assert area == pytest.approx(2 * 0.5 * 2.0 * (6.0 - 1.0), rel=1e-12)
 
 
 # Inverse
 
 
+@FORMS
 @settings(deadline=None, max_examples=100)
-@given(operators(lowest=0.05, first=0.0), signals)
-def test_inverse_of_forward_is_the_identity(operator, u):
+@given(st.data(), signals, signals)
+def test_inverse_undoes_the_model(form, data, u, history):
+    operator = data.draw(operators(form, lowest=0.05, first=0.0))
     assume(np.ptp(u) > 0.1)
-    close(run(operator.inverse(), run(operator, u)), u, tolerance=1e-12)
-
-
-@settings(deadline=None, max_examples=100)
-@given(operators(lowest=0.05, first=0.0), signals)
-def test_forward_of_inverse_is_the_identity(operator, y):
-    scale = np.abs(y).max() + abs(operator.intercept) + operator.weights.sum()
-    close(run(operator, run(operator.inverse(), y)), y, scale)
-
-
-@settings(deadline=None, max_examples=50)
-@given(operators(lowest=0.05, first=0.0), signals, signals)
-def test_inverse_with_a_history(operator, history, u):
-    _, state = operator.run(history, 1.0)
-    y = run(operator, u, state)
     inverse = operator.inverse()
-    close(run(inverse, y, operator.inverse_state(state)), u, 100.0)
-
-
-@settings(deadline=None, max_examples=50)
-@given(operators(lowest=0.05, first=0.0), signals)
-def test_inverse_twice_is_the_operator(operator, u):
-    close(run(operator.inverse().inverse(), u), run(operator, u), tolerance=1e-11)
+    y, state = run(operator, u), operator.run(history, 1.0)[1]
+    after, state_of_inverse = run(operator, u, state), operator.inverse_state(state)
+    if form == "play":
+        scales = None, np.abs(u).max() + abs(operator.intercept) + operator.weights.sum(), 100.0
+    else:  # the more springs yield, the softer what is left
+        softest = operator.weights.sum() / operator.weights[0]
+        scales = (softest * (120 + scale_of(operator, u)),) * 3
+    close(run(inverse, y), u, scales[0])
+    close(run(operator, run(inverse, u)), u, scales[1])
+    close(run(inverse, after, state_of_inverse), u, scales[2])
+    close(run(inverse.inverse(), u), y, scales[0], 1e-11)
 
 
 def test_inverse_with_negative_weights():
@@ -373,87 +300,109 @@ def test_analytic_inverse_agrees_with_bisection():
     low, high = -10.0, 10.0
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if run(operator, np.append(history, middle))[-1] < target:
-            low = middle
-        else:
-            high = middle
+        below = run(operator, np.append(history, middle))[-1] < target
+        low, high = (middle, high) if below else (low, middle)
     response = np.append(run(operator, history), target)
     assert run(operator.inverse(), response)[-1] == pytest.approx(middle, rel=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("thresholds", "weights"),
-    [([0.1, 1.0], [1.0, 1.0]), ([0.0, 1.0], [0.0, 1.0]), ([0.0, 1.0], [1.0, -1.0])],
+    ("form", "thresholds", "weights"),
+    [
+        ("play", [0.1, 1.0], [1.0, 1.0]),
+        ("play", [0.0, 1.0], [0.0, 1.0]),
+        ("play", [0.0, 1.0], [1.0, -1.0]),
+        ("stop", [0.2, 0.5, 0.7], [0.1, 0.2, 0.3]),
+        ("stop", [0.2, 0.5, 0.7], [0.7, 0.1, 0.1]),
+    ],
 )
-def test_no_inverse(thresholds, weights):
-    with pytest.raises(ValueError, match="strictly monotone"):
-        PrandtlIshlinskiiOperator(thresholds, weights).inverse()
+def test_no_inverse(form, thresholds, weights):
+    needs = "springs of positive sum left" if form == "stop" else "positive sums"
+    with pytest.raises(ValueError, match=f"{needs} .*strictly monotone"):
+        PrandtlIshlinskiiOperator(thresholds, weights, form=form).inverse()
 
 
-# Units, arrays, errors
+def test_form_is_checked():
+    with pytest.raises(ValueError, match="'form' parameter of PrandtlIshlinskiiOperator"):
+        PrandtlIshlinskiiOperator([0.0], [1.0], form="stops")
+    with pytest.raises(ValueError, match="'form' parameter of PrandtlIshlinskii"):
+        PrandtlIshlinskii(form="spring").fit(np.zeros((5, 1)), np.zeros(5))
 
 
-@pytest.mark.parametrize("drive_unit", [1e-150, 1e-9, 1.0, 1e9, 1e150])
-@pytest.mark.parametrize("response_unit", [1e-100, 1.0, 1e100])
-def test_unit_equivariance(drive_unit, response_unit):
-    operator, u = example(), np.random.default_rng(7).standard_normal(500)
-    other = PrandtlIshlinskiiOperator(
-        operator.thresholds * drive_unit,
-        operator.weights * (response_unit / drive_unit),
-        operator.intercept * response_unit,
-        operator.drive_offset * drive_unit,
+# Estimator
+
+
+def springs(u, thresholds, weights, intercept):
+    """Force of springs in parallel, each behind a slider that yields at its threshold."""
+    force, total, last = np.zeros(len(thresholds) - 1), [], 0.0
+    for value in u:
+        force = np.clip(force + (value - last), -thresholds[1:], thresholds[1:])
+        last = value
+        total.append(intercept + weights[0] * value + weights[1:] @ force)
+    return np.array(total)
+
+
+def displacements(u, thresholds, weights, intercept):
+    return intercept + play_values(thresholds, u) @ weights
+
+
+@FORMS
+def test_recovery_and_standard_errors(form):
+    """Weights of plants that are summed here come back, with standard errors that are true."""
+    plant = springs if form == "stop" else displacements
+    covered, errors = [], []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        unit = 10.0 ** rng.uniform(-6, 6)
+        u = np.cumsum(rng.normal(size=1500)) / 8.0
+        thresholds = np.array([0.0, 0.15, 0.35, 0.6]) * np.ptp(u) / 2.0
+        truth = np.append(rng.uniform(0.3, 1.0, 4), 0.4)
+        clean = plant(u, thresholds, truth[:4], 0.4)
+        noise = 0.005 * np.ptp(clean) * rng.normal(size=u.size)
+        model = PrandtlIshlinskii(thresholds=thresholds, form=form)
+        model.fit(u[:, None], unit * (clean + noise))
+        errors.append(model.fit_error_ / (unit * np.sqrt(np.mean(noise**2))))
+        assert np.std(model.predict(u[:, None]) / unit - clean) < 0.2 * np.std(noise)
+        assert list(model.params_) == [*(f"weights[{k}]" for k in range(4)), "intercept"]
+        found, std = (np.array(list(p.values())) for p in (model.params_, model.params_std_))
+        covered += list(np.abs(found - unit * truth) < 1.96 * std)
+    assert max(errors) < 1.02
+    assert 0.90 <= np.mean(covered) <= 0.99
+
+
+THESE = np.array([0.0, 0.2, 0.5, 0.9])
+
+
+@pytest.fixture
+def force():
+    """Springs that are moved to and fro: displacement, as a column, and force."""
+    turns = np.random.default_rng(3).uniform(0.3, 1.0, 16) * (-1.0) ** np.arange(16) * 2.0
+    u = np.interp(np.arange(1500), np.linspace(0, 1499, 17), np.append(0.0, turns))
+    return u.reshape(-1, 1), springs(u, THESE, np.array([0.3, 1.0, 1.0, 1.0]), 0.2)
+
+
+def test_free_weights_of_either_form_give_one_linear_model(force):
+    X, y = force
+    y = np.tanh(y) + 0.1 * np.random.default_rng(4).normal(size=len(y))
+    plays, stops = (
+        PrandtlIshlinskii(thresholds=THESE, form=form, non_negative=False).fit(X, y)
+        for form in ("play", "stop")
     )
-    y = run(operator, u) * response_unit
-    close(run(other, u * drive_unit), y)
-    close(run(other.inverse(), y), u * drive_unit, 3.0 * drive_unit)
-    du = np.random.default_rng(8).standard_normal((500, 2))
-    _, dy = operator.linearize(u, du, 1.0)
-    _, other_dy = other.linearize(u * drive_unit, du * drive_unit, 1.0)
-    # The rounded drive may land on the other side of a kink, but not often.
-    different = np.abs(other_dy[:, 0] - dy[:, 0] * response_unit) > 1e-9 * response_unit
-    assert different.mean() < 0.01
+    plain = make_pipeline(StopOperators(thresholds=THESE[1:]), LinearRegression()).fit(X, y)
+    np.testing.assert_allclose(stops.predict(X), plain.predict(X), atol=1e-8)
+    np.testing.assert_allclose(stops.predict(X), plays.predict(X), atol=1e-8)
+    np.testing.assert_allclose(stops.weights_[1:], -plays.weights_[1:], atol=1e-6)
 
 
-def test_inputs_are_left_alone_and_may_be_read_only():
-    thresholds, weights = np.array([0.0, 0.5]), np.array([1.0, 2.0])
-    u, du = np.random.default_rng(9).standard_normal((2, 100))
-    du = du.reshape(-1, 1)
-    for array in (thresholds, weights, u, du):
-        array.flags.writeable = False
-    operator = PrandtlIshlinskiiOperator(thresholds, weights)
-    expected = run(PrandtlIshlinskiiOperator([0.0, 0.5], [1.0, 2.0]), u.copy())
-    np.testing.assert_array_equal(run(operator, u), expected)
-    y, _ = operator.linearize(u, du, 1.0)
-    np.testing.assert_array_equal(y, expected)
-    strided = np.repeat(u, 2)[::2]
-    np.testing.assert_array_equal(run(operator, strided), expected)
-    np.testing.assert_array_equal(run(operator, list(u)), expected)
+def test_a_force_needs_stops(force):
+    X, y = force
+    error = {form: PrandtlIshlinskii(form=form).fit(X, y).fit_error_ for form in ("play", "stop")}
+    assert error["stop"] < 0.03 * error["play"]
 
 
-def test_operator_does_not_share_arrays():
-    thresholds, weights = np.array([0.0, 0.5]), np.array([1.0, 2.0])
-    operator = PrandtlIshlinskiiOperator(thresholds, weights)
-    weights[:] = thresholds[:] = 9.0
-    assert run(operator, [1.0])[0] == 2.0
-    with pytest.raises(ValueError, match="read-only"):
-        operator.weights[0] = 3.0
-
-
-def test_pickle():
-    operator, u = example(non_negative=False), np.random.default_rng(10).standard_normal(100)
-    y, state = operator.run(u, 1.0)
-    again, state_again = pickle.loads(pickle.dumps((operator, state)))
-    assert not again.non_negative
-    np.testing.assert_array_equal(run(again, u), y)
-    np.testing.assert_array_equal(run(again, u, state_again), run(operator, u, state))
-
-
-@pytest.mark.parametrize("thresholds", [[], [-1.0, 0.0], [1.0, 0.5], [0.0, np.nan], [[0.0, 1.0]]])
-def test_thresholds_are_checked(thresholds):
-    with pytest.raises(ValueError, match="'thresholds' parameter of PrandtlIshlinskiiOperator"):
-        PrandtlIshlinskiiOperator(thresholds, np.ones(np.size(thresholds)))
-
-
-def test_weights_are_checked():
-    with pytest.raises(ValueError, match="one value for each of the 2 thresholds"):
-        PrandtlIshlinskiiOperator([0.0, 1.0], [1.0])
+def test_inverse_predict_after_pickling(force):
+    X, y = force
+    model = PrandtlIshlinskii(thresholds=THESE, form="stop").fit(X, y)
+    model = pickle.loads(pickle.dumps(model))
+    response = model.predict(X).reshape(-1, 1)
+    close(model.inverse_predict(response), X[:, 0], 11.0 * np.ptp(X))

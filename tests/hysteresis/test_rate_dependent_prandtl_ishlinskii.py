@@ -1,19 +1,187 @@
-"""Plays that follow the rate of the drive: recovery, inverse, what the rate does."""
+"""Plays that follow the rate of the drive: definition, loops, inverse, recovery of plants."""
 
 import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from skhyst.hysteresis import PrandtlIshlinskii, RateDependentPrandtlIshlinskii
+from skhyst.hysteresis import (
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+    RateDependentPrandtlIshlinskii,
+    RateDependentPrandtlIshlinskiiOperator,
+)
 
 DT = 1e-3
-R = np.array([0.0, 0.4, 0.9, 1.6])
+R, W, S = np.array([0.0, 0.4, 0.9, 1.6]), np.array([1.0, 0.5, 0.4, 0.3]), np.array([3, -2, 1, 2])
 VARIANTS = pytest.mark.parametrize("variant", ["threshold", "slope"])
+signals = arrays(float, st.integers(2, 80), elements=st.floats(-5, 5))
+
+
+def make(variant):
+    if variant == "threshold":
+        return RateDependentPrandtlIshlinskiiOperator(R, W, (), 0.3, 4e-3)
+    return RateDependentPrandtlIshlinskiiOperator(R, W, 1e-3 * S, 0.3)
+
+
+def by_definition(u, dt, weights, rate_weights, intercept, dilation):
+    """The plays' differential inclusion, in fine steps, the threshold moving along."""
+    plays, last, slack, y = np.zeros(R.size), u[0], R, []
+    for value in u:
+        rate = abs(value - last) / dt
+        goal = R + dilation * rate * (R > 0.0)
+        for part in np.linspace(0.0, 1.0, 5):
+            v, r = last + part * (value - last), slack + part * (goal - slack)
+            plays = np.maximum(v - r, np.minimum(v + r, plays))
+        last, slack = value, goal
+        y.append(intercept + (weights + rate_weights * rate) @ plays)
+    return np.array(y)
+
+
+# Operator
+
+
+@VARIANTS
+@settings(deadline=None, max_examples=30)
+@given(u=signals, speed=st.floats(1e-3, 1e2))
+def test_follows_its_definition(variant, u, speed):
+    operator = make(variant)
+    rate_weights = operator.rate_weights if variant == "slope" else np.zeros(4)
+    expected = by_definition(u, DT / speed, W, rate_weights, 0.3, operator.dilation)
+    found, _ = operator.run(u, DT / speed)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * (1 + np.abs(expected).max()))
+
+
+@settings(deadline=None, max_examples=30)
+@given(u=signals)
+def test_without_rate_it_is_the_plain_model(u):
+    expected, _ = PrandtlIshlinskiiOperator(R, W, 0.3).run(u, 1.0)
+    for variant in ("threshold", "slope"):
+        np.testing.assert_allclose(make(variant).run(u, 1e12)[0], expected, rtol=0, atol=1e-10)
+    plain = RateDependentPrandtlIshlinskiiOperator(R, W, intercept=0.3)
+    np.testing.assert_allclose(plain.run(u, DT)[0], expected, rtol=0, atol=1e-12)
+    assert [name for name, _ in plain.entries()][-1] == "intercept"
+
+
+def triangle(rate, periods=3, n=4000):
+    """A triangular wave between -4 and 4 whose rate has one size."""
+    time = np.arange(periods * n + 1) / n
+    return 4.0 - 8.0 * np.abs(2.0 * (time % 1.0) - 1.0), 16.0 / rate / n
+
+
+@pytest.mark.parametrize("rate", [0.5, 20.0, 80.0])
+def test_width_of_a_loop_grows_with_the_rate(rate):
+    operator = RateDependentPrandtlIshlinskiiOperator([0.0, 0.4], [0.0, 1.0], dilation=4e-3)
+    u, dt = triangle(rate)
+    y, _ = operator.run(u, dt)
+    rows = slice(-4000, None)
+    up = np.interp(0.0, y[rows][:2000], u[rows][:2000])
+    down = np.interp(0.0, y[rows][:1999:-1], u[rows][:1999:-1])
+    assert up - down == pytest.approx(2.0 * (0.4 + 4e-3 * rate), rel=1e-9)
+
+
+def test_area_of_a_loop_grows_with_the_rate():
+    areas = []
+    for rate in (1.0, 10.0, 50.0):
+        u, dt = triangle(rate)
+        y, _ = make("threshold").run(u, dt)
+        areas.append(np.trapezoid(u[-4001:], y[-4001:]))
+    assert 0.0 < areas[0] < areas[1] < areas[2]
+
+
+@settings(deadline=None, max_examples=40)
+@given(u=signals, speed=st.floats(1e-2, 1e3))
+def test_dissipation(u, speed):
+    """Whatever the rate, a play moves only against its slack: ``(u - F) dF`` is not negative."""
+    operator = RateDependentPrandtlIshlinskiiOperator([0.4], [1.0], dilation=4e-3)
+    play, _ = operator.run(u, DT / speed)
+    assert np.all((u[1:] - play[1:]) * np.diff(play) >= -1e-12)
+
+
+@pytest.mark.parametrize("rate_weights", [(), 0.1 * W, -0.02 * W])
+@pytest.mark.parametrize("dilation", [0.0, 0.3, 5.0])
+def test_inverse_at_known_rates(dilation, rate_weights):
+    operator = RateDependentPrandtlIshlinskiiOperator(R, W, rate_weights, 0.3, dilation)
+    u = np.cumsum(np.random.default_rng(0).normal(size=600)) * 0.3 + 0.3
+    y, _ = operator.run(u, 1.0)
+    rates, tolerance = np.abs(np.diff(u, prepend=u[0])), 1e-12 * np.ptp(u)
+    np.testing.assert_allclose(operator.drive_at_rates(y, rates), u, rtol=0, atol=tolerance)
+    _, (plays, _) = operator.run(u[:200], 1.0)
+    rest = operator.drive_at_rates(y[200:], rates[200:], plays)
+    np.testing.assert_allclose(rest, u[200:], rtol=0, atol=tolerance)
+
+
+@VARIANTS
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_inverse_without_the_rates(variant, initial_state):
+    """What is left is a small part of what the inverse of the plain model leaves."""
+    operator = make(variant)
+    time = DT * np.arange(3000)
+    u = 4.0 * np.sin(2 * np.pi * 1.5 * time) * np.cos(0.8 * time)
+    y, _ = operator.run(u, DT, operator.init(u[0], initial_state))
+    errors = []
+    for drive in (
+        operator.inverse_run(y, DT, initial_state),
+        operator.drive_at_rates(y, np.zeros(y.size)),
+    ):
+        back, _ = operator.run(drive, DT, operator.init(drive[0], initial_state))
+        errors.append(np.sqrt(np.mean((back - y) ** 2)))
+    assert errors[0] < 0.1 * errors[1]
+    assert errors[0] < 1e-3 * np.ptp(y)
+
+
+def test_inverse_is_exact_where_steps_of_time_are_long():
+    operator = make("threshold")
+    u = np.cumsum(np.random.default_rng(3).normal(size=300))
+    y, _ = operator.run(u, 0.2)
+    np.testing.assert_allclose(operator.inverse_run(y, 0.2), u, atol=1e-6 * np.ptp(u))
+
+
+@pytest.mark.parametrize(
+    ("thresholds", "weights", "rate_weights", "rate"),
+    [
+        ([0.1, 1.0], [1.0, 1.0], (), 0.0),
+        ([0.0, 1.0], [0.0, 1.0], (), 0.0),
+        ([0.0, 1.0], [1.0, 1.0], [-0.1, 0.0], 11.0),
+    ],
+)
+def test_no_inverse(thresholds, weights, rate_weights, rate):
+    operator = RateDependentPrandtlIshlinskiiOperator(thresholds, weights, rate_weights)
+    with pytest.raises(ValueError, match="strictly monotone"):
+        operator.drive_at_rates(np.zeros(3), np.full(3, rate))
+
+
+@pytest.mark.parametrize("drive_unit", [1e-9, 1e9])
+@pytest.mark.parametrize("time_unit", [1e-6, 1e6])
+@VARIANTS
+def test_units_of_the_operator(variant, drive_unit, time_unit):
+    operator = make(variant)
+    other = RateDependentPrandtlIshlinskiiOperator(
+        R * drive_unit,
+        W / drive_unit,
+        operator.rate_weights * time_unit / drive_unit**2,
+        0.3,
+        operator.dilation * time_unit,
+    )
+    u = np.cumsum(np.random.default_rng(4).normal(size=300)) * 0.1
+    expected, _ = operator.run(u, DT)
+    found, _ = other.run(u * drive_unit, DT * time_unit)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.ptp(expected))
+
+
+def test_number_of_rate_weights_is_checked():
+    with pytest.raises(ValueError, match=r"'rate_weights' parameter .* 2 thresholds"):
+        RateDependentPrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 1.0], [1.0])
+
+
+# Estimator
 
 
 class Plant:
-    """Random plays; the differential inclusion in fine steps, the threshold moving along."""
+    """Random plays under a sweep."""
 
     def __init__(self, seed, variant, n=2500):
         rng = np.random.default_rng(seed)
@@ -23,16 +191,8 @@ class Plant:
         self.weights, self.intercept = rng.uniform(0.3, 1.0, 4), rng.uniform(-2, 2)
         self.dilation = rng.uniform(2e-3, 8e-3) * (variant == "threshold")
         self.rate_weights = rng.uniform(-2e-3, 2e-3, 4) * (variant == "slope")
-        state, last, slack, y = np.zeros(4), self.u[0], R, []
-        for value in self.u:
-            rate = abs(value - last) / DT
-            goal = R + self.dilation * rate * (R > 0)
-            for part in (0.25, 0.5, 0.75, 1.0):
-                v, r = last + part * (value - last), slack + part * (goal - slack)
-                state = np.maximum(v - r, np.minimum(v + r, state))
-            last, slack = value, goal
-            y.append((self.weights + self.rate_weights * rate) @ state)
-        self.y = np.array(y) + self.intercept
+        constants = self.weights, self.rate_weights, self.intercept, self.dilation
+        self.y = by_definition(self.u, DT, *constants)
         self.noise = 0.005 * self.y.std() * rng.normal(size=n)
         self.X = self.u.reshape(-1, 1)
 
@@ -100,7 +260,7 @@ def test_data_without_rate_dependence():
 
 
 @VARIANTS
-def test_units(variant):
+def test_units_of_the_model(variant):
     plant = Plant(4, variant)
     noisy = plant.y + plant.noise
     model = RateDependentPrandtlIshlinskii(6, variant=variant, dt=DT).fit(plant.X, noisy)

@@ -5,13 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skhyst.hysteresis import (
-    BacklashOperator,
-    PrandtlIshlinskiiOperator,
-    SlewLimitOperator,
-    _backlash,
-    _slew_limit,
-)
+from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskiiOperator, SlewLimitOperator
 from skhyst.static import DeadBandOperator
 
 DT = 0.01
@@ -59,20 +53,3 @@ def test_slew_limit_solves_its_law(u, part):
     # the plain steps are late by less than one of them
     np.testing.assert_allclose(exact, slow[::fine], atol=3.0 * np.abs(np.diff(u)).max() / fine)
     assert np.abs(np.diff(exact)).max() <= rate * DT * (1 + 1e-12)
-
-
-def test_compiled_equals_plain(u):
-    du = np.random.default_rng(3).normal(size=(len(u), 2))
-    for compiled, arguments in (
-        (_backlash.backlash_tangents, (0.2, 0.1)),
-        (_slew_limit.slew_limit_tangents, (0.3, np.ones(2), 0.1)),
-    ):
-        results = []
-        for function in (compiled, compiled.py_func):
-            out, dout, tangent = np.empty(len(u)), np.empty((len(u), 3)), np.ones(3)
-            if compiled is _backlash.backlash_tangents:
-                function(u, du, *arguments, tangent, out, dout)
-            else:
-                function(u, du, *arguments, tangent, 4.0, DT, out, dout)
-            results.append(np.column_stack([out, dout]))
-        np.testing.assert_allclose(*results, rtol=1e-12)

@@ -1,11 +1,16 @@
-"""Memoryless operators: their formulas, and what is identified."""
+"""Clipping and smooth curves: their formulas, and what is identified."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skhyst.static import DeadZoneOperator, PolynomialCurveOperator, SaturationOperator
+from skhyst.static import (
+    DeadBandOperator,
+    DeadZoneOperator,
+    PolynomialCurveOperator,
+    SaturationOperator,
+)
 
 V = np.linspace(-3.0, 3.0, 241)
 
@@ -36,19 +41,7 @@ def test_infinite_level_is_no_parameter(operator, names):
     assert curve(operator.unpack(operator.pack())) == pytest.approx(curve(operator))
 
 
-def test_dead_zones_by_their_formula():
-    operator = DeadZoneOperator(
-        np.array([0.5, -0.3, 0.2]), np.array([0.4, -0.2, -1.0]), np.array([1, -1, -1])
-    )
-    expected = V + 0.5 * np.maximum(V - 0.4, 0.0)
-    expected += -0.3 * np.minimum(V + 0.2, 0.0) + 0.2 * np.minimum(V + 1.0, 0.0)
-    np.testing.assert_allclose(curve(operator), expected, atol=1e-14)
-
-
-def test_no_weight_is_the_identity():
-    np.testing.assert_array_equal(
-        curve(DeadZoneOperator(np.zeros(2), np.array([0.0, 1.0]), np.array([1, -1]))), V
-    )
+def test_no_coefficient_is_the_identity():
     np.testing.assert_array_equal(curve(PolynomialCurveOperator(np.zeros(3), 0.3, 1.1)), V)
 
 
@@ -76,11 +69,12 @@ def test_curve_is_legendre_inside_and_its_tangent_outside(coefficients, center, 
     "operator",
     [
         SaturationOperator(-1.0, 0.5),
+        DeadBandOperator(0.4, 0.1),
         DeadZoneOperator(np.array([0.5]), np.array([0.4]), np.array([1])),
         PolynomialCurveOperator(np.array([0.2, 0.1]), 0.1, 1.0),
     ],
 )
-def test_order_of_samples_does_not_matter(operator):
+def test_no_curve_has_memory(operator):
     order = np.random.default_rng(0).permutation(len(V))
     np.testing.assert_array_equal(curve(operator, V[order]), curve(operator)[order])
     assert operator.init(3.0) == ()

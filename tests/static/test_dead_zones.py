@@ -1,4 +1,4 @@
-"""Dead zones by their slopes, and their inverse."""
+"""Dead zones by their weights and by their slopes, and the inverse of these."""
 
 import numpy as np
 import pytest
@@ -26,6 +26,15 @@ def run(operator, v):
     return operator.run(v, 1.0)[0]
 
 
+def test_weights_by_their_formula():
+    v, weights = np.linspace(-3.0, 3.0, 241), np.array([0.5, -0.3, 0.2])
+    operator = DeadZoneOperator(weights, np.array([0.4, -0.2, -1.0]), np.array([1, -1, -1]))
+    expected = v + 0.5 * np.maximum(v - 0.4, 0.0)
+    expected += -0.3 * np.minimum(v + 0.2, 0.0) + 0.2 * np.minimum(v + 1.0, 0.0)
+    np.testing.assert_allclose(run(operator, v), expected, atol=1e-14)
+    np.testing.assert_array_equal(run(operator.unpack(np.zeros(6)), v), v)
+
+
 @settings(deadline=None, max_examples=80)
 @given(curves(), values)
 def test_equals_the_dead_zones(curve, v):
@@ -46,14 +55,9 @@ def test_inverse_is_the_identity(curve, v):
 
 @settings(deadline=None, max_examples=40)
 @given(curves(), values)
-def test_strictly_monotone(curve, v):
+def test_strictly_monotone_and_the_sum_of_its_parts(curve, v):
     v = np.unique(np.round(v, 3))
     assert np.all(np.diff(run(curve, v)) >= 0.04 * np.diff(v))
-
-
-@settings(deadline=None, max_examples=40)
-@given(curves(), values)
-def test_parts_add_up(curve, v):
     centre, parts = curve.parts(v)
     np.testing.assert_allclose(centre + parts.sum(axis=1), v, rtol=0, atol=1e-10)
 

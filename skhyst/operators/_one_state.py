@@ -1,0 +1,157 @@
+"""Operators of one state: a law is a step, and loops, derivatives and protocol are the same.
+
+The loops of this file are compiled for each law as a copy whose global name ``step`` is the step
+of that law. So the compiler sees one plain loop, nothing is called through a pointer, and the
+machine code is cached with the file of the law, as if the loop had been written there.
+"""
+
+from abc import abstractmethod
+from types import FunctionType
+
+import numpy as np
+
+from .._jit import jit
+from ._protocol import Operator, as_signal
+
+__all__ = ["OneStateOperator"]
+
+
+def step(x, u0, u1, dt, values):
+    """Stand for the step of a law, see :class:`OneStateOperator`."""
+    raise NotImplementedError
+
+
+def run(u, x, last, dt, values, y):
+    """Write the output to ``y`` (n,) and return the last state; ``last`` is the drive before."""
+    for k in range(u.size):
+        x, y[k], _, _ = step(x, last, u[k], dt, values)
+        last = u[k]
+    return x
+
+
+def tangents(u, du, x, dx, last, dlast, dt, values, y, dy):
+    """Write the output (n,) and its tangents (n, m + p): those of ``du``, by the p parameters.
+
+    ``dx`` (m + s,), the tangents of a state that s parameters act on, and ``dlast`` (m,), those of
+    the last drive, are overwritten.
+    """
+    m = du.shape[1]
+    for k in range(u.size):
+        x, y[k], state_by, output_by = step(x, last, u[k], dt, values)
+        last = u[k]
+        for q in range(m):
+            x_q, from_q, to_q = dx[q], dlast[q], du[k, q]
+            dlast[q] = to_q
+            dx[q] = state_by[0] * x_q + state_by[1] * from_q + state_by[2] * to_q
+            dy[k, q] = output_by[0] * x_q + output_by[1] * from_q + output_by[2] * to_q
+        for q in range(len(state_by) - 3):
+            x_q = dx[m + q]
+            dx[m + q] = state_by[0] * x_q + state_by[3 + q]
+            dy[k, m + q] = output_by[0] * x_q + output_by[3 + q]
+        for q in range(len(state_by) - 3, len(output_by) - 3):
+            dy[k, m + q] = output_by[3 + q]
+
+
+def bind(loop, law):
+    """Compile a copy of a loop with ``law`` for its step, in the cache of the law's file."""
+    place = law.__code__
+    code = loop.__code__.replace(co_filename=place.co_filename, co_firstlineno=place.co_firstlineno)
+    bound = FunctionType(code, {**loop.__globals__, "step": law})
+    bound.__module__ = law.__module__
+    bound.__name__ = bound.__qualname__ = f"{law.__name__}_{loop.__name__}"
+    return jit(bound)
+
+
+class OneStateOperator(Operator):
+    """Base of the operators with one number for a state, beside the last drive.
+
+    A subclass is a frozen dataclass whose parameters are all single numbers. It names its law,
+    ``class MyOperator(OneStateOperator, step=my_step)``, a function of numbers in the subset of
+    Python that Numba compiles::
+
+        my_step(x, u0, u1, dt, values) -> x1, y, x1_by, y_by
+
+    It takes the state ``x`` over the straight line of the drive from ``u0`` to ``u1`` to the state
+    ``x1`` and the output ``y``. ``values`` is the tuple of the parameters in the order of ``pack``
+    and then of the fields that ``structure`` names. ``x1_by`` and ``y_by`` are the tuples of the
+    derivatives by ``x``, ``u0``, ``u1`` and the parameters; the former ends with the last parameter
+    that the state depends on.
+
+    Attributes
+    ----------
+    structure : tuple of str
+        Further fields that the step reads, all numbers; none by default.
+
+    Notes
+    -----
+    The state is the tuple ``(x, last drive)``, in ``"zero"`` both are zero. ``"rest"`` is the step
+    from there to the first sample, as suits a law that does not depend on the rate; others say in
+    ``_rest`` where they rest.
+
+    Examples
+    --------
+    A ratchet that goes up with the drive and never down, behind a gain:
+
+    >>> from dataclasses import dataclass
+    >>> from skhyst.operators import OneStateOperator, parameter
+    >>> def ratchet(x, u0, u1, dt, values):
+    ...     (gain,) = values
+    ...     if u1 > x:
+    ...         return u1, gain * u1, (0.0, 0.0, 1.0), (0.0, 0.0, gain, u1)
+    ...     return x, gain * x, (1.0, 0.0, 0.0), (gain, 0.0, 0.0, x)
+    >>> @dataclass(frozen=True)
+    ... class RatchetOperator(OneStateOperator, step=ratchet):
+    ...     gain: float = parameter(linear=True)
+    >>> RatchetOperator(2.0).run([1.0, 3.0, 2.0, 4.0], dt=1.0)[0]
+    array([2., 6., 6., 8.])
+    """
+
+    structure = ()
+
+    def __init_subclass__(cls, step=None, **options):
+        super().__init_subclass__(**options)
+        if step is not None:
+            law = jit(step, inline=True)
+            cls._law = staticmethod(law)
+            cls._run, cls._tangents = (staticmethod(bind(loop, law)) for loop in (run, tangents))
+
+    @staticmethod
+    @abstractmethod
+    def _law(x, u0, u1, dt, values):
+        """Step: what the subclass was given."""
+
+    def _values(self):
+        names = (*self.parameter_specs(), *self.structure)
+        return tuple(float(getattr(self, name)) for name in names)
+
+    def _rest(self, u0):
+        """Return the state at rest at ``u0`` and its derivatives by u0 and the parameters."""
+        x, _, by, _ = self._law(0.0, 0.0, u0, 1.0, self._values())
+        return x, by[2:]
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample ``u0``; see :meth:`Operator.init`."""
+        return (self._rest(float(u0))[0], float(u0)) if initial_state == "rest" else (0.0, 0.0)
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        x, last = self.init(u[0] if u.size else 0.0) if state is None else state
+        y = np.empty(u.size)
+        x = self._run(u, x, last, float(dt), self._values(), y)
+        return y, (x, float(u[-1]) if u.size else last)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+        u, du = as_signal(u), as_signal(du)
+        m, first = du.shape[1], float(u[0]) if u.size else 0.0
+        x, (by_first, *by) = self._rest(first)
+        dx, dlast = np.zeros(m + len(by)), np.zeros(m)
+        if initial_state == "zero":
+            x = first = 0.0
+        elif u.size:
+            dlast[:] = du[0]
+            dx[:m], dx[m:] = by_first * dlast, by
+        y, dy = np.empty(u.size), np.empty((u.size, m + self.n_parameters))
+        self._tangents(u, du, x, dx, first, dlast, float(dt), self._values(), y, dy)
+        return y, dy

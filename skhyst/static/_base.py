@@ -1,0 +1,51 @@
+"""What the memoryless curves share."""
+
+import numpy as np
+
+from .._sklearn import StrOptions
+from ..base import ParametricModel
+from ..operators import Operator
+
+__all__ = ["SIDES", "SaturationModel", "StaticOperator", "range_of_drive"]
+
+SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
+
+
+class StaticOperator(Operator):
+    """Base of the memoryless operators; a subclass gives ``_evaluate``."""
+
+    rank = 40
+
+    def _evaluate(self, v):
+        """Return the curve (n,), its slope (n,) and its parameter derivatives (n, n_parameters)."""
+        raise NotImplementedError
+
+    def init(self, u0, initial_state="rest"):
+        return ()
+
+    def run(self, u, dt, state=None):
+        return self._evaluate(np.asarray(u, dtype=float))[0], ()
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        y, slope, own = self._evaluate(u)
+        return y, np.concatenate([du * slope[:, None], own], axis=1)
+
+
+class SaturationModel(ParametricModel):
+    """Base of the saturations: parameters ``sides`` and ``rank``."""
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "sides": [StrOptions(set(SIDES))],
+        "rank": [StrOptions({"drive", "sensor"})],
+    }
+
+    @property
+    def series_rank(self):
+        return 0 if self.rank == "drive" else 50
+
+
+def range_of_drive(records):
+    """Return the smallest and the largest value of the drive in all records."""
+    drives = [record.u for record in records]
+    return float(min(map(np.min, drives))), float(max(map(np.max, drives)))

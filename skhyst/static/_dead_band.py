@@ -1,0 +1,74 @@
+"""No response within a band: ``y = u - min(max(u, a), b)``."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base import ParametricModel
+from ..operators import parameter
+from ._base import StaticOperator, range_of_drive
+
+__all__ = ["DeadBand", "DeadBandOperator"]
+
+_PARTS = (0.01, 0.03, 0.08, 0.2)  # half width over the drive's range, to start from
+
+
+@dataclass(frozen=True)
+class DeadBandOperator(StaticOperator):
+    """No response within a band: ``y = v - clip(v, center - half_width, center + half_width)``."""
+
+    half_width: float = parameter(log=True, lower=0.0, unit="drive")
+    center: float = parameter(unit="drive", default=0.0)
+    rank: int = 0
+
+    def _evaluate(self, v):
+        distance = v - self.center
+        side = np.sign(distance) * (np.abs(distance) > self.half_width)
+        slope = np.abs(side)
+        return slope * distance - side * self.half_width, slope, np.stack([-side, -slope], axis=1)
+
+
+class DeadBand(ParametricModel):
+    r"""No response within a band around a level: the dead zone of a valve or of a stage.
+
+    .. math:: y = \max(u - b, 0) + \min(u - a, 0)
+
+    It has no gain: put a model that has one behind it in a :class:`~skhyst.compose.Cascade`.
+
+    Parameters
+    ----------
+    initial_state, dt, method
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : DeadBandOperator
+        ``center`` (a + b) / 2 and ``half_width`` (b - a) / 2, units of the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import DeadBand
+    >>> u = np.linspace(-1, 1, 201)
+    >>> y = np.maximum(u - 0.3, 0.0) + np.minimum(u + 0.1, 0.0)
+    >>> model = DeadBand().fit(u.reshape(-1, 1), y)
+    >>> round(model.operator_.center, 6), round(model.operator_.half_width, 6)
+    (0.1, 0.2)
+    """
+
+    operator_class = DeadBandOperator
+    _any_interval = True
+
+    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    def starting_values(self, records):
+        low, high = range_of_drive(records)
+        centers = {0.0, 0.5 * (low + high)} if low < 0.0 < high else {0.5 * (low + high)}
+        return [
+            DeadBandOperator(part * (high - low) or 1.0, center)
+            for center in sorted(centers)
+            for part in _PARTS
+        ]

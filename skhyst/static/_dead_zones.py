@@ -1,0 +1,202 @@
+r"""One-sided dead zones: ``y = v + sum_j w_j D_j(v)``.
+
+``D_j(v) = max(v - t_j, 0)`` on the upper side, ``min(v - t_j, 0)`` on the lower one (Kuhnen 2003,
+section 4; thesis section 3.2). The operator of the estimator has weights and thresholds as
+parameters. The monotone one has the slopes instead: from one threshold to the next the curve is
+straight, and its slope is one plus the weights of the dead zones that are open. With positive
+slopes, which are simple bounds, it is strictly monotone and has an exact inverse.
+"""
+
+from dataclasses import dataclass, replace
+from numbers import Integral
+
+import numpy as np
+
+from .._sklearn import Interval, StrOptions
+from ..base import ParametricModel
+from ..operators import parameter
+from ._base import SIDES, StaticOperator, range_of_drive
+
+__all__ = ["DeadZoneOperator", "DeadZones", "MonotoneDeadZoneOperator"]
+
+_FLATTEST = 1e-3  # slope of the curve, response over response; below it an inverse is of no use
+
+
+@dataclass(frozen=True)
+class DeadZoneOperator(StaticOperator):
+    """Superposition of one-sided dead zones.
+
+    ``y = v + sum_j weights_j D_j(v)`` with ``D_j(v) = max(v - thresholds_j, 0)`` where ``side`` is
+    +1 and ``min(v - thresholds_j, 0)`` where it is -1.
+    """
+
+    weights: np.ndarray = parameter(linear=True)
+    thresholds: np.ndarray = parameter(unit="response")
+    side: np.ndarray
+    rank: int = 20
+
+    def _evaluate(self, v):
+        distance = v[:, None] - self.thresholds
+        active = (distance * self.side > 0.0).astype(float)
+        zones = distance * active
+        return (
+            v + zones @ self.weights,
+            1.0 + active @ self.weights,
+            np.concatenate([zones, -active * self.weights], axis=1),
+        )
+
+
+@dataclass(frozen=True)
+class MonotoneDeadZoneOperator(StaticOperator):
+    """Superposition of one-sided dead zones of positive slopes (Kuhnen 2003, section 4).
+
+    The curve is straight from one threshold to the next, of slope one between the two thresholds of
+    the centre. The slopes, not the weights, are the parameters.
+
+    Parameters
+    ----------
+    slopes : ndarray of shape (n_zones,)
+        Slope on the far side of each threshold, seen from the centre. Bounded below by 0.001 when
+        they are identified.
+    thresholds : ndarray of shape (n_zones,)
+        Ascending, units of the response. Fixed structure.
+    n_lower : int
+        Number of thresholds below the centre.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import MonotoneDeadZoneOperator
+    >>> curve = MonotoneDeadZoneOperator(np.array([2.0, 0.5]), np.array([-1.0, 1.0]), n_lower=1)
+    >>> y, _ = curve.run([-3.0, 0.0, 3.0], dt=1.0)
+    >>> y
+    array([-5.,  0.,  2.])
+    >>> curve.inverse().run(y, dt=1.0)[0]
+    array([-3.,  0.,  3.])
+    """
+
+    slopes: np.ndarray = parameter(linear=True, lower=_FLATTEST)
+    thresholds: np.ndarray
+    n_lower: int
+
+    rank = 20
+
+    @property
+    def side(self):
+        """Side to which each dead zone opens, -1 or +1, shape (n_zones,)."""
+        return np.where(np.arange(np.size(self.thresholds)) < self.n_lower, -1, 1)
+
+    @property
+    def weights(self):
+        """Weights of the dead zones, as those of a ``DeadZoneOperator``, shape (n_zones,)."""
+        below, above = np.split(np.asarray(self.slopes, dtype=float), [self.n_lower])
+        return np.concatenate([-np.diff(below, append=1.0), np.diff(above, prepend=1.0)])
+
+    def parts(self, v):
+        """Return the centre's part of ``v`` (n,) and what lies behind each threshold (n, n_zones).
+
+        Their sum is ``v``; weighted by the slopes, it is the output.
+        """
+        t, k = np.asarray(self.thresholds, dtype=float), self.n_lower
+        gaps = np.diff(t, prepend=-np.inf, append=np.inf)
+        low = np.concatenate([-gaps[:k], np.zeros(t.size - k)])
+        high = np.concatenate([np.zeros(k), gaps[k + 1 :]])
+        ends = np.concatenate([[-np.inf], t, [np.inf]])[k : k + 2]
+        return np.clip(v, *ends), np.clip(v[:, None] - t, low, high)
+
+    def _segments(self):
+        """Return the slope of each segment (n_zones + 1,) and the output at each threshold."""
+        slopes = np.insert(np.asarray(self.slopes, dtype=float), self.n_lower, 1.0)
+        levels = np.append(0.0, np.cumsum(np.diff(self.thresholds) * slopes[1:-1]))
+        centre = max(self.n_lower - 1, 0)
+        return slopes, levels + (self.thresholds[centre] - levels[centre])
+
+    def run(self, u, dt, state=None):
+        """Map a signal of shape (n_samples,); see :meth:`Operator.run`."""
+        v, t = np.asarray(u, dtype=float), self.thresholds
+        slopes, levels = self._segments()
+        y = np.interp(v, t, levels)
+        y += slopes[0] * np.minimum(v - t[0], 0.0) + slopes[-1] * np.maximum(v - t[-1], 0.0)
+        return y, ()
+
+    def _evaluate(self, v):
+        slopes, _ = self._segments()
+        _, parts = self.parts(v)
+        return self.run(v, 1.0)[0], slopes[np.searchsorted(self.thresholds, v)], parts
+
+    def inverse(self):
+        """Return the exact inverse, an operator of the same kind.
+
+        Raises
+        ------
+        ValueError
+            If a slope is not positive.
+        """
+        if not np.all(np.asarray(self.slopes) > 0.0):
+            raise ValueError(
+                "MonotoneDeadZoneOperator.inverse needs positive slopes: the curve must be "
+                f"strictly monotone. Got slopes={self.slopes!r} instead."
+            )
+        _, thresholds = self._segments()
+        return replace(self, slopes=1.0 / np.asarray(self.slopes), thresholds=thresholds)
+
+
+class DeadZones(ParametricModel):
+    r"""Superposition of one-sided dead zones.
+
+    .. math:: y = u + \sum_j w_j D_j(u)
+
+    :math:`D_j(u) = \max(u - r_j, 0)` on the upper side, :math:`\min(u - r_j, 0)` on the lower one:
+    the part that makes a Prandtl-Ishlinskii model asymmetric (thesis section 3.2; Kuhnen 2003).
+
+    Parameters
+    ----------
+    n_zones : int, default=3
+        Number of dead zones a side.
+    sides : {"both", "lower", "upper"}, default="both"
+        Which sides have dead zones.
+    initial_state, dt, method
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : DeadZoneOperator
+        ``weights``, ``thresholds`` (units of the signal), ``side``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import DeadZones
+    >>> u = np.linspace(-1, 1, 201)
+    >>> y = u + 0.5 * np.maximum(u - 0.3, 0.0)
+    >>> model = DeadZones(n_zones=1, sides="upper").fit(u.reshape(-1, 1), y)
+    >>> round(float(model.operator_.thresholds[0]), 6)
+    0.3
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "n_zones": [Interval(Integral, 1, None, closed="left")],
+        "sides": [StrOptions(set(SIDES))],
+    }
+
+    operator_class = DeadZoneOperator
+    _any_interval = True
+
+    def __init__(
+        self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0, method="variable_projection"
+    ):
+        self.n_zones = n_zones
+        self.sides = sides
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    def starting_values(self, records):
+        low, high = range_of_drive(records)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        parts = half * np.arange(self.n_zones) / self.n_zones
+        sides = SIDES[self.sides]
+        thresholds = np.concatenate([middle + side * parts for side in sides])
+        signs = np.repeat(sides, self.n_zones)
+        return [DeadZoneOperator(np.zeros(len(signs)), thresholds, signs)]

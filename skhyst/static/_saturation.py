@@ -1,0 +1,89 @@
+"""Clipping: ``y = min(max(u, a), b)``."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..operators import parameter
+from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
+
+__all__ = ["Saturation", "SaturationOperator"]
+
+_PARTS = (0.03, 0.08, 0.15, 0.25, 0.35)  # of the drive's range that is clipped, to start from
+
+
+@dataclass(frozen=True)
+class SaturationOperator(StaticOperator):
+    """Clipping to ``lower <= y <= upper``; an infinite level is no limit and is not identified."""
+
+    lower: float = parameter(unit="drive", default=-np.inf)
+    upper: float = parameter(unit="drive", default=np.inf)
+    rank: int = 0
+
+    def parameter_specs(self):
+        specs = super().parameter_specs()
+        return {name: spec for name, spec in specs.items() if np.isfinite(getattr(self, name))}
+
+    def _evaluate(self, v):
+        beyond = {"lower": v < self.lower, "upper": v > self.upper}
+        own = np.empty((len(v), self.n_parameters))
+        for column, name in enumerate(self.parameter_specs()):
+            own[:, column] = beyond[name]
+        slope = (~(beyond["lower"] | beyond["upper"])).astype(float)
+        return np.clip(v, self.lower, self.upper), slope, own
+
+
+class Saturation(SaturationModel):
+    r"""Clipping at one or two levels.
+
+    .. math:: y = \min(\max(u, a), b)
+
+    Parameters
+    ----------
+    sides : {"both", "lower", "upper"}, default="both"
+        Which limits there are.
+    rank : {"drive", "sensor"}, default="sensor"
+        Where it stands when an effect search has to find its place in a series: before everything
+        else, or behind it.
+    initial_state, dt, method
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : SaturationOperator
+        ``lower`` and ``upper``, units of the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import Saturation
+    >>> u = np.linspace(-1, 1, 201)
+    >>> model = Saturation(sides="upper").fit(u.reshape(-1, 1), np.minimum(u, 0.6))
+    >>> round(model.operator_.upper, 6)
+    0.6
+    """
+
+    def __init__(
+        self,
+        *,
+        sides="both",
+        rank="sensor",
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
+        self.sides = sides
+        self.rank = rank
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    def starting_values(self, records):
+        low, high = range_of_drive(records)
+        starts = []
+        for part in _PARTS:
+            clipped = part * (high - low)
+            levels = {-1: {"lower": low + clipped}, 1: {"upper": high - clipped}}
+            limits = {k: v for side in SIDES[self.sides] for k, v in levels[side].items()}
+            starts.append(SaturationOperator(**limits, rank=self.series_rank))
+        return starts

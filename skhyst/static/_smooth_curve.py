@@ -1,0 +1,100 @@
+"""Smooth memoryless curve: ``y = v + scale sum_d c_d P_d((v - center) / scale)``.
+
+P_d are the Legendre polynomials of degree 2, 3, ...; beyond ``center +- scale`` the curve goes on
+along its tangent.
+"""
+
+from dataclasses import dataclass
+from numbers import Integral
+
+import numpy as np
+
+from .._sklearn import Interval
+from ..base import ParametricModel
+from ..operators import parameter
+from ._base import StaticOperator, range_of_drive
+
+__all__ = ["PolynomialCurveOperator", "SmoothCurve"]
+
+_MARGIN = 1.2  # half width of a smooth curve over that of the data
+
+
+@dataclass(frozen=True)
+class PolynomialCurveOperator(StaticOperator):
+    """Smooth curve ``y = v + scale sum_d coefficients_d P_d((v - center) / scale)``.
+
+    P_d are the Legendre polynomials of degree 2, 3, ...; beyond ``center +- scale`` the curve
+    goes on along its tangent.
+    """
+
+    coefficients: np.ndarray = parameter(linear=True)
+    center: float
+    scale: float
+    rank: int = 40
+
+    def _evaluate(self, v):
+        z = (v - self.center) / self.scale
+        inside = np.clip(z, -1.0, 1.0)
+        beyond = z - inside
+        n = np.size(self.coefficients)
+        values = np.polynomial.legendre.legvander(inside, n + 1)
+        # P'_d = (2 d - 1) P_{d-1} + P'_{d-2}
+        slopes = np.zeros_like(values)
+        slopes[:, 1] = 1.0
+        for d in range(2, n + 2):
+            slopes[:, d] = (2 * d - 1) * values[:, d - 1] + slopes[:, d - 2]
+        values, slopes = values[:, 2:], slopes[:, 2:]
+        own = self.scale * (values + slopes * beyond[:, None])
+        return v + own @ self.coefficients, 1.0 + slopes @ self.coefficients, own
+
+
+class SmoothCurve(ParametricModel):
+    r"""Smooth memoryless curve: Legendre polynomials from degree 2 on, added to the identity.
+
+    Beyond the range of the fit by more than a fifth of its half, the curve goes on along its
+    tangent.
+
+    Parameters
+    ----------
+    degree : int, default=5
+        Highest degree, at least 2.
+    initial_state, dt, method
+        As for every model; a memoryless model depends on neither.
+
+    Attributes
+    ----------
+    operator_ : PolynomialCurveOperator
+        ``coefficients``, from degree 2 on, relative to ``scale``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import SmoothCurve
+    >>> u = np.linspace(-1, 1, 201)
+    >>> y = u + 0.1 * (u**3 - 0.864 * u)
+    >>> model = SmoothCurve(degree=3).fit(u.reshape(-1, 1), y)
+    >>> bool(np.allclose(model.predict(u.reshape(-1, 1)), y))
+    True
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "degree": [Interval(Integral, 2, None, closed="left")],
+    }
+
+    operator_class = PolynomialCurveOperator
+    _any_interval = True
+
+    def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        self.degree = degree
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
+    def starting_values(self, records):
+        low, high = range_of_drive(records)
+        scale = _MARGIN * 0.5 * (high - low) or 1.0
+        operator = PolynomialCurveOperator(
+            np.zeros(self.degree - 1), center=0.5 * (low + high), scale=scale
+        )
+        return [operator]

@@ -1,0 +1,315 @@
+"""Theorems of the weighted sums of plays, stops, relays and ramps."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from skhyst.hysteresis import (
+    KrasnoselskiiPokrovskiiOperator,
+    PrandtlIshlinskiiOperator,
+    PreisachOperator,
+    RateDependentPrandtlIshlinskiiOperator,
+)
+from skhyst.operators import SeriesOperator
+from skhyst.static import MonotoneDeadZoneOperator
+
+ZONES = MonotoneDeadZoneOperator(np.array([0.4, 1.3, 2.0]), np.array([-5.0, 2.0, 9.0]), 1)
+signals = arrays(float, st.integers(2, 40), elements=st.floats(-12, 12, width=32))
+
+
+def make_plays(draw, **options):
+    size = draw(st.integers(1, 12))
+    gaps = draw(arrays(float, size, elements=st.floats(0.01, 5)))
+    gaps[0] = draw(st.sampled_from([0.0, 0.7]))
+    weights = draw(arrays(float, size, elements=st.floats(0, 10)))
+    constants = draw(st.floats(-50, 50)), draw(st.floats(-5, 5))
+    return PrandtlIshlinskiiOperator(np.cumsum(gaps), weights, *constants, **options)
+
+
+def make_grid(draw, kind):
+    n = draw(st.integers(2, 8))
+    levels = np.cumsum(draw(arrays(float, n, elements=st.floats(0.1, 5)))) - draw(st.floats(0, 20))
+    weights = [draw(arrays(float, n * (n - 1) // 2, elements=st.floats(0, 10)))]
+    if kind is PreisachOperator:
+        size = draw(st.sampled_from([0, n - 1]))
+        weights.append(draw(arrays(float, size, elements=st.floats(0, 10))))
+    centers = [0.0, -np.inf, np.inf, levels[0], 0.5 * (levels[0] + levels[-1])]
+    return kind(levels, *weights, draw(st.floats(-50, 50)), draw(st.sampled_from(centers)))
+
+
+MAKERS = {
+    "plays": make_plays,
+    "stops": lambda draw: make_plays(draw, form="stop"),
+    "plays, then zones": lambda draw: SeriesOperator(("p", "z"), (make_plays(draw), ZONES)),
+    "relays": lambda draw: make_grid(draw, PreisachOperator),
+    "ramps": lambda draw: make_grid(draw, KrasnoselskiiPokrovskiiOperator),
+}
+
+
+@st.composite
+def operators(draw, kind):
+    return MAKERS[kind](draw)
+
+
+def every(*left_out):
+    return pytest.mark.parametrize("kind", sorted(MAKERS.keys() - set(left_out)))
+
+
+def run(operator, u, state=None):
+    return operator.run(u, 1.0, state)[0]
+
+
+def close(a, b, tolerance=1e-9):
+    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance)
+
+
+@every()
+@settings(deadline=None, max_examples=40)
+@given(st.data(), signals, st.integers(0, 2**32 - 1))
+def test_rate_independence(kind, data, u, seed):
+    """Repeated samples, and samples on the way from one to the next, change nothing."""
+    operator = data.draw(operators(kind))
+    time = np.arange(u.size, dtype=float)
+    extra = np.random.default_rng(seed).random(2 * u.size) * (u.size - 1)
+    warped = np.sort(np.concatenate((time, time, extra)))
+    slow = run(operator, np.interp(warped, time, u))
+    close(slow[np.searchsorted(warped, time)], run(operator, u), 1e-8)
+
+
+@every()
+@settings(deadline=None, max_examples=40)
+@given(st.data(), signals, signals)
+def test_wiping_out(kind, data, u, loop):
+    """An excursion that stays within the range of later ones leaves no trace."""
+    operator = data.draw(operators(kind))
+    direct = np.concatenate((u, [30.0, -30.0, 30.0, -30.0], u))
+    detour = np.concatenate((u, [30.0, -30.0], loop, [30.0, -30.0], u))
+    close(run(operator, detour)[-u.size :], run(operator, direct)[-u.size :])
+
+
+@every("ramps", "plays, then zones")
+@settings(deadline=None, max_examples=40)
+@given(st.data(), signals, signals, st.floats(-12, 0), st.floats(0.5, 12))
+def test_congruency(kind, data, first, second, low, width):
+    """Loops between the same two values have one shape, whatever came before."""
+    operator = data.draw(operators(kind))
+    loop = np.concatenate((np.linspace(low, low + width, 9), np.linspace(low + width, low, 9)))
+    shapes = []
+    for history in (first, second):
+        y = run(operator, np.concatenate((history, loop, loop)))[-loop.size :]
+        shapes.append(y - y[0])
+    close(shapes[0], shapes[1])
+
+
+@every()
+@settings(deadline=None, max_examples=40)
+@given(st.data(), signals)
+def test_monotone_branches(kind, data, u):
+    y = run(data.draw(operators(kind)), u)
+    assert np.all(np.diff(y) * np.sign(np.diff(u)) >= -1e-10)
+
+
+@every("stops")
+@settings(deadline=None, max_examples=40)
+@given(st.data(), signals)
+def test_order_is_preserved(kind, data, u):
+    operator = data.draw(operators(kind))
+    assert np.all(run(operator, u + 0.5) >= run(operator, u) - 1e-10)
+
+
+@every()
+@settings(deadline=None, max_examples=30)
+@given(st.data(), signals)
+def test_dissipation(kind, data, u):
+    """The work of a closed loop is not negative; that of stops is done by a force."""
+    operator = data.draw(operators(kind))
+    path = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(np.append(u, u[0]))])
+    y = run(operator, np.concatenate((path, path)))[-path.size :]
+    work = np.trapezoid(y, path) if kind == "stops" else np.trapezoid(path, y)
+    assert work >= -1e-3 * np.ptp(path) * (np.ptp(y) + 1e-9)
+
+
+# One operator of each kind
+
+
+def example(kind, n=7, **options):
+    weights = np.random.default_rng(0).random(n * (n - 1) // 2)
+    levels = np.linspace(-1.5, 2.0, n)
+    if kind == "relays":
+        return PreisachOperator(levels, weights, weights[: n - 1], 0.7, 0.2, **options)
+    if kind == "ramps":
+        return KrasnoselskiiPokrovskiiOperator(levels, weights, 0.7, 0.2, **options)
+    thresholds, weights = np.linspace(0.0, 1.5, n), weights[:n] + 0.1
+    if kind == "rate-dependent plays":
+        rates = 1e-3 * np.cos(np.arange(n))
+        return RateDependentPrandtlIshlinskiiOperator(
+            thresholds, weights, rates, 0.7, 0.011, **options
+        )
+    return PrandtlIshlinskiiOperator(thresholds, weights, 0.7, -0.2, form=kind[:4], **options)
+
+
+EXAMPLES = pytest.mark.parametrize(
+    "kind", ["plays", "stops", "relays", "ramps", "rate-dependent plays"]
+)
+
+
+@EXAMPLES
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_tangents_of_a_long_record_are_central_differences(kind, initial_state):
+    operator, rng = example(kind), np.random.default_rng(6)
+    u, du = np.cumsum(rng.normal(size=500)) * 0.3 + 0.4, rng.normal(size=(500, 3))
+    y, dy = operator.linearize(u, du, 0.05, initial_state)
+    vector, h = operator.pack(), 1e-7
+
+    def output(parameters, drive):
+        moved = operator.unpack(parameters)
+        return moved.run(drive, 0.05, moved.init(drive[0], initial_state))[0]
+
+    np.testing.assert_array_equal(y, output(vector, u))
+    moves = [(np.zeros(vector.size), column) for column in du.T]
+    moves += [(step, np.zeros(500)) for step in np.eye(vector.size)]
+    for column, (step, shift) in zip(dy.T, moves, strict=True):
+        ends = [output(vector + s * step, u + s * shift) for s in (h, -h)]
+        close(column, (ends[0] - ends[1]) / (2 * h), 1e-6 * max(np.abs(column).max(), 1.0))
+
+
+@pytest.mark.parametrize("kind", ["plays", "stops", "relays", "ramps"])
+@pytest.mark.parametrize("drive_unit", [1e-150, 1e-9, 1e9, 1e150])
+@pytest.mark.parametrize("response_unit", [1e-100, 1e100])
+def test_unit_equivariance(kind, drive_unit, response_unit):
+    operator, u = example(kind), np.random.default_rng(7).normal(size=300)
+    drives, responses = (
+        ("thresholds", "drive_offset", "levels", "center"),
+        ("intercept", "reversible"),
+    )
+    units = dict.fromkeys(drives, drive_unit) | dict.fromkeys(responses, response_unit)
+    units["weights"] = response_unit / (1.0 if hasattr(operator, "levels") else drive_unit)
+    scaled = {name: getattr(operator, name) * units[name] for name in vars(operator).keys() & units}
+    other = dataclasses.replace(operator, **scaled)
+    y = run(operator, u)
+    found = run(other, u * drive_unit)
+    if hasattr(operator, "basis"):
+        close(found / response_unit, y, 1e-10)
+        close(other.basis(u * drive_unit)[0], operator.basis(u)[0], 1e-10)
+    else:
+        close(found / response_unit, y, 1e-12 * np.ptp(y))
+        close(run(other.inverse(), y * response_unit) / drive_unit, u, 3e-12)
+
+
+@EXAMPLES
+def test_weights_have_a_bound_unless_they_are_free(kind):
+    bounded, free = example(kind), example(kind, non_negative=False)
+    assert bounded.parameter_specs()["weights"].lower == 0.0
+    assert free.parameter_specs()["weights"].lower == -np.inf
+    assert list(bounded.parameter_specs()) == list(free.parameter_specs())
+
+
+@EXAMPLES
+def test_fields_are_copies_that_cannot_be_changed(kind):
+    operator = example(kind)
+    weights = np.array(operator.weights)
+    again = dataclasses.replace(operator, weights=weights)
+    weights[:] = 9.0
+    np.testing.assert_array_equal(again.weights, operator.weights)
+    with pytest.raises(ValueError, match="read-only"):
+        operator.weights[0] = 3.0
+
+
+@EXAMPLES
+def test_no_samples(kind):
+    operator = example(kind)
+    y, state = operator.run([], 1.0, operator.init(0.4))
+    assert operator.run([], 1.0)[0].shape == y.shape == (0,)
+    assert run(operator, [0.4, 1.0], state) == pytest.approx(run(operator, [0.4, 1.0]))
+    y, dy = operator.linearize(np.empty(0), np.empty((0, 2)), 1.0)
+    assert dy.shape == (0, 2 + operator.n_parameters)
+
+
+@pytest.mark.parametrize("kind", ["plays", "relays"])
+def test_a_wiped_loop_is_forgotten_by_the_state(kind):
+    operator = example(kind)
+    _, short = operator.run([0.2, 1.4, -1.3, 1.1], 1.0)
+    _, long = operator.run([0.2, 1.4, -1.3, 0.8, -1.0, 1.0, 1.1], 1.0)
+    np.testing.assert_array_equal(short.turning_points, long.turning_points)
+    assert short.last == long.last
+
+
+@pytest.mark.parametrize(
+    "operator",
+    [
+        PrandtlIshlinskiiOperator([0.0, 0.3, 0.9], [1.0, 0.5, 0.3]),
+        RateDependentPrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.5], [0.1, 0.2], dilation=4e-3),
+        PreisachOperator(np.linspace(-1, 1, 4), [0.5, 0.3, 0.2, 0.9, 0.3, 0.5], [0.1, 0.4, 0.1]),
+        KrasnoselskiiPokrovskiiOperator(np.linspace(-1, 1, 4), [0.5, 0.3, 0.2, 0.9, 0.3, 0.5]),
+    ],
+)
+def test_odd_symmetry(operator):
+    """Of all plays; of relays and ramps where the density is symmetric."""
+    u = np.random.default_rng(3).normal(size=500)
+    close(run(operator, -u), -run(operator, u), 1e-12)
+    assert run(operator, [0.0])[0] == pytest.approx(0.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["relays", "ramps"])
+@settings(deadline=None, max_examples=60)
+@given(st.data(), signals)
+def test_response_is_the_weighted_sum_of_the_cells(kind, data, u):
+    operator = data.draw(operators(kind))
+    rows, state = operator.basis(u)
+    y, end = operator.run(u, 1.0)
+    close(rows @ operator.pack(), y)
+    assert np.abs(rows).max() <= 1.0 + 1e-12
+    after = np.array([0.3, -0.2])
+    np.testing.assert_array_equal(run(operator, after, state), run(operator, after, end))
+
+
+@pytest.mark.parametrize("kind", ["relays", "ramps"])
+@settings(deadline=None, max_examples=30)
+@given(st.data(), signals)
+def test_saturates_outside_the_levels(kind, data, u):
+    operator = data.draw(operators(kind))
+    low, high = operator.levels[[0, -1]]
+    np.testing.assert_array_equal(run(operator, u), run(operator, np.clip(u, low, high)))
+
+
+@pytest.mark.parametrize("kind", [PreisachOperator, KrasnoselskiiPokrovskiiOperator])
+def test_drive_of_one_sign_starts_all_down(kind):
+    """With the centre at the lowest level, the first loading is the rising major branch."""
+    operator = kind(np.linspace(0, 150, 6), np.arange(15.0))
+    up = np.linspace(0, 150, 40)
+    y = run(operator, np.concatenate((up, [0.0], up)))
+    assert y[0] == -operator.weights.sum()
+    assert y[39] == pytest.approx(operator.weights.sum(), rel=1e-14)
+    close(y[:40], y[41:], 1e-12)
+    for center in (-np.inf, -20.0):
+        close(run(dataclasses.replace(operator, center=center), up), y[:40], 1e-12)
+
+
+@pytest.mark.parametrize("kind", [PreisachOperator, KrasnoselskiiPokrovskiiOperator])
+@pytest.mark.parametrize(
+    ("levels", "weights", "message"),
+    [
+        ([0.0], [], "'levels' parameter .* two or more ascending"),
+        ([0.0, 0.0, 1.0], [1.0, 1.0, 1.0], "'levels' parameter .* two or more ascending"),
+        ([0.0, 1.0, 2.0], [1.0, 2.0], "'weights' parameter .* 3 cells"),
+    ],
+)
+def test_levels_and_weights_are_checked(kind, levels, weights, message):
+    with pytest.raises(ValueError, match=message):
+        kind(levels, weights)
+
+
+@pytest.mark.parametrize(
+    "kind", [PrandtlIshlinskiiOperator, RateDependentPrandtlIshlinskiiOperator]
+)
+@pytest.mark.parametrize("thresholds", [[], [-1.0, 0.0], [1.0, 0.5], [0.0, np.nan], [[0.0, 1.0]]])
+def test_thresholds_and_weights_are_checked(kind, thresholds):
+    with pytest.raises(ValueError, match=f"'thresholds' parameter of {kind.__name__}"):
+        kind(thresholds, np.ones(np.size(thresholds)))
+    with pytest.raises(ValueError, match="one value for each of the 2 thresholds"):
+        kind([0.0, 1.0], [1.0])

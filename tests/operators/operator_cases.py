@@ -1,0 +1,250 @@
+"""One operator of every kind, and what it answers to one drive."""
+
+import dataclasses
+
+import numpy as np
+
+from skhyst.compose import ScheduledOperator
+from skhyst.disturbance import DriftOperator, OffsetOperator, SinusoidOperator
+from skhyst.fluid import TankChainOperator
+from skhyst.hysteresis import (
+    BacklashOperator,
+    BoucWenOperator,
+    BoucWenStageOperator,
+    CoulombFrictionOperator,
+    DahlOperator,
+    DuhemOperator,
+    FrictionStageOperator,
+    JilesAthertonOperator,
+    KrasnoselskiiPokrovskiiOperator,
+    LuGreOperator,
+    MaxwellSlipOperator,
+    PrandtlIshlinskiiOperator,
+    PreisachOperator,
+    RateDependentPrandtlIshlinskiiOperator,
+    RestoringForceOperator,
+    SlewLimitOperator,
+    SystemLevelOperator,
+    TanhHysteresisOperator,
+)
+from skhyst.linear import (
+    DelayOperator,
+    DynamicStiffnessOperator,
+    FirstOrderLagOperator,
+    GainOperator,
+    KelvinVoigtOperator,
+    LogCreepOperator,
+    SecondOrderModeOperator,
+    TransferFunctionOperator,
+)
+from skhyst.neural import GrayBoxOperator
+from skhyst.operators import FrozenOperator, SeriesOperator, SumOperator
+from skhyst.static import (
+    DeadBandOperator,
+    DeadZoneOperator,
+    MonotoneDeadZoneOperator,
+    PolynomialCurveOperator,
+    SaturationOperator,
+    SoftSaturationOperator,
+)
+
+DT = 0.01
+N = 60
+
+
+def make_operators():
+    lag = FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
+    mode = SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1)
+    plays = PrandtlIshlinskiiOperator(
+        np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), 0.05, 0.031
+    )
+    transfer = TransferFunctionOperator(
+        np.array([0.02]), np.array([70.0]), np.array([0.3]), np.array([0.2, -0.1]), 1.3, 0.4
+    )
+    creep = KelvinVoigtOperator(np.array([0.2, 0.1]), np.array([0.02, 0.3]), 1.5, 0.3)
+    drift = DriftOperator(np.array([0.3, -0.5, 0.2]), 0.4)
+    zones = DeadZoneOperator(np.array([0.4, -0.2]), np.array([0.313, -0.207]), np.array([1, -1]))
+    return {
+        "lag": lag,
+        "lag, zero-order hold": dataclasses.replace(lag, hold="zoh"),
+        "mode": mode,
+        "mode, overdamped": dataclasses.replace(mode, damping_ratio=3.0),
+        "mode, zero-order hold": dataclasses.replace(mode, hold="zoh"),
+        "creep": creep,
+        "creep, zero-order hold": dataclasses.replace(creep, hold="zoh"),
+        "creep, logarithmic": LogCreepOperator(0.3, 0.05, 1.5, 0.3, longest=10.0),
+        "creep, logarithmic, zero-order hold": LogCreepOperator(0.3, 0.05, 1.5, 0.3, hold="zoh"),
+        "transfer function": transfer,
+        "transfer function, feed-through": TransferFunctionOperator(
+            np.empty(0), np.array([70.0]), np.array([0.3]), np.array([0.2, -0.1]), hold="zoh"
+        ),
+        "transfer function, no zeros": TransferFunctionOperator(
+            np.array([0.02, 0.05]), np.empty(0), np.empty(0), np.empty(0)
+        ),
+        "delay below one sample": DelayOperator(0.0037),
+        "delay of several samples": DelayOperator(0.0537),
+        "delay beyond the record": DelayOperator(7.3),
+        "no limit": SaturationOperator(),
+        "upper limit": SaturationOperator(upper=0.413),
+        "both limits": SaturationOperator(-0.311, 0.413),
+        "tanks": TankChainOperator(
+            [0.11, 0.23], [0.5, 0.7], drive_offset=-0.73, gain=1.3, intercept=0.1, scale=0.8
+        ),
+        "tanks, overflow": TankChainOperator(
+            [0.11, 0.23, 0.03],
+            [0.5, 0.7, 1.6],
+            [1.07, 1.13, 1.11],
+            [0.7, 0.4],
+            drive_offset=-0.37,
+            gain=1.3,
+            hold="zoh",
+            n_substeps=2,
+        ),
+        "tanks, limited reading": TankChainOperator(
+            [0.11, 0.03], [0.5, 0.7], [0.83, 0.77], [0.9], drive_offset=-0.37, limit="reading"
+        ),
+        "soft saturation": SoftSaturationOperator(0.413, 1.7, 0.037),
+        "soft saturation, upper": SoftSaturationOperator(0.213, 7.3, -0.037, side=1, rank=0),
+        "dead band": DeadBandOperator(0.213, 0.037),
+        "backlash": BacklashOperator(0.137),
+        "slew limit": SlewLimitOperator(13.7),
+        "slew limit, always": SlewLimitOperator(0.37),
+        "dead zones": zones,
+        "curve": PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
+        "Coulomb friction": CoulombFrictionOperator(
+            1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1, slowest=0.01, fastest=50.0, smoothing=3
+        ),
+        "dynamic stiffness": DynamicStiffnessOperator(1e-3, 0.02, 0.7, 0.1, smoothing=2),
+        "dynamic stiffness, of a velocity": DynamicStiffnessOperator(
+            0.02, 0.7, intercept=0.1, drive="velocity"
+        ),
+        "Dahl friction": DahlOperator(0.11, 0.8, stiffness=0.3, damping=0.02, intercept=0.1),
+        "Dahl friction, soft": DahlOperator(0.11, 0.8, damping=0.01, exponent=1.7),
+        "Dahl friction, hard": DahlOperator(0.31, 0.8, exponent=0.6),
+        "LuGre friction": LuGreOperator(0.11, 2.3, 0.6, 0.8, 0.03, 0.3, 0.02, 0.1),
+        "slip elements": MaxwellSlipOperator(
+            np.array([0.11, 0.213, 0.43]), np.array([0.6, 0.4, 0.3]), 0.2, 0.013, 0.1
+        ),
+        "Duhem": DuhemOperator(3.1, np.array([0.9]), np.array([0.4]), 0.1),
+        "Duhem, cubic": DuhemOperator(
+            2.3, np.array([0.9, 0.1, -0.2]), np.array([0.4, 0.1, 0.2]), 0.1, 0.21, 1.3
+        ),
+        "relays": PreisachOperator(
+            np.array([-0.41, -0.1, 0.23, 0.5, 0.83]),
+            np.array([0.3, 0.1, 0.4, 0.2, 0.5, 0.1, 0.3, 0.1, 0.2, 0.6]),
+            np.array([0.2, 0.1, 0.4, 0.3]),
+            0.1,
+            0.117,
+        ),
+        "relays, all down at first": PreisachOperator(
+            np.array([-0.1, 0.23, 0.5]), np.array([0.3, 0.1, 0.4]), center=-np.inf
+        ),
+        "ramps": KrasnoselskiiPokrovskiiOperator(
+            np.array([-0.41, -0.1, 0.23, 0.83]),
+            np.array([0.3, 0.1, 0.4, 0.2, 0.5, 0.1]),
+            0.1,
+            0.117,
+        ),
+        "tanh": TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1),
+        "system level": SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
+        "system level, as printed": SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+        "gray box": GrayBoxOperator(
+            SystemLevelOperator(1.1, 0.4, 0.7, 0.1), np.array([0.3, -0.1, 0.4, -0.3])
+        ),
+        "gray box, products": GrayBoxOperator(
+            SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+            np.r_[0.3, 0.4, -0.3, 0.02 * np.cos(np.arange(9))],
+            1,
+            2,
+            2,
+        ),
+        "gray box, as printed": GrayBoxOperator(
+            SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
+            np.r_[0.3, -0.1, 0.4, -0.3, 0.02 * np.cos(np.arange(10))],
+            degree=2,
+            dynamics="printed",
+        ),
+        "Jiles-Atherton": JilesAthertonOperator(1.3, 0.11, 0.15, 0.6, 0.2, 0.3, 0.1),
+        "Bouc-Wen": BoucWenOperator(0.4, 0.7, 0.31, 0.6, 1.0, 0.0, 0.1),
+        "Bouc-Wen, asymmetric": BoucWenOperator(0.4, -0.3, 0.47, 1.6, 1.7, 0.3, 0.1),
+        "offset": OffsetOperator(np.array([0.7])),
+        "drift": drift,
+        "sinusoid": SinusoidOperator(np.array([0.5, 0.1, -0.2, 0.3]), np.array([3.0, 11.0])),
+        "plays": plays,
+        "plays, stop form": dataclasses.replace(plays, form="stop"),
+        "plays, stop form, no spring left": PrandtlIshlinskiiOperator(
+            np.array([0.21, 0.43]), np.array([1.0, 0.4]), form="stop"
+        ),
+        "monotone dead zones": MonotoneDeadZoneOperator(
+            np.array([0.6, 1.3, 0.4]), np.array([-0.207, 0.313, 0.611]), n_lower=1
+        ),
+        "rate-dependent plays, thresholds": RateDependentPrandtlIshlinskiiOperator(
+            np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), (), 0.1, 0.011
+        ),
+        "rate-dependent plays, weights": RateDependentPrandtlIshlinskiiOperator(
+            np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), np.array([0.01, -0.02, 0.03])
+        ),
+        "series": SeriesOperator(
+            ("delay", "plays", "zones", "lag"), (DelayOperator(0.013), plays, zones, lag)
+        ),
+        "series of linear ones": SeriesOperator(("lag", "mode"), (lag, mode)),
+        "sum": SumOperator(("plays", "mode", "drift"), (plays, mode, drift)),
+        "series of sums": SeriesOperator(
+            ("plays", "modes"), (plays, SumOperator(("first", "second"), (mode, transfer)))
+        ),
+        "sum of series": SumOperator(
+            ("series", "creep"), (SeriesOperator(("plays", "lag"), (plays, lag)), creep)
+        ),
+        "friction stage": FrictionStageOperator(
+            90.0, 0.15, 0.29, 0.7, 3.0, 8.0, 0.1, 0.8, 0.1, n_substeps=4
+        ),
+        "friction stage, stiff bristles": FrictionStageOperator(
+            20.0, 3.0, 0.03, 0.7, 0.3, 1e3, n_substeps=1
+        ),
+        "restoring force": RestoringForceOperator(
+            90.0, 0.15, [0.2, 0.05], [0.1], 2.0, 0.1, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
+        ),
+        "restoring force, no polynomials": RestoringForceOperator(
+            20.0, 3.0, [], [], 1e3, 0.1, n_substeps=1
+        ),
+        "restoring force, no hysteresis": RestoringForceOperator(
+            90.0, 0.15, [0.2], [0.1], 0.0, 0.5, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
+        ),
+        "Bouc-Wen stage": BoucWenStageOperator(
+            90.0, 0.15, 2.0, 0.1, 0.3, 1.7, 0.8, 0.1, n_substeps=4
+        ),
+        "Bouc-Wen stage without limit": BoucWenStageOperator(
+            20.0, 3.0, 3.0, 0.8, -1.3, 1.01, n_substeps=1
+        ),
+        "empty sum": SumOperator((), ()),
+        "gain": GainOperator(1.3, 0.2),
+        "held": FrozenOperator(plays),
+        "series with a held series": SeriesOperator(
+            ("delay", "held", "lag"),
+            (DelayOperator(0.013), FrozenOperator(SeriesOperator(("p", "z"), (plays, zones))), lag),
+        ),
+        "sum with a held one": SumOperator(("lag", "creep"), (lag, FrozenOperator(creep))),
+        "scheduled": ScheduledOperator(
+            mode, (1, 0, 2, 0), np.array([80.0, 95.0, 0.15, 0.8, 0.9, 1.1, 0.1]), 1.0, 5.0, 2.3
+        ),
+    }
+
+
+OPERATORS = make_operators()
+
+
+def make_drive():
+    rng = np.random.default_rng(3)
+    return 0.4 + 0.25 * np.cumsum(rng.normal(size=N)) * np.hanning(N + 20)[:N]
+
+
+def responses():
+    """Return, by name, what run and linearize give from rest and from zero, as arrays."""
+    u, du = make_drive(), np.random.default_rng(0).normal(size=(N, 2))
+    found = {}
+    for name, operator in OPERATORS.items():
+        for initial_state in ("rest", "zero"):
+            y, _ = operator.run(u, DT, operator.init(u[0], initial_state))
+            _, dy = operator.linearize(u, du, DT, initial_state)
+            found[f"{name}, from {initial_state}"] = np.column_stack([y, dy])
+    return found
