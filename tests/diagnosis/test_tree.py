@@ -314,9 +314,7 @@ def test_a_linear_stage_less_gives_the_gain_back():
 
 
 def data(records):
-    return stack_records(
-        [(np.column_stack([r.u, r.auxiliary]), r.y) for r in records], dt=DT
-    )
+    return stack_records([(np.column_stack([r.u, r.auxiliary]), r.y) for r in records], dt=DT)
 
 
 @pytest.mark.parametrize("names", [("lag",), ("offset",), ("auxiliary_input", "scaled")])
@@ -325,7 +323,9 @@ def test_a_clone_of_the_fitted_model_comes_out_where_the_tree_is(names, records)
     tree, _ = taken_apart(model, records)
     for name in names:
         tree = tree.edited(name, *ADDED[name])
-    fitted, result = tree.fitted(records, ())
+    _, result = tree.fitted(records, ())
+    anew = tree.identified(records)
+    assert structure(anew) == structure(tree)
     again = tree.estimator.fit(*data(records))
     assert again.fit_error_ == pytest.approx(result.error, rel=1e-3)
     for own, found in zip(result.params.items(), again.params_.items(), strict=True):
