@@ -18,10 +18,9 @@ import numpy as np
 from .__init__ import __version__
 from ._demo import make_demo_recording
 from .base import ParametricModel
-from .compose import Cascade
+from .compose import Cascade, snake_case
 from .diagnosis import EffectSearchCV, Report, effect_names
 from .diagnosis._effects import EFFECTS
-from .diagnosis._structure import snake_case
 from .discovery import all_estimators
 from .records import read_records, record_slices
 

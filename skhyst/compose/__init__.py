@@ -13,7 +13,18 @@ from ._columns import (
 )
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledOperator, ScheduledParameters
-from ._sum import Sum
+from ._stages import (
+    Stage,
+    modulated,
+    put_beside_series,
+    scheduled,
+    series_stages,
+    snake_case,
+    stage_values,
+    with_series_stages,
+    with_stage_values,
+)
+from ._sum import Sum, constant_entries
 
 __all__ = [
     "Backfitting",
@@ -25,12 +36,22 @@ __all__ = [
     "OnColumn",
     "ScheduledOperator",
     "ScheduledParameters",
+    "Stage",
     "Sum",
     "Turn",
     "amplitude",
+    "constant_entries",
     "explained_change",
     "fold_of_rows",
     "is_constant",
+    "modulated",
+    "put_beside_series",
+    "scheduled",
     "sensitivity_name",
+    "series_stages",
+    "snake_case",
+    "stage_values",
     "thin_records",
+    "with_series_stages",
+    "with_stage_values",
 ]

@@ -122,6 +122,9 @@ class ModulatedOperator(WrappedOperator):
     def gauge_mask(self):
         return np.append(self.operator.gauge_mask(), False)
 
+    def constant_mask(self):
+        return np.zeros(self.n_parameters, dtype=bool)
+
     def _factor(self, u):
         return 1.0 + self.sensitivity * (_one(u, self.column) - self.reference)
 

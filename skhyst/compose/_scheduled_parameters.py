@@ -85,6 +85,9 @@ class ScheduledOperator(WrappedOperator):
     def gauge_mask(self):
         return np.repeat(self.base.gauge_mask(), self._counts)
 
+    def constant_mask(self):
+        return np.repeat(self.base.constant_mask(), self._counts)
+
     @property
     def _counts(self):
         return np.asarray(self.degrees, dtype=int) + 1

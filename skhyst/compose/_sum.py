@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import Operator, SeriesOperator, SumOperator, take_apart
+from ..operators import Operator, SumOperator, take_apart
 from ._cascade import Composition, HeldStep
 from ._columns import OnColumn
 
-__all__ = ["Sum"]
+__all__ = ["Sum", "constant_entries"]
 
 
 class Sum(Composition):
@@ -102,13 +102,10 @@ class Sum(Composition):
 
     def _refine(self, starts, data, method=None, fixed=frozenset()):
         starts = list(map(take_apart, starts))
-        operator, disturbances = starts[0]
-        if any(disturbance.has_constant for disturbance in disturbances):
-            constants = _constants(operator)
-            held = [name in constants for name, _ in operator.entries()]
-            starts = [(o.unpack(np.where(held, 0.0, o.pack())), beside) for o, beside in starts]
-            fixed |= constants
-        return super()._refine(starts, data, method, fixed)
+        constants = constant_entries(*starts[0])
+        held = [name in constants for name, _ in starts[0][0].entries()]
+        starts = [(o.unpack(np.where(held, 0.0, o.pack())), beside) for o, beside in starts]
+        return super()._refine(starts, data, method, fixed | constants)
 
     def _others(self, found, i, records):
         """Return the branches with the starting values of the last one that is driven.
@@ -132,16 +129,12 @@ class Sum(Composition):
         return found | dict(zip(beside, disturbances, strict=True))
 
 
-def _constants(operator):
-    """Return the names of the entries that add a constant to the output, and do nothing else."""
-    if isinstance(operator, SumOperator | SeriesOperator):
-        found = set()
-        for name, stage in zip(operator.names[::-1], operator.stages[::-1], strict=True):
-            found |= {f"{name}__{entry}" for entry in _constants(stage)}
-            if isinstance(operator, SeriesOperator) and not stage.signal_linear:
-                break
-        return found
-    return {name for name, spec in operator.entries() if spec.gauge == 0.0}
+def constant_entries(operator, disturbances):
+    """Return the names of the entries whose constants disturbances have, one for each record."""
+    if not any(disturbance.has_constant for disturbance in disturbances):
+        return frozenset()
+    marked = zip(operator.entries(), operator.constant_mask(), strict=True)
+    return frozenset(name for (name, _), is_constant in marked if is_constant)
 
 
 def _stands_beside(model):

@@ -20,6 +20,7 @@ from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
 from ..operators import Operator
 from ._candidates import held_out, refitted
+from ._tree import as_read
 
 __all__ = ["BlackBox", "Declared", "declare", "drive_of"]
 
@@ -82,7 +83,7 @@ class Declared:
 
     def drive(self):
         """Return what the records are driven by before :meth:`begin`."""
-        return self.model._signal(self._columns, self._slices)
+        return self._columns[:, 0]
 
     def effects(self, effects):
         """Return the effects that apply."""
@@ -90,8 +91,7 @@ class Declared:
 
     def begin(self, records, folds):
         """Return the records with what drives the model."""
-        schedules = self.model._schedules(self._slices, self._columns)
-        return [replace(r, schedule=s) for r, s in zip(records, schedules, strict=True)]
+        return records
 
     def identified(self, records):
         """Return what identification found, and the records with what came before them.
@@ -100,10 +100,11 @@ class Declared:
         model asks for it; effects are sought with the same.
         """
         model = self.model
-        result = model._identify(records)
-        if model.initial_state != "estimate" or records[0].u.ndim > 1:
+        read = as_read(model, records)
+        result = model._identify(read)
+        if model.initial_state != "estimate" or model._reads_columns:
             return result, records
-        result, model.initial_drive_ = model._with_histories(result, records)
+        result, model.initial_drive_ = model._with_histories(result, read)
         drives = model.initial_drive_.tolist()
         return result, [replace(r, before=u) for r, u in zip(records, drives, strict=True)]
 
@@ -120,19 +121,13 @@ class Declared:
 
     def measured(self, records):
         """Return the records with the measured drive, the first column of X."""
-        if records[0].u.ndim == 1:
-            return records
-        return [
-            replace(r, u=np.ascontiguousarray(r.u[:, 0]), auxiliary=r.u[:, 1:]) for r in records
-        ]
+        return records
 
     def augmented(self, contestant, records):
         """Return the model with what was added, and what identification found for that."""
-        structure = contestant.structure
-        if not structure.added:
+        if not contestant.structure.effects:
             return self.model, None
-        estimator, result = structure.fitted(self.model, records, self._slices)
-        return _of_columns(estimator, self.model), result
+        return contestant.structure.fitted(records, self._slices)
 
 
 class BlackBox(Declared):
@@ -143,9 +138,6 @@ class BlackBox(Declared):
         read_data(self.model, X, y, reset=True, dt=self.model.dt)
         self._estimator = _seeded(estimator, random_state)
         self._X, self._y, self._cv = X, y, cv
-
-    def drive(self):
-        return self._columns[:, 0]
 
     def driver(self):
         return self._fitted
@@ -202,10 +194,10 @@ class BlackBox(Declared):
         Contestant
             Held out, with its ``box``.
         """
-        box = base.box if contestant.structure.added and base.box else self._declared
+        box = base.box if contestant.structure.effects and base.box else self._declared
         records = self._driven(self._backfitting.out_of_fold(box.predictions), records)
         contestant = held_out(contestant, records, self._folds)
-        if contestant.structure.added:
+        if contestant.structure.effects:
 
             def problem_of(contestant, p):
                 return contestant.structure.problem(self._driven(p, records))
@@ -229,10 +221,9 @@ class BlackBox(Declared):
         return self._measured
 
     def augmented(self, contestant, records):
-        if not contestant.structure.added:
+        if not contestant.structure.effects:
             return self._fitted, None
-        effects, result = contestant.structure.fitted(self.model, records, self._slices)
-        effects.n_features_in_ = self.model.n_features_in_
+        effects, result = contestant.structure.fitted(records, self._slices)
         target = self._backfitting.merged(contestant.box.targets)
         self._fitted = clone(self._estimator).fit(self._X, target)
         model = Corrected(clone(self._estimator), clone(effects), cv=self._cv, dt=self.model.dt)
@@ -250,7 +241,7 @@ def _of_columns(estimator, other):
 
 def _behind(variants):
     """Return the variants that do not act on the drive."""
-    return [v for v in variants() if hasattr(v, "structures") or v.series_rank > _DRIVE_LIMITS]
+    return [v for v in variants() if hasattr(v, "trees") or v.series_rank > _DRIVE_LIMITS]
 
 
 def _seeded(estimator, random_state):
@@ -269,5 +260,5 @@ def _seeded(estimator, random_state):
 def drive_of(driver, X, columns, slices):
     """Return what drives the stages behind a fitted ``driver``, see :meth:`Declared.driver`."""
     if isinstance(driver, ParametricModel) and _comes_apart(driver):
-        return driver._signal(columns, slices)
+        return columns[:, 0]
     return np.ravel(driver.predict(X)).astype(float)

@@ -15,7 +15,7 @@ from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._shortened import are_long
-from ._starts import starting_structures
+from ._starts import starting_trees
 
 __all__ = [
     "FACTOR",
@@ -40,7 +40,7 @@ class Candidate:
     ----------
     effects : tuple of str
         What was added to the model so far.
-    structure : Structure
+    structure : Tree
     cost : float
         Sum of squares of the fit.
     n_parameters : int
@@ -72,7 +72,7 @@ def predicted(effect, structure, records):
     Its cost is what one step from there is predicted to reach.
     """
     found = []
-    for variant in starting_structures(effect, structure, records):
+    for variant in starting_trees(effect, structure, records):
         starts = []
         for start in variant:
             problem = start.problem(records)

@@ -1,35 +1,26 @@
 """Ways for an effect to enter a model other than as one more stage of fixed rank.
 
-Each is a variant of an effect whose ``structures`` returns the structures at its starting values,
-none where it does not apply.
+Each is a variant of an effect whose ``trees`` returns the trees at its starting values, none where
+it does not apply.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..compose import Sum, amplitude, is_constant
+from ..compose import amplitude, is_constant
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
     PrandtlIshlinskiiOperator,
     RateDependentPrandtlIshlinskii,
-    RestoringForce,
 )
-from ..linear import (
-    DynamicStiffnessOperator,
-    FirstOrderLagOperator,
-    GainOperator,
-    LinearOperator,
-    SecondOrderModeOperator,
-    TransferFunction,
-    TransferFunctionOperator,
-)
-from ..operators import SumOperator, take_apart
+from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
+from ..operators import SumOperator
 from ..optimize import VariableProjection, identify
+from ._edits import AddForce, Drive, Enrich, Insert, Modulate, Schedule, both_models
 from ._noise import FEW_TURNS, visible_turns
-from ._starts import Scene, beside, inserted
-from ._structure import Schedule
+from ._starts import Scene, beside, driven_starts, inserted
 
 __all__ = [
     "BesideForce",
@@ -43,22 +34,14 @@ __all__ = [
     "RateDependence",
     "Scaled",
     "SlowerThanDrive",
-    "n_ringing",
 ]
 
 _SPREAD = 0.05  # of a number of the records, relative, above which parameters may depend on it
-_DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
 _TANKS = 3  # in a row, at the most
 _BEYOND = 0.6  # of the largest response: levels of a knee start at least a tenth above it
 _FULL = 0.98  # of the level of a knee, up to which the response is undone
 _FIRST = 4000  # samples that starting values of tanks are improved on
 _BRIEFLY = VariableProjection(tolerance=1e-3, max_evaluations=10)
-
-
-def n_ringing(stages):
-    """Return the number of pairs of poles that overshoot."""
-    ratios = [getattr(s, "damping_ratios", getattr(s, "damping_ratio", ())) for s in stages]
-    return sum(np.count_nonzero(np.asarray(own) < _DAMPED) for own in ratios)
 
 
 @dataclass(frozen=True)
@@ -67,7 +50,7 @@ class SlowerThanDrive:
 
     model: object
 
-    def structures(self, name, scene):
+    def trees(self, name, scene):
         moving = [r.drive for r in scene.records if np.ptp(r.drive) > 0.0]
         few = min(self.model.degree, FEW_TURNS)
         if moving and all(visible_turns(u) <= few for u in moving):
@@ -81,9 +64,8 @@ class FirstHysteresis:
 
     model: object
 
-    def structures(self, name, scene):
-        stages = scene.structure.operators
-        if any(not isinstance(s, LinearOperator) and s.carries_scale for s in stages):
+    def trees(self, name, scene):
+        if any(operator.carries_scale for operator in scene.tree.operators):
             return []
         return inserted(name, self.model, scene)
 
@@ -94,45 +76,26 @@ class InMotion:
 
     model: object
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        found = []
-        for at, (model, operator) in enumerate(
-            zip(structure.models, structure.operators, strict=True)
-        ):
-            if _is_moved(model, operator, self.model) and not any(
-                stage.carries_scale for stage in structure.operators[:at]
-            ):
-                starts = self.model.starting_values(
-                    scene.records_at(at), mode=_linear_part(operator)
-                )
-                candidates = [
-                    structure.exchange(name, at, self.model, start)
-                    for start, _ in map(take_apart, starts)
-                ]
-                found += scene.promising(candidates, at)
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        for at, stage in enumerate(tree.stages):
+            if any(operator.carries_scale for operator in tree.operators[:at]):
+                break
+            if self._enriches(stage):
+                mode, records = stage.operator.linear_mode(), scene.records_at(at)
+                starts = driven_starts(self.model, records, mode=mode)
+                edits = [Enrich(stage.name, self.model, start) for start in starts]
+                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
         return found
 
-
-def _linear_part(operator):
-    """Return the mode of a stage without its other forces."""
-    if isinstance(operator, TransferFunctionOperator):
-        frequency, damping = operator.natural_frequencies[0], operator.damping_ratios[0]
-    else:
-        frequency, damping = operator.natural_frequency, operator.damping_ratio
-    return SecondOrderModeOperator(
-        float(frequency), float(damping), operator.gain, operator.intercept
-    )
-
-
-def _is_moved(model, operator, richer):
-    """Whether a stage is a mode, or one with fewer forces than the richer model."""
-    if isinstance(operator, SecondOrderModeOperator):
-        return True
-    if isinstance(operator, TransferFunctionOperator):
-        return operator.n_poles == (0, 1) and not np.size(operator.numerator)
-    plain = isinstance(model, RestoringForce) and not model.fit_hysteresis
-    return plain and isinstance(richer, RestoringForce) and richer.fit_hysteresis
+    def _enriches(self, stage):
+        """Whether a stage is a mode, or one that the model would add something to."""
+        if not stage.operator.n_parameters or stage.operator.linear_mode() is None:
+            return False
+        if type(stage.model) is type(self.model):
+            more = both_models(stage.model, self.model).get_params()
+            return more != stage.model.get_params()
+        return stage.operator.signal_linear
 
 
 @dataclass(frozen=True)
@@ -141,19 +104,18 @@ class Knee:
 
     model: object
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        at = structure.position(self.model.series_rank)
-        if at < len(structure.operators) or structure.branches or structure.modulations:
+    def trees(self, name, scene):
+        tree = scene.tree
+        at = tree.position(self.model.series_rank)
+        if at < len(tree.stages) or (tree.model._reads_columns and not tree.multi_input):
             return inserted(name, self.model, scene)
         found = []
-        mirrored = [replace(r, u=r.y) for r in scene.records]
-        for start, _ in map(take_apart, self.model.starting_values(mirrored)):
+        for start in driven_starts(self.model, [replace(r, u=r.y) for r in scene.records]):
             reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records)
             # of the levels that the response stays below
             start = replace(start, level=start.level + (reach or 1.0) * _BEYOND)
-            grown = _refitted_to([_before(r, start) for r in scene.records], structure)
-            found.append(grown.insert(name, self.model, start))
+            grown = _refitted_to([_before(r, start) for r in scene.records], tree)
+            found.append(grown.edited(name, Insert(self.model, start)))
         return scene.promising(found, 0)
 
 
@@ -168,9 +130,9 @@ def _before(record, knee):
     return replace(record, y=y, weights=weights)
 
 
-def _refitted_to(records, structure):
-    """Return the structure with its linear parameters, and no other, fitted to records."""
-    problem = structure.problem(records)
+def _refitted_to(records, tree):
+    """Return the tree with its linear parameters, and no other, fitted to records."""
+    problem = tree.problem(records)
     gram = problem.total(problem.evaluate(problem.x0))
     linear = np.flatnonzero(problem.linear)
     own = gram[np.ix_(linear, linear)]
@@ -179,7 +141,7 @@ def _refitted_to(records, structure):
     step = np.linalg.lstsq(own / np.outer(scale, scale), gram[linear, -1] / scale, rcond=None)[0]
     x = problem.x0.copy()
     x[linear] -= step / scale
-    return structure.at(problem, np.clip(x, problem.lower, problem.upper))
+    return tree.at(problem, np.clip(x, problem.lower, problem.upper))
 
 
 @dataclass(frozen=True)
@@ -189,16 +151,13 @@ class InStages:
     overflow: bool
     fit_exponents: bool
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        if scene.multi_input or any(stage.carries_scale for stage in structure.operators):
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        if tree.multi_input or any(operator.carries_scale for operator in tree.operators):
             return []
-        found = []
-        for at, (old, operator) in enumerate(
-            zip(structure.models, structure.operators, strict=True)
-        ):
-            rates = _rates_of_lags(operator)
-            if not rates:
+        for at, (place, old, operator) in enumerate(tree.stages):
+            rates = operator.lag_rates() if hasattr(operator, "with_poles") else []
+            if not 0 < len(rates) <= _TANKS:
                 continue
             model = TankChain(
                 len(rates),
@@ -206,18 +165,16 @@ class InStages:
                 fit_exponents=self.fit_exponents,
                 fit_intercept=old.fit_intercept,
                 hold=old.hold,
-                initial_state=old.initial_state,
-                dt=old.dt,
             )
             records = scene.records_at(at)
             starts = model.starts_of(rates, records)
-            candidates = [structure.exchange(name, at, model, start) for start in starts]
+            candidates = [tree.edited(name, Enrich(place, model, start)) for start in starts]
             candidates = scene.promising(candidates, at)
-            if at == len(structure.operators) - 1:
+            if at == len(tree.stages) - 1:
                 # tanks that overflow are too far from what they replace for one step to tell
                 starts = [candidate.operators[at] for candidate in candidates]
-                start = self._approached(model, starts, records, structure.state)
-                candidates.insert(0, structure.exchange(name, at, model, start))
+                start = self._approached(model, starts, records, tree.state)
+                candidates.insert(0, tree.edited(name, Enrich(place, model, start)))
             found += candidates
         return found
 
@@ -247,57 +204,25 @@ class InStages:
         return starts[0]
 
 
-def _rates_of_lags(operator):
-    """Return the rates of first-order lags in a row, 1/s, [] where a stage is anything else."""
-    if isinstance(operator, FirstOrderLagOperator):
-        return [1.0 / operator.time_constant]
-    if isinstance(operator, SecondOrderModeOperator):
-        pairs = [(operator.natural_frequency, operator.damping_ratio)]
-        constants = []
-    elif isinstance(operator, TransferFunctionOperator) and not np.size(operator.numerator):
-        pairs = list(zip(operator.natural_frequencies, operator.damping_ratios, strict=True))
-        constants = list(operator.time_constants)
-    else:
-        return []
-    if any(damping < _DAMPED for _, damping in pairs) or len(constants) + 2 * len(pairs) > _TANKS:
-        return []
-    rates = [1.0 / constant for constant in constants]
-    for frequency, damping in pairs:  # a pair that does not ring is as two equal lags
-        apart = np.exp(np.arccosh(max(damping, 1.0)))
-        rates += [frequency / apart, frequency * apart]
-    return [float(rate) for rate in rates]
-
-
 @dataclass(frozen=True)
 class BesideForce:
     """A force beside those of a force model, whose drive is the measured motion."""
 
     model: object
 
-    def structures(self, name, scene):
-        structure = scene.structure.labelled(name)
-        label, found = structure.label(name), []
-        for at, (stage, operator) in enumerate(
-            zip(structure.names, structure.operators, strict=True)
-        ):
-            names, parts, steps = (stage,), (operator,), [(stage, structure.models[at])]
-            if isinstance(operator, SumOperator):
-                names, parts, steps = operator.names, operator.stages, structure.models[at].steps
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        for at, (place, _, operator) in enumerate(tree.stages):
+            parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
             if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
                 continue
             rest = [
                 replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
             ]
-            starts = [take_apart(start)[0] for start in self.model.starting_values(rest)]
-            if any(isinstance(part, type(starts[0])) for part in parts):
-                continue
-            model = Sum([*steps, (label, self.model)])
-            found += [
-                structure.exchange(
-                    name, at, model, SumOperator((*names, label), (*parts, start)).normalized()
-                )
-                for start in starts
-            ]
+            starts = driven_starts(self.model, rest)
+            if all(type(part) is not type(starts[0]) for part in parts):
+                edits = [AddForce(place, self.model, start) for start in starts]
+                found += [tree.edited(name, edit) for edit in edits]
         return found
 
 
@@ -307,30 +232,24 @@ class RateDependence:
 
     variant: str
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        found = []
-        for at, operator in enumerate(structure.operators):
+    def trees(self, name, scene):
+        for at, (place, _, operator) in enumerate(scene.tree.stages):
             if (
                 not isinstance(operator, PrandtlIshlinskiiOperator)
                 or operator.form != "play"
                 or operator.drive_offset
             ):
                 continue
-            old = structure.models[at]
             model = RateDependentPrandtlIshlinskii(
                 variant=self.variant,
                 thresholds=np.array(operator.thresholds),
                 non_negative=operator.non_negative,
-                fit_intercept=old.fit_intercept,
             )
-            for start, _ in map(take_apart, model.starting_values(scene.records_at(at))):
-                warm = replace(
-                    start, weights=np.array(operator.weights), intercept=operator.intercept
-                )
-                found.append(structure.exchange(name, at, model, warm))
-            return scene.promising(found, at)
-        return found
+            known = {"weights": np.array(operator.weights), "intercept": operator.intercept}
+            starts = driven_starts(model, scene.records_at(at))
+            edits = [Enrich(place, model, replace(start, **known)) for start in starts]
+            return scene.promising([scene.tree.edited(name, edit) for edit in edits], at)
+        return []
 
 
 @dataclass(frozen=True)
@@ -339,15 +258,15 @@ class Driven:
 
     model: object
 
-    def structures(self, name, scene):
+    def trees(self, name, scene):
         found = []
         for column in _moving_columns(scene):
             records = [
                 replace(r, u=np.ascontiguousarray(r.auxiliary[:, column - 1]), before=None)
                 for r in scene.residuals
             ]
-            starts = [take_apart(start)[0] for start in self.model.starting_values(records)]
-            found += [scene.structure.branch(name, self.model, s, column) for s in starts]
+            edits = [Drive(self.model, s, column) for s in driven_starts(self.model, records)]
+            found += [scene.tree.edited(name, edit) for edit in edits]
         return found
 
 
@@ -357,21 +276,21 @@ class Scaled:
 
     by: str
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        taken = structure.modulated_by()
-        if scene.multi_input or self.by in taken:
+    def trees(self, name, scene):
+        tree = scene.tree
+        if tree.multi_input:
             return []
         if self.by == "amplitude":
-            amplitudes = [amplitude(r.u) for r in scene.records]
-            if not _differ(amplitudes):
-                return []
-            mean = np.average(amplitudes, weights=[len(r.u) for r in scene.records])
-            return [structure.modulated(name, "amplitude", float(mean))]
+            amplitudes = _numbers(scene, "amplitude")
+            sizes = [len(r.u) for r in scene.records]
+            means = {"amplitude": np.average(amplitudes, weights=sizes)}
+            means = means if _differ(amplitudes) else {}
+        else:
+            means = {column: _column(scene, column).mean() for column in _moving_columns(scene)}
         return [
-            structure.modulated(name, column, float(_column(scene, column).mean()))
-            for column in _moving_columns(scene)
-            if column not in taken
+            tree.edited(name, Modulate(column, float(mean)))
+            for column, mean in means.items()
+            if str(column) not in tree.scaled_by
         ]
 
 
@@ -382,53 +301,16 @@ class PerRecord:
     by: str
     which: str  # "dynamics" or "all"
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        if structure.schedule is not None or scene.multi_input:
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        if tree.lines or tree.multi_input or not Schedule.entries(tree, self.which):
             return []
-        found = []
         for by in ["amplitude"] if self.by == "amplitude" else _levels(scene):
-            schedule = Schedule(by, 0.0, 1.0, {})
-            numbers = [schedule.number(record) for record in scene.records]
-            if not _differ(numbers):
-                continue
-            names = self._entries(structure)
-            if names:
-                values = dict(
-                    zip(
-                        [entry for entry, _ in structure.series().entries()],
-                        structure.series().pack(),
-                        strict=True,
-                    )
-                )
-                lines = {entry: (values[entry],) * 2 for entry in names}
-                found.append(
-                    structure.scheduled(name, Schedule(by, min(numbers), max(numbers), lines))
-                )
+            numbers = _numbers(scene, by)
+            if _differ(numbers):
+                edit = Schedule(by, min(numbers), max(numbers), self.which)
+                found.append(tree.edited(name, edit))
         return found
-
-    def _entries(self, structure):
-        """Return the names of the entries that follow the record, none where it makes no sense."""
-        series = structure.series()
-        held = {
-            f"{stage}__{entry}"
-            for stage, model in zip(structure.names, structure.models, strict=True)
-            for entry in model.held_parameters()
-        }
-        dynamics = {
-            f"{stage}__{entry}"
-            for stage, operator in zip(structure.names, structure.operators, strict=True)
-            for entry, spec in operator.entries()
-            if isinstance(operator, LinearOperator) and not spec.linear
-        }
-        free = [
-            entry
-            for (entry, _), gauge in zip(series.entries(), series.gauge_mask(), strict=True)
-            if not gauge and entry not in held
-        ]
-        if self.which == "dynamics":
-            return [entry for entry in free if entry in dynamics]
-        return free if len(free) > len(dynamics) and not _is_intercept_only(free) else []
 
 
 @dataclass(frozen=True)
@@ -440,32 +322,19 @@ class MovedModes:
 
     n_modes: int
 
-    def structures(self, name, scene):
-        structure = scene.structure
-        if structure.schedule is not None or not isinstance(structure.operators[-1], GainOperator):
+    def trees(self, name, scene):
+        tree, numbers = scene.tree, _numbers(scene, "amplitude")
+        if tree.lines or type(tree.operators[-1]) is not GainOperator or not _differ(numbers):
             return []
-        schedule = Schedule("amplitude", 0.0, 1.0, {})
-        numbers = [schedule.number(record) for record in scene.records]
-        if not _differ(numbers):
-            return []
-        middle = 0.5 * (min(numbers) + max(numbers))
-        large = [r for r, number in zip(scene.records, numbers, strict=True) if number > middle]
+        ends = min(numbers), max(numbers)
+        large = [r for r, n in zip(scene.records, numbers, strict=True) if n > 0.5 * sum(ends)]
         model = TransferFunction(2 * self.n_modes, n_zeros=2 * self.n_modes)
         found = []
-        for candidate in inserted(name, model, Scene(structure, large)):
-            at = candidate.place(name)
-            operator, label = candidate.operators[at], candidate.names[at]
-            lines = {
-                f"{label}__numerator[{i}]": (0.0, value)
-                for i, value in enumerate(operator.numerator)
-            }
-            own = Schedule("amplitude", min(numbers), max(numbers), lines)
-            found.append(structure.inserted_by_record(name, model, operator, own))
+        for candidate in inserted(name, model, Scene(tree, large)):
+            operator = candidate.part(name)
+            lines = {f"numerator[{i}]": (0.0, value) for i, value in enumerate(operator.numerator)}
+            found.append(candidate.edited(name, Schedule("amplitude", *ends, lines)))
         return found
-
-
-def _is_intercept_only(entries):
-    return all(entry.endswith("__intercept") for entry in entries)
 
 
 def _differ(numbers):
@@ -478,9 +347,16 @@ def _column(scene, column):
     return np.concatenate([r.auxiliary[:, column - 1] for r in scene.records])
 
 
+def _numbers(scene, by):
+    """Return the number of each record: its amplitude, or the mean of a column."""
+    if by == "amplitude":
+        return [amplitude(r.u) for r in scene.records]
+    return [float(r.auxiliary[:, by - 1].mean()) for r in scene.records]
+
+
 def _moving_columns(scene):
     """Return the numbers of the columns of X, beside the first, that are not constant."""
-    if scene.records[0].auxiliary is None:
+    if scene.records[0].auxiliary is None or scene.tree.multi_input:
         return []
     n_columns = scene.records[0].auxiliary.shape[1]
     return [c for c in range(1, n_columns + 1) if np.ptp(_column(scene, c)) > 0.0]

@@ -9,18 +9,14 @@ from ..disturbance import Drift, Offset, PeriodicDisturbance
 from ..hysteresis import (
     Backlash,
     BoucWen,
-    BoucWenOperator,
     BoucWenStage,
     BoucWenStageOperator,
     CoulombFriction,
     Dahl,
-    DahlOperator,
     FrictionStage,
-    FrictionStageOperator,
     MaxwellSlip,
     PrandtlIshlinskii,
     RestoringForce,
-    RestoringForceOperator,
     SlewLimit,
 )
 from ..linear import (
@@ -52,7 +48,6 @@ from ._changes import (
     RateDependence,
     Scaled,
     SlowerThanDrive,
-    n_ringing,
 )
 from ._noise import FEW_TURNS, near_period, visible_turns
 
@@ -69,7 +64,7 @@ class Effect:
         Its name in reports and in the steps of the augmented model.
     variants : callable
         Returns a list of unfitted models, simplest first; the data choose among them. A change of
-        another kind than one more stage is an object with ``structures(name, scene)``.
+        another kind than one more stage is an object with ``trees(name, scene)``.
     law : str
         One sentence of physics.
     experiment : str
@@ -93,7 +88,7 @@ class Effect:
 
 def _rings(operator, motion, records):
     """Tell whether a mode overshoots, and shows in the gain: as a peak or a notch."""
-    rings = n_ringing([operator]) > 0
+    rings = operator.n_ringing() > 0
     if not rings or isinstance(operator, SecondOrderModeOperator):
         return rings
     mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
@@ -154,7 +149,7 @@ _WAY = 0.05  # before sliding, of the range of the motion: below it is friction,
 
 def _slides(operator, motion, records):
     """Tell whether a force saturates soon after the motion turns round, as friction does."""
-    way = _way_before_sliding(operator)
+    way = operator.way_before_sliding()
     return way is None or way < _WAY * np.ptp(motion)
 
 
@@ -162,23 +157,8 @@ def _remembers(operator, motion, records):
     """Tell whether a force builds up over a visible way, and not as a hard spring does."""
     if isinstance(operator, BoucWenStageOperator) and abs(operator.shape) > _HARD:
         return False
-    way = _way_before_sliding(operator)
+    way = operator.way_before_sliding()
     return way is None or way > 0.2 * _WAY * np.ptp(motion)
-
-
-def _way_before_sliding(operator):
-    """Return the way before a force saturates, in units of the motion, or None."""
-    if isinstance(operator, FrictionStageOperator):
-        return abs(operator.gain) * operator.static_level / operator.bristle_stiffness
-    if isinstance(operator, RestoringForceOperator) and operator.hysteresis_stiffness:
-        return abs(operator.gain) * operator.slip_level / operator.hysteresis_stiffness
-    if isinstance(operator, BoucWenStageOperator):
-        return abs(operator.gain) * operator.level / operator.hysteresis_stiffness
-    if isinstance(operator, DahlOperator):
-        return operator.presliding_displacement
-    if isinstance(operator, BoucWenOperator):
-        return operator.limit
-    return None
 
 
 _BUILT_IN = (

@@ -24,7 +24,7 @@ def gather_evidence(effect, structure, result, records, before, after, columns=(
     Parameters
     ----------
     effect : Effect
-    structure : Structure
+    structure : Tree
         The augmented model at its solution.
     result : IdentificationResult
         Of the augmented model, fitted on all records.
@@ -51,7 +51,7 @@ def gather_evidence(effect, structure, result, records, before, after, columns=(
 def _describer(claim):
     """Return what describes a claim, by the way in which the effect entered."""
     name, structure = claim.name, claim.structure
-    kind = dict(structure.added)[name][0]
+    kind, *more = (edit.kind for edit in structure.edits_of(name))
     if kind == "beside":
         return BESIDE.get(name, describe_beside)
     if kind == "branch":
@@ -60,7 +60,7 @@ def _describer(claim):
         return describe_modulation
     if kind == "schedule":
         return describe_schedule
-    if kind == "scheduled stage":
+    if more:
         return describe_moved_modes
     if kind == "exchange" and isinstance(claim.operator, TankChainOperator):
         return describe_tanks

@@ -1,6 +1,6 @@
 """What all evidence is made of: the claim, its numbers, its picture, and what the model lacks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -46,7 +46,7 @@ class Claim:
     Attributes
     ----------
     name : str
-    structure : Structure
+    structure : Tree
         The augmented model at its solution.
     result : IdentificationResult
         Of the augmented model, fitted on all records.
@@ -83,15 +83,16 @@ class Claim:
     @cached_property
     def operator(self):
         """The operator that the effect is, or has become a part of."""
-        return self.structure.operator(self.name)
+        return self.structure.part(self.name)
 
     @cached_property
     def values(self):
         """The parameters of the operator: name -> (value, standard error)."""
-        structure, places = self.structure, dict(self.structure.places)
+        structure = self.structure
+        place = structure.edits_of(self.name)[0].place
         marks = [f"{self.label}__"]
-        if self.name in places and not self.is_part:
-            marks = [f"{places[self.name]}__"]
+        if place and not self.is_part:
+            marks = [f"{place}__"]
         elif self.label in structure.beside_names:
             marks.append(f"disturbance{structure.beside_names.index(self.label)}__")
         found = {}
@@ -99,7 +100,7 @@ class Claim:
             for mark in marks:
                 if key.startswith(mark) or f"__{mark}" in key:
                     found[key.split(mark, 1)[1]] = (value, self.result.params_std[key])
-        if not found and self.name in places:  # a single model has no names of stages
+        if not found and place:  # a single model has no names of stages
             keys = {key.removeprefix("model__"): key for key in self.result.params}
             found = {
                 short: (self.result.params[key], self.result.params_std[key])
@@ -159,22 +160,12 @@ class Claim:
                 tuple(stage.names[i] for i in kept), tuple(stage.stages[i] for i in kept)
             )
             return self.with_stage(own, model)
-        return replace(
-            structure,
-            **{
-                field: getattr(structure, field)[:at] + getattr(structure, field)[at + 1 :]
-                for field in ("names", "models", "operators")
-            },
-        )
+        return structure.cut(structure.names[at])
 
     def with_stage(self, operator, model=None):
         """Return the model with another operator in the effect's place."""
-        structure, at = self.structure, self.at
-        operators = (*structure.operators[:at], operator, *structure.operators[at + 1 :])
-        if model is None:
-            return replace(structure, operators=operators)
-        models = (*structure.models[:at], model, *structure.models[at + 1 :])
-        return replace(structure, operators=operators, models=models)
+        changes = {} if model is None else {"model": model}
+        return self.structure.with_stage(self.at, operator=operator, **changes)
 
     def lacking(self, without):
         """Return what a model lacks: of the measurement, and of the augmented model."""

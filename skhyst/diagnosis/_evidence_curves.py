@@ -261,7 +261,7 @@ def describe_tanks(claim):
         top = chain.gain * chain.ceilings[-1] + chain.intercept
         numbers["response at the ceiling"] = (float(top), np.nan, "response")
         statement += f", and the response ends at {top:.4g}"
-    _, _, linear = dict(claim.structure.added)[claim.name]
+    linear = claim.structure.without(claim.name).operators[claim.at]
     curves = [
         (label, grid, np.array([stage.run([v], 1.0, stage.init(v))[0][0] for v in grid]), style)
         for label, stage, style in (

@@ -1,13 +1,12 @@
 """Evidence for what belongs to records: disturbances, amplitudes and further columns of X."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.signal import welch
 
 from ..compose import amplitude, sensitivity_name
 from ..optimize import variable_projection
 from ._evidence_base import Picture, binned, compared
+from ._tree import as_read
 
 __all__ = [
     "BESIDE",
@@ -122,9 +121,9 @@ def _in_column(claim, column):
 def describe_branch(claim):
     """Describe what a column of X adds to the response."""
     structure = claim.structure
-    branch = next(b for b in structure.branches if b.name == claim.label)
+    (branch,) = structure.edits_of(claim.name)
     name, values = _column_name(claim, branch.column), claim.values
-    others = replace(structure, branches=tuple(b for b in structure.branches if b is not branch))
+    others = structure.without(claim.name)
     measured, identified = map(np.concatenate, claim.lacking(others.respond(claim.records)))
     middle = identified.mean()
     column = _in_column(claim, branch.column)
@@ -157,11 +156,12 @@ def describe_branch(claim):
 def describe_modulation(claim):
     """Describe a response that is scaled by the record's amplitude or by a column of X."""
     structure, records = claim.structure, claim.records
-    (modulation,) = (m for m in structure.modulations if m.effect == claim.name)
-    others = tuple(m for m in structure.modulations if m is not modulation)
-    plain = replace(structure, modulations=others, branches=())
-    unscaled = plain.respond(records)
-    with_branches = replace(structure, modulations=others).respond(records)
+    (modulation,) = structure.edits_of(claim.name)
+    (sensitivity,) = structure.values["scaled by", str(modulation.column)]
+    plain = others = structure.without(claim.name)
+    for name, edit in others.edits:
+        plain = plain.without(name) if edit.kind == "branch" else plain
+    unscaled, with_branches = plain.respond(records), others.respond(records)
     measured = [
         y - (both - alone)
         for y, both, alone in zip(claim.measured, with_branches, unscaled, strict=True)
@@ -175,26 +175,26 @@ def describe_modulation(claim):
         x, gains = _gains_by_column(
             _in_column(claim, modulation.column), np.concatenate(unscaled), np.concatenate(measured)
         )
-    entry = sensitivity_name(1 + structure.modulations.index(modulation))
+    entry = sensitivity_name(1 + structure.scaled_by.index(str(modulation.column)))
     std = next(
         (s for key, s in claim.result.params_std.items() if key.split("__")[-1] == entry), np.nan
     )
     order = np.argsort(x)
     x, gains = x[order], gains[order]
     ends = np.array([x[0], x[-1]])
-    lines = 1.0 + modulation.sensitivity * (ends - modulation.reference)
+    lines = 1.0 + sensitivity * (ends - modulation.reference)
     span = float(np.ptp(x))
     numbers = {
-        "change of the gain": (modulation.sensitivity, std, f"1/{unit}"),
+        "change of the gain": (sensitivity, std, f"1/{unit}"),
         "change of the gain over the range": (
-            modulation.sensitivity * span,
+            sensitivity * span,
             std * span,
             "",
         ),
         "gain is one at": (modulation.reference, np.nan, unit),
     }
     statement = (
-        f"The gain changes by {100.0 * modulation.sensitivity * span:+.3g} % from {ends[0]:.4g} to "
+        f"The gain changes by {100.0 * sensitivity * span:+.3g} % from {ends[0]:.4g} to "
         f"{ends[1]:.4g} of the {name}."
     )
     picture = Picture(
@@ -222,14 +222,14 @@ def _gains_by_column(column, unscaled, measured):
 def describe_schedule(claim):
     """Describe parameters that are lines in the amplitude of a record, or in a column."""
     structure, records = claim.structure, claim.records
-    schedule = structure.schedule
+    (schedule,) = structure.edits_of(claim.name)
     if schedule.by == "amplitude":
         name, unit = "half range of the drive in a record", "drive"
     else:
         name = unit = _column_name(claim, schedule.by)
-    groups = _groups(structure)
+    groups = _groups(structure, schedule)
     lines = {
-        label: sum(np.array(schedule.lines[entry]) for entry in entries)
+        label: sum(np.array(structure.lines[entry]) for entry in entries)
         for label, entries in groups.items()
     }
     size = {label: float(np.mean(np.abs(line))) for label, line in lines.items()}
@@ -245,7 +245,7 @@ def describe_schedule(claim):
         "smallest": (float(schedule.low), np.nan, unit),
         "largest": (float(schedule.high), np.nan, unit),
     }
-    x = np.array([schedule.number(record) for record in records])
+    x = np.array([r.schedule for r in as_read(structure.model, records)])
     alone = _fitted_alone(claim, [groups[label] for label in drawn])
     ends, curves = np.array([schedule.low, schedule.high]), []
     for label, values in zip(drawn, alone.T, strict=True):
@@ -266,21 +266,20 @@ def describe_schedule(claim):
     return statement, numbers, picture
 
 
-def _groups(structure):
+def _groups(structure, schedule):
     """Return what is drawn of the entries that follow the record: label -> entries.
 
     Plays are many and alike: their weights count together, and those with memory once more.
     """
     groups = {}
     for stage, operator in zip(structure.names, structure.operators, strict=True):
-        prefix = f"{stage}__"
-        for entry in structure.schedule.lines:
-            if not entry.startswith(prefix) or entry.endswith("intercept"):
+        for entry in structure.lines:
+            if entry[0] != stage or entry[1].endswith("intercept"):
                 continue
-            label = entry.removeprefix(prefix).replace("_", " ")
+            label = entry[1].replace("_", " ")
             if label.startswith("weights[") and hasattr(operator, "thresholds"):
                 threshold = operator.thresholds[int(label.removeprefix("weights[").rstrip("]"))]
-                if structure.schedule.by == "amplitude" and threshold >= structure.schedule.low:
+                if schedule.by == "amplitude" and threshold >= schedule.low:
                     continue  # not every record reaches it
                 groups.setdefault("sum of all weights", []).append(entry)
                 if threshold > 0.0:
@@ -295,14 +294,12 @@ def _groups(structure):
 def _fitted_alone(claim, groups):
     """Return sums of parameters of each record fitted on its own, (n_records, n_groups)."""
     structure, found = claim.structure, []
-    series = structure.series()
-    names = [name for name, _ in series.entries()]
+    plain = structure.without(claim.name)
     for record in claim.records[:_ALONE]:
-        schedule = structure.schedule
-        own = schedule.applied(series).at(schedule.number(record)).operator
-        single = replace(structure, schedule=None, operators=own.stages)
+        (own,) = as_read(structure.model, [record])
+        single = plain.with_stages(structure.stages_at(own.schedule))
         problem = single.problem([record])
         solution = variable_projection(problem, problem.x0, max_evaluations=_ALONE_EVALUATIONS)
-        values = dict(zip(names, single.at(problem, solution.x).series().pack(), strict=True))
-        found.append([sum(values[entry] for entry in entries) for entries in groups])
+        values = single.at(problem, solution.x).values
+        found.append([float(sum(values[entry] for entry in entries)[0]) for entries in groups])
     return np.array(found)

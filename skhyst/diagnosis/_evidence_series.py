@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.signal import csd, welch
 
+from ..compose import amplitude
 from ._evidence_base import Picture
 
 __all__ = ["DYNAMICS", "describe_moved_modes"]
@@ -131,9 +132,9 @@ DYNAMICS = {"lag": _lag, "resonance": _resonance, "delay": _delay, "creep": _cre
 
 def describe_moved_modes(claim):
     """Describe modes that the amplitude moves, from the zeros of the stage to its poles."""
-    schedule, series = claim.structure.schedule, claim.structure.series()
+    schedule = claim.structure.edits_of(claim.name)[-1]
     small, large = (
-        schedule.applied(series).at(number).operator.stages[claim.at]
+        claim.structure.stages_at(number)[claim.at].operator
         for number in (schedule.low, schedule.high)
     )
     before, after = (
@@ -149,7 +150,7 @@ def describe_moved_modes(claim):
         moves = [f"from {a:.5g} to {b:.5g} Hz" for a, b in zip(before, after, strict=True)]
         statement = f"Modes move with the amplitude: {', '.join(moves)}."
     middle = 0.5 * (schedule.low + schedule.high)
-    above = [i for i, r in enumerate(claim.records) if schedule.number(r) > middle]
+    above = [i for i, r in enumerate(claim.records) if amplitude(r.u) > middle]
     frequency, response = _measured_response(claim, above)
     grid = np.linspace(0.5 * after.min(), 1.5 * after.max(), 400)
     near = (frequency >= grid[0]) & (frequency <= grid[-1])

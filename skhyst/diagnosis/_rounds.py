@@ -16,13 +16,10 @@ from math import comb
 import numpy as np
 from joblib import Parallel, delayed
 
-from ..hysteresis import OscillatorOperator
 from ._candidates import FACTOR, halve, held_out, predicted, refitted
-from ._changes import n_ringing
 from ._effects import EFFECTS
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
-from ._starts import dynamics_anew, stage_anew
 
 __all__ = ["Rounds"]
 
@@ -106,7 +103,7 @@ class Rounds:
         """Return the candidate that is claimed, or None."""
         begin = time.perf_counter()
         parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
-        taken = {name for name, _ in base.structure.added} | set(self.dropped)
+        taken = set(base.structure.effects) | set(self.dropped)
         effects = [effect for effect in self.effects if effect.name not in taken]
         screened = self._screened(base, [(effect, base) for effect in effects], parallel)
         self._add_time("screening", begin)
@@ -189,8 +186,7 @@ class Rounds:
         pairs = [(known[b.effects[0]], a) for a, b in combinations(best, 2)]
         first = [a for _, a in pairs]
         fitted = self._fitted(first, self._screened(base, pairs, parallel), parallel)
-        added = [c.structure.added for c in fitted]
-        names = [tuple(name for name, _ in own[len(base.structure.added) :]) for own in added]
+        names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
         fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
         return self._held_out(base, fitted, parallel)
 
@@ -262,17 +258,10 @@ class Rounds:
     # ------------------------------------------------------------------ after a claim
 
     def _refreshed(self, base):
-        """Return a candidate with its dynamics identified anew, where that foretells better."""
+        """Return a candidate identified anew from nothing, where that foretells better."""
         if are_long(self.records) or self.renew is not None:
             return base
-        structures = dynamics_anew(base.structure, self.records)
-        if isinstance(base.structure.operators[-1], OscillatorOperator):
-            structures += stage_anew(base.structure, self.records)
-        if not structures:
-            return base
-        found = [refitted(base, s, self.records, FACTOR) for s in structures]
-        anew = min(found, key=lambda c: c.cost)
-        anew = refitted(anew, anew.structure, self.records)
+        anew = refitted(base, base.structure.identified(self.records), self.records)
         if anew.cost >= base.cost:
             return base
         anew = held_out(anew, self.records, self.folds)
@@ -281,9 +270,9 @@ class Rounds:
     def _recheck(self, base):
         """Drop what the effects added later have made needless; return the candidate."""
         begin = time.perf_counter()
-        while len(base.structure.added) > 1:
+        while len(base.structure.effects) > 1:
             needless = []
-            for effect in base.structure.removable()[:-1]:
+            for effect in base.structure.effects[:-1]:
                 reduced = refitted(base, base.structure.without(effect), self.records)
                 if self.renew is None:
                     reduced = held_out(reduced, self.records, self.folds)
@@ -310,7 +299,7 @@ def _is_plausible(candidate, name, records):
     plausible = EFFECTS[name].plausible
     if plausible is None:
         return True
-    operator = structure.operator(name)
+    operator = structure.part(name)
     if structure.label(name) in structure.beside_names:
         return plausible(operator, np.array([]), records)
     last = structure.place(name) + (not structure.is_part(name))  # a force is driven by the motion
@@ -323,6 +312,10 @@ def _have_changed_places(base, candidate, name):
     It is then the mode that was there before, and what is new is what that one has become.
     """
     structure = candidate.structure
-    if structure.label(name) not in structure.names or not n_ringing([structure.operator(name)]):
+    if structure.label(name) not in structure.names or not structure.part(name).n_ringing():
         return False
-    return n_ringing(structure.operators) <= n_ringing(base.structure.operators)
+    ringing, before = (
+        sum(operator.n_ringing() for operator in own.operators)
+        for own in (structure, base.structure)
+    )
+    return ringing <= before

@@ -26,7 +26,7 @@ from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._report import Report
 from ._rounds import Rounds
-from ._structure import Structure
+from ._tree import Tree
 
 __all__ = ["EffectSearchCV"]
 
@@ -240,7 +240,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ]
         records = declared.begin(records, folds)
         result, records = declared.identified(records)
-        structure = Structure.from_result(declared.model, result)
+        structure = Tree.from_result(declared.model, result)
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, len(result.x), result.x)

@@ -50,9 +50,8 @@ def suffices(effect, structure, records, parts):
     """
     if effect.beside:
         return False
-    amplitude = [*structure.modulated_by(), structure.schedule and structure.schedule.by]
-    amplitude += [getattr(variant, "by", None) for variant in effect.variants()]
-    return "amplitude" not in amplitude or all(
+    by = [getattr(variant, "by", None) for variant in effect.variants()]
+    return not (structure.follows_amplitude or "amplitude" in by) or all(
         np.ptp(part.u) >= _REACHED * np.ptp(record.u)
         for record, part in zip(records, parts, strict=True)
     )

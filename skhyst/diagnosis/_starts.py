@@ -1,43 +1,32 @@
-"""Starting values of an effect in a structure, from the data."""
+"""Starting values of an effect in a tree, from the data."""
 
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from sklearn.base import clone
 
-from ..hysteresis import OscillatorOperator
-from ..linear import DelayOperator, LinearOperator
 from ..operators import take_apart
-from ..optimize import distribute_poles, pole_starts, predicted_cost
+from ..optimize import distribute_poles, pole_starts
+from ._edits import Beside, Insert
 
-__all__ = [
-    "Scene",
-    "beside",
-    "dynamics_anew",
-    "hysteresis_anew",
-    "inserted",
-    "stage_anew",
-    "starting_structures",
-]
+__all__ = ["Scene", "beside", "driven_starts", "inserted", "starting_trees"]
 
 _STARTS = 3  # of many starting values, so many are linearised
 _THINNED = 3  # every so many samples decide which
-_LARGEST_CONDITION = 1e6  # of the scaled normal equations; a shape that can be told has some 1e3
 _SAME_POLES = 0.03  # relative distance of poles that need no start of their own
 
 
-def starting_structures(effect, structure, records):
-    """Return, for each variant of an effect that applies, the structures at its starting values.
+def starting_trees(effect, tree, records):
+    """Return, for each variant of an effect that applies, the trees at its starting values.
 
     A variant is a model, which is put beside the series or where its rank says, or a change of
-    its own (see ``_changes``), which makes the structures itself.
+    its own (see ``_changes``), which makes the trees itself.
     """
-    scene = Scene(structure, records)
+    scene = Scene(tree, records)
     found = []
     for variant in effect.variants():
-        if hasattr(variant, "structures"):
-            found.append(variant.structures(effect.name, scene))
+        if hasattr(variant, "trees"):
+            found.append(variant.trees(effect.name, scene))
         elif effect.beside:
             found.append(beside(effect.name, variant, scene))
         else:
@@ -46,49 +35,44 @@ def starting_structures(effect, structure, records):
 
 
 class Scene:
-    """A structure and its records, with the signals between the stages, each computed once."""
+    """A tree and its records, with the signals between the stages, each computed once."""
 
-    def __init__(self, structure, records):
-        self.structure = structure
+    def __init__(self, tree, records):
+        self.tree = tree
         self.records = records
         self._signals = {}
 
     def signals(self, at):
         """Return what goes into a place of the series, for each record."""
         if at not in self._signals:
-            self._signals[at] = self.structure.run(self.records, last=at)
+            self._signals[at] = self.tree.run(self.records, last=at)
         return self._signals[at]
 
     def records_at(self, at):
         """Return the records with what goes into a place of the series as their drive."""
         return [
-            replace(r, u=u, before=self.structure.rest(r, at))
+            replace(r, u=u, before=self.tree.rest(r, at))
             for r, u in zip(self.records, self.signals(at), strict=True)
         ]
 
     @cached_property
     def residuals(self):
         """The records with what the driven part leaves as their response."""
-        outputs = self.structure.respond(self.records)
+        outputs = self.tree.respond(self.records)
         return [replace(r, y=r.y - y) for r, y in zip(self.records, outputs, strict=True)]
-
-    @cached_property
-    def multi_input(self):
-        """Whether the first stage takes several inputs, so that nothing can come before it."""
-        return self.records[0].u.ndim > 1
 
     def promising(self, candidates, first):
         """Return the few candidates whose output helps most, and the one that fits best itself.
 
         They are alike before the place ``first``. An output helps where it fits together with that
-        of the structure as it is, up to gains and offset.
+        of the tree as it is, up to gains and offset.
         """
         if len(candidates) <= _STARTS:
             return candidates
         records, signals = self.records, self.signals(first)
         rows = _some(records)
         y = np.concatenate([record.y for record in records])[rows]
-        before = np.concatenate(self.structure.run(records, first=first, signals=signals))[rows]
+        before = np.concatenate(self.tree.run(records, first=first, signals=signals))[rows]
         together, alone = [], []
         for candidate in candidates:
             output = np.concatenate(candidate.run(records, first=first, signals=signals))[rows]
@@ -106,47 +90,35 @@ class Scene:
         return [candidates[i] for i in (chosen if best in chosen else [*chosen, best])]
 
 
+def driven_starts(model, records, **known):
+    """Return the operators that a model starts from."""
+    return [take_apart(start)[0] for start in model.starting_values(records, **known)]
+
+
 def beside(name, model, scene):
-    """Return the structures with a disturbance beside the series, at its starting values."""
+    """Return the trees with a disturbance beside the series, at its starting values."""
     return [
-        scene.structure.beside(name, model, disturbance)
-        for _, disturbances in map(take_apart, model.starting_values(scene.residuals))
-        for disturbance in disturbances
-    ]
-
-
-def _undisturbed(structure, records):
-    """Return the records without what disturbances add to the response."""
-    if not structure.disturbances:
-        return records
-    problem = structure.problem(records)
-    coefficients = problem.coefficients(problem.evaluate(problem.x0, jacobian=False))
-    known = problem.outputs(problem.operator, problem.disturbances, coefficients)
-    return [
-        replace(r, y=r.y - (y - driven))
-        for r, y, driven in zip(records, known, structure.respond(records), strict=True)
+        scene.tree.edited(name, Beside(model, disturbance))
+        for start in model.starting_values(scene.residuals)
+        for disturbance in take_apart(start)[1]
     ]
 
 
 def inserted(name, model, scene):
-    """Return the structures with a model where its rank says, at its promising starting values."""
-    structure = scene.structure
-    at = structure.position(model.series_rank)
-    if at == 0 and scene.multi_input:
+    """Return the trees with a model where its rank says, at its promising starting values."""
+    tree = scene.tree
+    at = tree.position(model.series_rank)
+    if at == 0 and tree.multi_input:
         return []
     candidates = [
-        structure.insert(name, model, _unit_gain(operator, structure))
-        for operator, _ in map(take_apart, model.starting_values(scene.records_at(at)))
+        tree.edited(name, Insert(model, _unit_gain(operator, tree)))
+        for operator in driven_starts(model, scene.records_at(at))
     ]
-    first = min(at, _first_dynamics(structure))
-    candidates += _redistributed(candidates, at, scene, first)
+    dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
+    first = min([at, *dynamics])
+    if candidates:
+        candidates += _redistributed(candidates, at, scene, first)
     return scene.promising(candidates, first)
-
-
-def _first_dynamics(structure):
-    """Return the position of the first linear dynamics."""
-    ranks = [isinstance(stage, LinearOperator) for stage in structure.operators]
-    return ranks.index(True) if any(ranks) else len(ranks)
 
 
 def _redistributed(candidates, at, scene, first):
@@ -155,11 +127,11 @@ def _redistributed(candidates, at, scene, first):
     A declared model that lacks a pole bends its own poles to make up for it, and a local search
     would leave them there.
     """
-    stages = candidates[0].operators
-    if not isinstance(stages[at], LinearOperator | DelayOperator):
+    operators = candidates[0].operators
+    if not operators[at].signal_linear:
         return []
-    delayed = isinstance(stages[first], DelayOperator)
-    if len(_dynamics(stages)) + delayed < 2:
+    delayed = not _has_poles(operators[first])
+    if sum(map(_has_poles, operators)) + delayed < 2:
         return []
     return [
         anew
@@ -168,94 +140,28 @@ def _redistributed(candidates, at, scene, first):
     ]
 
 
-def hysteresis_anew(structure, records):
-    """Return the structure with its hysteresis at the model's own starting values, or None.
-
-    What is missing may have driven the shape of a hysteresis that stands alone so far off that a
-    local search does not bring it back: to where the data no longer determine it.
-    """
-    if len(structure.operators) > 1 or not _can_start_anew(structure, records):
-        return None
-    if isinstance(structure.operators[0], LinearOperator | OscillatorOperator):
-        return None
-    problem = structure.problem(records)
-    if problem.linear.all() or _is_determined(problem):
-        return None
-    starts = structure.models[0].starting_values(_undisturbed(structure, records))
-    starts = [take_apart(start)[0] for start in starts]
-    found = [replace(structure, operators=(operator,)) for operator in starts]
-    problems = [candidate.problem(records) for candidate in found]
-    return found[int(np.argmin([predicted_cost(p, p.x0) for p in problems]))]
+def _has_poles(operator):
+    """Whether an operator is linear, and its poles can be put elsewhere."""
+    return hasattr(operator, "with_poles") and sum(operator.n_poles) > 0
 
 
-def _is_determined(problem):
-    """Whether all unknowns are, well enough, at the starting values of a problem."""
-    hessian = problem.total(problem.evaluate(problem.x0))[:-1, :-1]
-    scale = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
-    values = np.linalg.eigvalsh(hessian / np.outer(scale, scale))
-    return values[0] > values[-1] / _LARGEST_CONDITION
-
-
-def dynamics_anew(structure, records):
-    """Return the structure with its linear dynamics at starting values of their own, a few.
-
-    What has been added since may have taken over what they had made up for.
-    """
-    if not _can_start_anew(structure, records) or not _dynamics(structure.operators):
-        return []
-    scene = Scene(structure, _undisturbed(structure, records))
-    first = _first_dynamics(structure)
-    return scene.promising(_started_anew(structure, scene, first), first)
-
-
-def stage_anew(structure, records):
-    """Return the structure with its last stage, which oscillates, identified from nothing.
-
-    Friction and hysteresis inside an equation of motion have many minima. The model itself, with
-    all of its law, looks for them thoroughly, which takes its time.
-    """
-    if not _can_start_anew(structure, records):
-        return []
-    scene = Scene(structure, _undisturbed(structure, records))
-    at = len(structure.operators) - 1
-    model = clone(structure.models[at])
-    model.set_params(**model._complete)
-    anew = model._identify(scene.records_at(at)).operator
-    return [
-        replace(
-            structure,
-            models=(*structure.models[:at], model),
-            operators=(*structure.operators[:at], anew),
-        )
-    ]
-
-
-def _can_start_anew(structure, records):
-    return records[0].u.ndim == 1 and structure.schedule is None
-
-
-def _dynamics(stages):
-    """Return the places of the linear stages that have poles."""
-    return [i for i, s in enumerate(stages) if isinstance(s, LinearOperator) and sum(s.n_poles)]
-
-
-def _started_anew(structure, scene, first):
-    """Return a structure with the poles that the signals suggest, in all ways to share them out.
+def _started_anew(tree, scene, first):
+    """Return a tree with the poles that the signals suggest, in all ways to share them out.
 
     It is that of the scene before the place ``first``.
     """
-    stages = structure.operators
-    block = _dynamics(stages)
-    n_poles = sum(sum((1, 2)[j] * n for j, n in enumerate(stages[i].n_poles)) for i in block)
-    inputs = structure.run(scene.records, first=first, last=block[0], signals=scene.signals(first))
+    operators = tree.operators
+    block = [i for i, operator in enumerate(operators) if _has_poles(operator)]
+    n_poles = sum(real + 2 * pairs for real, pairs in (operators[i].n_poles for i in block))
+    inputs = tree.run(scene.records, first=first, last=block[0], signals=scene.signals(first))
     data = [(u, r.y, r.dt) for u, r in zip(inputs, scene.records, strict=True)]
     found = []
     for poles in _distinct(pole_starts(data, n_poles)):
-        for own in distribute_poles([stages[i] for i in block], poles):
-            operators = list(stages)
+        for own in distribute_poles([operators[i] for i in block], poles):
+            stages = list(tree.stages)
             for i, operator in zip(block, own, strict=True):
-                operators[i] = operator
-            found.append(replace(structure, operators=tuple(operators)))
+                stages[i] = stages[i]._replace(operator=operator)
+            found.append(tree.with_stages(stages))
     return found
 
 
@@ -269,9 +175,9 @@ def _distinct(pole_sets):
     return kept
 
 
-def _unit_gain(operator, structure):
+def _unit_gain(operator, tree):
     """Return the operator without the gain and the intercept that another stage carries."""
-    if not any(stage.carries_scale for stage in structure.operators):
+    if not any(stage.carries_scale for stage in tree.operators):
         return operator
     values = operator.pack()
     for i, (_, spec) in enumerate(operator.entries()):

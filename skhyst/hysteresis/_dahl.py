@@ -101,6 +101,10 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     rank = 10
     structure = ("exponent",)
 
+    def way_before_sliding(self):
+        """Return the presliding displacement, units of the drive."""
+        return float(self.presliding_displacement)
+
 
 _STARTS = np.geomspace(0.003, 1.0, 6)  # presliding displacements, parts of the drive's swing
 

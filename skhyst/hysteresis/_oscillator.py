@@ -237,6 +237,10 @@ class OscillatorOperator(Operator):
             float(self.natural_frequency), float(self.damping_ratio), self.gain, self.intercept
         )
 
+    def n_ringing(self):
+        """Return 1 where the linear part overshoots, else 0."""
+        return self.linear_mode().n_ringing()
+
     def way_before_sliding(self):
         """Return the way before the hysteretic force saturates.
 

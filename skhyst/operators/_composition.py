@@ -54,7 +54,7 @@ class WrappedOperator(_ByEntries):
 for _name in (
     *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless"),
     *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding"),
-    *("entries", "pack", "linear_mask", "gauge_entries", "gauge_mask"),
+    *("entries", "pack", "linear_mask", "gauge_entries", "gauge_mask", "constant_mask"),
 ):
     setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
 
@@ -93,7 +93,7 @@ class FrozenOperator(WrappedOperator):
     def linear_mask(self):
         return np.empty(0, dtype=bool)
 
-    gauge_entries = gauge_mask = linear_mask
+    gauge_entries = gauge_mask = constant_mask = linear_mask
 
     def linearize(self, u, du, dt, initial_state="rest"):
         return self.operator.carry(u, du, dt, initial_state)
@@ -162,6 +162,9 @@ class _Composition(_ByEntries):
 
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge."""
+        return self._at_gauge()
+
+    def _at_gauge(self):
         values, entries = self.pack(), self.entries()
         for i in np.flatnonzero(self.gauge_mask()):
             values[i] = entries[i][1].gauge
@@ -199,6 +202,13 @@ class SeriesOperator(_Composition):
     def gauge_entries(self):
         return self._masks("gauge_entries")
 
+    def constant_mask(self):
+        masks = [stage.constant_mask() for stage in self.stages]
+        for i in reversed(range(1, len(masks))):  # before a stage that is not linear none is left
+            if not self.stages[i].signal_linear:
+                masks[:i] = [np.zeros_like(mask) for mask in masks[:i]]
+        return np.concatenate([np.empty(0, bool), *masks])
+
     def gauge_mask(self):
         gauges = [stage.gauge_entries() for stage in self.stages]
         owners = [i for i, stage in enumerate(self.stages) if stage.carries_scale][:1]
@@ -208,6 +218,28 @@ class SeriesOperator(_Composition):
             for i, (stage, gauge) in enumerate(zip(self.stages, gauges, strict=True))
         ]
         return np.concatenate([np.empty(0, bool), *masks])
+
+    def normalized(self):
+        """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge.
+
+        The stage that keeps them takes over those of the others where all are linear.
+        """
+        return SeriesOperator(self.names, _gathered(self.stages))._at_gauge()
+
+    def without(self, name):
+        """Return the series without a stage; linear ones take over its static gain and intercept.
+
+        Examples
+        --------
+        >>> from skhyst.linear import FirstOrderLagOperator, SecondOrderModeOperator
+        >>> from skhyst.operators import SeriesOperator
+        >>> stages = SecondOrderModeOperator(30.0, 0.1), FirstOrderLagOperator(0.1, gain=2.0)
+        >>> SeriesOperator(("mode", "lag"), stages).without("lag").stages[0].gain
+        2.0
+        """
+        at = self.names.index(name)
+        names = self.names[:at] + self.names[at + 1 :]
+        return SeriesOperator(names, _gathered(self.stages, without=at))
 
     def init(self, u0, initial_state="rest"):
         states = []
@@ -248,6 +280,9 @@ class SumOperator(_Composition):
     def linear_mask(self):
         return self._masks("linear_mask")
 
+    def constant_mask(self):
+        return self._masks("constant_mask")
+
     def gauge_entries(self):
         # a common gain can be taken out of the first branch only
         masks = [
@@ -285,6 +320,39 @@ class SumOperator(_Composition):
             carried += dy[:, : du.shape[1]]
             own.append(dy[:, du.shape[1] :])
         return total, np.concatenate([carried, *own], axis=1)
+
+
+def _gathered(stages, without=None):
+    """Return the stages, or all but one, with static gain and intercept on the last linear one.
+
+    Nothing moves where a stage carries a scale of its own or is no linear one.
+    """
+    kept = [i for i in range(len(stages)) if i != without]
+    scaled = [i for i, stage in enumerate(stages) if stage.gauge_entries().any()]
+    between = stages[scaled[0] : scaled[-1] + 1] if scaled else ()
+    if (
+        not set(scaled) & set(kept)
+        or any(stage.carries_scale for stage in stages)
+        or not all(stage.signal_linear for stage in between)
+        or not all({"gain", "intercept"} <= set(stages[i].sizes()) for i in scaled)
+    ):
+        return tuple(stages[i] for i in kept)
+    owner = max(set(scaled) & set(kept))
+    gain, intercept = 1.0, 0.0
+    for i in scaled:
+        gain *= stages[i].gain
+        intercept = stages[i].gain * intercept + stages[i].intercept
+    own = dict.fromkeys(scaled, (1.0, 0.0)) | {owner: (gain, intercept)}
+    return tuple(_with_gain(stages[i], *own[i]) if i in own else stages[i] for i in kept)
+
+
+def _with_gain(stage, gain, intercept):
+    """Return a linear stage of the same shape with another static gain and intercept."""
+    specs = stage.parameter_specs()
+    if stage.gain and specs["gain"].linear:  # then all that is linear has units of the response
+        linear = [spec.linear for _, spec in stage.entries()]
+        stage = stage.unpack(np.where(linear, gain / stage.gain, 1.0) * stage.pack())
+    return replace(stage, gain=gain, intercept=intercept)
 
 
 def put_beside(operator, disturbances, names=None):

@@ -144,6 +144,10 @@ class Operator(ABC):
         """Mark the values of :meth:`pack` that must be held because others carry their freedom."""
         return np.zeros(self.n_parameters, dtype=bool)
 
+    def constant_mask(self) -> np.ndarray:
+        """Mark the values of :meth:`pack` that only add a constant to the output."""
+        return np.array([spec.gauge == 0.0 for _, spec in self.entries()], dtype=bool)
+
     def sizes(self) -> dict[str, int]:
         """Return the number of values in each identifiable field."""
         return self._layout

@@ -9,11 +9,14 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.base import clone
 
 from skhyst import hysteresis
+from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.disturbance import Offset
+from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, LogCreep
 from skhyst.records import stack_records
 
@@ -30,7 +33,11 @@ OPTIONS = {
 }
 # in the equation of motion: a position has no limit that would not act back on it
 STAGES = {"BoucWenStage", "FrictionStage", "RestoringForce"}
-MODELS = sorted(set(hysteresis.__all__) - STAGES)
+MODELS = sorted(
+    name
+    for name in set(hysteresis.__all__) - STAGES
+    if issubclass(getattr(hysteresis, name), ParametricModel)
+)
 
 
 LAWS = {  # what made-up loops are no model of
@@ -161,3 +168,24 @@ def test_a_model_scheduled_by_a_column_is_declared_beside_an_offset(by):
         assert search.effects_ == []
         model = search.best_estimator_
         assert model.fit_error_ == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("effect", ["added", "scaled"])
+def test_what_a_column_does_is_declared_again(effect):
+    rng = np.random.default_rng(5)
+    records = []
+    for _ in range(4):
+        u, load = np.cumsum(rng.normal(size=(2, N)), axis=1) / 5
+        y = u + 0.3 * load if effect == "added" else u * (1.0 + 0.1 * load)
+        frame = pd.DataFrame({"drive": u, "load": load})
+        records.append((frame, y + 0.01 * rng.normal(size=N)))
+    X, y = stack_records(records, dt=DT)
+    options = {"effects": ["auxiliary_input", "lag"], "cv": 2, "random_state": 0}
+    search = EffectSearchCV(PrandtlIshlinskii(3), **options).fit(X, y)
+    assert search.effects_ == ["auxiliary_input"]
+    again = EffectSearchCV(search.best_estimator_, **options).fit(X, y)
+    assert again.effects_ == []
+    assert again.error_before_ == pytest.approx(search.error_after_, rel=0.01)
+    assert again.held_out_error(X, y) == pytest.approx(0.01, rel=0.1)
+    refitted = clone(search.best_estimator_).fit(X, y)
+    assert refitted.fit_error_ == pytest.approx(search.best_estimator_.fit_error_, rel=1e-3)

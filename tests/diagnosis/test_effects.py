@@ -61,7 +61,7 @@ def test_its_variants_are_unfitted_models_or_changes(name, record):
     effect = EFFECTS[name]
     variants = effect.variants()
     assert variants
-    assert all(isinstance(v, ParametricModel) or callable(v.structures) for v in variants)
+    assert all(isinstance(v, ParametricModel) or callable(v.trees) for v in variants)
     for model in models_of(name):
         assert not hasattr(model, "operator_")
         clone(model)

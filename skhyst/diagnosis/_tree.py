@@ -1,0 +1,361 @@
+"""A model as the tree of its compositions, and what has been added to it as edits of that tree."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import count
+
+import numpy as np
+from sklearn.base import clone
+
+from ..base import informed
+from ..compose import (
+    Stage,
+    constant_entries,
+    series_stages,
+    stage_values,
+    with_series_stages,
+    with_stage_values,
+)
+from ..operators import SeriesOperator
+from ..optimize import OperatorProblem, VariableProjection
+from ..records import RecordSlice
+from ._shortened import are_long
+
+__all__ = ["Tree", "as_read"]
+
+_BRIEFLY = VariableProjection(tolerance=1e-5, max_evaluations=4)
+
+
+def as_read(model, records):
+    """Return the records as a model reads them: with its columns of X, and its number of each.
+
+    Records have the drive alone, and the further columns beside it.
+    """
+    ends = np.cumsum([len(r.u) for r in records]).tolist()
+    starts = [0, *ends[:-1]]
+    slices = [
+        RecordSlice(number, slice(start, end), r.dt, 0.0, end - start)
+        for number, (start, end, r) in enumerate(zip(starts, ends, records, strict=True))
+    ]
+    X = np.concatenate(
+        [r.u[:, None] if r.auxiliary is None else np.c_[r.u, r.auxiliary] for r in records]
+    )
+    numbers = model._schedules(slices, X)
+    if model._reads_columns:
+        signal = model._signal(X, slices)
+        records = [replace(r, u=signal[s.rows]) for r, s in zip(records, slices, strict=True)]
+    if any(number is not None for number in numbers):
+        records = [replace(r, schedule=s) for r, s in zip(records, numbers, strict=True)]
+    return records
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A model with operators at present values, and the edits that have led to it.
+
+    Attributes
+    ----------
+    model : estimator
+        Unfitted, a composition in general.
+    operator : Operator
+        Of the model, without what stands beside it.
+    disturbances : tuple of DisturbanceOperator
+        What stands beside.
+    declared : Tree or None
+        Before any edit; None where there is none.
+    edits : tuple of (str, edit)
+        Names of effects, and what was done for them, see ``_edits``.
+    name : str or None
+        Of a stage that stands alone, where that is not the name of its class.
+    """
+
+    model: object
+    operator: object
+    disturbances: tuple = ()
+    declared: object = None
+    edits: tuple = ()
+    name: str | None = None
+
+    @classmethod
+    def from_result(cls, model, result):
+        """Return the tree of a declared model and what identification found for it."""
+        return cls(model, result.operator, result.disturbances)
+
+    # ------------------------------------------------------------------ parts
+
+    @property
+    def whole(self):
+        """The composition: its name, its model and its operator."""
+        return Stage(self.name, self.model, self.operator)
+
+    @cached_property
+    def stages(self):
+        """The stages of the series that follows the drive."""
+        return series_stages(self.whole)
+
+    @property
+    def names(self):
+        """Names of the stages."""
+        return tuple(stage.name for stage in self.stages)
+
+    @property
+    def models(self):
+        """Unfitted models of the stages."""
+        return tuple(stage.model for stage in self.stages)
+
+    @property
+    def operators(self):
+        """Operators of the stages; of those that follow a number of the record, their mean."""
+        return tuple(stage.operator for stage in self.stages)
+
+    @property
+    def beside_names(self):
+        """Names of what stands beside."""
+        return self.model._disturbance_names(len(self.disturbances)) or ()
+
+    @property
+    def state(self):
+        """State before each record, "rest" or "zero"."""
+        return self.model._free_run_state()
+
+    @property
+    def multi_input(self):
+        """Whether the first stage takes several inputs, so that nothing can come before it."""
+        return bool(self.stages) and self.stages[0].model._reads_columns
+
+    @property
+    def values(self):
+        """Values of the operator by (name of the stage, name of the entry)."""
+        return stage_values(self.whole)
+
+    @property
+    def lines(self):
+        """Those of the values that follow a number of the record: at its least and its largest."""
+        return {key: tuple(own) for key, own in self.values.items() if len(own) > 1}
+
+    @property
+    def scaled_by(self):
+        """Columns that scale the response, or "amplitude", as str."""
+        return [column for place, column in self.values if place == "scaled by"]
+
+    @property
+    def follows_amplitude(self):
+        """Whether something depends on the amplitude of the record."""
+        params = self.model.get_params().items()
+        return any(k.split("__")[-1] in ("by", "column") and v == "amplitude" for k, v in params)
+
+    def series(self):
+        """Return the stages as one operator."""
+        return SeriesOperator(self.names, self.operators).normalized()
+
+    def position(self, rank):
+        """Return where in the series a stage of this rank goes."""
+        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.rank <= rank]
+        return max(behind, default=0)
+
+    # ------------------------------------------------------------------ effects
+
+    @property
+    def effects(self):
+        """Names of the effects in the order in which they were added."""
+        return tuple(dict.fromkeys(name for name, _ in self.edits))
+
+    def edits_of(self, effect):
+        """Return the edits of an effect."""
+        return [edit for name, edit in self.edits if name == effect]
+
+    @cached_property
+    def _taken(self):
+        """Names of the parts of the model."""
+        params = self.model.get_params().items()
+        steps = {key.split("__")[-1] for key, value in params if hasattr(value, "fit")}
+        return {*self.names, *self.beside_names, *steps}
+
+    def label(self, effect):
+        """Return the name of what is added for an effect: its own, where that is free."""
+        taken = (self.declared or self)._taken
+        if effect not in taken:
+            return effect
+        return next(f"{effect}_{i}" for i in count(2) if f"{effect}_{i}" not in taken)
+
+    def place(self, effect):
+        """Return the number of the stage that an effect is, or has changed."""
+        places = [edit.place for edit in self.edits_of(effect) if edit.place]
+        return self.names.index(places[0] if places else self.label(effect))
+
+    def is_part(self, effect):
+        """Whether an effect is one part of a sum of forces."""
+        return any(edit.kind == "force" for edit in self.edits_of(effect))
+
+    def part(self, effect):
+        """Return the operator that an effect is, or has become a part of."""
+        label = self.label(effect)
+        if label in self.beside_names:
+            return self.disturbances[self.beside_names.index(label)]
+        stage = self.operators[self.place(effect)]
+        return stage.stages[stage.names.index(label)] if self.is_part(effect) else stage
+
+    def edited(self, effect, *edits):
+        """Return the tree with the edits of one more effect."""
+        tree = self
+        for edit in edits:
+            tree = edit.apply(tree, self.label(effect))
+        added = tuple((effect, edit) for edit in edits)
+        return replace(tree, declared=self.declared or self, edits=(*self.edits, *added))
+
+    def composed(self, whole, disturbances=None):
+        """Return the tree with another composition."""
+        name, model, operator = whole
+        disturbances = self.disturbances if disturbances is None else disturbances
+        model = informed(model, self.model)
+        return replace(self, name=name, model=model, operator=operator, disturbances=disturbances)
+
+    def with_stages(self, stages):
+        """Return the tree with other stages in its series."""
+        return self.composed(with_series_stages(self.whole, stages))
+
+    def with_stage(self, at, **changes):
+        """Return the tree with another ``operator``, or ``model``, of a stage."""
+        stages = list(self.stages)
+        stages[at] = stages[at]._replace(**changes)
+        return self.with_stages(stages)
+
+    def cut(self, *names):
+        """Return the tree without stages; others take over their gain, where all are linear."""
+        series = SeriesOperator(self.names, self.operators)
+        for name in names:
+            series = series.without(name)
+        models = dict(zip(self.names, self.models, strict=True))
+        return self.with_stages(
+            [Stage(n, models[n], own) for n, own in zip(series.names, series.stages, strict=True)]
+        )
+
+    def without(self, effect):
+        """Return the declared tree with the edits of all other effects, at the present values."""
+        tree = self.declared
+        for name in self.effects:
+            if name != effect:
+                tree = tree.edited(name, *self.edits_of(name))
+        return tree._at_values_of(self)
+
+    def _at_values_of(self, other):
+        """Return the tree with the values of another where both have them, by name."""
+        other = other.cut(*(name for name in other.names if name not in self.names))
+        masks, present = other.series().gauge_mask(), {}
+        for name, _, operator in other.stages:
+            held, masks = np.split(masks, [operator.n_parameters])
+            present[name] = operator, held
+        values, stages = stage_values(other.whole, held=False), []
+        for stage in self.stages:
+            fixed = stage.model.held_parameters()
+            found, held = present.get(stage.name, (None, None))
+            if _alike(stage.operator, found):  # fixed structure too, but no value that is held
+                held = held | [name in fixed for name, _ in found.entries()]
+                own = np.where(held, stage.operator.pack(), found.pack())
+                stage = stage._replace(operator=found.unpack(own))
+            stages.append(stage)
+            for name in fixed:
+                values.pop((stage.name, name), None)
+        tree = self.with_stages(stages)
+        beside = dict(zip(other.beside_names, other.disturbances, strict=True))
+        own = zip(tree.beside_names, tree.disturbances, strict=True)
+        return tree.composed(
+            with_stage_values(tree.whole, values), tuple(beside.get(n, start) for n, start in own)
+        )
+
+    # ------------------------------------------------------------------ as an operator
+
+    def problem(self, records):
+        """Return the least-squares problem of all free parameters."""
+        held = self.model.held_parameters() | constant_entries(self.operator, self.disturbances)
+        return OperatorProblem(
+            self.operator,
+            as_read(self.model, records),
+            disturbances=self.disturbances,
+            fixed=held,
+            initial_state=self.state,
+        )
+
+    def at(self, problem, x):
+        """Return the tree with the operators at ``x``."""
+        operator, disturbances = problem.unpack(x)
+        return replace(self, operator=operator, disturbances=disturbances)
+
+    def n_coefficients(self):
+        """Number of coefficients that each record has of its own."""
+        return sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
+
+    def stages_at(self, number):
+        """Return the stages as they are in a record whose parameters follow a number."""
+        if number is None:
+            return self.stages
+        return series_stages(self.whole._replace(operator=self.operator.at(number)))
+
+    def run(self, records, first=0, last=None, signals=None):
+        """Return the output of a stretch of the series for each record."""
+        outputs = []
+        read = as_read(self.model, records)
+        for number, (record, own) in enumerate(zip(records, read, strict=True)):
+            stages = [stage.operator for stage in self.stages_at(own.schedule)]
+            if signals is not None:
+                record = replace(record, u=signals[number], before=self._rest(stages[:first], own))
+            elif self.multi_input:
+                record = own
+            u, skip = record.with_history()
+            for stage in stages[first:last]:
+                u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]
+            outputs.append(u[skip:])
+        return outputs
+
+    def rest(self, record, at):
+        """Return what goes into a place of the series at rest before a record, None if unknown."""
+        (own,) = as_read(self.model, [record])
+        return self._rest([stage.operator for stage in self.stages_at(own.schedule)[:at]], own)
+
+    def _rest(self, stages, record):
+        u = record.before
+        for stage in stages if u is not None else ():
+            u = float(stage.run(np.array([u]), record.dt, stage.init(u, self.state))[0][0])
+        return u
+
+    def respond(self, records):
+        """Return the output of all that is driven for each record."""
+        problem = OperatorProblem(
+            self.operator, as_read(self.model, records), initial_state=self.state
+        )
+        return [problem.simulate(self.operator, record) for record in problem.records]
+
+    # ------------------------------------------------------------------ as an estimator
+
+    def identified(self, records):
+        """Return the tree as its model identifies it from nothing, as its user would fit it."""
+        result = clone_of(self.model)._identify(as_read(self.model, records))
+        return replace(self, operator=result.operator, disturbances=result.disturbances)
+
+    @property
+    def estimator(self):
+        """The unfitted model."""
+        return clone_of(self.model)
+
+    def fitted(self, records, slices):
+        """Return the model, fitted on all records from the operators here, and what was found."""
+        estimator = self.estimator
+        # the search has refitted these operators to the same records already
+        method = _BRIEFLY if are_long(records) else None
+        starts = [(self.operator, self.disturbances)]
+        result = estimator._refine(starts, as_read(estimator, records), method)
+        estimator.records_ = slices
+        if records[0].before is not None:
+            estimator.initial_drive_ = np.array([record.before for record in records])
+        estimator._adopt(result)
+        return estimator, result
+
+
+def clone_of(model):
+    """Return a clone that knows the columns of X."""
+    return informed(clone(model), model)
+
+
+def _alike(a, b):
+    """Whether two operators are of one kind and have the same parameters."""
+    return type(a) is type(b) and [n for n, _ in a.entries()] == [n for n, _ in b.entries()]
