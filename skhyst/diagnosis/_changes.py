@@ -19,7 +19,7 @@ from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import VariableProjection, identify
 from ._edits import AddForce, Drive, Enrich, Insert, Modulate, Schedule, both_models
-from ._noise import FEW_TURNS, visible_turns
+from ._periods import FEW_TURNS, visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
 
 __all__ = [

@@ -111,7 +111,7 @@ def paired_p_value(worse, better, weights=None):
     """
     gain, chances = 0.0, []
     weights = [None] * len(worse) if weights is None else weights
-    scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse)
+    scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse) or 1.0
     for a, b, w in zip(worse, better, weights, strict=True):
         known = np.isfinite(a) & np.isfinite(b)
         a, b, w = a[known] / scale, b[known] / scale, 1.0 if w is None else w[known]

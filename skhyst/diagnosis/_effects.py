@@ -3,14 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..disturbance import Drift, Offset, PeriodicDisturbance
 from ..hysteresis import (
     Backlash,
     BoucWen,
     BoucWenStage,
-    BoucWenStageOperator,
     CoulombFriction,
     Dahl,
     FrictionStage,
@@ -25,7 +22,6 @@ from ..linear import (
     Gain,
     KelvinVoigt,
     SecondOrderMode,
-    SecondOrderModeOperator,
     TransferFunction,
 )
 from ..static import (
@@ -34,7 +30,6 @@ from ..static import (
     Saturation,
     SmoothCurve,
     SoftSaturation,
-    SoftSaturationOperator,
 )
 from ._changes import (
     BesideForce,
@@ -49,7 +44,7 @@ from ._changes import (
     Scaled,
     SlowerThanDrive,
 )
-from ._noise import FEW_TURNS, near_period, visible_turns
+from ._plausibility import bends, has_own_lines, levels_off, remembers, rings, slides
 
 __all__ = ["EFFECTS", "Effect", "effect_names", "register_effect", "unregister_effect"]
 
@@ -73,9 +68,10 @@ class Effect:
         It is added to the response; otherwise it is a step of the series, where its operator's
         ``rank`` says, which a model of your own repeats as ``series_rank``.
     plausible : callable, optional
-        Tells whether what was identified still is what the name says: called with the operator, the
-        samples of its output, or of its input where several forces add up (none for what stands
-        beside), and the records.
+        Returns by how much what was identified is what the name says, above zero where it is. It is
+        called with the operator, the samples of its output, or of its input where several forces
+        add up (none for what stands beside), and the records. The name is refused where the
+        confidence interval of this number lies below zero.
     """
 
     name: str
@@ -86,79 +82,12 @@ class Effect:
     plausible: Callable | None = None
 
 
-def _rings(operator, motion, records):
-    """Tell whether a mode overshoots, and shows in the gain: as a peak or a notch."""
-    rings = operator.n_ringing() > 0
-    if not rings or isinstance(operator, SecondOrderModeOperator):
-        return rings
-    mode = operator.natural_frequencies[np.argmin(operator.damping_ratios)]
-    rest, *near, fast = np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND))
-    return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))
-
-
-def _levels_off(operator, motion, records):
-    """Tell whether a curve is nearly flat at an end of the motion, and does not merely bend."""
-    if not isinstance(operator, SoftSaturationOperator):
-        return True
-    reached = min(np.abs(motion - operator.center).max() / operator.level, 1.0)
-    slope = (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
-    return bool(slope < _FLAT)
-
-
-def _bends(operator, motion, records):
-    """Tell whether a curve that could saturate does not."""
-    soft = isinstance(operator, SoftSaturationOperator)
-    return not (soft and _levels_off(operator, motion, records))
-
-
-def _has_own_lines(operator, motion, records):
-    """Tell whether sinusoids repeat, are apart, and no harmonics of the drive in some record."""
-    frequencies = np.sort(operator.frequencies)
-    longest = max(len(record.u) * record.dt for record in records)
-    if frequencies[0] * longest < _REPEATS or np.any(np.diff(frequencies) * longest < 1.0):
-        return False
-    return any(_apart(frequencies, record) for record in records)
-
-
-def _apart(frequencies, record):
-    n = len(record.u)
-    period = near_period(record.drive)
-    if not period and visible_turns(record.drive) <= FEW_TURNS:
-        period = n  # a loop or two
-    if not period:
-        return True
-    harmonics = frequencies * period * record.dt
-    return bool(np.all(np.abs(harmonics - np.round(harmonics)) * n >= period))
-
-
 def _clips(rank):
     return [Saturation(sides=side, rank=rank) for side in ("upper", "lower", "both")]
 
 
 def _knees():
     return [Knee(SoftSaturation(fit_center=center)) for center in (False, True)]
-
-
-_AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
-_PEAK = 1.05  # of the gain, relative to that at rest and that of fast motion
-_FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
-_REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
-_HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
-_WAY = 0.05  # before sliding, of the range of the motion: below it is friction, above hysteresis
-
-
-def _slides(operator, motion, records):
-    """Tell whether a force saturates soon after the motion turns round, as friction does."""
-    way = operator.way_before_sliding()
-    return way is None or way < _WAY * np.ptp(motion)
-
-
-def _remembers(operator, motion, records):
-    """Tell whether a force builds up over a visible way, and not as a hard spring does."""
-    if isinstance(operator, BoucWenStageOperator) and abs(operator.shape) > _HARD:
-        return False
-    way = operator.way_before_sliding()
-    return way is None or way > 0.2 * _WAY * np.ptp(motion)
 
 
 _BUILT_IN = (
@@ -175,7 +104,7 @@ _BUILT_IN = (
         "The response depends on where the drive, or the motion, has turned round before.",
         "Sweep slowly up and down with several turning points: the branches stay apart, however "
         "slow.",
-        plausible=_remembers,
+        plausible=remembers,
     ),
     Effect(
         "input_saturation",
@@ -186,7 +115,7 @@ _BUILT_IN = (
         ],
         "The drive is clipped before it reaches the actuator.",
         "Drive beyond the suspected level in both directions: the loop then repeats unchanged.",
-        plausible=_levels_off,
+        plausible=levels_off,
     ),
     Effect(
         "dead_zone",
@@ -238,7 +167,7 @@ _BUILT_IN = (
         lambda: [SecondOrderMode(), TransferFunction(n_poles=2, n_zeros=2)],
         "A second-order mode stores and returns energy.",
         "Apply a step or a sweep through the frequency and watch it ring.",
-        plausible=_rings,
+        plausible=rings,
     ),
     Effect(
         "friction",
@@ -250,7 +179,7 @@ _BUILT_IN = (
         ],
         "A force against the motion that hardly depends on how fast it is.",
         "Move at several constant speeds in both directions: the force jumps with the direction.",
-        plausible=_slides,
+        plausible=slides,
     ),
     Effect(
         "cubic_stiffness",
@@ -278,7 +207,7 @@ _BUILT_IN = (
         "The reading is a smooth memoryless curve of the response, as of a nonlinear sensor.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",
-        plausible=_bends,
+        plausible=bends,
     ),
     Effect(
         "output_saturation",
@@ -290,7 +219,7 @@ _BUILT_IN = (
         ],
         "The reading is clipped at a level.",
         "Shift the working point by a known amount: the level stays with the reading.",
-        plausible=_levels_off,
+        plausible=levels_off,
     ),
     Effect(
         "amplitude_dependence",
@@ -337,7 +266,7 @@ _BUILT_IN = (
         "Sinusoids at frequencies of their own are added to the response.",
         "Record at rest: the lines remain when the drive does not move.",
         beside=True,
-        plausible=_has_own_lines,
+        plausible=has_own_lines,
     ),
 )
 

@@ -14,22 +14,16 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
-from ..hysteresis import PrandtlIshlinskiiOperator
-from ..operators import turning_points
 from ._criterion import block_p_value, paired_p_value
+from ._periods import drive_period, repeats
 
 __all__ = [
-    "FEW_TURNS",
     "Judgement",
     "black_box_gain",
-    "drive_period",
     "judge_residual",
-    "near_period",
     "repeatability",
-    "visible_turns",
 ]
 
-FEW_TURNS = 4  # visible ones of a record of a loop or two
 _ROWS = 6000  # rows that the black box learns from
 _SEEN = 20_000  # rows that it sees at all; of more, stretches spread over the records
 _STRETCHES = 60
@@ -39,13 +33,6 @@ _LAGS = 2 ** np.arange(9)  # samples
 _OWN_LAGS = (1, 2, 3, 4, 8)  # of the residual, one by one
 _OWN_MEANS = (4, 16, 64, 256)  # and averages of so many samples before
 _GAINS = (16, 256)  # samples before from which a gain that moves is read off
-_VISIBLE = 0.05  # of its range that a signal must go back to have turned round
-_PROBES = 64  # samples that rule out most lags as periods
-_AWAY = (
-    0.2  # power of the difference to a shifted signal, relative to that of both: it has moved on
-)
-_ALIKE = 0.05  # the same, where it repeats itself roughly
-_SAME = 1e-3  # the same, where two lags repeat it equally well
 _BLOCKS = 16  # of a difference between repetitions
 _TRANSIENT = 2.0  # power of a block, relative to the typical one, that still is how it began
 _SLOW = 3  # degree of the drift between repetitions
@@ -139,7 +126,7 @@ def _repetitions(records):
             continue
         for j in range(i + 1, len(records)):
             b = records[j]
-            if len(a.u) == len(b.u) and np.isclose(a.dt, b.dt) and _same(a.u, b.u):
+            if len(a.u) == len(b.u) and np.isclose(a.dt, b.dt) and repeats(a.u, b.u):
                 rows = slice(_wiped(a.u), len(a.u))
                 yield i, rows, j, rows
                 break
@@ -147,10 +134,6 @@ def _repetitions(records):
         n, period = len(record.u), drive_period(record.u)
         if period and n >= 3 * period:
             yield i, slice(2 * period, n), i, slice(period, n - period)
-
-
-def _same(a, b):
-    return np.max(np.abs(a - b)) <= 1e-6 * np.ptp(a)
 
 
 def _wiped(u):
@@ -192,61 +175,6 @@ def _common_part(pairs, residuals):
     products = [p[np.isfinite(p)] for p in products]
     total, count = sum(p.sum() for p in products), sum(p.size for p in products)
     return max(float(total / max(count, 1)), 0.0), block_p_value(total, products)
-
-
-def visible_turns(u):
-    """Return how often a signal turns round by more than a twentieth of its range."""
-    r = 0.5 * _VISIBLE * np.ptp(u)
-    play = PrandtlIshlinskiiOperator([r], [1.0], drive_offset=float(u[0]))
-    return max(len(turning_points(play.run(u, 1.0)[0])) - 2, 0) if r > 0.0 else 0
-
-
-def drive_period(u):
-    """Return the shortest period of a moving signal in samples, or 0."""
-    n = len(u)
-    if n < 6 or not np.ptp(u) > 0.0:
-        return 0
-    v, correlation = _autocorrelation(u)
-    lags = np.arange(2, n // 2)
-    # a period makes the overlap's correlation about equal to its power
-    lags = lags[correlation[lags] > 0.99 * (v @ v) * (1.0 - lags / n)]
-    probes = np.linspace(0, n - n // 2 - 1, _PROBES).astype(int)
-    for probe in probes:
-        lags = lags[np.abs(u[probe + lags] - u[probe]) <= 1e-6 * np.ptp(u)]
-    for lag in lags:
-        if _same(u[lag:], u[:-lag]):
-            return int(lag)
-    return 0
-
-
-def _autocorrelation(u):
-    """Return the signal about its mean, and its products with itself, summed, by lag."""
-    v = u - u.mean()
-    return v, np.fft.irfft(np.abs(np.fft.rfft(v, 2 * len(u))) ** 2, 2 * len(u))[: len(u)]
-
-
-def near_period(u):
-    """Return the lag in samples after which a moving signal repeats itself roughly, or 0.
-
-    As a motion does that is driven periodically. Before that lag the signal has to have been away.
-    """
-    n = len(u)
-    if n < 6 or not np.ptp(u) > 0.0:
-        return 0
-    v, correlation = _autocorrelation(u)
-    correlation = correlation[: n // 2]
-    power = np.concatenate([[0.0], np.cumsum(v * v)])
-    lags = np.arange(n // 2)
-    both = power[n - lags] + power[n] - power[lags]
-    difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
-    back = np.flatnonzero(np.maximum.accumulate(difference) > _AWAY)
-    best = difference[back].min(initial=np.inf)
-    if best > _ALIKE:
-        return 0
-    lag = back[np.argmax(difference[back] <= 2.0 * best + _SAME)]  # not a multiple of the period
-    while lag + 1 < len(difference) and difference[lag + 1] < difference[lag]:
-        lag += 1
-    return int(lag)
 
 
 # ------------------------------------------------------------------------------------ black box

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import comb
 
-import numpy as np
 from joblib import Parallel, delayed
 
 from ._candidates import FACTOR, halve, held_out, predicted, refitted
 from ._effects import EFFECTS
+from ._plausibility import is_plausible
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
 
@@ -161,7 +161,10 @@ class Rounds:
             plausible = (
                 c
                 for c in variants[i]
-                if c.cost < most * cost and self._is_plausible(bases[i], c, records)
+                if c.cost < most * cost
+                and is_plausible(
+                    EFFECTS[c.effects[-1]].plausible, bases[i], c, records, self.criterion.alpha
+                )
             )
             best += [c for c in [next(plausible, None)] if c is not None]
         # of long records, what fits their first parts is near the solution
@@ -189,13 +192,6 @@ class Rounds:
         names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
         fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
         return self._held_out(base, fitted, parallel)
-
-    def _is_plausible(self, base, candidate, records):
-        """Tell whether the identified effect is still what its name says."""
-        name = candidate.effects[-1]
-        if _have_changed_places(base, candidate, name):
-            return False
-        return _is_plausible(candidate, name, records)
 
     def _chosen(self, base, tested, p_values, n_tried):
         """Return the simplest of the candidates that the data cannot tell from the best."""
@@ -291,31 +287,3 @@ class Rounds:
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
-
-
-def _is_plausible(candidate, name, records):
-    """Tell whether the operator of an effect is still what the name says."""
-    structure = candidate.structure
-    plausible = EFFECTS[name].plausible
-    if plausible is None:
-        return True
-    operator = structure.part(name)
-    if structure.label(name) in structure.beside_names:
-        return plausible(operator, np.array([]), records)
-    last = structure.place(name) + (not structure.is_part(name))  # a force is driven by the motion
-    return plausible(operator, np.concatenate(structure.run(records, last=last)), records)
-
-
-def _have_changed_places(base, candidate, name):
-    """Tell whether a stage was added that rings, in the place of one that no longer does.
-
-    It is then the mode that was there before, and what is new is what that one has become.
-    """
-    structure = candidate.structure
-    if structure.label(name) not in structure.names or not structure.part(name).n_ringing():
-        return False
-    ringing, before = (
-        sum(operator.n_ringing() for operator in own.operators)
-        for own in (structure, base.structure)
-    )
-    return ringing <= before

@@ -66,7 +66,9 @@ def test_a_needless_parameter_is_hardly_ever_significant(correlation):
     for _ in range(400):
         noise = [coloured(rng, correlation) for _ in range(RECORDS)]
         deltas = [difference("smooth", rng) for _ in range(RECORDS)]
-        rejected += paired_p_value(noise, [e - d for e, d in zip(noise, deltas, strict=True)]) < 0.01
+        rejected += (
+            paired_p_value(noise, [e - d for e, d in zip(noise, deltas, strict=True)]) < 0.01
+        )
     assert rejected <= 4
 
 
@@ -85,12 +87,12 @@ def test_rest_has_no_part_in_the_decision():
     """Where both predict the same there is no evidence, however long that lasts."""
     rng = np.random.default_rng(9004)
     worse, better = equal_models(rng, 0.5, "edges")
-    better = [0.9 * b for b in better]
+    better = [0.7 * b for b in better]
     alone = paired_p_value(worse, better)
-    rests = [100.0 * rng.standard_normal(N) for _ in range(3)]
+    rests = [100.0 * rng.standard_normal(N) for _ in range(30)]
     together = paired_p_value([*worse, *rests], [*better, *rests])
-    assert alone < 1e-3
-    assert together == pytest.approx(alone, rel=2.0)
+    assert 1e-12 < alone < 1e-4
+    assert together <= alone  # more blocks, none of which says anything against it
 
 
 def test_a_gain_in_one_stretch_that_is_chance_is_no_evidence():
@@ -132,14 +134,13 @@ def test_never_both_directions_are_significant(seed):
 def test_weights_count_samples_and_what_is_not_scored_does_not_count():
     rng = np.random.default_rng(9006)
     worse, better = equal_models(rng, 0.0, "edges")
-    better = [0.95 * b for b in better]
+    better = [0.98 * b for b in better]
     gap = rng.random(N) < 0.3
     weights = [np.where(gap, 0.0, 1.0)] * RECORDS
     holes = [np.where(gap, np.nan, w) for w in worse]
-    assert paired_p_value(worse, better, weights) == pytest.approx(
-        paired_p_value(holes, better), rel=0.5
-    )
-    assert paired_p_value(worse, better) < paired_p_value(holes, better)
+    expected = paired_p_value(holes, better)
+    assert 0.0 < expected < 1.0
+    assert paired_p_value(worse, better, weights) == pytest.approx(expected, rel=0.2)
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
+from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._noise import black_box_gain, judge_residual, repeatability
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
 
 NOISE = 0.03
+CRITERION = Criterion(alpha=0.01, min_improvement=0.05)
 
 
 def response(u, rng, noise=NOISE):
@@ -243,7 +245,7 @@ def test_what_the_drive_does_not_explain_is_structure_too(name):
     part = no_function_of_the_drive(u, rng)[name]
     r = 2.0 * NOISE * part / part.std() + NOISE * rng.standard_normal(u.size)
     with threadpool_limits(limits=1):
-        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng)
+        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
     assert found.structured
     assert not found.repeated
     assert found.gain > 0.3
@@ -261,7 +263,7 @@ def test_noise_is_noise(law):
         elif law == "tiny colour":
             r += 0.1 * NOISE * np.sin(0.05 * np.arange(u.size))
         with threadpool_limits(limits=1):
-            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng)
+            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
         assert not found.structured
         assert found.error == pytest.approx(np.sqrt(np.mean(r**2)), rel=0.05)
 
@@ -272,7 +274,7 @@ def test_repetitions_tell_coloured_noise_from_structure():
     noise = np.convolve(rng.standard_normal(u.size + 19), np.full(20, 0.25), mode="valid")
     for structure in (0.0 * u, u**3 / np.std(u**3)):
         r = noise + structure
-        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng)
+        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
         assert found.repeated
         assert found.structured == structure.any()
         assert found.error == pytest.approx(noise.std(), rel=0.15)
@@ -280,5 +282,7 @@ def test_repetitions_tell_coloured_noise_from_structure():
 
 def test_nothing_left_is_noise():
     u = smooth(500, np.random.default_rng(0))
-    found = judge_residual([RecordData(u, u, 1e-3)], [0.0 * u], [u], np.random.default_rng(0))
+    found = judge_residual(
+        [RecordData(u, u, 1e-3)], [0.0 * u], [u], np.random.default_rng(0), CRITERION
+    )
     assert (found.structured, found.error, found.gain) == (False, 0.0, 0.0)

@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from plants import make_recording
+from skhyst.diagnosis._contest import Contestant, held_out, refitted
+from skhyst.diagnosis._structure import Structure
 
 from skhyst.diagnosis import EffectSearchCV, _shortened
-from skhyst.diagnosis._contest import Contestant, held_out, refitted
 from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._shortened import are_long, shortened, suffices
-from skhyst.diagnosis._structure import Structure
 from skhyst.disturbance import PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode

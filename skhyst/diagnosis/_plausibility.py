@@ -1,0 +1,160 @@
+"""Whether what was identified for an effect still is what its name says.
+
+A margin is a number above zero where it is: how far a mode is below the damping at which it no
+longer overshoots, how flat a saturation is at its end, and so on. It is a function of the part's
+own parameters, so their covariance gives its standard error. A name is refused where the margin is
+below zero with confidence, that is, where its one-sided confidence interval holds no value above
+zero. Where the data leave it open, the name stays, and the simpler effect that does as well is
+claimed.
+"""
+
+import numpy as np
+from scipy.stats import norm
+
+from ._periods import FEW_TURNS, near_period, visible_turns
+
+__all__ = [
+    "bends",
+    "has_own_lines",
+    "is_plausible",
+    "levels_off",
+    "remembers",
+    "rings",
+    "slides",
+]
+
+_AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
+_FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
+_REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
+_HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
+_WAY = 0.05  # before sliding, of the range of the motion: below it is friction, above hysteresis
+_STEP = 1e-4  # of a parameter, in differences of a margin
+
+
+def is_plausible(margin, before, candidate, records, alpha):
+    """Tell whether the effect that a candidate has last may have its name.
+
+    Parameters
+    ----------
+    margin : callable or None
+        See :class:`Effect`.
+    before : Candidate
+        The model without the effect.
+    candidate : Candidate
+    records : list of RecordData
+        That the candidate was fitted to.
+    alpha : float
+        Level of the confidence interval.
+    """
+    name, tree = candidate.effects[-1], candidate.structure
+    if _have_changed_places(before.structure, tree, name):
+        return False
+    if margin is None:
+        return True
+    problem = tree.problem(records)
+    x, motion = problem.x0, _motion(tree, name, records)
+
+    def at(values):
+        return margin(tree.at(problem, values).part(name), motion, records)
+
+    value = at(x)
+    if value >= 0.0 or not np.isfinite(value):
+        return bool(value >= 0.0)
+    steps = _STEP * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
+    slopes = np.array([(at(x + h) - at(x - h)) / (2.0 * h.sum()) for h in steps])
+    return bool(value + norm.isf(alpha) * _standard_error(problem, x, slopes) >= 0.0)
+
+
+def _standard_error(problem, x, slopes):
+    """Return that of a function of the parameters with these derivatives."""
+    gram = problem.total(problem.evaluate(x))
+    free = (x > problem.lower) & (x < problem.upper) & (np.diag(gram)[:-1] > 0.0)
+    hessian, slopes = gram[:-1, :-1][np.ix_(free, free)], slopes[free]
+    scale = 1.0 / np.sqrt(np.diag(hessian))
+    inverse = np.linalg.pinv(hessian * np.outer(scale, scale), 1e-11, hermitian=True)
+    variance = gram[-1, -1] / max(problem.segment_weight.sum() - free.sum(), 1.0)
+    return float(np.sqrt(variance * (slopes * scale) @ inverse @ (slopes * scale)))
+
+
+def _motion(tree, name, records):
+    """Return the output of an effect, or the input of a force; nothing for what stands beside."""
+    if tree.label(name) in tree.beside_names:
+        return np.array([])
+    last = tree.place(name) + (not tree.is_part(name))  # a force is driven by the motion
+    return np.concatenate(tree.run(records, last=last))
+
+
+def _have_changed_places(before, tree, name):
+    """Tell whether a stage was added that rings, in the place of one that no longer does.
+
+    It is then the mode that was there before, and what is new is what that one has become.
+    """
+    if tree.label(name) not in tree.names or not tree.part(name).n_ringing():
+        return False
+    ringing = [sum(operator.n_ringing() for operator in own.operators) for own in (tree, before)]
+    return ringing[0] <= ringing[1]
+
+
+# ------------------------------------------------------------------------------------ margins
+
+
+def rings(operator, motion, records):
+    """Return how far the damping is below the critical one, and how high the peak of the gain."""
+    ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
+    if not ratios.size:
+        return -np.inf
+    overshoots = np.log(np.sqrt(0.5) / ratios.min())
+    if not np.size(getattr(operator, "numerator", ())):
+        return overshoots
+    mode = operator.natural_frequencies[np.argmin(ratios)]
+    gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND)))
+    rest, fast, near = gain[0], gain[-1], gain[1:-1]
+    # a peak, or a notch
+    return min(overshoots, max(near.max() - max(rest, fast), min(rest, fast) - near.min()))
+
+
+def levels_off(operator, motion, records):
+    """Return by how much a rounded curve is flatter than it must be at an end of the motion."""
+    if not hasattr(operator, "knee"):
+        return np.inf
+    reached = min(np.abs(motion - operator.center).max() / operator.level, 1.0)
+    return _FLAT - (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
+
+
+def bends(operator, motion, records):
+    """Return by how much a rounded curve is steeper than one that saturates."""
+    return -levels_off(operator, motion, records) if hasattr(operator, "knee") else np.inf
+
+
+def has_own_lines(operator, motion, records):
+    """Tell whether sinusoids repeat, are apart, and no harmonics of the drive in some record."""
+    frequencies = np.sort(operator.frequencies)
+    longest = max(len(record.u) * record.dt for record in records)
+    repeat = frequencies[0] * longest >= _REPEATS
+    apart = np.all(np.diff(frequencies) * longest >= 1.0)
+    own = any(_are_no_harmonics(frequencies, record) for record in records)
+    return np.inf if repeat and apart and own else -np.inf
+
+
+def _are_no_harmonics(frequencies, record):
+    n = len(record.u)
+    period = near_period(record.drive)
+    if not period and visible_turns(record.drive) <= FEW_TURNS:
+        period = n  # a loop or two
+    if not period:
+        return True
+    harmonics = frequencies * period * record.dt
+    return bool(np.all(np.abs(harmonics - np.round(harmonics)) * n >= period))
+
+
+def slides(operator, motion, records):
+    """Return how soon a force saturates after the motion turns round: of friction, soon."""
+    way = operator.way_before_sliding()
+    return np.inf if way is None else np.log(_WAY * np.ptp(motion) / way)
+
+
+def remembers(operator, motion, records):
+    """Return how visible the way is over which a force builds up, unless as a hard spring does."""
+    soft = _HARD - abs(getattr(operator, "shape", 0.0))
+    way = operator.way_before_sliding()
+    return soft if way is None else min(soft, np.log(way / (0.2 * _WAY * np.ptp(motion))))

@@ -1,0 +1,193 @@
+"""A sample is never predicted from itself, and halving keeps what is worth keeping."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from joblib import Parallel
+
+from skhyst.diagnosis import effect_names
+from skhyst.diagnosis._candidates import Candidate, halve, held_out, predicted, refitted
+from skhyst.diagnosis._edits import Beside
+from skhyst.diagnosis._effects import EFFECTS
+from skhyst.diagnosis._tree import Tree
+from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.optimize import RecordData, variable_projection
+
+
+def some_records(seed, n=240, count=3, n_segments=6):
+    rng = np.random.default_rng(seed)
+    records = []
+    for _ in range(count):
+        u = np.cumsum(rng.standard_normal(n)) / 5.0
+        y = u + 0.3 * np.sin(u) + rng.standard_normal() + 0.02 * rng.standard_normal(n)
+        segments = tuple(pairwise(np.linspace(0, n, n_segments + 1).astype(int).tolist()))
+        records.append(RecordData(u, y, 0.01, segments=segments))
+    return records
+
+
+def candidate_of(tree, records):
+    problem = tree.problem(records)
+    return Candidate((), tree, np.inf, len(problem.x0), problem.x0)
+
+
+def declared_with(records, *disturbances):
+    declared = PrandtlIshlinskii(4)
+    tree = Tree.from_result(declared, declared._identify(records))
+    for i, model in enumerate(disturbances):
+        (start,) = model.starting_values(records)
+        tree = tree.edited(f"beside{i}", Beside(model, start))
+    return tree
+
+
+def record_folds(records):
+    record_of = np.concatenate([np.full(len(r.segments), i) for i, r in enumerate(records)])
+    return [(record_of != k, record_of == k) for k in range(len(records))]
+
+
+def block_folds(records):
+    block = np.arange(sum(len(r.segments) for r in records)) // 2
+    return [(block != k, block == k) for k in np.unique(block)]
+
+
+BESIDE = {
+    "nothing": (),
+    "offset": (Offset(),),
+    "drift": (Drift(3),),
+    "line": (PeriodicDisturbance(1),),
+    "offset and line": (Offset(), PeriodicDisturbance(1)),
+}
+
+
+@pytest.mark.parametrize("cut", [record_folds, block_folds])
+@pytest.mark.parametrize("beside", BESIDE)
+def test_a_segment_is_not_predicted_from_itself(beside, cut):
+    """Change samples of one segment: its own prediction stays, bit for bit."""
+    records = some_records(9000, count=1 if cut is block_folds else 3)
+    tree = declared_with(records, *BESIDE[beside])
+    folds = cut(records)
+    reference = held_out(candidate_of(tree, records), records, folds).predictions
+    rng = np.random.default_rng(9001)
+    for _ in range(4):
+        number = rng.integers(len(records))
+        start, stop = records[number].segments[rng.integers(len(records[0].segments))]
+        y = records[number].y.copy()
+        y[rng.integers(start, stop)] += 3.0
+        moved = list(records)
+        moved[number] = replace(records[number], y=y)
+        changed = held_out(candidate_of(tree, moved), moved, folds).predictions
+        np.testing.assert_array_equal(changed[number][start:stop], reference[number][start:stop])
+
+
+def test_a_sample_does_move_the_predictions_of_others():
+    """Otherwise the test above would hold for a prediction that uses no data."""
+    records = some_records(9000)
+    tree, folds = declared_with(records, Offset()), record_folds(records)
+    reference = held_out(candidate_of(tree, records), records, folds).predictions
+    y = records[0].y.copy()
+    y[5] += 3.0
+    moved = [replace(records[0], y=y), *records[1:]]
+    changed = held_out(candidate_of(tree, moved), moved, folds).predictions
+    start, stop = records[0].segments[1]
+    assert np.all(changed[0][start:stop] != reference[0][start:stop])  # its offset
+    assert np.any(changed[1] != reference[1])  # the fit of the other folds
+
+
+def test_a_fold_is_the_fit_to_its_training_records():
+    """Against a fit that never had the other records."""
+    records = some_records(9003)
+    tree = declared_with(records)
+    found = held_out(candidate_of(tree, records), records, record_folds(records))
+    problem = tree.problem(records[1:])
+    alone = variable_projection(problem, problem.x0, tolerance=1e-12)
+    expected = tree.problem(records[:1]).predictions(alone.x, np.zeros(6, dtype=bool))[0]
+    np.testing.assert_allclose(found.predictions[0], expected, atol=1e-3 * np.ptp(records[0].y))
+
+
+@pytest.mark.parametrize("weighed", [False, True])
+def test_errors_are_those_of_the_predictions(weighed):
+    records = some_records(9004)
+    weights = np.ones(240)
+    if weighed:
+        weights = np.random.default_rng(0).uniform(0.0, 2.0, 240)
+        records = [replace(r, weights=weights) for r in records]
+    found = held_out(candidate_of(declared_with(records), records), records, record_folds(records))
+    residual = np.stack([r.y for r in records]) - np.stack(found.predictions)
+    np.testing.assert_array_equal(np.stack(found.residuals), residual)
+    expected = np.sqrt(np.sum(weights * residual**2) / np.sum(3.0 * weights))
+    assert found.error == pytest.approx(expected, rel=1e-12)
+
+
+def test_what_is_not_scored_is_nan():
+    records = some_records(9005, count=1)
+    first = np.arange(6) == 0
+    found = held_out(candidate_of(declared_with(records), records), records, [(first, ~first)])
+    start, stop = records[0].segments[0]
+    assert np.isnan(found.residuals[0][start:stop]).all()
+    assert np.isfinite(found.residuals[0][stop:]).all()
+    assert np.isfinite(found.error)
+
+
+# ------------------------------------------------------------------------------------ halving
+
+
+def halved(name, tree, records):
+    base = refitted(candidate_of(tree, records), tree, records)
+    variants = predicted(EFFECTS[name], tree, records)
+    (found,), kept = halve([(variants, records, base.cost)], Parallel())
+    assert kept == ([0] if variants else [])
+    return base, found
+
+
+@pytest.mark.parametrize(
+    "name", ["asymmetry", "static_nonlinearity", "creep", "offset", "drift", "periodic_disturbance"]
+)
+def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
+    records = some_records(9006)
+    base, found = halved(name, declared_with(records), records)
+    for candidate in found:
+        assert candidate.effects == (name,)
+        assert candidate.n_parameters >= base.n_parameters  # an offset takes an intercept's place
+        best = refitted(candidate, candidate.structure, records)
+        assert best.cost <= 1.001 * base.cost
+
+
+@pytest.mark.parametrize("name", effect_names())
+def test_the_cost_of_a_candidate_is_that_of_its_model(name):
+    records = some_records(9006)
+    _, found = halved(name, declared_with(records), records)
+    for candidate in found:
+        problem = candidate.structure.problem(records)
+        cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
+        assert cost == pytest.approx(candidate.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_the_simplest_variant_that_is_true_comes_first(degree):
+    records = some_records(9007, n=480)
+    tree = declared_with(records)
+    rng = np.random.default_rng(9008)
+    bent = []
+    for record, v in zip(records, tree.run(records), strict=True):
+        z = v / 10.0
+        y = v + 10.0 * (0.1 * z**2 if degree == 2 else 0.1 * z**3)
+        y += 0.002 * np.ptp(y) * rng.standard_normal(len(y))
+        bent.append(replace(record, y=y))
+    _, found = halved("static_nonlinearity", tree, bent)
+    stages = found[0].structure
+    assert stages.models[stages.names.index("static_nonlinearity")].degree == degree
+
+
+def test_the_effects_that_explain_most_stay_three_at_least():
+    records = some_records(9009)
+    disturbed = [replace(r, y=r.y + 5.0 * np.sin(0.9 * np.arange(240))) for r in records]
+    tree = declared_with(records)
+    names = ["asymmetry", "creep", "offset", "periodic_disturbance", "delay", "lag"]
+    groups = [(predicted(EFFECTS[name], tree, disturbed), disturbed, 1.0) for name in names]
+    variants, kept = halve(groups, Parallel())
+    assert len(kept) == 3
+    assert names[kept[0]] == "periodic_disturbance"
+    costs = [min(c.cost for c in own) for own in variants]
+    assert max(costs[i] for i in kept) <= min(c for i, c in enumerate(costs) if i not in kept)
