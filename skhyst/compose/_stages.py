@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 _DRIVEN = "model"  # name of what follows the drive, where that is several models
-_SCHEDULE, _COLUMNS = 1, 2  # layers around the series, which has layer 0; a sum is outermost
+_AROUND = (Sum, Modulated, OnColumn, ScheduledParameters)  # a series, from outside to inside
 
 
 class Stage(NamedTuple):
@@ -83,7 +83,7 @@ def with_series_stages(whole, stages):
     A single model becomes a Cascade where there are several. Parameters that follow a number of the
     record do so by their names.
     """
-    return _changed(whole, lambda part: _in_series(part.model, part, tuple(stages)), 0)
+    return _changed(whole, lambda part: _in_series(part.model, part, tuple(stages)), _AROUND)
 
 
 def put_beside_series(whole, name, model, branch=None, column=None):
@@ -93,7 +93,7 @@ def put_beside_series(whole, name, model, branch=None, column=None):
     drives, with ``branch`` as its operator.
     """
     options = {"initial_state": whole.model.initial_state, "dt": whole.model.dt}
-    if _layer(whole.model) <= _COLUMNS or _inside(whole.model, whole) is None:
+    if not hasattr(whole.model, "steps") or _inside(whole.model, whole) is None:
         stages = series_stages(whole)
         own = stages[0].name if len(stages) == 1 else _DRIVEN
         total, parts = Sum([(own, whole.model)], **options), [whole._replace(name=own)]
@@ -115,12 +115,10 @@ def modulated(whole, column, reference, sensitivity=0.0):
     number = -1 if column == "amplitude" else column
 
     def change(part):
-        own = part.model
-        around = Modulated(own, column, initial_state=own.initial_state, dt=own.dt)
-        scaled = ModulatedOperator(_of_columns(part), number, reference, sensitivity)
-        return Stage(part.name, around, scaled)
+        operator = ModulatedOperator(_of_columns(part), number, reference, sensitivity)
+        return Stage(part.name, _wrapped(Modulated, part, column=column), operator)
 
-    return _changed(whole, change, _COLUMNS)
+    return _changed(whole, change, _AROUND[:1])
 
 
 def scheduled(whole, by, low, high, lines):
@@ -130,13 +128,11 @@ def scheduled(whole, by, low, high, lines):
     """
 
     def change(part):
-        own = part.model
         names, operator = _scheduled(part, low, high, lines)
-        options = {"initial_state": own.initial_state, "dt": own.dt}
-        around = ScheduledParameters(own, by=by, parameters=names, **options)
-        return Stage(part.name, around, operator)
+        model = _wrapped(ScheduledParameters, part, by=by, parameters=names)
+        return Stage(part.name, model, operator)
 
-    return _changed(whole, change, _SCHEDULE)
+    return _changed(whole, change, _AROUND[:3])
 
 
 def stage_values(whole, *, held=True):
@@ -170,25 +166,13 @@ def with_stage_values(whole, values):
 # ---------------------------------------------------------------------- what is inside of what
 
 
-def _changed(whole, change, layer):
-    """Return a composition with a change of what is inside, down to a layer."""
+def _changed(whole, change, around):
+    """Return a composition with a change of what is inside of classes of compositions."""
     part = _inside(whole.model, whole)
-    if part is None or _layer(whole.model) <= layer:
+    if part is None or not isinstance(whole.model, around):
         return change(whole)
-    new = _changed(part, change, layer)
+    new = _changed(part, change, around)
     return Stage(new.name, *_around(whole.model, whole, new))
-
-
-@singledispatch
-def _layer(model):
-    """Return how far outside a composition stands."""
-    return 0
-
-
-_layer.register(ScheduledParameters, lambda model: _SCHEDULE)
-_layer.register(Modulated, lambda model: _COLUMNS)
-_layer.register(OnColumn, lambda model: _COLUMNS)
-_layer.register(Sum, lambda model: _COLUMNS + 1)
 
 
 @singledispatch
@@ -345,6 +329,12 @@ def _like(model, **params):
     model = copy.copy(model)
     vars(model).update(params)
     return model
+
+
+def _wrapped(kind, part, **params):
+    """Return a composition of the model of a part."""
+    model = part.model
+    return kind(model, initial_state=model.initial_state, dt=model.dt, **params)
 
 
 def _parts(model, operator):

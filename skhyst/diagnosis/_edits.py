@@ -17,14 +17,17 @@ __all__ = ["AddForce", "Beside", "Drive", "Enrich", "Insert", "Modulate", "Sched
 _KEPT = {"dt", "fit_intercept", "hold", "initial_state", "mass", "method"}  # of an enriched stage
 
 
+class _Edit:
+    place = None  # name of the stage that it changes
+
+
 @dataclass(frozen=True)
-class Insert:
+class Insert(_Edit):
     """One more stage in the series, where its rank says."""
 
     model: object
     operator: object
     kind = "stage"
-    place = None
 
     def apply(self, tree, name):
         stages = list(tree.stages)
@@ -96,13 +99,12 @@ class AddForce:
 
 
 @dataclass(frozen=True)
-class Beside:
+class Beside(_Edit):
     """A disturbance beside what is driven."""
 
     model: object
     operator: object
     kind = "beside"
-    place = None
 
     def apply(self, tree, name):
         whole = put_beside_series(tree.whole, name, self.model)
@@ -110,14 +112,13 @@ class Beside:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Drive(_Edit):
     """A model that a further column of X drives, whose output is added."""
 
     model: object
     operator: object
     column: int
     kind = "branch"
-    place = None
 
     def apply(self, tree, name):
         branch = self.operator, self.column
@@ -125,20 +126,19 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Modulate:
+class Modulate(_Edit):
     """The response to the drive is scaled by a column of X, or by the "amplitude"."""
 
     column: int | str
     reference: float
     kind = "modulation"
-    place = None
 
     def apply(self, tree, name):
         return tree.composed(modulated(tree.whole, self.column, self.reference))
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Schedule(_Edit):
     """Parameters are straight lines in a number of the record: a column of X, or the amplitude.
 
     ``which`` is "dynamics", "all", or the values of entries of the stage that goes by the name of
@@ -150,7 +150,6 @@ class Schedule:
     high: float
     which: object
     kind = "schedule"
-    place = None
 
     def apply(self, tree, name):
         if self.which in ("dynamics", "all"):

@@ -111,7 +111,7 @@ def inserted(name, model, scene):
     if at == 0 and tree.multi_input:
         return []
     candidates = [
-        tree.edited(name, Insert(model, _unit_gain(operator, tree)))
+        tree.edited(name, Insert(model, operator))
         for operator in driven_starts(model, scene.records_at(at))
     ]
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
@@ -173,17 +173,6 @@ def _distinct(pole_sets):
         if all(np.max(np.abs(ordered / other - 1.0)) > _SAME_POLES for other in kept):
             kept.append(ordered)
     return kept
-
-
-def _unit_gain(operator, tree):
-    """Return the operator without the gain and the intercept that another stage carries."""
-    if not any(stage.carries_scale for stage in tree.operators):
-        return operator
-    values = operator.pack()
-    for i, (_, spec) in enumerate(operator.entries()):
-        if spec.gauge is not None:
-            values[i] = spec.gauge
-    return operator.unpack(values)
 
 
 def _some(records):
