@@ -3,14 +3,21 @@
 Run from the root of the project::
 
     python benchmarks/blind_study.py [--plants 5] [--noise 0.0005,0.002,0.01] [--only lag,creep]
-        [--declared cascade] [--kinds single,none,two,unknown] [--jobs 2] [--first-seed 0]
-        [--samples 6000] [--limit-seconds 3600] [--output blind_study.csv]
+        [--declared cascade] [--kinds single,none,two,unknown,none_coloured] [--jobs 2]
+        [--first-seed 5000] [--samples 6000] [--limit-seconds 3600] [--output blind_study.csv]
 
 Each plant (see `plants`) hides one effect from the declared model, two, none, or a structure that
 no effect expresses; a third of them carry a column that does nothing. The search sees the records
 to fit on and the declared model, nothing else. Errors are those of the three held-out records, over
-the sensor noise. With `--output` every plant is written as it is done, and a run that was stopped
-goes on where it ended; the summary covers all rows of the plan.
+the sensor noise.
+
+A study has 1390 plants with `--plants 5`: 990 that hide one effect, 60 that hide two, 40 with an
+unknown structure, and 300 that hide nothing. The noise of 100 of these is coloured and each drive
+is recorded twice; all other noise is white. Constants are settled on some plants and results
+reported on others: `--first-seed` chooses, see `SETTLING_SEEDS` and `REPORTED_SEEDS`.
+
+With `--output` every plant is written as it is done, and a run that was stopped goes on where it
+ended; the summary covers all rows of the plan.
 """
 
 import argparse
@@ -37,12 +44,19 @@ from plants import (
 
 NOISES = (0.0005, 0.002, 0.01)  # of the range
 PLAYS = {0.0005: 80, 0.002: 40, 0.01: 20}  # of a declared model: the noise hides their grid
-KINDS = ("single", "none", "two", "unknown")
-COUNTS = {"none": 100, "two": 60, "unknown": 40}  # plants, with --plants 5
+KINDS = ("single", "none", "two", "unknown", "none_coloured")
+COUNTS = {"none": 200, "none_coloured": 100, "two": 60, "unknown": 40}  # plants, with --plants 5
+REPEATS = 2  # of each drive where the noise is coloured
 NAMED = {0.0005: 0.98, 0.002: 0.98, 0.01: 0.95}  # bars: smallest share named rightly
 BOTH, FALSE, UNEXPLAINED = 0.90, 0.01, 0.90
 WITHIN, WITHIN_SHARE = 1.10, 0.95  # held-out error over the noise
 VISIBLE = 2.0  # over the noise: smaller effects are reported, and not judged
+# Values of --first-seed. The plants of the former have been looked at, and the constants of the
+# search settled on them; each value of the latter is a study to report on, with plants of its own.
+SETTLING_SEEDS = range(0, 1000)
+REPORTED_SEEDS = range(5000, 9000)
+STRIDE = 1_000_000  # seeds of plants that a reported study keeps to itself
+MOST = 100  # --plants: as many seeds has each effect, model and noise
 NOTHING, RAISED = "none", "error"  # in place of an effect
 # columns of a row behind those of its case
 TEXTS = ("column", "named", "claimed", "ambiguous", "verdict", "warnings", "message")
@@ -80,20 +94,38 @@ def declared_model(name, noise):
 # -------------------------------------------------------------------------------------- the plan
 
 
-def plan(plants=5, noises=NOISES, kinds=KINDS, first_seed=0, samples=6000):
+def seed_of_study(first_seed):
+    """Return what is added to the seeds of all plants, which count from 0 to below 500,000.
+
+    Reported studies have the multiples of a million below 2^32: one word of the generator's seed.
+    """
+    if first_seed in SETTLING_SEEDS:
+        return first_seed
+    if first_seed not in REPORTED_SEEDS:
+        raise ValueError(
+            f"The first seed must be in {SETTLING_SEEDS} or in {REPORTED_SEEDS}. "
+            f"Got {first_seed!r} instead."
+        )
+    return STRIDE * (1 + first_seed - REPORTED_SEEDS.start)
+
+
+def plan(plants=5, noises=NOISES, kinds=KINDS, first_seed=REPORTED_SEEDS.start, samples=6000):
     """List the cases; seeds depend on nothing else that is chosen, so a part is a part."""
+    if not 1 <= plants <= MOST:
+        raise ValueError(f"The number of plants must be from 1 to {MOST}. Got {plants!r} instead.")
+    base = seed_of_study(first_seed)
     cases = []
     for i, effect in enumerate(EFFECTS, start=1):
         for declared in BASES:
             for j, noise in enumerate(NOISES):
-                seeds = [first_seed + 1000 * i + 100 * j + k for k in range(plants)]
+                seeds = [base + 1000 * i + 100 * j + k for k in range(plants)]
                 if effect in MATRIX[declared]:
                     cases += [Case("single", effect, declared, noise, s, samples) for s in seeds]
     for kind, count in COUNTS.items():
         for k in range(int(np.ceil(count * plants / 5))):
             # every declared model with every noise once in twelve
             declared, noise = BASES[k % len(BASES)], NOISES[k // len(BASES) % len(NOISES)]
-            seed = first_seed + 100_000 * KINDS.index(kind) + k
+            seed = base + 100_000 * KINDS.index(kind) + k
             rng = np.random.default_rng([seed, 5])
             effect = NOTHING
             if kind == "two":
@@ -134,6 +166,8 @@ def study(case):
             noise=case.noise,
             n_samples=case.samples,
             distract=True,
+            coloured=case.kind == "none_coloured",
+            repeats=REPEATS if case.kind == "none_coloured" else 1,
         )
         sizes = recording.truth["effect_over_noise"]
         row["effect_over_noise"] = min(sizes.values(), default=np.nan)
@@ -227,13 +261,15 @@ def judge(rows):
 def line(row):
     """Format what happened to one plant."""
     start = (
-        f"{row.kind:7s} {row.effect:37s} {row.declared:18s} {100 * row.noise:4g} % {row.seed:6d}  "
+        f"{row.kind:13s} {row.effect:37s} {row.declared:18s} {100 * row.noise:4g} % "
+        f"{row.seed:10d}  "
     )
     if row.message:
         return f"{start}FAILED {row.message}"
     ok = {
         "single": row.right,
         "none": row.named == NOTHING,
+        "none_coloured": row.named == NOTHING,
         "two": row.all,
         "unknown": row.verdict == "unexplained",
     }[row.kind]
@@ -263,9 +299,10 @@ def _share(right, bar, most=False):
 
 def confusion(table):
     """Format the confusion matrix: what single plants hide against the first claim."""
-    part = table[table["kind"].isin(["single", "none"])]
-    order = [*EFFECTS, NOTHING, RAISED]
-    counts = pd.crosstab(part["effect"], part["named"])
+    part = table[table["kind"].isin(["single", "none", "none_coloured"])]
+    order = [*EFFECTS, NOTHING, "none_coloured", RAISED]
+    hidden_ones = part["effect"].where(part["kind"] == "single", part["kind"])
+    counts = pd.crosstab(hidden_ones.rename("effect"), part["named"])
     counts = counts.reindex([e for e in order if e in counts.index])
     columns = [e for e in order if e in counts.columns]
     columns += [c for c in counts.columns if c not in columns]
@@ -276,12 +313,17 @@ def confusion(table):
     return f"first claim: {legend}\n{text}"
 
 
-def summary(rows):
-    """Format the confusion matrix, every figure beside its bar, and the failures."""
-    table = judge(rows)
-    single, none, two, unknown = (table[table["kind"] == kind] for kind in KINDS)
-    seen, both = single[single["visible"]], two[two["visible"]]
-    parts = [confusion(table)] if len(single) + len(none) else []
+def provenance(first_seed):
+    """Format which plants constants were settled on, and whether these are others."""
+    text = f"settled on the plants of first seeds below {SETTLING_SEEDS.stop} / "
+    if first_seed in SETTLING_SEEDS:
+        return f"{text}these, of {first_seed}, are among them: no report"
+    return f"{text}reported on those of {first_seed}, which are others"
+
+
+def _claims(single, two, none, coloured, unknown):
+    """Format what was named and claimed, beside its bars."""
+    seen, faint = single[single["visible"]], single[~single["visible"]]
     lines = [f"first effect named rightly, where it is at least {VISIBLE:g} times the noise:"]
     for noise, bar in NAMED.items():
         at = seen[seen["noise"] == noise]
@@ -289,23 +331,19 @@ def summary(rows):
         lines.append(f"    or told as ambiguous: {_share(at['right_or_ambiguous'], bar)}")
     for declared, group in seen.groupby("declared", sort=False):
         lines.append(f"  {declared}: {group['right'].sum()} of {len(group)}")
-    faint = single[~single["visible"]]
     lines.append(
         f"  fainter effects, not judged: {faint['right'].sum()} of {len(faint)} named rightly, "
         f"{(faint['named'] == NOTHING).sum()} not claimed"
     )
-    lines.append(f"both of two effects named: {_share(two['all'], BOTH)}")
-    lines.append(f"  or told as ambiguous: {_share(two['all_or_ambiguous'], BOTH)}")
-    lines.append(f"  where both are visible: {_share(both['all'], BOTH)}")
-    false = ~none["named"].isin([NOTHING, RAISED])
-    lines.append(f"claims where nothing is missing: {_share(false, FALSE, most=True)}")
-    idle = (table["column"] == "temperature") & ~table["effect"].str.contains("auxiliary_input")
-    idly = table["claimed"].str.contains("auxiliary_input")[idle]
-    lines.append(
-        f"  claims of an idle column, in all plants that carry one: {idly.sum()} of {len(idly)}"
-    )
     more = single["more"] & single["right"]
     lines.append(f"  further claims behind a right one: {more.sum()} of {single['right'].sum()}")
+    lines.append(f"both of two effects named: {_share(two['all'], BOTH)}")
+    lines.append(f"  or told as ambiguous: {_share(two['all_or_ambiguous'], BOTH)}")
+    lines.append(f"  where both are visible: {_share(two['all'][two['visible']], BOTH)}")
+    false = [~part["named"].isin([NOTHING, RAISED]) for part in (none, coloured)]
+    lines.append(f"claims where nothing is missing: {_share(pd.concat(false), FALSE, most=True)}")
+    lines.append(f"  white noise: {_share(false[0], FALSE, most=True)}")
+    lines.append(f"  coloured noise, drives repeated: {_share(false[1], FALSE, most=True)}")
     called = unknown["verdict"] == "unexplained"
     lines.append(f"unknown structure called unexplained: {_share(called, UNEXPLAINED)}")
     lines.append(f"  where it is visible: {_share(called[unknown['visible']], UNEXPLAINED)}")
@@ -313,8 +351,12 @@ def summary(rows):
         f"  {name}: {part.sum()} of {len(part)}"
         for name, part in called.groupby(unknown["effect"], sort=True)
     ]
-    known = table[table["kind"] != "unknown"]
-    after = known["after"].dropna()
+    return lines
+
+
+def _errors(known, none, coloured):
+    """Format the held-out errors; the noise is white but in what is counted last."""
+    lines, after = [], known["after"].dropna()
     if len(after):
         quantiles = ", ".join(f"{q:g}: {after.quantile(q):.3f}" for q in (0.5, 0.9, 0.95, 0.99))
         lines.append(f"held-out error after, over the noise, quantiles: {quantiles}")
@@ -327,6 +369,25 @@ def summary(rows):
     ]
     for noise, group in known.groupby("noise"):
         lines.append(f"    {100 * noise:g} % noise: {group['within'].sum()} of {len(group)}")
+    lines.append(f"    coloured noise, not judged: {coloured['within'].sum()} of {len(coloured)}")
+    return lines
+
+
+def summary(rows, first_seed=REPORTED_SEEDS.start):
+    """Format the confusion matrix, every figure beside its bar, and the failures."""
+    table = judge(rows)
+    single, none, two, unknown, coloured = (table[table["kind"] == kind] for kind in KINDS)
+    known = table[~table["kind"].isin(["unknown", "none_coloured"])]
+    parts = [provenance(first_seed)]
+    if len(single) + len(none) + len(coloured):
+        parts.append(confusion(table))
+    lines = _claims(single, two, none, coloured, unknown)
+    idle = (table["column"] == "temperature") & ~table["effect"].str.contains("auxiliary_input")
+    idly = table["claimed"].str.contains("auxiliary_input")[idle]
+    lines.append(
+        f"claims of an idle column, in all plants that carry one: {idly.sum()} of {len(idly)}"
+    )
+    lines += _errors(known, none, coloured)
     lines.append(f"searches that raised: {(table['named'] == RAISED).sum()} of {len(table)}")
     seconds, processor = table["seconds"].dropna(), table["processor_seconds"].sum()
     if len(seconds):
@@ -337,10 +398,10 @@ def summary(rows):
     parts.append("\n".join(lines))
     failed = table[
         (table["kind"].isin(["single"]) & table["visible"] & ~table["right"])
-        | ((table["kind"] == "none") & (table["named"] != NOTHING))
+        | (table["kind"].isin(["none", "none_coloured"]) & (table["named"] != NOTHING))
         | ((table["kind"] == "two") & ~table["all"])
         | ((table["kind"] == "unknown") & (table["verdict"] != "unexplained"))
-        | ((table["kind"] != "unknown") & ~table["within"])
+        | (~table["kind"].isin(["unknown", "none_coloured"]) & ~table["within"])
         | (table["named"] == RAISED)
     ]
     listed = map(line, failed.itertuples())
@@ -390,14 +451,23 @@ def main(arguments=None):
     parser.add_argument("--declared", type=_names(BASES), default=BASES, help="models, by commas")
     parser.add_argument("--kinds", type=_names(KINDS), default=KINDS, help="by commas")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--first-seed", type=int, default=0, help="shift all seeds: other plants")
+    parser.add_argument(
+        "--first-seed",
+        type=int,
+        default=REPORTED_SEEDS.start,
+        help=f"other plants: in {REPORTED_SEEDS} to report on, in {SETTLING_SEEDS} to settle on",
+    )
     parser.add_argument("--samples", type=int, default=6000, help="of the five records to fit on")
     parser.add_argument("--output", help="CSV file, a row a plant, which a later run goes on with")
     parser.add_argument(
         "--limit-seconds", type=float, default=np.inf, help="start no plant after these"
     )
     options = parser.parse_args(arguments)
-    cases = plan(options.plants, options.noise, options.kinds, options.first_seed, options.samples)
+    first = options.first_seed
+    try:
+        cases = plan(options.plants, options.noise, options.kinds, first, options.samples)
+    except ValueError as error:
+        parser.error(str(error))
     only = set(options.only or choices)
     cases = [
         c for c in cases if c.declared in options.declared and set(c.effect.split("+")) <= only
@@ -422,7 +492,7 @@ def main(arguments=None):
         print(f"\n{len(cases) - len(rows)} of {len(cases)} plants are still to be searched")
     done = [rows[case] for case in cases if case in rows]
     if done:
-        print(f"\n{summary(done)}", flush=True)
+        print(f"\n{summary(done, first)}", flush=True)
     return 0
 
 

@@ -23,15 +23,16 @@ from .diagnosis import EffectSearchCV, Report, effect_names
 from .diagnosis._effects import EFFECTS
 from .diagnosis._structure import snake_case
 from .discovery import all_estimators
-from .records import iter_records, read_records, record_slices
+from .records import read_records, record_slices
 
 __all__ = ["main", "parse_model"]
 
-_TEMPLATED = {  # suffix of a report: what it takes to write it
-    ".html": ("jinja2", "matplotlib"),
-    ".htm": ("jinja2", "matplotlib"),
-    ".md": ("jinja2",),
-}
+_DRAWN = ("jinja2", "matplotlib")
+_TEMPLATED = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}  # what a report's suffix needs
+_READING = (  # options that are parameters of read_records
+    *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
+    *("on_missing", "missing_code"),
+)
 
 
 def main(argv=None):
@@ -63,20 +64,18 @@ def _parser():
     parser.add_argument("--version", action="version", version=f"skhyst {__version__}")
     commands = parser.add_subparsers(dest="name", required=True, metavar="command")
     _add_diagnose(commands)
-    demo = commands.add_parser(
-        "demo", help="hide an effect in a simulated actuator, find it, reveal it"
-    )
-    demo.add_argument(
-        "--output", type=Path, default=Path("skhyst_demo"), help="folder for the files"
-    )
-    demo.add_argument("--seed", type=int, default=0, help="chooses the actuator and the effect")
-    demo.add_argument("--jobs", type=int, default=-1, help="processes (default: all processors)")
-    demo.add_argument("--quiet", action="store_true", help="no progress")
+    demo = commands.add_parser("demo", help="hide an effect in a simulated actuator, then find it")
+    add = demo.add_argument
+    add("--output", type=Path, default=Path("skhyst_demo"), help="folder for the files")
+    add("--seed", type=int, default=0, help="chooses the actuator and the effect")
+    add("--jobs", type=int, default=-1, help="processes (default: all processors)")
+    add("--quiet", action="store_true", help="no progress")
     demo.set_defaults(run=_demo)
-    models = commands.add_parser("models", help="list the models that can be declared")
-    models.set_defaults(run=_list_models)
-    effects = commands.add_parser("effects", help="list the effects that a search tries")
-    effects.set_defaults(run=_list_effects)
+    for name, listed, run in (
+        ("models", "models that can be declared", _list_models),
+        ("effects", "effects that a search tries", _list_effects),
+    ):
+        commands.add_parser(name, help=f"list the {listed}").set_defaults(run=run)
     return parser
 
 
@@ -94,18 +93,10 @@ def _add_diagnose(commands):
     add("--missing-code", type=float, help="value that marks a lost reading")
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
-    add(
-        "--train-fraction",
-        type=float,
-        metavar="F",
-        help="search the first part (of the records, or of the only one), report on the rest",
-    )
-    add(
-        "--model",
-        default="prandtl_ishlinskii",
-        metavar="NAME",
-        help="declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)",
-    )
+    rest = "search the first part (of the records, or of the only one), report on the rest"
+    add("--train-fraction", type=float, metavar="F", help=rest)
+    series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
+    add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
     add("--effects", default="all", help="comma-separated names (default: all)")
     add("--cv", type=int, default=5, help="folds (default: 5)")
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
@@ -125,18 +116,7 @@ def _diagnose(options):
     if options.report and options.report.suffix.lower() not in _TEMPLATED:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     _prepare(outputs)
-    X, y = read_records(
-        options.file,
-        drive=options.drive,
-        response=options.response,
-        time=options.time,
-        time_unit=options.time_unit,
-        record=options.record,
-        auxiliary=options.auxiliary,
-        sampling_rate=options.sampling_rate,
-        on_missing=options.on_missing,
-        missing_code=options.missing_code,
-    )
+    X, y = read_records(options.file, **{name: getattr(options, name) for name in _READING})
     if options.rows:
         rows = _rows(options.rows)
         X, y = X.iloc[rows], y.iloc[rows]
@@ -145,41 +125,29 @@ def _diagnose(options):
         n = _training_rows(X, options.train_fraction)
         X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
     effects = options.effects if options.effects == "all" else options.effects.split(",")
-    search = EffectSearchCV(
-        model,
-        effects=effects,
-        cv=options.cv,
-        alpha=options.alpha,
-        max_effects=options.max_effects,
-        n_jobs=options.jobs,
-        verbose=int(not options.quiet),
-        random_state=options.seed,
-    ).fit(X, y)
+    more = {"effects": effects, "cv": options.cv, "alpha": options.alpha}
+    search = _search(model, options, max_effects=options.max_effects, **more).fit(X, y)
     _conclude(search, options, held_out)
+
+
+def _search(model, options, **more):
+    quiet = {"n_jobs": options.jobs, "verbose": int(not options.quiet)}
+    return EffectSearchCV(model, random_state=options.seed, **quiet, **more)
 
 
 def _demo(options):
     options.output.mkdir(parents=True, exist_ok=True)
     recording = options.output / "recording.csv"
-    options.report = options.output / "report.html"
-    options.save = options.output / "model.joblib"
-    options.json = options.output / "result.json"
-    _prepare([recording, options.report, options.save, options.json])
+    outputs = [options.output / name for name in ("report.html", "model.joblib", "result.json")]
+    options.report, options.save, options.json = outputs
+    _prepare([recording, *outputs])
     table, secret, description = make_demo_recording(options.seed)
     table.to_csv(recording, index=False)
     print(f"A piezo actuator was simulated and recorded in {recording}.")
-    print(
-        "The declared model is Prandtl-Ishlinskii; the search sees the recording and nothing else."
-    )
-    X, y = read_records(
-        recording, drive="voltage", response="position", time="time", record="record"
-    )
-    search = EffectSearchCV(
-        parse_model("prandtl_ishlinskii"),
-        n_jobs=options.jobs,
-        verbose=int(not options.quiet),
-        random_state=options.seed,
-    ).fit(X, y)
+    print("The model is Prandtl-Ishlinskii; the search sees the recording and nothing else.")
+    columns = {"drive": "voltage", "response": "position", "time": "time", "record": "record"}
+    X, y = read_records(recording, **columns)
+    search = _search(parse_model("prandtl_ishlinskii"), options).fit(X, y)
     _conclude(search, options, None)
     print(f"What had been put in: {secret}, {description}.")
 
@@ -272,7 +240,7 @@ def _model(node):
     call = isinstance(node, ast.Call)
     name = node.func if call else node
     models = _models()
-    found = models.get(name.id) if isinstance(name, ast.Name) else None
+    found = models.get(getattr(name, "id", None))
     if found is None:
         raise ValueError(f"There is no model {ast.unparse(name)!r}: {_models_hint()}")
     if not call:
@@ -333,11 +301,8 @@ def _prepare(paths):
 
 
 def _rows(text):
-    parts = text.split(":")
     try:
-        if len(parts) != 2:
-            raise ValueError
-        start, stop = (int(part) if part else None for part in parts)
+        start, stop = (int(part) if part else None for part in text.split(":"))
     except ValueError:
         raise ValueError(f"The rows must be given as A:B. Got {text!r} instead.") from None
     return slice(start, stop)
@@ -347,11 +312,9 @@ def _training_rows(X, fraction):
     """Return the number of rows of the first part: whole records, or part of the only one."""
     if not 0.0 < fraction < 1.0:
         raise ValueError(f"The train fraction must lie between 0 and 1. Got {fraction:g} instead.")
-    sizes = [len(part) for _, part, _ in iter_records(X)]
-    if len(record_slices(X)) == 1:
-        n = int(fraction * len(X))
-    else:
-        n = sum(sizes[: math.ceil(fraction * len(sizes))])
+    sizes = [record.n_samples for record in record_slices(X)]
+    single = len(sizes) == 1
+    n = int(fraction * len(X)) if single else sum(sizes[: math.ceil(fraction * len(sizes))])
     if not 0 < n < len(X):
         raise ValueError(f"A train fraction of {fraction:g} leaves nothing to hold out.")
     return n

@@ -24,49 +24,52 @@ def recording(tmp_path_factory):
     """A recording with a clipped sensor, in a CSV file."""
     rng = np.random.default_rng(7)
     time = np.arange(3000) * 1e-3
-    drive = (
-        40.0 * np.sin(2 * np.pi * 2.0 * time) * (0.4 + 0.6 * np.sin(2 * np.pi * 0.3 * time) ** 2)
-    )
+    swell = 0.4 + 0.6 * np.sin(2 * np.pi * 0.3 * time) ** 2
+    drive = 40.0 * np.sin(2 * np.pi * 2.0 * time) * swell
     position = np.minimum(0.02 * drive, 0.4) + 0.002 * rng.normal(size=time.size)
     path = tmp_path_factory.mktemp("recordings") / "stage.csv"
     pd.DataFrame({"t": time, "volt": drive, "um": position}).to_csv(path, index=False)
     return path
 
 
+EFFECTS = ["output_saturation", "offset", "lag"]
+
+
+def searched(X, y):
+    return EffectSearchCV(PrandtlIshlinskii(), effects=EFFECTS, random_state=0).fit(X, y)
+
+
 def arguments(path, *more):
     columns = ["--drive", "volt", "--response", "um", "--time", "t"]
-    effects = ["--effects", "output_saturation,offset,lag", "--jobs", "1", "--quiet"]
+    effects = ["--effects", ",".join(EFFECTS), "--jobs", "1", "--quiet"]
     return ["diagnose", str(path), *columns, *effects, *more]
 
 
 def test_diagnose_equals_python(recording, tmp_path, capsys):
-    outputs = {name: tmp_path / name for name in ("out.json", "out.html", "model.joblib")}
-    code = main(
-        arguments(
-            recording,
-            *("--json", str(outputs["out.json"]), "--report", str(outputs["out.html"])),
-            *("--save", str(outputs["model.joblib"])),
-        )
-    )
-    assert code == 0
+    folder = tmp_path / "new" / "folder"
+    outputs = {name: folder / name for name in ("out.json", "out.html", "model.joblib")}
+    options = zip(("--json", "--report", "--save"), map(str, outputs.values()), strict=True)
+    assert main(arguments(recording, *(part for pair in options for part in pair))) == 0
     X, y = read_records(recording, drive="volt", response="um", time="t")
-    search = EffectSearchCV(
-        PrandtlIshlinskii(), effects=["output_saturation", "offset", "lag"], random_state=0
-    ).fit(X, y)
+    search = searched(X, y)
     result = json.loads(outputs["out.json"].read_text())
     assert result["effects"] == search.effects_ == ["output_saturation"]
     assert result["error_after"] == search.error_after_
     assert result["error_before"] == search.error_before_
-    np.testing.assert_array_equal(
-        joblib.load(outputs["model.joblib"]).predict(X), search.predict(X)
-    )
+    model = joblib.load(outputs["model.joblib"])
+    np.testing.assert_array_equal(model.predict(X), search.predict(X))
     assert "<html" in outputs["out.html"].read_text().lower()
     printed = capsys.readouterr()
     assert "missing: output_saturation" in printed.out
     assert printed.err == ""
 
 
-def test_progress_goes_to_standard_error(recording, capsys):
+def test_progress_goes_to_standard_error_and_no_pickle_is_loaded(recording, capsys, monkeypatch):
+    def refuse(*args, **kwargs):
+        raise AssertionError("something was unpickled")
+
+    for module, name in ((pickle, "load"), (pickle, "loads"), (joblib, "load")):
+        monkeypatch.setattr(module, name, refuse)
     assert main([a for a in arguments(recording) if a != "--quiet"]) == 0
     printed = capsys.readouterr()
     assert "declared model" in printed.err
@@ -78,9 +81,7 @@ def test_train_fraction_is_kept_away(recording, tmp_path):
     assert main(arguments(recording, "--train-fraction", "0.6", "--json", str(path))) == 0
     X, y = read_records(recording, drive="volt", response="um", time="t")
     n = int(0.6 * len(y))
-    search = EffectSearchCV(
-        PrandtlIshlinskii(), effects=["output_saturation", "offset", "lag"], random_state=0
-    ).fit(X[:n], y[:n])
+    search = searched(X[:n], y[:n])
     held_out = json.loads(path.read_text())["held_out"]
     assert search.held_out_error(X[n:], y[n:]) in held_out.values()
     assert search.held_out_error(X[n:], y[n:], declared=True) in held_out.values()
@@ -125,19 +126,11 @@ def test_outputs_are_checked_before_the_search(recording, tmp_path, capsys, monk
     blocked = tmp_path / "file"
     blocked.write_text("")
     assert main(arguments(recording, "--json", str(blocked / "below" / "out.json"))) == 1
-
-
-def test_missing_extra_is_found_before_the_search(recording, tmp_path, capsys, monkeypatch):
-    def search_must_not_start(*args, **kwargs):
-        raise AssertionError("the search started")
-
-    monkeypatch.setattr(EffectSearchCV, "fit", search_must_not_start)
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if name == "jinja2" else object()
-    )
+    absent = {"jinja2": None}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: absent.get(name, object()))
     assert main(arguments(recording, "--report", str(tmp_path / "report.md"))) == 1
     assert "skhyst[plot]" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    assert list(tmp_path.iterdir()) == [blocked]
 
 
 def test_one_output_that_fails_loses_no_other(recording, tmp_path, capsys, monkeypatch):
@@ -156,34 +149,15 @@ def test_one_output_that_fails_loses_no_other(recording, tmp_path, capsys, monke
     assert paths["report.md"].stat().st_size > 0
 
 
-def test_folders_of_outputs_are_made(recording, tmp_path):
-    path = tmp_path / "new" / "folder" / "out.json"
-    assert main(arguments(recording, "--json", str(path))) == 0
-    assert path.exists()
-
-
-def test_interrupt(recording, monkeypatch):
+def test_interrupt_and_usage_error(recording, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(EffectSearchCV, "fit", interrupted)
     assert main(arguments(recording)) == 130
-
-
-def test_usage_error():
     with pytest.raises(SystemExit) as stopped:
         main(["diagnose"])
     assert stopped.value.code == 2
-
-
-def test_no_pickle_is_loaded(recording, tmp_path, monkeypatch):
-    def refuse(*args, **kwargs):
-        raise AssertionError("something was unpickled")
-
-    monkeypatch.setattr(pickle, "load", refuse)
-    monkeypatch.setattr(pickle, "loads", refuse)
-    monkeypatch.setattr(joblib, "load", refuse)
-    assert main(arguments(recording)) == 0
 
 
 def test_parse_model():
@@ -191,11 +165,8 @@ def test_parse_model():
     assert parse_model("prandtl_ishlinskii(n_operators=7)").n_operators == 7
     cascade = parse_model("prandtl_ishlinskii+second_order_mode+second_order_mode")
     assert isinstance(cascade, Cascade)
-    assert list(cascade.named_steps) == [
-        "prandtl_ishlinskii",
-        "second_order_mode",
-        "second_order_mode2",
-    ]
+    names = ["prandtl_ishlinskii", "second_order_mode", "second_order_mode2"]
+    assert list(cascade.named_steps) == names
 
 
 def test_lists(capsys):

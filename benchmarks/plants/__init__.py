@@ -1,11 +1,12 @@
 """Plants that judge the effect search: simulated recordings with undeclared effects.
 
-Nothing here is shared with the package that is judged: operators, differential equations and
-signals are written a second time, in the plainest way. The drive is piecewise linear between its
-samples. Every plant is advanced on a grid that is `substeps` times finer than the sampling: plays
-by their defining recursion, dynamics by classical Runge-Kutta steps, everything else by its law.
-In here time counts in sampling intervals and the static response peaks at one; `Recording` carries
-seconds and the units of drive and response.
+Nothing here is shared with the models that are judged. A plant is built as those of skhyst's own
+datasets are, by `skhyst.datasets.simulation`, and so are its memory and its clipping; differential
+equations and signals are written once more, in the plainest way. The drive is piecewise linear
+between its samples. Every plant is advanced on a grid that is `substeps` times finer than the
+sampling: plays by their defining recursion, dynamics by classical Runge-Kutta steps, everything
+else by its law. In here time counts in sampling intervals and the static response peaks at one;
+`Recording` carries seconds and the units of drive and response.
 
 A signal path has these places, in this order; the core is the declared hysteresis or gain, the
 motion the declared mode::
@@ -16,8 +17,7 @@ Every record starts as if the device had been loaded from zero to the first driv
 first time, and had then rested until every dynamic settled.
 """
 
-from .effects import LAWS
-from .plant import SUBSTEPS, Effect, Plant, Setting
+from .effects import LAWS, SUBSTEPS, Setting
 from .recording import (
     BASES,
     EFFECTS,
@@ -40,8 +40,6 @@ __all__ = [
     "SIGNALS",
     "SUBSTEPS",
     "UNKNOWN",
-    "Effect",
-    "Plant",
     "Recording",
     "Setting",
     "effect_pairs",

@@ -4,30 +4,51 @@ Strengths are what an engineer would call visible, not grotesque: some percent t
 percent of the range.
 """
 
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from .motion import coulomb_mode, cubic_mode, hysteretic_mode, lugre_mode
+from skhyst.datasets.simulation import (
+    Effect,
+    clip,
+    dead_band,
+    dead_zones,
+    kelvin_voigt,
+    plays,
+    pure_delay,
+    slew_limited,
+)
+
+from .motion import coulomb_mode, lugre_mode, mode
 from .physics import (
     bend_cubic,
     bend_exponential,
     bend_tanh,
-    clip,
-    dead_band,
-    dead_zones,
     first_order,
-    kelvin_voigt,
     modulated,
-    one_play,
-    play_bank,
-    pure_delay,
-    rate_dependent_plays,
-    second_order,
-    slew_limited,
 )
-from .plant import Effect
 from .signals import N_TRAIN, draw_column, log_uniform
+
+SUBSTEPS = 32
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an effect has to know of the plant that it enters; the response here peaks near one."""
+
+    drive: tuple[float, float]  # lowest and highest drive of the records to fit on
+    response: tuple[float, float]  # the same of the response without the effect
+    settled: tuple[float, float]  # the same of the core alone, without a mode's overshoot
+    lengths: tuple[int, ...]  # samples of each record, held-out records last
+    mode: float  # frequency of the plant's own mode, in cycles a sample; 0 without one
+    dt: float  # sampling interval, s
+    unit: float  # response units per one
+    declared: str = "prandtl_ishlinskii"
+    drives: tuple = ()  # of each record
+    motion: dict = field(default_factory=dict)  # parameters of the plant's own mode
+    core: dict = field(default_factory=dict)  # parameters of the core
+    substeps: int = SUBSTEPS
 
 
 def asymmetry(rng, setting):
@@ -38,7 +59,7 @@ def asymmetry(rng, setting):
     weights *= bend / np.sum(weights * (1.0 - thresholds))  # above -0.7 in all: monotone
     stage = partial(dead_zones, side=side, thresholds=thresholds, weights=weights)
     truth = {"side": side, "thresholds": setting.unit * thresholds, "weights": weights}
-    return Effect(truth, "middle", stage)
+    return Effect("middle", stage, truth=truth)
 
 
 def static_nonlinearity(rng, setting):
@@ -52,19 +73,19 @@ def static_nonlinearity(rng, setting):
     else:
         bend = rng.choice([-1, 1]) * 2 * share
     truth = {"law": law.__name__, "bend": bend, "scale": setting.unit * scale}
-    return Effect(truth, "last", partial(law, scale=scale, bend=bend))
+    return Effect("last", partial(law, scale=scale, bend=bend), truth=truth)
 
 
 def lag(rng, setting):
     tau = rng.uniform(3, 30)
     if setting.mode:  # a much slower lag would leave nothing of the mode to see
         tau = max(3.0, rng.uniform(0.8, 3.0) / (2 * np.pi * setting.mode))
-    return Effect({"tau": tau * setting.dt}, "dynamics", partial(first_order, tau=tau))
+    return Effect("dynamics", partial(first_order, tau=tau), truth={"tau": tau * setting.dt})
 
 
 def delay(rng, setting):
     shift = rng.uniform(2, 15)
-    return Effect({"delay": shift * setting.dt}, "dynamics", partial(pure_delay, delay=shift))
+    return Effect("dynamics", partial(pure_delay, delay=shift), truth={"delay": shift * setting.dt})
 
 
 def resonance(rng, setting):
@@ -72,8 +93,8 @@ def resonance(rng, setting):
     while setting.mode and 1 / 1.5 < frequency / setting.mode < 1.5:
         frequency = 1.0 / log_uniform(rng, 14, 50)
     truth = {"frequency": frequency / setting.dt, "damping": damping}
-    stage = partial(second_order, frequency=frequency, damping=damping)
-    return Effect(truth, "dynamics", stage)
+    stage = partial(mode, frequency=frequency, damping=damping)
+    return Effect("dynamics", stage, truth=truth)
 
 
 def creep(rng, setting):
@@ -94,8 +115,8 @@ def creep(rng, setting):
         "taus": taus * setting.dt,
         "compliances": compliances,
     }
-    stage = partial(kelvin_voigt, taus=taus, compliances=compliances)
-    return Effect(truth, "dynamics", stage)
+    stage = partial(kelvin_voigt, taus=taus, compliances=compliances, relax=first_order)
+    return Effect("dynamics", stage, truth=truth)
 
 
 def _clipping_levels(rng, low, high):
@@ -108,12 +129,12 @@ def _clipping_levels(rng, low, high):
 def output_saturation(rng, setting):
     low, high = _clipping_levels(rng, *setting.settled)
     truth = {"low": setting.unit * low, "high": setting.unit * high}
-    return Effect(truth, "last", partial(clip, low=low, high=high))
+    return Effect("last", partial(clip, low=low, high=high), truth=truth)
 
 
 def input_saturation(rng, setting):
     low, high = _clipping_levels(rng, *setting.drive)
-    return Effect({"low": low, "high": high}, "first", partial(clip, low=low, high=high))
+    return Effect("first", partial(clip, low=low, high=high), truth={"low": low, "high": high})
 
 
 def drift(rng, setting):
@@ -129,7 +150,7 @@ def drift(rng, setting):
         else:
             curve = np.sin(2 * np.pi * (rng.uniform(0.4, 1.0) * s + rng.random()))
         beside.append(rng.choice([-1, 1]) * span * (curve - curve[0]) / np.ptp(curve))
-    return Effect({"law": law, "spans": setting.unit * spans}, beside=beside)
+    return Effect(beside=beside, truth={"law": law, "spans": setting.unit * spans})
 
 
 def offset(rng, setting):
@@ -139,7 +160,7 @@ def offset(rng, setting):
         values *= rng.choice([-1, 1], count)
     values *= np.ptp(setting.response)
     beside = [np.full(n, value) for n, value in zip(setting.lengths, values, strict=True)]
-    return Effect({"values": setting.unit * values}, beside=beside)
+    return Effect(beside=beside, truth={"values": setting.unit * values})
 
 
 def periodic_disturbance(rng, setting):
@@ -160,7 +181,7 @@ def periodic_disturbance(rng, setting):
         "amplitudes": setting.unit * amplitudes,
         "locked": locked,
     }
-    return Effect(truth, beside=beside)
+    return Effect(beside=beside, truth=truth)
 
 
 # ------------------------------------------------------------------------- memory and rate
@@ -185,8 +206,8 @@ def hysteresis(rng, setting):
             "thresholds": thresholds * np.abs(setting.drive).max(),
             "weights": weights,
         }
-        stage = partial(play_bank, thresholds=thresholds, weights=weights)
-        return Effect(truth, "middle", stage)
+        stage = partial(plays, thresholds=thresholds, weights=weights)
+        return Effect("middle", stage, truth=truth)
     force = rng.uniform(0.06, 0.2)  # largest hysteretic force, part of the largest drive
     stiffness = rng.uniform(0.3, 1.5)  # of the hysteretic spring near zero, part of the spring
     parameters = {
@@ -196,19 +217,21 @@ def hysteresis(rng, setting):
         "exponent": rng.uniform(1.0, 2.0),
     }
     truth = {"law": "force", **parameters, "limit": setting.unit * parameters["limit"]}
-    return Effect(
-        truth, alter=lambda plant, _: plant.adapt("motion", hysteretic_mode, **parameters)
-    )
+    return Effect(alter=lambda plant, _: plant.adapt("motion", **parameters), truth=truth)
+
+
+def _one_play(half_width):
+    return partial(plays, thresholds=[half_width], weights=[1.0])
 
 
 def backlash(rng, setting):
     if setting.declared == "second_order" and rng.random() < 0.5:
         half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.drive) / 2
         truth = {"place": "first", "half_width": half_width}
-        return Effect(truth, "first", partial(one_play, half_width=half_width))
+        return Effect("first", _one_play(half_width), truth=truth)
     half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.response) / 2
     truth = {"place": "last", "half_width": setting.unit * half_width}
-    return Effect(truth, "last", partial(one_play, half_width=half_width))
+    return Effect("last", _one_play(half_width), truth=truth)
 
 
 def dead_zone(rng, setting):
@@ -216,7 +239,7 @@ def dead_zone(rng, setting):
     half_width = rng.uniform(0.05, 0.15) * (high - low) / 2
     center = (low + high) / 2 + rng.uniform(-0.4, 0.4) * (high - low) / 2
     truth = {"center": center, "half_width": half_width}
-    return Effect(truth, "first", partial(dead_band, center=center, half_width=half_width))
+    return Effect("first", partial(dead_band, center=center, half_width=half_width), truth=truth)
 
 
 def rate_dependence(rng, setting):
@@ -224,15 +247,15 @@ def rate_dependence(rng, setting):
     widening = rng.uniform(0.05, 0.15) * np.ptp(setting.drive) / 2
     growth = widening / np.quantile(rates, 0.9)  # where the drive is fast, not only on edges
     return Effect(
-        {"dilation": growth * setting.dt},
-        alter=lambda plant, _: plant.adapt("core", rate_dependent_plays, growth=growth),
+        alter=lambda plant, _: plant.adapt("core", widening=growth),
+        truth={"dilation": growth * setting.dt},
     )
 
 
 def slew_limit(rng, setting):
     fastest = max(np.abs(np.diff(drive)).max() for drive in setting.drives[:N_TRAIN])
     rate = rng.uniform(0.12, 0.4) * fastest
-    return Effect({"rate": rate / setting.dt}, "first", partial(slew_limited, rate=rate))
+    return Effect("first", partial(slew_limited, rate=rate), truth={"rate": rate / setting.dt})
 
 
 # ------------------------------------------------------------------- equations of motion
@@ -257,7 +280,7 @@ def friction(rng, setting):
         parameters |= {"bristle": bristle, "bristle_damping": 2.0 * damping * np.sqrt(bristle)}
     truth = {"law": law.__name__, "stribeck": stribeck, **parameters}
     truth["velocity"] *= setting.unit / setting.dt
-    return Effect(truth, alter=lambda plant, _: plant.adapt("motion", law, **parameters))
+    return Effect(alter=lambda plant, _: plant.adapt("motion", law, **parameters), truth=truth)
 
 
 def cubic_stiffness(rng, setting):
@@ -265,15 +288,15 @@ def cubic_stiffness(rng, setting):
     peak = np.abs(setting.response).max()
     cubic = rng.uniform(0.15, 0.5) / peak**2 if hardening else -rng.uniform(0.06, 0.15) / peak**2
     drives = [drive / np.abs(setting.drive).max() for drive in setting.drives]
-    mode = {name: setting.motion[name] for name in ("frequency", "damping")}
+    own = {name: setting.motion[name] for name in ("frequency", "damping")}
     # a soft spring must not be pushed near its summit, where x + k3 x^3 no longer grows
     while not hardening and any(
-        not np.abs(cubic) * np.max(np.square(cubic_mode(drive, 1.0, **mode, cubic=cubic))) < 0.2
+        not np.abs(cubic) * np.max(np.square(mode(drive, 1.0, **own, cubic=cubic))) < 0.2
         for drive in drives
     ):
         cubic *= 0.8
     truth = {"hardening": hardening, "k3_over_k": cubic / setting.unit**2}
-    return Effect(truth, alter=lambda plant, _: plant.adapt("motion", cubic_mode, cubic=cubic))
+    return Effect(alter=lambda plant, _: plant.adapt("motion", cubic=cubic), truth=truth)
 
 
 # ------------------------------------------------------------------------- in the parameters
@@ -288,14 +311,15 @@ def auxiliary_input(rng, setting):
     if law == "gain":
         truth["sensitivity"] = strength / size
         stages = [partial(modulated, gains=1.0 + strength * part) for part in units]
-        return Effect(truth, "last", stages, column=(name, column))
+        return Effect("last", stages, column=(name, column), truth=truth)
     strength *= np.ptp(setting.response) / 2
     truth["gain"] = setting.unit * strength / size
     if law == "lag":
         tau = log_uniform(rng, 15, 120)
         truth["tau"] = tau * setting.dt
         units = [first_order(part, 1.0, tau) for part in units]
-    return Effect(truth, beside=[strength * part for part in units], column=(name, column))
+    beside = [strength * part for part in units]
+    return Effect(beside=beside, column=(name, column), truth=truth)
 
 
 def amplitude_dependence(rng, setting):
@@ -328,7 +352,7 @@ def amplitude_dependence(rng, setting):
         return plant.adapt("motion", **changed) if changed else plant
 
     truth = {"slopes": slopes, "amplitudes": amplitudes}
-    return Effect(truth, alter=alter)
+    return Effect(alter=alter, truth=truth)
 
 
 LAWS = {

@@ -11,63 +11,7 @@ drive value after a slow first loading from zero.
 import numba
 import numpy as np
 
-from .physics import _bouc_wen_move, _bouc_wen_slope
-
-
-@numba.njit(cache=True)
-def cubic_mode(signal, step, frequency, damping, cubic):
-    """Add the force of a cubic spring, cubic x^3."""
-    w = 2.0 * np.pi * frequency
-    a, b = w * w, 2.0 * damping * w
-    out = np.empty(signal.size)
-    x, v = signal[0], 0.0
-    for _ in range(50):
-        x -= (x + cubic * x**3 - signal[0]) / (1.0 + 3.0 * cubic * x * x)
-    out[0] = x
-    for i in range(1, signal.size):
-        u0, u2 = signal[i - 1], signal[i]
-        u1 = 0.5 * (u0 + u2)
-        v1, f1 = v, a * (u0 - x - cubic * x**3) - b * v
-        y = x + 0.5 * step * v1
-        v2 = v + 0.5 * step * f1
-        f2 = a * (u1 - y - cubic * y**3) - b * v2
-        y = x + 0.5 * step * v2
-        v3 = v + 0.5 * step * f2
-        f3 = a * (u1 - y - cubic * y**3) - b * v3
-        y = x + step * v3
-        v4 = v + step * f3
-        f4 = a * (u2 - y - cubic * y**3) - b * v4
-        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
-        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
-        out[i] = x
-    return out
-
-
-@numba.njit(cache=True)
-def parametric_mode(signal, step, frequency, damping, depth, pump, phase):
-    """Let the spring pulsate, (1 + depth sin(2 pi pump t + phase)) x instead of x."""
-    w, p = 2.0 * np.pi * frequency, 2.0 * np.pi * pump
-    a, b = w * w, 2.0 * damping * w
-    out = np.empty(signal.size)
-    x, v = signal[0] / (1.0 + depth * np.sin(phase)), 0.0
-    out[0] = x
-    for i in range(1, signal.size):
-        u0, u2 = signal[i - 1], signal[i]
-        u1 = 0.5 * (u0 + u2)
-        s0 = 1.0 + depth * np.sin(p * step * (i - 1) + phase)
-        s1 = 1.0 + depth * np.sin(p * step * (i - 0.5) + phase)
-        s2 = 1.0 + depth * np.sin(p * step * i + phase)
-        v1, f1 = v, a * (u0 - s0 * x) - b * v
-        v2 = v + 0.5 * step * f1
-        f2 = a * (u1 - s1 * (x + 0.5 * step * v1)) - b * v2
-        v3 = v + 0.5 * step * f2
-        f3 = a * (u1 - s1 * (x + 0.5 * step * v2)) - b * v3
-        v4 = v + step * f3
-        f4 = a * (u2 - s2 * (x + step * v3)) - b * v4
-        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
-        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
-        out[i] = x
-    return out
+from .physics import PARTS, WEIGHTS, bouc_wen_move, bouc_wen_slope
 
 
 @numba.njit(cache=True)
@@ -80,7 +24,7 @@ def _rest(u, law, p1, p2, p3, p4):
         if law == 0:  # a bristle on its virgin curve
             force = p1 * (1.0 - np.exp(-p2 * x / p1))
         else:
-            force = p1 * _bouc_wen_move(0.0, x, p2, p3, p4)
+            force = p1 * bouc_wen_move(0.0, x, p2, p3, p4)
         if x + force > abs(u):
             high = x
         else:
@@ -89,31 +33,55 @@ def _rest(u, law, p1, p2, p3, p4):
 
 
 @numba.njit(cache=True)
-def hysteretic_mode(signal, step, frequency, damping, stiffness, limit, ratio, exponent):
-    """Add a Bouc-Wen force, stiffness times z of the displacement; z has its limit."""
-    w = 2.0 * np.pi * frequency
+def mode(
+    signal,
+    step,
+    frequency,
+    damping,
+    cubic=0.0,
+    stiffness=0.0,
+    limit=1.0,
+    ratio=0.5,
+    exponent=1.0,
+    depth=0.0,
+    pump=0.0,
+    phase=0.0,
+):
+    """Add cubic x^3, or stiffness z with the Bouc-Wen law z of x, or let the spring pulsate.
+
+    Its force is then (1 + depth sin(2 pi pump t + phase)) x.
+    """
+    w, p = 2.0 * np.pi * frequency, 2.0 * np.pi * pump
     a, b = w * w, 2.0 * damping * w
     out = np.empty(signal.size)
-    x, h = _rest(signal[0], 1, stiffness, limit, ratio, exponent)
-    v, z = 0.0, h / stiffness
+    x, v, z = signal[0] / (1.0 + depth * np.sin(phase)), 0.0, 0.0
+    if stiffness != 0.0:
+        x, force = _rest(signal[0], 1, stiffness, limit, ratio, exponent)
+        z = force / stiffness
+    elif cubic != 0.0:
+        for _ in range(50):
+            x -= (x + cubic * x**3 - signal[0]) / (1.0 + 3.0 * cubic * x * x)
     out[0] = x
     for i in range(1, signal.size):
         u0, u2 = signal[i - 1], signal[i]
-        u1 = 0.5 * (u0 + u2)
-        v1, f1 = v, a * (u0 - x - stiffness * z) - b * v
-        g1 = v1 * _bouc_wen_slope(z, v1, limit, ratio, exponent)
-        v2, y, q = v + 0.5 * step * f1, x + 0.5 * step * v1, z + 0.5 * step * g1
-        f2 = a * (u1 - y - stiffness * q) - b * v2
-        g2 = v2 * _bouc_wen_slope(q, v2, limit, ratio, exponent)
-        v3, y, q = v + 0.5 * step * f2, x + 0.5 * step * v2, z + 0.5 * step * g2
-        f3 = a * (u1 - y - stiffness * q) - b * v3
-        g3 = v3 * _bouc_wen_slope(q, v3, limit, ratio, exponent)
-        v4, y, q = v + step * f3, x + step * v3, z + step * g3
-        f4 = a * (u2 - y - stiffness * q) - b * v4
-        g4 = v4 * _bouc_wen_slope(q, v4, limit, ratio, exponent)
-        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
-        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
-        z += step / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
+        drives = (u0, 0.5 * (u0 + u2), 0.5 * (u0 + u2), u2)
+        dx = dv = dz = sum_x = sum_v = sum_z = 0.0
+        for k in range(4):
+            h = PARTS[k] * step
+            y, ahead, q = x + h * dx, v + h * dv, z + h * dz
+            more = cubic * y**3 + stiffness * q
+            if depth != 0.0:
+                more += depth * np.sin(p * step * (i - 1 + PARTS[k]) + phase) * y
+            dv = a * (drives[k] - x - h * dx - more) - b * ahead
+            dx = ahead
+            if stiffness != 0.0:
+                dz = dx * bouc_wen_slope(q, dx, limit, ratio, exponent)
+            sum_x += WEIGHTS[k] * dx
+            sum_v += WEIGHTS[k] * dv
+            sum_z += WEIGHTS[k] * dz
+        x += step / 6.0 * sum_x
+        v += step / 6.0 * sum_v
+        z += step / 6.0 * sum_z
         out[i] = x
     return out
 
@@ -148,21 +116,18 @@ def lugre_mode(
         s = step / count
         for k in range(count):
             u0, u2 = start + slope * k / count, start + slope * (k + 1) / count
-            u1 = 0.5 * (u0 + u2)
-            v1, g1 = v, _lugre_slope(h, v, bristle, static, coulomb, velocity)
-            f1 = a * (u0 - x - h - d * g1) - b * v1
-            v2, y, q = v + 0.5 * s * f1, x + 0.5 * s * v1, h + 0.5 * s * g1
-            g2 = _lugre_slope(q, v2, bristle, static, coulomb, velocity)
-            f2 = a * (u1 - y - q - d * g2) - b * v2
-            v3, y, q = v + 0.5 * s * f2, x + 0.5 * s * v2, h + 0.5 * s * g2
-            g3 = _lugre_slope(q, v3, bristle, static, coulomb, velocity)
-            f3 = a * (u1 - y - q - d * g3) - b * v3
-            v4, y, q = v + s * f3, x + s * v3, h + s * g3
-            g4 = _lugre_slope(q, v4, bristle, static, coulomb, velocity)
-            f4 = a * (u2 - y - q - d * g4) - b * v4
-            x += s / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
-            v += s / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
-            h += s / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
+            drives = (u0, 0.5 * (u0 + u2), 0.5 * (u0 + u2), u2)
+            dx = dv = dh = sum_x = sum_v = sum_h = 0.0
+            for j in range(4):
+                y, dx, q = x + PARTS[j] * s * dx, v + PARTS[j] * s * dv, h + PARTS[j] * s * dh
+                dh = _lugre_slope(q, dx, bristle, static, coulomb, velocity)
+                dv = a * (drives[j] - y - q - d * dh) - b * dx
+                sum_x += WEIGHTS[j] * dx
+                sum_v += WEIGHTS[j] * dv
+                sum_h += WEIGHTS[j] * dh
+            x += s / 6.0 * sum_x
+            v += s / 6.0 * sum_v
+            h += s / 6.0 * sum_h
         out[i] = x
     return out
 

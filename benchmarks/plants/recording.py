@@ -6,11 +6,23 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from . import effects, unknown
-from .physics import bouc_wen, play_bank, scaled, second_order
-from .plant import SUBSTEPS, Plant, Setting
-from .signals import N_TRAIN, draw_column, draw_drives, log_uniform, spread_amplitudes
+from skhyst.datasets.simulation import Plant, plays
 
+from . import effects, unknown
+from .effects import SUBSTEPS, Setting
+from .motion import mode
+from .physics import bouc_wen, scaled
+from .signals import (
+    N_TRAIN,
+    draw_colour,
+    draw_column,
+    draw_drives,
+    draw_noise,
+    log_uniform,
+    spread_amplitudes,
+)
+
+PLACES = ("first", "core", "middle", "motion", "dynamics", "last")
 BASES = ("prandtl_ishlinskii", "cascade", "bouc_wen", "second_order")
 EFFECTS = tuple(effects.LAWS)
 UNKNOWN = tuple(unknown.LAWS)
@@ -136,24 +148,18 @@ def _draw_core(rng, declared, drives, scale):
         peak = max(np.abs(core(drive, 1.0)).max() for drive in drives)
         return partial(core.func, **{**core.keywords, "gain": 1.0 / peak})
     thresholds, weights = effects.draw_plays(rng, 0.8 * scale, scale)  # to half of the full range
-    peak = max(np.abs(play_bank(u, 1.0, thresholds, weights)).max() for u in drives)
-    return partial(play_bank, thresholds=thresholds, weights=weights / peak)
+    peak = max(np.abs(plays(u, 1.0, thresholds, weights)).max() for u in drives)
+    return partial(plays, thresholds=thresholds, weights=weights / peak)
 
 
-def _draw_mode(rng, declared):
+def _draw_motion(rng, declared):
     if declared == "cascade":
-        mode = {
-            "frequency": 1.0 / log_uniform(rng, 14, 50),
-            "damping": log_uniform(rng, 0.02, 0.25),
-        }
-    elif declared == "second_order":  # within the band of most drives
-        mode = {
-            "frequency": 1.0 / log_uniform(rng, 25, 100),
-            "damping": log_uniform(rng, 0.03, 0.3),
-        }
-    else:
-        mode = {}
-    return mode
+        frequency = 1.0 / log_uniform(rng, 14, 50)
+        return {"frequency": frequency, "damping": log_uniform(rng, 0.02, 0.25)}
+    if declared == "second_order":  # within the band of most drives
+        frequency = 1.0 / log_uniform(rng, 25, 100)
+        return {"frequency": frequency, "damping": log_uniform(rng, 0.03, 0.3)}
+    return {}
 
 
 def _bounds(signals):
@@ -168,15 +174,73 @@ def _change(signals, others):
     return np.sqrt(np.mean((here - basis @ np.linalg.lstsq(basis, here, rcond=None)[0]) ** 2))
 
 
-def _respond(plants, found, drives, substeps):
-    """Return the clean responses of the plants of all records with these effects in them."""
+def _respond(plant, found, setting):
+    """Return the clean responses of all records with these effects in the plant."""
+    plants = [plant] * len(setting.drives)
     for effect in found:
         plants = effect.changes(plants)
-    clean = [plant.respond(u, substeps) for plant, u in zip(plants, drives, strict=True)]
+    drives = zip(plants, setting.drives, strict=True)
+    clean = [one.respond(drive, setting.substeps) for one, drive in drives]
     for effect in found:
         if effect.beside:
             clean = [y + part for y, part in zip(clean, effect.beside, strict=True)]
     return clean
+
+
+def _draw_plant(seed, kind, n_samples, substeps, distract, spread):
+    """Draw a plant without effects, its setting, its drives' names and its column."""
+    declared = BASES[kind]
+    rng = np.random.default_rng([seed, kind, 1])
+    dt = 1.0 / np.round(log_uniform(rng, 100, 10_000))
+    scale, unit = log_uniform(rng, 1, 150), log_uniform(rng, 1e-6, 1e3)
+    drives, signals = draw_drives(rng, n_samples, scale)
+    core = _draw_core(rng, declared, drives[:N_TRAIN], scale)
+    motion = _draw_motion(rng, declared)
+    rng = np.random.default_rng([seed, kind, 4])
+    distraction = rng.integers(3) if distract else -1
+    if spread or distraction == 0:
+        drives = spread_amplitudes(rng, drives, scale)
+    lengths = tuple(drive.size for drive in drives)
+    column = ("", [None] * len(lengths))
+    if distraction == 1:
+        column = ("temperature", draw_column(rng, lengths)[1])
+    stages = {"core": (core,), "motion": (partial(mode, **motion),) if motion else ()}
+    plant = Plant(dict.fromkeys(PLACES, ()) | stages)
+    setting = Setting(
+        drive=_bounds(drives),
+        response=_bounds([plant.respond(drive, substeps) for drive in drives[:N_TRAIN]]),
+        settled=_bounds([core(drive, 1.0) for drive in drives[:N_TRAIN]]),
+        lengths=lengths,
+        mode=motion.get("frequency", 0.0),
+        dt=dt,
+        unit=unit,
+        declared=declared,
+        drives=tuple(drives),
+        motion=motion,
+        core=core.keywords,
+        substeps=substeps,
+    )
+    return plant, setting, signals, column
+
+
+def _put_in(rng, names, plant, setting):
+    """Draw the effects, each for the plant with those before it; return them and the responses."""
+    found = []
+    for name in names:
+        law = effects.LAWS.get(name) or unknown.LAWS[name]
+        if found:
+            setting = replace(setting, response=_bounds(_respond(plant, found, setting)))
+        found.append(law(rng, setting))
+    return found, _respond(plant, found, setting)
+
+
+def _record(rng, part, repeats, noise_std, colour, unit):
+    """Record (drive, column or None, clean response) each so many times, with noise of its own."""
+    return [
+        (u, c, unit * (y + noise_std * draw_noise(rng, y.size, **colour)), unit * y)
+        for _ in range(repeats)
+        for u, c, y in part
+    ]
 
 
 def _frames(records, first_label, dt, name):
@@ -203,6 +267,8 @@ def make_recording(
     n_samples=6000,
     substeps=SUBSTEPS,
     distract=False,
+    coloured=False,
+    repeats=1,
 ):
     """Draw a plant with undeclared effects and record it.
 
@@ -225,6 +291,12 @@ def make_recording(
     distract : bool, default False
         Whether a third of all plants, by the seed, carry a column `temperature` that does nothing,
         and another third are recorded at peaks from 0.3 to 1.
+    coloured : bool, default False
+        Whether the noise is coloured, by the seed: autoregressive with a coefficient from 0.5 to
+        0.97, or in a quarter of all plants with a power that falls as one over the frequency.
+    repeats : int, default 1
+        How often all drives are recorded, one pass after the other, each time with noise of its
+        own. The samples multiply.
 
     Returns
     -------
@@ -234,62 +306,30 @@ def make_recording(
     kind = BASES.index(declared)
     known = (*EFFECTS, *UNKNOWN)
     chosen = [1 + known.index(name) for name in names] or [0]
-    rng = np.random.default_rng([seed, kind, 1])
-    dt = 1.0 / np.round(log_uniform(rng, 100, 10_000))
-    scale, unit = log_uniform(rng, 1, 150), log_uniform(rng, 1e-6, 1e3)
-    drives, signals = draw_drives(rng, n_samples, scale)
-    core = _draw_core(rng, declared, drives[:N_TRAIN], scale)
-    mode = _draw_mode(rng, declared)
-    rng = np.random.default_rng([seed, kind, 4])
-    distraction = rng.integers(3) if distract else -1
-    if "amplitude_dependence" in names or distraction == 0:
-        drives = spread_amplitudes(rng, drives, scale)
-    lengths = tuple(drive.size for drive in drives)
-    column = ("", [None] * len(lengths))
-    if distraction == 1:
-        column = ("temperature", draw_column(rng, lengths)[1])
-
-    base = Plant(core=(core,), motion=(partial(second_order, **mode),) if mode else ())
-    plants = [base] * len(drives)
-    rng = np.random.default_rng([seed, kind, 2, *chosen])
-    setting = Setting(
-        drive=_bounds(drives),
-        response=_bounds([base.respond(drive, substeps) for drive in drives[:N_TRAIN]]),
-        settled=_bounds([core(drive, 1.0) for drive in drives[:N_TRAIN]]),
-        lengths=lengths,
-        mode=mode.get("frequency", 0.0),
-        dt=dt,
-        unit=unit,
-        declared=declared,
-        drives=tuple(drives),
-        motion=mode,
-        core=core.keywords,
-        substeps=substeps,
+    plant, setting, signals, column = _draw_plant(
+        seed, kind, n_samples, substeps, distract, spread="amplitude_dependence" in names
     )
-    found = []
-    for name in names:
-        law = effects.LAWS.get(name) or unknown.LAWS[name]
-        if found:
-            response = _respond(plants, found, drives, substeps)
-            setting = replace(setting, response=_bounds(response))
-        found.append(law(rng, setting))
-    clean = _respond(plants, found, drives, substeps)
+    found, clean = _put_in(np.random.default_rng([seed, kind, 2, *chosen]), names, plant, setting)
     noise_std = noise * np.ptp(np.concatenate(clean[:N_TRAIN]))
     sizes = {}
     for name, one in zip(names, found, strict=True):
         others = [other for other in found if other is not one]
-        change = _change(clean, _respond(plants, others, drives, substeps))
+        change = _change(clean, _respond(plant, others, setting))
         sizes[name] = change / noise_std if noise_std else np.inf
         column = one.column if one.column[0] else column
 
+    colour = draw_colour(np.random.default_rng([seed, kind, 5])) if coloured else {"law": "white"}
     rng = np.random.default_rng([seed, kind, 3, *chosen])
-    records = [
-        (u, c, unit * (y + noise_std * rng.standard_normal(y.size)), unit * y)
-        for u, c, y in zip(drives, column[1], clean, strict=True)
-    ]
-    X_train, y_train, y_train_clean = _frames(records[:N_TRAIN], 0, dt, column[0])
-    X_test, y_test, y_test_clean = _frames(records[N_TRAIN:], N_TRAIN, dt, column[0])
+    parts = list(zip(setting.drives, column[1], clean, strict=True))
+    dt, unit = setting.dt, setting.unit
+    fitted = _record(rng, parts[:N_TRAIN], repeats, noise_std, colour, unit)
+    held_out = _record(rng, parts[N_TRAIN:], repeats, noise_std, colour, unit)
+    X_train, y_train, y_train_clean = _frames(fitted, 0, dt, column[0])
+    X_test, y_test, y_test_clean = _frames(held_out, len(fitted), dt, column[0])
     parameters = [one.truth for one in found] or [{}]
+    # weights and gains are responses over drives
+    core = {n: v * (unit if n in ("weights", "gain") else 1.0) for n, v in setting.core.items()}
+    motion = setting.motion
     truth = {
         "effect": effect,
         "declared": declared,
@@ -298,8 +338,9 @@ def make_recording(
         "effect_over_noise": sizes,
         "signals": signals,
         "column": column[0],
-        **_in_units(core, unit),
-        "mode": {**mode, "frequency": mode["frequency"] / dt} if mode else {},
+        "noise": colour,
+        **core,
+        "mode": {**motion, "frequency": motion["frequency"] / dt} if motion else {},
     }
     return Recording(
         X_train=X_train,
@@ -312,9 +353,3 @@ def make_recording(
         sampling_interval=dt,
         truth=truth,
     )
-
-
-def _in_units(core, unit):
-    """Return the parameters of the core; weights and gains are responses over drives."""
-    scaled_by = {"weights": unit, "gain": unit}
-    return {name: value * scaled_by.get(name, 1.0) for name, value in core.keywords.items()}

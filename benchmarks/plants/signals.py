@@ -1,6 +1,7 @@
-"""Drives, and columns beside them, that a plant is recorded with. Time counts in samples."""
+"""Drives, columns beside them, and noise, of a recording. Time counts in samples."""
 
 import numpy as np
+from scipy.signal import lfilter
 
 N_TRAIN, N_TEST = 5, 3
 
@@ -125,3 +126,28 @@ def draw_column(rng, lengths):
     law, name = ((wandering, "temperature"), (levels, "load"))[rng.integers(2)]
     middle, size = (25.0, rng.uniform(2, 8)) if law is wandering else (50.0, rng.uniform(5, 40))
     return name, [middle + size * law(n, rng) for n in lengths], middle, size
+
+
+def draw_colour(rng):
+    """Draw the law of coloured noise: three of four are autoregressive."""
+    coefficient = rng.uniform(0.5, 0.97)
+    if rng.random() < 0.75:
+        return {"law": "autoregressive", "coefficient": coefficient}
+    return {"law": "flicker"}
+
+
+def draw_noise(rng, n, law, coefficient=0.0):
+    """Draw stationary Gaussian noise of unit variance, white, of first order or flicker noise.
+
+    The power of the last is one over the frequency, from half the sampling rate down to one cycle
+    in two records.
+    """
+    if law == "white":
+        return rng.standard_normal(n)
+    if law == "autoregressive":
+        innovations = rng.standard_normal(n)
+        innovations[1:] *= np.sqrt(1.0 - coefficient**2)
+        return lfilter([1.0], [1.0, -coefficient], innovations)
+    gains = np.append(0.0, np.arange(1.0, n + 1.0) ** -0.5)
+    gains *= np.sqrt(2 * n / (2.0 * np.sum(gains[:-1] ** 2) + gains[-1] ** 2))
+    return np.fft.irfft(np.fft.rfft(rng.standard_normal(2 * n)) * gains, 2 * n)[:n]

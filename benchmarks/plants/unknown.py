@@ -5,9 +5,9 @@ from functools import partial
 import numba
 import numpy as np
 
-from .motion import parametric_mode
-from .physics import delayed_by_itself, first_order, modulated, pinned, refine
-from .plant import Effect
+from skhyst.datasets.simulation import Effect, refine
+
+from .physics import PARTS, WEIGHTS, delayed_by_itself, first_order, modulated, pinned
 from .signals import log_uniform
 
 
@@ -23,14 +23,9 @@ def parametric_resonance(rng, setting):
     truth = {"depth": depth, "frequency": pump / setting.dt}
 
     def alter(plant, number):
-        return plant.adapt("motion", parametric_mode, depth=depth, pump=pump, phase=phases[number])
+        return plant.adapt("motion", depth=depth, pump=pump, phase=phases[number])
 
-    return Effect(truth, alter=alter)
-
-
-@numba.njit(cache=True)
-def _van_der_pol_slope(x, v, u, w, strength, pull, push):
-    return strength * w * (1.0 - x * x) * v - w * w * ((1.0 + pull * u) * x - push * u)
+    return Effect(alter=alter, truth=truth)
 
 
 @numba.njit(cache=True)
@@ -41,17 +36,15 @@ def van_der_pol(signal, step, frequency, strength, pull, push, x, v):
     out[0] = x
     for i in range(1, signal.size):
         u0, u2 = signal[i - 1], signal[i]
-        u1 = 0.5 * (u0 + u2)
-        v1 = v
-        f1 = _van_der_pol_slope(x, v1, u0, w, strength, pull, push)
-        v2 = v + 0.5 * step * f1
-        f2 = _van_der_pol_slope(x + 0.5 * step * v1, v2, u1, w, strength, pull, push)
-        v3 = v + 0.5 * step * f2
-        f3 = _van_der_pol_slope(x + 0.5 * step * v2, v3, u1, w, strength, pull, push)
-        v4 = v + step * f3
-        f4 = _van_der_pol_slope(x + step * v3, v4, u2, w, strength, pull, push)
-        x += step / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
-        v += step / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+        drives = (u0, 0.5 * (u0 + u2), 0.5 * (u0 + u2), u2)
+        dx = dv = sum_x = sum_v = 0.0
+        for k in range(4):
+            u, y, dx = drives[k], x + PARTS[k] * step * dx, v + PARTS[k] * step * dv
+            dv = strength * w * (1.0 - y * y) * dx - w * w * ((1.0 + pull * u) * y - push * u)
+            sum_x += WEIGHTS[k] * dx
+            sum_v += WEIGHTS[k] * dv
+        x += step / 6.0 * sum_x
+        v += step / 6.0 * sum_v
         out[i] = x
     return out
 
@@ -70,7 +63,7 @@ def self_oscillation(rng, setting):
         for u in _unit_drives(setting)
     ]
     truth = {"frequency": frequency / setting.dt, "strength": strength, "pull": pull}
-    return Effect(truth, beside=beside)
+    return Effect(beside=beside, truth=truth)
 
 
 def volterra_product(rng, setting):
@@ -86,7 +79,7 @@ def volterra_product(rng, setting):
     size = rng.uniform(0.02, 0.04) * np.ptp(setting.response)
     size /= np.sqrt(np.mean(np.square(np.concatenate(products))))
     truth = {"taus": (short * setting.dt, long * setting.dt)}
-    return Effect(truth, beside=[size * product for product in products])
+    return Effect(beside=[size * product for product in products], truth=truth)
 
 
 def switching_gain(rng, setting):
@@ -100,7 +93,7 @@ def switching_gain(rng, setting):
             gains[start:stop] = 1.0 + 0.5 * jump * state
             start, state = stop, -state
         stages.append(partial(modulated, gains=gains))
-    return Effect({"jump": jump}, "last", stages)
+    return Effect("last", stages, truth={"jump": jump})
 
 
 def wandering_gain(rng, setting):
@@ -113,7 +106,7 @@ def wandering_gain(rng, setting):
             2 * np.pi * (0.31 * frequency * t + rng.random())
         )
         stages.append(partial(modulated, gains=1.0 + depth * np.sin(phase)))
-    return Effect({"depth": depth, "frequency": frequency / setting.dt}, "last", stages)
+    return Effect("last", stages, truth={"depth": depth, "frequency": frequency / setting.dt})
 
 
 @numba.njit(cache=True)
@@ -125,8 +118,7 @@ def lorenz(signal, step, rate, push, state):
     for i in range(signal.size):
         out[i] = state[0]
         for j in range(4):
-            part = 0.0 if j == 0 else 1.0 if j == 3 else 0.5
-            x, y, z = state + part * h * k[max(j - 1, 0)] if j else state
+            x, y, z = state + PARTS[j] * h * k[j - 1] if j else state
             k[j, 0] = 10.0 * (y - x) + push * signal[i]
             k[j, 1] = x * (28.0 - z) - y
             k[j, 2] = x * y - 8.0 / 3.0 * z
@@ -143,7 +135,7 @@ def chaotic_neighbour(rng, setting):
     for u in _unit_drives(setting):
         start = np.array([1.0, 1.0, 25.0]) + rng.uniform(-5, 5, 3)
         beside.append(size * lorenz(refine(u, n), 1.0 / n, rate, push, start)[::n])
-    return Effect({"rate": rate / setting.dt}, beside=beside)
+    return Effect(beside=beside, truth={"rate": rate / setting.dt})
 
 
 def state_dependent_delay(rng, setting):
@@ -152,14 +144,14 @@ def state_dependent_delay(rng, setting):
     growth /= np.abs(setting.response).max()
     truth = {"shortest": shortest * setting.dt, "growth": growth * setting.dt / setting.unit}
     stage = partial(delayed_by_itself, shortest=shortest, growth=growth)
-    return Effect(truth, "last", stage)
+    return Effect("last", stage, truth=truth)
 
 
 def random_pinning(rng, setting):
     """Let the response stick at obstacles that are different each time."""
     low, high = np.array([0.01, 0.06]) * rng.uniform(0.7, 1.3) * np.ptp(setting.response)
     stages = [partial(pinned, obstacles=log_uniform(rng, low, high, 4096)) for _ in setting.lengths]
-    return Effect({"obstacles": (setting.unit * low, setting.unit * high)}, "last", stages)
+    return Effect("last", stages, truth={"obstacles": (setting.unit * low, setting.unit * high)})
 
 
 LAWS = {

@@ -1,6 +1,7 @@
 """The inchworm motor of the paper on stochastic configuration networks, simulated."""
 
-from numbers import Integral, Real
+import copy
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -8,9 +9,10 @@ from sklearn.utils import Bunch, check_random_state
 
 from .._jit import jit
 from ..records import record_slices, stack_records
-from ._effects import EffectPath, plays, refine
-from ._motion import bouc_wen, oscillate
+from ._checks import count, interval, refuse, scalar
+from ._effects import Device, complete_effects, path, simulate
 from ._signals import decaying_sine
+from .simulation import bouc_wen, oscillate, plays, refine
 
 __all__ = ["make_inchworm_motor", "walking_drive"]
 
@@ -20,14 +22,41 @@ _EXTENDING = 0.05  # c2, um/V: chosen, the paper has none
 _FULL_DRIVE = 5.0  # V, amplitude of (14)
 _FREQUENCY = np.sqrt(_STIFFNESS / _MASS) / (2.0 * np.pi)  # Hz
 _RATIO = _DAMPING / (2.0 * np.sqrt(_STIFFNESS * _MASS))
-# chosen so that the loop of (12) is as wide as the paper draws it, 18 % of the stroke
-_SHARE, _LIMIT, _SHAPE = 0.45, 1.5, 0.6  # of Bouc-Wen: part of c1, V, bouc_wen's shape
-_THRESHOLDS = np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.5])  # V, of the plays
-_WEIGHTS = np.array([0.48, 0.12, 0.14, 0.13, 0.08, 0.05])  # parts of c1
-
 _COLUMNS = ["drive", "clamp", "drive_2", "clamp_2"]
-_LAWS = ("bouc_wen", "prandtl_ishlinskii", None)
 _ABOUT_ZERO = ("cubic_stiffness", "static_nonlinearity", "output_saturation")
+
+
+@jit
+def _bouc_wen_loop(u, step, share, limit, shape, stretch=0.0):
+    out = np.empty(u.size)
+    h, before = 0.0, 0.0
+    for i in range(u.size):
+        rate = abs(u[i] - before) / step if i > 0 else 0.0
+        h = bouc_wen(h, u[i] - before, limit * (1.0 + stretch * rate), shape)
+        before = u[i]
+        out[i] = share * h
+    return out
+
+
+def _play_loop(u, step, thresholds, weights, stretch=0.0):
+    return u - plays(u, step, thresholds, weights, stretch)
+
+
+def _no_loop(u, step, stretch=0.0):
+    return np.zeros(u.size)
+
+
+# the voltage that the hysteresis takes away; numbers chosen so that the loop of (12) is as wide as
+# the paper draws it, 18 % of the stroke
+_LOOPS = {
+    "bouc_wen": partial(_bouc_wen_loop, share=0.45, limit=1.5, shape=0.6),
+    "prandtl_ishlinskii": partial(
+        _play_loop,
+        thresholds=np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.5]),
+        weights=np.array([0.48, 0.12, 0.14, 0.13, 0.08, 0.05]),
+    ),
+    None: partial(_no_loop),
+}
 
 
 def walking_drive(
@@ -44,10 +73,8 @@ def walking_drive(
     ----------
     n_steps : int, default=20
         Steps, two a period.
-    amplitude : float, default=5.0
-        A, in V.
-    frequency : float, default=10.0
-        f, in Hz.
+    amplitude, frequency : float, default=5.0 and 10.0
+        A, in V, and f, in Hz.
     direction : {1, -1}, default=1
         Sign of the travel.
     waveform : {"sine", "trapezoid"}, default="sine"
@@ -67,8 +94,7 @@ def walking_drive(
 
     References
     ----------
-    S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
-    hysteresis compensator", Section 2.1 and Fig. 2.
+    See :func:`make_inchworm_motor`, Section 2.1 and Fig. 2.
 
     Examples
     --------
@@ -77,26 +103,24 @@ def walking_drive(
     (1001, 4)
     """
     caller = "walking_drive"
-    if not isinstance(n_steps, Integral) or n_steps < 1:
-        _refuse("n_steps", caller, "a positive integer", n_steps)
-    for name, value in (("amplitude", amplitude), ("frequency", frequency), ("dt", dt)):
-        _refuse_unless_positive(name, caller, value)
+    n_steps, dt = count(caller, "n_steps", n_steps), interval(caller, dt)
+    amplitude = scalar(caller, "amplitude", amplitude, positive=True)
+    frequency = scalar(caller, "frequency", frequency, positive=True)
     if frequency * dt > 0.05:
         wanted = f"at most 0.05 / dt = {0.05 / dt:g} Hz, 20 samples a period"
-        _refuse("frequency", caller, wanted, frequency)
+        refuse(caller, "frequency", wanted, frequency)
     if direction not in (-1, 1):
-        _refuse("direction", caller, "1 or -1", direction)
+        refuse(caller, "direction", "1 or -1", direction)
     if waveform not in ("sine", "trapezoid"):
-        _refuse("waveform", caller, "'sine' or 'trapezoid'", waveform)
+        refuse(caller, "waveform", "'sine' or 'trapezoid'", waveform)
     n_samples = round(0.5 * n_steps / (frequency * dt)) + 1
     phase = 2.0 * np.pi * frequency * dt * np.arange(n_samples)
     bend, clamp = -np.cos(phase), np.sin(phase)
     if waveform == "trapezoid":
         bend = 2.0 / np.pi * np.arcsin(bend)
         clamp = np.clip(3.0 * 2.0 / np.pi * np.arcsin(clamp), -1.0, 1.0)
-    columns = amplitude * np.column_stack([direction * bend, clamp, -direction * bend, -clamp])
-    X = stack_records([columns], dt=dt)
-    return X.set_axis(_COLUMNS, axis=1)
+    columns = np.column_stack([direction * bend, clamp, -direction * bend, -clamp])
+    return stack_records([amplitude * columns], dt=dt).set_axis(_COLUMNS, axis=1)
 
 
 def make_inchworm_motor(
@@ -125,8 +149,7 @@ def make_inchworm_motor(
 
     The hysteresis is :math:`h_x = c_1 h(u_1)`, with h a Bouc-Wen law, :math:`dh = 0.45\, du\, (1 -
     |h|/h_m (0.6\,\mathrm{sign}(h\,du) + 0.4))`, or six plays; loops of 3.5 V are open by 18 % of
-    the stroke. It is solved exactly between samples, the equation of motion by the exponential of
-    its matrix, and nothing is shared with the package's models.
+    the stroke. Nothing is shared with the package's models.
 
     Parameters
     ----------
@@ -185,117 +208,79 @@ def make_inchworm_motor(
     True
     """
     caller = "make_inchworm_motor"
-    _check_options(caller, hysteresis, noise, resolution, substeps)
-    _refuse_unless_positive("dt", caller, dt)
-    X, slices = _read_drive(drive, dt, caller)
-    path = EffectPath.resolve(
-        effects,
-        drive=_FULL_DRIVE,
-        response=_BENDING * _FULL_DRIVE,
-        period=1.0 / _FREQUENCY,
-        caller=caller,
-        seed=check_random_state(random_state).randint(np.iinfo(np.int32).max),
-    )
-    walks = X.shape[1] > 1
-    if walks and (wrong := [name for name in _ABOUT_ZERO if name in path.settings]):
+    if hysteresis not in list(_LOOPS):
+        refuse(caller, "hysteresis", "'bouc_wen', 'prandtl_ishlinskii' or None", hysteresis)
+    noise = scalar(caller, "noise", noise, negative=False)
+    resolution = scalar(caller, "resolution", resolution, negative=False)
+    substeps = count(caller, "substeps", substeps)
+    X, records = _read_drive(drive, interval(caller, dt), caller)
+    effects = complete_effects(effects, 1.0 / _FREQUENCY, caller)
+    if X.shape[1] > 1 and (wrong := [name for name in _ABOUT_ZERO if name in effects]):
         raise ValueError(
             f"The 'effects' parameter of {caller} must not hold {', '.join(wrong)} for a motor "
             "that walks: they belong to a displacement about zero. Got a drive of 4 columns."
         )
-    values = X.to_numpy(dtype=float)
-    parts = []
-    for number, record in enumerate(slices):
-        signals = _simulate(values[record.rows], record.dt, path, hysteresis, int(substeps))
-        added, auxiliary = path.beside(record.n_samples, record.dt, number)
-        response = path.sensor(signals["runner"]) + added
-        measured = _measure(response, noise, resolution, path.generator(number))
-        parts.append((signals, auxiliary, response, measured))
-    signals, auxiliary, response, measured = zip(*parts, strict=True)
-    if auxiliary[0] is not None:
-        X = X.assign(temperature=np.concatenate(auxiliary))
+    seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
+    device = Device(_FULL_DRIVE, _BENDING * _FULL_DRIVE, records, seed)
+    loop = _LOOPS[hysteresis]
+    motion = partial(oscillate, frequency=_FREQUENCY, damping=_RATIO, base=1.0)
+    respond = partial(_respond, loop=loop, substeps=substeps)
+    X, signals = simulate(device, X, path(loop, motion), effects, respond)
+    response = pd.Series(signals.pop("response"), X.index, name="response")
+    draws = [
+        device.generator(number).standard_normal(record.n_samples)
+        for number, record in enumerate(records)
+    ]
+    y = response + noise * np.concatenate(draws)
     truth = Bunch(
-        response=pd.Series(np.concatenate(response), X.index, name="response"),
-        signals=pd.concat([pd.DataFrame(s) for s in signals]).set_index(X.index),
+        response=response,
+        signals=pd.DataFrame(signals, X.index),
         noise_std=float(np.hypot(noise, resolution / np.sqrt(12.0))),
-        parameters=_parameters(hysteresis),
-        effects=path.settings,
+        parameters={
+            "mass": _MASS,
+            "damping": _DAMPING,
+            "stiffness": _STIFFNESS,
+            "bending": 1e-6 * _BENDING,
+            "extending": 1e-6 * _EXTENDING,
+            "frequency": float(_FREQUENCY),
+            "damping_ratio": float(_RATIO),
+            "hysteresis": copy.deepcopy(loop.keywords),
+        },
+        effects=effects,
     )
-    return X, pd.Series(np.concatenate(measured), X.index, name="response"), truth
+    return X, np.round(y / resolution) * resolution if resolution else y, truth
 
 
-def _parameters(hysteresis):
-    laws = {
-        "bouc_wen": {"share": _SHARE, "limit": _LIMIT, "shape": _SHAPE},
-        "prandtl_ishlinskii": {"thresholds": _THRESHOLDS.copy(), "weights": _WEIGHTS.copy()},
-    }
-    return {
-        "mass": _MASS,
-        "damping": _DAMPING,
-        "stiffness": _STIFFNESS,
-        "bending": 1e-6 * _BENDING,
-        "extending": 1e-6 * _EXTENDING,
-        "frequency": float(_FREQUENCY),
-        "damping_ratio": float(_RATIO),
-        "hysteresis": laws.get(hysteresis, {}),
-    }
-
-
-def _simulate(drives, dt, path, hysteresis, substeps):
+def _respond(plant, drives, dt, beside, loop, substeps):
     """Return the signals of one record at its samples."""
     step = dt / substeps
-    drives = [path.before(refine(column, substeps), step) for column in drives.T]
-    bent = [_foot(u, step, path, hysteresis) for u in drives[::2]]
-    signals = {"drive": drives[0], "hysteresis": bent[0][1], "actuator": bent[0][0]}
+    drives = [plant.send(refine(column, substeps), step, "first") for column in drives.T]
+    bends, losses = zip(*(_bend(plant, u, step) for u in drives[::2]), strict=True)
+    signals = {"drive": drives[0], "hysteresis": losses[0], "actuator": bends[0]}
     if len(drives) > 1:
-        heights = [_EXTENDING * (u - _loop(u, np.ones(u.size), hysteresis)) for u in drives[1::2]]
+        heights = [_EXTENDING * (u - loop(u, step)) for u in drives[1::2]]
         first = heights[0] >= heights[1]
         signals |= {
             "drive_2": drives[2],
-            "hysteresis_2": bent[1][1],
+            "hysteresis_2": losses[1],
             "height": heights[0],
             "height_2": heights[1],
             "contact": np.where(first, 1, 2),
         }
         # the runner is taken from where it stands: only the way of the foot in contact counts
-        ways = np.where(first[1:], np.diff(bent[0][0]), np.diff(bent[1][0]))
-        start = bent[0][0][0] if first[0] else bent[1][0][0]
+        ways = np.where(first[1:], np.diff(bends[0]), np.diff(bends[1]))
+        start = bends[0][0] if first[0] else bends[1][0]
         signals["actuator"] = start + np.concatenate([[0.0], np.cumsum(ways)])
-    signals["runner"] = oscillate(
-        signals["actuator"], step, _FREQUENCY, _RATIO, base=1.0, forces=path.forces()
-    )
-    return {name: signal[::substeps] for name, signal in signals.items()}
+    signals["runner"] = plant.send(signals["actuator"], step, "motion")
+    signals = {name: signal[::substeps] for name, signal in signals.items()}
+    return signals | {"response": plant.send(signals["runner"], dt, "last") + beside}
 
 
-def _foot(u, step, path, hysteresis):
+def _bend(plant, u, step):
     """Return how far a pair bends, and its hysteresis h_x, in um."""
-    h = _loop(u, path.growth(u, step), hysteresis)
-    bend = path.gain(u) * _BENDING * (u - h)
-    return path.dynamics(path.after(bend), step), _BENDING * h
-
-
-def _loop(u, growth, hysteresis):
-    """Return the voltage that the hysteresis takes away."""
-    if hysteresis == "bouc_wen":
-        return _SHARE * _bouc_wen_path(u, growth)
-    if hysteresis == "prandtl_ishlinskii":
-        return u - plays(u, _THRESHOLDS, _WEIGHTS, growth)
-    return np.zeros(u.size)
-
-
-@jit
-def _bouc_wen_path(u, growth):
-    out = np.empty(u.size)
-    h, before = 0.0, 0.0
-    for i in range(u.size):
-        h = bouc_wen(h, u[i] - before, _LIMIT * growth[i], _SHAPE)
-        before = u[i]
-        out[i] = h
-    return out
-
-
-def _measure(response, noise, resolution, rng):
-    measured = response + noise * rng.standard_normal(response.size)
-    return np.round(measured / resolution) * resolution if resolution else measured
+    loss = _BENDING * plant.send(u, step, "core")
+    plant = plant.adapt("gain", peak=np.abs(u).max())
+    return plant.send(_BENDING * u - loss, step, "gain", "middle", "dynamics"), loss
 
 
 def _read_drive(drive, dt, caller):
@@ -305,40 +290,14 @@ def _read_drive(drive, dt, caller):
     values = np.asarray(drive, dtype=float)
     values = values[:, None] if values.ndim == 1 else values
     if values.ndim != 2 or values.shape[1] not in (1, 4) or len(values) < 2:
-        _refuse("drive", caller, "at least two rows of one column or four", _shape(values))
+        refuse(caller, "drive", "at least two rows of one column or four", values.shape)
     if not np.isfinite(values).all():
-        _refuse("drive", caller, "finite", "NaN or infinity")
-    framed = hasattr(drive, "iloc")
-    slices = record_slices(drive if framed else values, dt=dt, one_interval=False)
-    columns = _COLUMNS[: values.shape[1]]
-    index = drive.index if framed else None
-    if index is None or index.dtype.kind in "iu":  # rows are counted: times come with the index
-        labels = None if len(slices) == 1 else range(len(slices))
-        index = stack_records(
-            [values[s.rows, 0] for s in slices], labels=labels, dt=slices[0].dt
-        ).index
-    return pd.DataFrame(values, index, columns), slices
-
-
-def _check_options(caller, hysteresis, noise, resolution, substeps):
-    if hysteresis not in _LAWS:
-        _refuse("hysteresis", caller, "'bouc_wen', 'prandtl_ishlinskii' or None", hysteresis)
-    for name, value in (("noise", noise), ("resolution", resolution)):
-        if not isinstance(value, Real) or not 0 <= value < np.inf:
-            _refuse(name, caller, "a number from 0 upwards", value)
-    if not isinstance(substeps, Integral) or substeps < 1:
-        _refuse("substeps", caller, "a positive integer", substeps)
-
-
-def _refuse_unless_positive(name, caller, value):
-    if not isinstance(value, Real) or not 0 < value < np.inf:
-        _refuse(name, caller, "a positive number", value)
-
-
-def _refuse(name, caller, wanted, got):
-    got = got if isinstance(got, str) and " " in got else repr(got)
-    raise ValueError(f"The {name!r} parameter of {caller} must be {wanted}. Got {got} instead.")
-
-
-def _shape(values):
-    return f"the shape {values.shape}"
+        refuse(caller, "drive", "finite", "NaN or infinity")
+    index = drive.index if hasattr(drive, "iloc") else None
+    X = pd.DataFrame(values, index, _COLUMNS[: values.shape[1]])
+    records = record_slices(X, dt=dt, one_interval=False)
+    if X.index.dtype.kind in "iu":  # rows are counted: times come with the index
+        labels = None if len(records) == 1 else range(len(records))
+        X = stack_records([X.to_numpy()[r.rows] for r in records], labels=labels, dt=dt)
+        X = X.set_axis(_COLUMNS[: values.shape[1]], axis=1)
+    return X, records

@@ -1,7 +1,7 @@
 """The scanning stage of the thesis on Prandtl-Ishlinskii cascades, simulated."""
 
 import warnings
-from numbers import Real
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,9 +10,10 @@ from sklearn.utils import Bunch
 
 from ..exceptions import RecordError
 from ..records import record_slices, stack_records
-from ._effects import EffectPath, first_order, plays, refine
-from ._motion import oscillate
+from ._checks import refuse, scalar
+from ._effects import Device, complete_effects, path, simulate
 from ._signals import triangle
+from .simulation import kelvin_voigt, oscillate, plays, refine
 
 __all__ = ["load_scanning_stage_parameters", "make_scanning_stage"]
 
@@ -96,9 +97,9 @@ def make_scanning_stage(
 ):
     """Return a recording of the simulated scanning stage, and the truth about it.
 
-    The signals are computed between the samples too, without the operators of skhyst: plays by
-    their recursion, linear dynamics exactly for a drive that is a straight line from sample to
-    sample. Each record starts at rest, after a first loading from zero.
+    It shares nothing with the models of skhyst: plays by their recursion, linear dynamics exactly
+    for a drive that is a straight line from sample to sample. Records start at rest, after a first
+    loading from zero.
 
     Parameters
     ----------
@@ -110,10 +111,9 @@ def make_scanning_stage(
         has the voltage in column 0, and its index carries records and time.
     effects : mapping, iterable of str, or str, optional
         Effects that the published model does not have, each with its parameters, its strength
-        as a number, or by name alone: ``{"creep": {"strength": 0.1, "time_constants": [30.0]}}``.
-        Strengths are shares of full scale (40 V and the response to it). The roll-off of a weaker
-        amplifier is ``"lag"``, the delay of the signal processing ``{"delay": {"time": 2.5e-5}}``.
-        An ``"auxiliary_input"`` is a second column of X, ``temperature``.
+        as a number, or by name alone, see :ref:`simulated_devices`. Full scale is 40 V and the
+        response to it. A weaker amplifier is ``"lag"``, the signal processing ``{"delay": {"time":
+        2.5e-5}}``.
     measured : {"displacement", "velocity"}, default="displacement"
         What the vibrometer gives: um, or um/s.
     noise : float, optional
@@ -146,9 +146,8 @@ def make_scanning_stage(
 
     Notes
     -----
-    The recordings that a name asks for are kept short: a record is sampled as fast as its content
-    needs, 1 Hz at 500 Hz up to 1000 Hz at 250 kHz. They hold every n-th sample of 250 kHz, with no
-    filter in between, so that a model of the stage is a model of each of them.
+    A record that a name asks for is sampled as fast as its content needs, 1 Hz at 500 Hz up to
+    1000 Hz at 250 kHz: every n-th sample of 250 kHz, with no filter in between.
 
     References
     ----------
@@ -163,45 +162,21 @@ def make_scanning_stage(
     >>> print(f"stroke {y['10 Hz'].max() - y['10 Hz'].min():.1f} um, {truth.noise_std} um of noise")
     stroke 3.4 um, 0.0005 um of noise
     """
+    caller = "make_scanning_stage"
     if measured not in _SENSORS:
-        raise ValueError(
-            "The 'measured' parameter of make_scanning_stage must be 'displacement' or 'velocity'. "
-            f"Got {measured!r} instead."
-        )
+        refuse(caller, "measured", "'displacement' or 'velocity'", measured)
     limit, default_noise = _SENSORS[measured]
-    noise = default_noise if noise is None else noise
-    if not isinstance(noise, Real) or not 0.0 <= noise < np.inf:
-        raise ValueError(
-            "The 'noise' parameter of make_scanning_stage must be a finite number, not negative. "
-            f"Got {noise!r} instead."
-        )
+    noise = scalar(caller, "noise", default_noise if noise is None else noise, negative=False)
     rng = np.random.default_rng(random_state)
     X = _drive(drive, dt, rng)
     stage = load_scanning_stage_parameters()
-    path = EffectPath.resolve(
-        effects,
-        drive=_SPAN,
-        response=_full_scale(stage),
-        period=1.0 / stage.natural_frequencies[0],
-        caller="make_scanning_stage",
-        seed=int(rng.integers(2**31)),
-    )
-    voltage = X.iloc[:, 0].to_numpy(dtype=float)
-    signals = {name: np.empty(len(X)) for name in ("hysteresis", "creep", "response")}
-    auxiliary = np.zeros(len(X))
-    for number, record in enumerate(record_slices(X, one_interval=False)):
-        u = voltage[record.rows]
-        parts = _simulate(stage, path, u, record.dt, measured)
-        added, column = path.beside(len(u), record.dt, number)
-        if column is not None:
-            auxiliary[record.rows] = column
-        if measured == "velocity":
-            added = np.gradient(added, record.dt) if len(u) > 1 else np.zeros(1)
-        parts["response"] = parts["response"] + added
-        for name, values in parts.items():
-            signals[name][record.rows] = values
-    if "auxiliary_input" in path.settings:
-        X = X.assign(temperature=auxiliary)
+    effects = complete_effects(effects, 1.0 / stage.natural_frequencies[0], caller)
+    records = record_slices(X, one_interval=False)
+    device = Device(_SPAN, _full_scale(stage), records, seed=int(rng.integers(2**31)))
+    hysteresis = partial(plays, thresholds=stage.thresholds, weights=stage.weights)
+    plant = path(hysteresis, partial(_vibrate, stage=stage))
+    respond = partial(_respond, stage=stage, measured=measured)
+    X, signals = simulate(device, X, plant, effects, respond)
     y = signals["response"] + noise * rng.normal(size=len(X))
     resolution = 2.0 * limit / 2**_BITS if quantize else 0.0
     if quantize:
@@ -213,13 +188,12 @@ def make_scanning_stage(
                 stacklevel=2,
             )
         y = np.clip(resolution * np.round(y / resolution), -limit, limit)
-    series = {name: pd.Series(v, X.index, name=name) for name, v in signals.items()}
     truth = Bunch(
-        **series,
-        noise_std=float(noise),
+        **{name: pd.Series(values, X.index, name=name) for name, values in signals.items()},
+        noise_std=noise,
         resolution=resolution,
         parameters=stage,
-        effects=path.settings,
+        effects=effects,
     )
     return X, pd.Series(y, X.index, name="response"), truth
 
@@ -231,21 +205,13 @@ def _drive(drive, dt, rng):
     """Return the frame of the drive, index of record and time."""
     if isinstance(drive, str):
         if drive not in _EXPERIMENTS:
-            raise ValueError(
-                "The 'drive' parameter of make_scanning_stage must be a frame, an array or one of "
-                f"{', '.join(map(repr, _EXPERIMENTS))}. Got {drive!r} instead."
-            )
-        return _EXPERIMENTS[drive](rng)
-    if not hasattr(drive, "iloc"):
-        drive = np.asarray(drive, dtype=float)
-    X = stack_records([drive], dt=dt)
+            names = ", ".join(map(repr, _EXPERIMENTS))
+            refuse("make_scanning_stage", "drive", f"a frame, an array or one of {names}", drive)
+        return stack_records(_EXPERIMENTS[drive](rng), dt=1.0 / _RATE)
+    X = stack_records([drive if hasattr(drive, "iloc") else np.asarray(drive, dtype=float)], dt=dt)
     if not len(X) or not np.isfinite(X.iloc[:, 0].to_numpy(dtype=float)).all():
         raise RecordError("The drive of make_scanning_stage must have samples, all of them finite.")
     return X.iloc[:, :1].set_axis(["drive"], axis=1)
-
-
-def _stack(records):
-    return stack_records(list(records.values()), labels=list(records))
 
 
 def _loop(frequency, rate, n_samples=2000):
@@ -255,28 +221,25 @@ def _loop(frequency, rate, n_samples=2000):
 
 def _identification(rng):
     rates = {1: 500.0, 10: 5e3, 100: 50e3, 1000: _RATE}
-    return _stack({f"{f} Hz": _loop(f, rate) for f, rate in rates.items()})
+    return {f"{f} Hz": _loop(f, rate) for f, rate in rates.items()}
 
 
 def _validation(rng):
     amplitudes = _SPAN * np.array([1.0, 0.25, 0.5, 0.75, 1.0, 0.6, 0.35, 0.9])
     up = [10.0, 30.0, 100.0, 300.0, 1000.0]
     mixed = [1000.0, 10.0, 500.0, 50.0, 200.0, 1000.0]
-    return _stack(
-        {
-            "30 Hz": _loop(30, 15e3),
-            "300 Hz": _loop(300, 150e3),
-            "100 Hz, amplitudes": triangle(amplitudes, 100.0, dt=2e-5),
-            "1000 Hz, amplitudes": triangle(amplitudes, 1000.0, dt=1.0 / _RATE),
-            "rising frequency": triangle(_SPAN, up, dt=1.0 / _RATE),
-            "mixed frequencies": triangle(_SPAN, mixed, dt=1.0 / _RATE),
-        }
-    )
+    return {
+        "30 Hz": _loop(30, 15e3),
+        "300 Hz": _loop(300, 150e3),
+        "100 Hz, amplitudes": triangle(amplitudes, 100.0, dt=2e-5),
+        "1000 Hz, amplitudes": triangle(amplitudes, 1000.0, dt=1.0 / _RATE),
+        "rising frequency": triangle(_SPAN, up, dt=1.0 / _RATE),
+        "mixed frequencies": triangle(_SPAN, mixed, dt=1.0 / _RATE),
+    }
 
 
 def _small_signal(rng):
-    noise = rng.uniform(-1.0, 1.0, 2**17)
-    return stack_records([noise], labels=["white noise"], dt=1.0 / _RATE)
+    return {"white noise": rng.uniform(-1.0, 1.0, 2**17)}
 
 
 _EXPERIMENTS = {
@@ -301,30 +264,28 @@ def _full_scale(stage):
     return float(settled * stage.numerator[-1] / stage.denominator[-1])
 
 
-def _simulate(stage, path, drive, dt, measured):
+def _respond(plant, drives, dt, beside, stage, measured):
     """Return the signals of one record at its samples."""
-    forces = path.forces()
     substeps = _SUBSTEPS
-    if forces is not None or measured == "velocity":
-        fine = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
-        substeps = max(substeps, int(np.ceil(dt / fine)))
+    if measured == "velocity" or "scale" in plant.places["motion"][0].keywords:  # it has forces
+        finest = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
+        substeps = max(substeps, int(np.ceil(dt / finest)))
     h = dt / substeps
-    signal = path.before(refine(drive, substeps), h)
-    signal = path.gain(drive) * plays(
-        signal, stage.thresholds, stage.weights, path.growth(signal, h)
-    )
-    hysteresis = signal = path.after(signal)
-    units = zip(stage.compliances, stage.time_constants, strict=True)
-    creep = signal = signal + sum(c * first_order(signal, h, tau) for c, tau in units)
-    signal = _vibrate(stage, path.dynamics(signal, h), h, forces)
-    response = path.sensor(signal)
+    drive = drives[:, 0]
+    plant = plant.adapt("gain", peak=np.abs(drive).max())
+    hysteresis = plant.send(refine(drive, substeps), h, "first", "core", "gain", "middle")
+    creep = kelvin_voigt(hysteresis, h, stage.time_constants, stage.compliances)
+    response = plant.send(creep, h, "dynamics", "motion", "last")
     if measured == "velocity":
-        response = _slope(response, h)
-    named = {"hysteresis": hysteresis, "creep": creep, "response": response}
-    return {name: values[::substeps] for name, values in named.items()}
+        response, beside = _slope(response, h), np.gradient(beside, dt)
+    return {
+        "hysteresis": hysteresis[::substeps],
+        "creep": creep[::substeps],
+        "response": response[::substeps] + beside,
+    }
 
 
-def _vibrate(stage, signal, h, forces):
+def _vibrate(signal, h, stage, **forces):
     """Send a signal through (4.1), a sum of r / (s - p) over its poles p, from rest.
 
     Each term is advanced exactly for an input that is a straight line within a step. With forces
@@ -332,7 +293,7 @@ def _vibrate(stage, signal, h, forces):
     """
     frequency, damping = stage.natural_frequencies[0], stage.damping_ratios[0]
     poles, gain = _poles(stage.denominator), 1.0
-    if forces is not None:
+    if forces:
         w = 2.0 * np.pi * frequency
         poles, gain = poles[np.abs(np.abs(poles) - w) > 1e-6 * w], 1.0 / w**2
     start = signal[0]
@@ -345,7 +306,7 @@ def _vibrate(stage, signal, h, forces):
         ramp = gone / q - 1.0
         weights = residue / p * np.array([ramp, gone - ramp])
         total += np.real(lfilter(weights, [1.0, -1.0 - gone], signal - start))
-    return total if forces is None else oscillate(total, h, frequency, damping, forces=forces)
+    return oscillate(total, h, frequency, damping, **forces) if forces else total
 
 
 def _slope(signal, h):

@@ -1,33 +1,23 @@
-"""Test signals that are known in closed form: triangles, sines, sweeps, a decaying sine."""
+"""Test signals that are known in closed form: triangles, sines, sweeps, steps, reversal curves."""
+
+from itertools import pairwise
 
 import numpy as np
 
-from ._signals_checks import (
-    interval,
-    number,
-    refuse,
-    refuse_aliasing,
-    scalar,
-    signal_frame,
-    whole,
-)
-
-__all__ = ["decaying_sine", "sine", "swept_sine", "triangle"]
+from . import _checks as check
 
 
 def triangle(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False):
     r"""Triangles, with a programme of amplitudes and frequencies.
 
     Stretch :math:`i` has ``n_cycles[i]`` whole cycles of ``amplitude[i]`` and ``frequency[i]``, and
-    the next begins where it ends, at the rest value ``offset``, at whatever time that is: the phase
-    is continuous, the amplitude changes where the drive is at rest.
+    the next begins where it ends, at the rest value: the phase is continuous.
 
     Parameters
     ----------
-    amplitude : float or sequence of float, default=1.0
-        Largest deviation from the rest value, units of the drive; a negative one starts downwards.
-    frequency : float or sequence of float, default=1.0
-        Hz.
+    amplitude, frequency : float or sequence of float, default=1.0
+        Largest deviation from the rest value, units of the drive (a negative one starts downwards),
+        and Hz.
     n_cycles : int or sequence of int, default=1
         Cycles of each stretch.
     dt : float, default=1e-3
@@ -35,14 +25,12 @@ def triangle(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, u
     offset : float, default=0.0
         Rest value, units of the drive: the first sample.
     unipolar : bool, default=False
-        Whether the drive stays on one side of the rest value, between ``offset`` and
-        ``offset + amplitude``, instead of going to both.
+        Whether the drive stays between ``offset`` and ``offset + amplitude``.
 
     Returns
     -------
     DataFrame of shape (n_samples, 1)
-        Column ``drive``, one record ``0``. The end of the last cycle, which is the start of the
-        next, is left out: where a cycle is a whole number of samples, so is the record of cycles.
+        Column ``drive``, one record ``0``; the end of the last cycle is left out.
 
     Raises
     ------
@@ -63,24 +51,23 @@ def triangle(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, u
         shape = 1.0 - np.abs(1.0 - 2.0 * phase)
     else:
         shape = np.where(phase < 0.75, 1.0 - np.abs(4.0 * phase - 1.0), 4.0 * phase - 4.0)
-    offset = scalar("triangle", "offset", offset)
-    return signal_frame([offset + height * shape], dt)
+    offset = check.scalar("triangle", "offset", offset)
+    return check.signal_frame([offset + height * shape], dt)
 
 
 def sine(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False):
     r"""Sines, with a programme of amplitudes and frequencies.
 
-    .. math:: u = u_0 + a \sin 2 \pi \phi, \qquad u = u_0 + \tfrac{a}{2} (1 - \cos 2 \pi \phi)
+    .. math:: u = u_0 + a \sin 2 \pi \phi \quad\text{or, to one side,}\quad
+       u = u_0 + \tfrac{a}{2} (1 - \cos 2 \pi \phi)
 
-    to both sides of the rest value :math:`u_0`, and to one side. The phase :math:`\phi` grows with
-    the frequency of its stretch and has no jumps.
+    The phase :math:`\phi` grows with the frequency of its stretch and has no jumps.
 
     Parameters
     ----------
-    amplitude : float or sequence of float, default=1.0
-        Largest deviation from the rest value, units of the drive; a negative one starts downwards.
-    frequency : float or sequence of float, default=1.0
-        Hz.
+    amplitude, frequency : float or sequence of float, default=1.0
+        Largest deviation from the rest value, units of the drive (a negative one starts downwards),
+        and Hz.
     n_cycles : int or sequence of int, default=1
         Cycles of each stretch.
     dt : float, default=1e-3
@@ -88,8 +75,7 @@ def sine(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipo
     offset : float, default=0.0
         Rest value, units of the drive: the first sample.
     unipolar : bool, default=False
-        Whether the drive stays on one side of the rest value, between ``offset`` and
-        ``offset + amplitude``, instead of going to both.
+        Whether the drive stays between ``offset`` and ``offset + amplitude``.
 
     Returns
     -------
@@ -112,27 +98,20 @@ def sine(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipo
     phase, height = _programme("sine", amplitude, frequency, n_cycles, dt)
     angle = 2.0 * np.pi * (phase % 1.0)
     shape = 0.5 * (1.0 - np.cos(angle)) if unipolar else np.sin(angle)
-    return signal_frame([scalar("sine", "offset", offset) + height * shape], dt)
+    return check.signal_frame([check.scalar("sine", "offset", offset) + height * shape], dt)
 
 
 def _programme(function, amplitude, frequency, n_cycles, dt):
     """Return the phase in cycles and the amplitude at each sample."""
-    dt = interval(function, dt)
-    amplitude = number(function, "amplitude", amplitude)
-    frequency = number(function, "frequency", frequency, positive=True)
-    cycles = number(function, "n_cycles", n_cycles, positive=True)
+    dt, size = check.interval(function, dt), max(map(np.size, (amplitude, frequency, n_cycles)))
+    amplitude = check.number(function, "amplitude", amplitude, size=size)
+    frequency = check.number(function, "frequency", frequency, positive=True, size=size)
+    cycles = check.number(function, "n_cycles", n_cycles, positive=True, size=size)
     if np.any(cycles != np.round(cycles)):
-        refuse(function, "n_cycles", "a whole number, or a sequence of whole numbers", n_cycles)
-    refuse_aliasing(function, "frequency", frequency, dt)
-    size = max(amplitude.size, frequency.size, cycles.size)
-    programmes = {"amplitude": amplitude, "frequency": frequency, "n_cycles": cycles}
-    for name, values in programmes.items():
-        if values.size not in (1, size):
-            refuse(function, name, f"a number or {size} numbers, as the others", values.tolist())
-        programmes[name] = np.broadcast_to(values.ravel(), size)
-    amplitude, frequency, cycles = programmes.values()
+        check.refuse(function, "n_cycles", "a whole number, or whole numbers", n_cycles)
+    check.refuse_aliasing(function, "frequency", frequency, dt)
     ends = np.concatenate([[0.0], np.cumsum(cycles / frequency)])
-    n_samples = whole(ends[-1] / dt, up=True)
+    n_samples = check.whole(ends[-1] / dt, up=True)
     # rounding must not put a sample that starts a stretch at the end of the one before
     time = dt * np.arange(n_samples)
     stretch = np.searchsorted(ends[1:] / dt * (1.0 - 1e-12), np.arange(n_samples), side="right")
@@ -154,9 +133,7 @@ def swept_sine(
 ):
     r"""A sine whose frequency moves from one value to another.
 
-    .. math::
-
-       u = u_0 + a \sin\bigl(2 \pi \textstyle\int_0^t f + \varphi\bigr), \qquad
+    .. math:: u = u_0 + a \sin\bigl(2 \pi \textstyle\int_0^t f + \varphi\bigr), \quad
        f = f_0 + (f_e - f_0)\,t / T \quad\text{or}\quad f = f_0\,(f_e / f_0)^{t / T}
 
     Parameters
@@ -165,12 +142,10 @@ def swept_sine(
         Frequencies at the start and at the end, Hz.
     duration : float, default=1.0
         :math:`T` in s.
-    amplitude : float, default=1.0
-        Units of the drive.
+    amplitude, offset : float, default=1.0 and 0.0
+        Largest deviation from the rest value, and that value, units of the drive.
     dt : float, default=1e-3
         Sampling interval in s.
-    offset : float, default=0.0
-        Rest value, units of the drive.
     phase : float, default=0.0
         Phase at the start, rad. With 0 the drive starts at the rest value.
     spacing : {"linear", "logarithmic"}, default="linear"
@@ -188,8 +163,7 @@ def swept_sine(
 
     References
     ----------
-    S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
-    hysteresis compensator: application to the inchworm piezo motor", (14): 0.1 to 800 Hz with
+    S. Han et al., see :func:`make_inchworm_motor`, (14): 0.1 to 800 Hz with
     amplitude 5 V and phase pi/2, which needs ``dt`` below 0.625 ms.
 
     Examples
@@ -200,25 +174,27 @@ def swept_sine(
     (20001, 5.0)
     """
     function = "swept_sine"
-    dt = interval(function, dt)
-    duration = scalar(function, "duration", duration, positive=True)
+    dt = check.interval(function, dt)
+    duration = check.scalar(function, "duration", duration, positive=True)
     logarithmic = spacing == "logarithmic"
     if spacing not in ("linear", "logarithmic"):
-        refuse(function, "spacing", "'linear' or 'logarithmic'", spacing)
+        check.refuse(function, "spacing", "'linear' or 'logarithmic'", spacing)
     options = {"positive": True} if logarithmic else {"negative": False}
-    start = scalar(function, "start_frequency", start_frequency, **options)
-    stop = scalar(function, "stop_frequency", stop_frequency, **options)
-    refuse_aliasing(function, "start_frequency", start, dt)
-    refuse_aliasing(function, "stop_frequency", stop, dt)
-    time = dt * np.arange(whole(duration / dt) + 1)
+    start = check.scalar(function, "start_frequency", start_frequency, **options)
+    stop = check.scalar(function, "stop_frequency", stop_frequency, **options)
+    check.refuse_aliasing(function, "start_frequency", start, dt)
+    check.refuse_aliasing(function, "stop_frequency", stop, dt)
+    time = dt * np.arange(check.whole(duration / dt) + 1)
     octaves = np.log(stop / start) if logarithmic else 0.0
     if octaves != 0.0:
         cycles = start * duration / octaves * np.expm1(octaves * time / duration)
     else:
         cycles = start * time + 0.5 * (stop - start) / duration * time**2
-    angle = 2.0 * np.pi * cycles + scalar(function, "phase", phase)
-    amplitude = scalar(function, "amplitude", amplitude)
-    return signal_frame([scalar(function, "offset", offset) + amplitude * np.sin(angle)], dt)
+    angle = 2.0 * np.pi * cycles + check.scalar(function, "phase", phase)
+    amplitude = check.scalar(function, "amplitude", amplitude)
+    return check.signal_frame(
+        [check.scalar(function, "offset", offset) + amplitude * np.sin(angle)], dt
+    )
 
 
 def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1e-4, offset=0.0):
@@ -228,18 +204,14 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
 
     Parameters
     ----------
-    amplitude : float, default=3.5
-        Units of the drive.
+    amplitude, offset : float, default=3.5 and 0.0
+        :math:`a` and the rest value :math:`u_0`, the first sample, units of the drive.
     frequency : float, default=5.0
         Hz.
     decay : float, default=1.0
         :math:`\lambda` in 1/s.
-    duration : float, default=3.5
-        s.
-    dt : float, default=1e-4
-        Sampling interval in s.
-    offset : float, default=0.0
-        Rest value, units of the drive: the first sample.
+    duration, dt : float, default=3.5 and 1e-4
+        Duration and sampling interval in s.
 
     Returns
     -------
@@ -253,8 +225,7 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
 
     References
     ----------
-    S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
-    hysteresis compensator: application to the inchworm piezo motor", (12): the defaults.
+    S. Han et al., see :func:`make_inchworm_motor`, (12): the defaults.
 
     Examples
     --------
@@ -263,12 +234,135 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
     35001
     """
     function = "decaying_sine"
-    dt = interval(function, dt)
-    frequency = scalar(function, "frequency", frequency, positive=True)
-    refuse_aliasing(function, "frequency", frequency, dt)
-    duration = scalar(function, "duration", duration, positive=True)
-    time = dt * np.arange(whole(duration / dt) + 1)
-    decay = scalar(function, "decay", decay, negative=False)
-    amplitude = scalar(function, "amplitude", amplitude)
+    dt = check.interval(function, dt)
+    frequency = check.scalar(function, "frequency", frequency, positive=True)
+    check.refuse_aliasing(function, "frequency", frequency, dt)
+    duration = check.scalar(function, "duration", duration, positive=True)
+    time = dt * np.arange(check.whole(duration / dt) + 1)
+    decay = check.scalar(function, "decay", decay, negative=False)
+    amplitude = check.scalar(function, "amplitude", amplitude)
     u = amplitude * np.sin(2.0 * np.pi * frequency * time) * np.exp(-decay * time)
-    return signal_frame([scalar(function, "offset", offset) + u], dt)
+    return check.signal_frame([check.scalar(function, "offset", offset) + u], dt)
+
+
+def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3):
+    """Levels with rests: what shows creep, drift and ringing.
+
+    Parameters
+    ----------
+    levels : sequence of float, default=(0.0, 1.0)
+        Levels in succession, units of the drive. The first is where the device rests before.
+    hold : float or sequence of float of shape (n_levels,), default=1.0
+        Time at each level in s, at least one sampling interval.
+    rise_time : float, default=0.0
+        Time of the straight line from one level to the next in s; below two sampling intervals the
+        next level follows within one.
+    dt : float, default=1e-3
+        Sampling interval in s.
+
+    Returns
+    -------
+    DataFrame of shape (n_samples, 1)
+        Column ``drive``, one record ``0``.
+
+    Raises
+    ------
+    ValueError
+        If a rest is shorter than one interval, or ``levels`` and ``hold`` differ in length.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import steps
+    >>> steps([0.0, 1.0, -1.0], hold=0.2, dt=0.1)["drive"].tolist()
+    [0.0, 0.0, 1.0, 1.0, -1.0, -1.0]
+    """
+    function = "steps"
+    dt = check.interval(function, dt)
+    levels = np.atleast_1d(check.number(function, "levels", levels))
+    rests = check.number(function, "hold", hold, positive=True, size=levels.size)
+    n_held = [check.whole(rest / dt) for rest in rests]
+    if min(n_held) < 1:
+        check.refuse(function, "hold", f"at least one sampling interval, dt = {dt:g} s", hold)
+    n_rise = max(
+        check.whole(check.scalar(function, "rise_time", rise_time, negative=False) / dt), 1
+    )
+    # a ramp has n_rise intervals, and the last sample of it is the first at its level
+    parts = [np.full(n_held[0], levels[0])]
+    for before, level, n in zip(levels[:-1], levels[1:], n_held[1:], strict=True):
+        ramp = before + (level - before) * np.arange(1, n_rise) / n_rise
+        parts += [ramp, np.full(n, level)]
+    return check.signal_frame([np.concatenate(parts)], dt)
+
+
+def first_order_reversal_curves(
+    amplitude=1.0, n_curves=10, *, rate=1.0, dt=1e-3, offset=0.0, both_sides=False
+):
+    r"""First-order reversal curves: from saturation to a reversal value and back, again and again.
+
+    The drive goes from rest to ``offset + amplitude``, then for each curve down to its reversal
+    value and up again. The reversal values are spaced evenly, the last is ``offset - amplitude``.
+    The density of a Preisach model is a mixed second derivative of the response on the way up.
+
+    Parameters
+    ----------
+    amplitude : float, default=1.0
+        Deviation from the rest value that saturates, units of the drive; a negative one mirrors
+        the curves.
+    n_curves : int, default=10
+        Number of reversal values.
+    rate : float, default=1.0
+        Largest slope, units of the drive over s.
+    dt : float, default=1e-3
+        Sampling interval in s.
+    offset : float, default=0.0
+        Rest value, units of the drive: the first sample.
+    both_sides : bool, default=False
+        Whether the mirrored curves, from ``offset - amplitude``, follow.
+
+    Returns
+    -------
+    DataFrame of shape (n_samples, 1)
+        Column ``drive``, one record ``0``. Every turning point is a sample: each branch takes a
+        whole number of intervals, so its slope may be a little below ``rate``.
+
+    Raises
+    ------
+    ValueError
+        If the amplitude is zero, or the rate so high that a branch takes less than two intervals.
+
+    References
+    ----------
+    I. D. Mayergoyz, *Mathematical Models of Hysteresis*, Springer, 1991, chapter 1.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import first_order_reversal_curves
+    >>> X = first_order_reversal_curves(1.0, 2, rate=1.0, dt=0.5)
+    >>> X["drive"].tolist()
+    [0.0, 0.5, 1.0, 0.5, 0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0, 0.5, 1.0]
+    """
+    function = "first_order_reversal_curves"
+    dt = check.interval(function, dt)
+    n_curves = check.count(function, "n_curves", n_curves)
+    amplitude = check.scalar(function, "amplitude", amplitude)
+    rate = check.scalar(function, "rate", rate, positive=True)
+    if amplitude == 0.0:
+        check.refuse(function, "amplitude", "other than zero", amplitude)
+    step = rate * dt / abs(amplitude)
+    if step > 1.0 / n_curves:
+        limit = abs(amplitude) / (n_curves * dt)
+        check.refuse(function, "rate", f"at most {limit:g}, for two samples on each branch", rate)
+    reversals = 1.0 - 2.0 * np.arange(1, n_curves + 1) / n_curves
+    corners = [0.0, 1.0]
+    for reversal in reversals:
+        corners += [reversal, 1.0]
+    if both_sides:
+        corners.append(-1.0)
+        for reversal in reversals:
+            corners += [-reversal, -1.0]
+    parts = [np.zeros(1)]
+    for a, b in pairwise(corners):
+        n = check.whole(abs(b - a) / step, up=True)
+        parts.append(a + (b - a) * np.arange(1, n + 1) / n)
+    offset = check.scalar(function, "offset", offset)
+    return check.signal_frame([offset + amplitude * np.concatenate(parts)], dt)

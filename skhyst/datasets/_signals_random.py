@@ -2,11 +2,7 @@
 
 import numpy as np
 
-from ._signals_checks import band_lines, count, interval, number, refuse, signal_frame
-
-__all__ = ["band_limited_noise", "multisine"]
-
-_GRIDS = ("full", "odd", "random_odd")
+from . import _checks as check
 
 
 def multisine(
@@ -53,11 +49,9 @@ def multisine(
     amplitude : callable, array-like of shape (n_lines,) or None, default=None
         Relative amplitudes :math:`A_k`, as a function of the frequencies in Hz or one a line; equal
         ones by default.
-    rms : float or sequence of float of shape (n_inputs,), default=1.0
-        Root mean square of each input about the offset, units of the drive: exact, and the same in
-        each record.
-    offset : float or sequence of float of shape (n_inputs,), default=0.0
-        Mean of each input, units of the drive.
+    rms, offset : float or sequence of float of shape (n_inputs,), default=1.0 and 0.0
+        Root mean square of each input about its mean, and that mean, units of the drive: exact, and
+        the same in each record.
     n_periods : int, default=1
         Periods in succession in each record; the first may be left to transients.
     n_realizations : int, default=1
@@ -97,23 +91,19 @@ def multisine(
     [30.0]
     """
     function = "multisine"
-    n_samples = count(function, "n_samples", n_samples, 3)
-    n_periods = count(function, "n_periods", n_periods)
-    n_realizations = count(function, "n_realizations", n_realizations)
-    n_inputs = count(function, "n_inputs", n_inputs)
-    dt = interval(function, dt)
-    rms = number(function, "rms", rms, negative=False, size=n_inputs)
-    offset = number(function, "offset", offset, size=n_inputs)
-    if grid not in _GRIDS:
-        refuse(function, "grid", "'full', 'odd' or 'random_odd'", grid)
+    rms, offset, lines = _check(
+        function, n_samples, band, rms, offset, n_realizations, n_inputs, dt
+    )
+    n_periods = check.count(function, "n_periods", n_periods)
+    if grid not in ("full", "odd", "random_odd"):
+        check.refuse(function, "grid", "'full', 'odd' or 'random_odd'", grid)
     rng = np.random.default_rng(random_state)
-    lines = band_lines(function, band, n_samples, dt)
     if grid != "full":
         lines = lines[lines % 2 == 1]
     if grid == "random_odd":
-        lines = _without_detection(lines, count(function, "group_size", group_size, 2), rng)
+        lines = _without_detection(lines, check.count(function, "group_size", group_size, 2), rng)
     if not lines.size:
-        refuse(function, "band", f"wide enough for a line of the {grid!r} grid", band)
+        check.refuse(function, "band", f"wide enough for a line of the {grid!r} grid", band)
     sizes = _amplitudes(amplitude, lines / (n_samples * dt), lines.size)
     # a sine of amplitude A has the power A^2 / 2, whatever its phase
     sizes = sizes / np.sqrt(0.5 * np.sum(sizes**2))
@@ -129,7 +119,7 @@ def multisine(
             records.append(np.tile(offset + rms * period, (n_periods, 1)))
             own = f"_experiment{experiment}" if n_inputs > 1 else ""
             labels.append(f"realization{realization}{own}")
-    return signal_frame(records, dt, labels)
+    return check.signal_frame(records, dt, labels)
 
 
 def _without_detection(lines, group_size, rng):
@@ -143,9 +133,9 @@ def _amplitudes(amplitude, frequency, n_lines):
     if amplitude is None:
         return np.ones(n_lines)
     own = amplitude(frequency) if callable(amplitude) else amplitude
-    sizes = number("multisine", "amplitude", own, negative=False, size=n_lines)
+    sizes = check.number("multisine", "amplitude", own, negative=False, size=n_lines)
     if not sizes.any():
-        refuse("multisine", "amplitude", "above zero at one line at least", amplitude)
+        check.refuse("multisine", "amplitude", "above zero at one line at least", amplitude)
     return sizes / sizes.max()
 
 
@@ -172,14 +162,11 @@ def band_limited_noise(
     band : (float, float) or None, default=None
         Lowest and highest frequency, Hz, both included; all below half the sampling rate by
         default. The constant is never excited.
-    rms : float or sequence of float of shape (n_inputs,), default=1.0
-        Root mean square of each input about the offset, units of the drive: exact in each record.
-    offset : float or sequence of float of shape (n_inputs,), default=0.0
-        Mean of each input, units of the drive.
-    n_realizations : int, default=1
-        Independent records.
-    n_inputs : int, default=1
-        Independent inputs.
+    rms, offset : float or sequence of float of shape (n_inputs,), default=1.0 and 0.0
+        Root mean square of each input about its mean, and that mean, units of the drive: exact in
+        each record.
+    n_realizations, n_inputs : int, default=1
+        Independent records and inputs.
     dt : float, default=1e-3
         Sampling interval in s.
     random_state : int, Generator or None, default=None
@@ -203,13 +190,9 @@ def band_limited_noise(
     2.0
     """
     function = "band_limited_noise"
-    n_samples = count(function, "n_samples", n_samples, 3)
-    n_realizations = count(function, "n_realizations", n_realizations)
-    n_inputs = count(function, "n_inputs", n_inputs)
-    dt = interval(function, dt)
-    rms = number(function, "rms", rms, negative=False, size=n_inputs)
-    offset = number(function, "offset", offset, size=n_inputs)
-    lines = band_lines(function, band, n_samples, dt)
+    rms, offset, lines = _check(
+        function, n_samples, band, rms, offset, n_realizations, n_inputs, dt
+    )
     rng = np.random.default_rng(random_state)
     records = []
     for _ in range(n_realizations):
@@ -219,4 +202,33 @@ def band_limited_noise(
         noise = np.fft.irfft(spectrum, n_samples, axis=1)
         noise /= np.sqrt(np.mean(noise**2, axis=1, keepdims=True))
         records.append(offset + rms * noise.T)
-    return signal_frame(records, dt, [f"realization{i}" for i in range(n_realizations)])
+    return check.signal_frame(records, dt, [f"realization{i}" for i in range(n_realizations)])
+
+
+def _check(function, n_samples, band, rms, offset, n_realizations, n_inputs, dt):
+    """Check what both signals have; return root mean squares, offsets and the lines of the band."""
+    check.count(function, "n_samples", n_samples, 3)
+    check.count(function, "n_realizations", n_realizations)
+    check.count(function, "n_inputs", n_inputs)
+    rms = check.number(function, "rms", rms, negative=False, size=n_inputs)
+    offset = check.number(function, "offset", offset, size=n_inputs)
+    return rms, offset, _band_lines(function, band, n_samples, check.interval(function, dt))
+
+
+def _band_lines(function, band, n_samples, dt):
+    """Return the lines, multiples of ``1 / (n_samples dt)`` above 0, in a band in Hz."""
+    if band is None:
+        low, high = 0.0, np.inf
+    else:
+        values = check.number(function, "band", band, negative=False)
+        if values.shape != (2,) or values[0] > values[1]:
+            check.refuse(function, "band", "a pair (lowest, highest frequency) in Hz", band)
+        low, high = values
+        check.refuse_aliasing(function, "band", high, dt)
+    lines = np.arange(1, (n_samples + 1) // 2)
+    duration = n_samples * dt
+    slack = check.ROUNDING * lines
+    found = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
+    if not found.size:
+        check.refuse(function, "band", f"wide enough for a multiple of {1.0 / duration:g} Hz", band)
+    return found

@@ -2,7 +2,4 @@
 
 from ._tank_chain import TankChain, TankChainOperator
 
-__all__ = [
-    "TankChain",
-    "TankChainOperator",
-]
+__all__ = ["TankChain", "TankChainOperator"]

@@ -1,6 +1,12 @@
-"""Tanks in a row.
+"""Tanks in a row, with an outflow by a power of the level and an overflow.
 
-Tanks in a row, with an outflow by a power of the level and an overflow.
+    tau_i w_i' = q_i - w_i^p_i,   0 <= w_i <= c_i,
+    q_1 = max((u - u_0) / s, 0),   q_{i+1} = w_i^p_i + kappa_i o_i
+
+with the overflow o of a tank that is full. Levels w and flows q are relative to those at rest for a
+drive s above the offset u_0 (M. Schoukens, J. P. Noel, "Three benchmarks addressing open challenges
+in nonlinear system identification", IFAC-PapersOnLine 50(1), 2017, 446-451: the cascaded tanks).
+``_tank_chain_loops`` integrates them.
 """
 
 import dataclasses
@@ -15,26 +21,21 @@ from ..operators import Operator, as_signal, parameter
 from ..optimize import pole_starts
 from ._tank_chain_loops import LAMINAR, outflow, tank_run, tank_tangents
 
-__all__ = [
-    "TankChain",
-    "TankChainOperator",
-]
+__all__ = ["TankChain", "TankChainOperator"]
 
 _ITERATIONS = 60
 _CONVERGED = 1e-15
+_EXPONENT = 0.5  # Torricelli
+_OFFSETS = (0.02, 0.5)  # below the least drive, of its range
+_FULL = (0.7, 0.95)  # of the time, below the ceiling of a tank before the last
+_SHARE = 0.5
+_POLE_SETS = 2
+_SPREADS = (1.0, 3.0)  # between the time constants, where the data give none
 
 
 @dataclass(frozen=True, eq=False)
 class TankChainOperator(Operator):
-    r"""Tanks in a row: each takes what leaves the one before; ``y = gain w_n + intercept``.
-
-    .. math::
-
-        \tau_i \dot w_i = q_i - w_i^{p_i}, \quad 0 \le w_i \le c_i, \qquad
-        q_1 = \max\left(\frac{u - u_0}{s}, 0\right), \quad q_{i+1} = w_i^{p_i} + \kappa_i o_i
-
-    with the overflow o of a tank that is full. Levels w and flows q are relative to those at rest
-    for a drive s above the offset.
+    r"""Tanks in a row, as in :class:`TankChain`; the response is ``gain w_n + intercept``.
 
     Parameters
     ----------
@@ -71,11 +72,6 @@ class TankChainOperator(Operator):
     Below a hundredth of the level at rest the outflow is proportional to the level, as laminar flow
     is: its slope would be infinite in an empty tank. The state is the tuple of the levels and the
     last drive.
-
-    References
-    ----------
-    M. Schoukens, J. P. Noel, "Three benchmarks addressing open challenges in nonlinear system
-    identification", IFAC-PapersOnLine 50(1) (2017) 446-451: the cascaded tanks.
 
     Examples
     --------
@@ -157,9 +153,8 @@ class TankChainOperator(Operator):
     def _order(self):
         """Return the place in :meth:`pack` of each column of the loops' own derivatives."""
         n = self.n_tanks
-        ends = [*range(2 * n)], [*range(2 * n, 4 * n - 1)] if self.is_limited else []
-        offset = [2 * n + len(ends[1])]
-        return np.array(ends[0] + offset + ends[1])
+        limits = [*range(2 * n, 4 * n - 1)] if self.is_limited else []
+        return np.array([*range(2 * n), 2 * n + len(limits), *limits])
 
     def _structure(self, dt):
         k = float(dt) / self.n_substeps / self.time_constants
@@ -172,10 +167,7 @@ class TankChainOperator(Operator):
         return level
 
     def _rest(self, u0):
-        """Return the levels at rest and their derivatives (n_tanks, 1 + n_own).
-
-        The derivatives are those by ``u0`` and by the parameters, in the order of the loops.
-        """
+        """Return the levels at rest and their derivatives by u0 and by the loops' parameters."""
         n = self.n_tanks
         ceilings, shares = self._limits()
         levels = np.empty(n)
@@ -264,14 +256,6 @@ def _level(q, p):
     return float(np.exp(x))
 
 
-_EXPONENT = 0.5  # Torricelli
-_OFFSETS = (0.02, 0.5)  # below the least drive, of its range
-_FULL = (0.7, 0.95)  # of the time, below the ceiling of a tank before the last
-_SHARE = 0.5
-_POLE_SETS = 2
-_SPREADS = (1.0, 3.0)  # between the time constants, where the data give none
-
-
 class TankChain(ParametricModel):
     r"""Tanks in a row, which empty by a power of their level and may overflow.
 
@@ -329,8 +313,7 @@ class TankChain(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.fluid import TankChain
-    >>> from skhyst.fluid import TankChainOperator
+    >>> from skhyst.fluid import TankChain, TankChainOperator
     >>> drive = 1.5 + np.sin(0.05 * np.arange(600)) + 0.4 * np.sin(0.21 * np.arange(600))
     >>> y, _ = TankChainOperator([8.0, 15.0], [0.5, 0.5], gain=3.0).run(drive, 1.0)
     >>> model = TankChain(fit_offset=False, fit_intercept=False).fit(drive.reshape(-1, 1), y)
@@ -378,14 +361,10 @@ class TankChain(ParametricModel):
         self.method = method
 
     def held_parameters(self):
-        fixed = set()
-        if not self.fit_exponents:
-            fixed |= {f"exponents[{i}]" for i in range(self.n_tanks)}
-        if not self.fit_offset:
-            fixed.add("drive_offset")
-        if not self.fit_intercept:
-            fixed.add("intercept")
-        return frozenset(fixed)
+        exponents = [f"exponents[{i}]" for i in range(self.n_tanks)]
+        free = dict.fromkeys(exponents, self.fit_exponents)
+        free |= {"drive_offset": self.fit_offset, "intercept": self.fit_intercept}
+        return frozenset(name for name, is_free in free.items() if not is_free)
 
     def starting_values(self, records):
         sets = [np.abs(p) for p in pole_starts([(r.u, r.y, r.dt) for r in records], self.n_tanks)]
@@ -399,21 +378,12 @@ class TankChain(ParametricModel):
     def starts_of(self, rates, records):
         """Return operators to start from, of a linear chain with these rates (1/s), in any order.
 
-        Parameters
-        ----------
-        rates : array-like of shape (n_tanks,)
-        records : sequence of RecordData
-
-        Returns
-        -------
-        list of TankChainOperator
+        ``records`` are ``RecordData``.
         """
         low = min(float(r.u.min()) for r in records)
         span = max(float(r.u.max()) for r in records) - low
         middle = float(np.mean(np.concatenate([r.u for r in records])))
-        offsets = [0.0]
-        if self.fit_offset:
-            offsets = [low - part * span for part in _OFFSETS]
+        offsets = [low - part * span for part in _OFFSETS] if self.fit_offset else [0.0]
         slowest = np.sort(_EXPONENT / np.asarray(rates, dtype=float))
         found = []
         for offset in offsets:
@@ -450,7 +420,6 @@ class TankChain(ParametricModel):
         for part in _FULL if self.n_tanks > 1 else _FULL[:1]:
             before = [float(np.quantile(w, part)) or 1.0 for w in levels[:-1]]
             shares = np.full(self.n_tanks - 1, _SHARE)
-            found.append(
-                dataclasses.replace(chain, ceilings=np.array([*before, top]), shares=shares)
-            )
+            ceilings = np.array([*before, top])
+            found.append(dataclasses.replace(chain, ceilings=ceilings, shares=shares))
         return found

@@ -1,4 +1,4 @@
-r"""Loops over tanks in a row, each with the balance ``tau w' = q - o(w)``.
+"""Loops over tanks in a row, each with the balance ``tau w' = q - o(w)``.
 
 The outflow is ``o(w) = w (w^2 + e^2)^((p - 1) / 2)``: the power ``w^p``, and proportional to the
 level where that is below ``e``, so that its slope stays finite in an empty tank.
@@ -20,12 +20,7 @@ import numpy as np
 
 from .._jit import jit
 
-__all__ = [
-    "LAMINAR",
-    "outflow",
-    "tank_run",
-    "tank_tangents",
-]
+__all__ = ["LAMINAR", "outflow", "tank_run", "tank_tangents"]
 
 LAMINAR = 1e-2  # e
 _SMALL = 1e-4  # |z| below which quotients are series

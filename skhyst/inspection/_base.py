@@ -1,12 +1,11 @@
 """The part that displays of a recording and its predictions share."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 
 from ..records import record_slices
-
-__all__ = ["SignalDisplay", "search_labels"]
 
 
 def search_labels(search):
@@ -15,23 +14,7 @@ def search_labels(search):
 
 
 class SignalDisplay:
-    """Base of the displays that show a recording beside the predictions of models.
-
-    Parameters
-    ----------
-    drive : ndarray of shape (n_samples,)
-        Drive, in its own unit.
-    response : ndarray of shape (n_samples,)
-        Measured response, in its own unit.
-    predictions : dict of str to ndarray of shape (n_samples,)
-        Model name to prediction, units of the response; NaN where there is none.
-    records : sequence of RecordSlice
-        The records, as :func:`skhyst.records.record_slices` returns them.
-    drive_name, response_name : str, default="drive", "response"
-        Names for the axes.
-    noise_floor : float or None, default=None
-        Error that no model can beat, unit of the response.
-    """
+    """Base of the displays that show a recording beside the predictions of models."""
 
     def __init__(
         self,
@@ -177,18 +160,11 @@ class SignalDisplay:
         Recorded times stand where they rise from record to record; where records start anew, each
         follows the one before it.
         """
-        time = np.empty(len(self.drive))
-        end = -np.inf
-        rising = True
+        rising = all(b.start_time > a.time[-1] for a, b in pairwise(self.records))
+        time, start = np.empty(len(self.drive)), 0.0
         for record in self.records:
-            time[record.rows] = record.time
-            rising = rising and record.start_time > end
-            end = record.start_time + record.dt * (record.n_samples - 1)
-        if rising:
-            return time
-        start = 0.0
-        for record in self.records:
-            time[record.rows] = start + record.dt * np.arange(record.n_samples)
+            first = record.start_time if rising else start
+            time[record.rows] = first + record.dt * np.arange(record.n_samples)
             start += record.dt * record.n_samples
         return time
 

@@ -39,8 +39,6 @@ class FrequencyResponseDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import FrequencyResponseDisplay
     >>> from skhyst.linear import SecondOrderModeOperator
@@ -128,15 +126,8 @@ class FrequencyResponseDisplay:
         """
         found = self.response
         n_rows, n_inputs = 2 + (found.coherence is not None), found.n_inputs
-        axes = new_axes(
-            ax,
-            n_rows,
-            n_inputs,
-            "FrequencyResponseDisplay",
-            size=(1.6 + 4.2 * n_inputs, 2.0 + 1.9 * n_rows),
-            sharex=True,
-            sharey="row",
-        )
+        shared = {"size": (1.6 + 4.2 * n_inputs, 2.0 + 1.9 * n_rows), "sharex": True}
+        axes = new_axes(ax, n_rows, n_inputs, "FrequencyResponseDisplay", **shared, sharey="row")
         radius = found.confidence_radius(level)
         for i, (magnitude, phase, *rest) in enumerate(axes.T):
             band = None if radius is None else radius[:, i]
@@ -156,8 +147,7 @@ class FrequencyResponseDisplay:
         for panel, label in zip(axes[:, 0], labels, strict=False):
             tidy(panel, y_label=label)
         axes[0, 0].legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)
-        self.ax_ = axes
-        self.figure_ = axes[0, 0].figure
+        self.ax_, self.figure_ = axes, axes[0, 0].figure
         return self
 
     def _curves(self, i):
@@ -238,9 +228,8 @@ def _curve(name, model, response):
     if isinstance(model, FrequencyResponse):
         frequency, values = model.frequency, model.response
     else:
-        source = (
-            model if hasattr(model, "frequency_response") else getattr(model, "operator_", None)
-        )
+        own = hasattr(model, "frequency_response")
+        source = model if own else getattr(model, "operator_", None)
         if not hasattr(source, "frequency_response"):
             raise TypeError(
                 "Every model of FrequencyResponseDisplay must have frequency_response(frequency), "
@@ -248,8 +237,7 @@ def _curve(name, model, response):
                 "without it instead."
             )
         frequency = response.frequency[response.frequency > 0.0]
-        grid = np.geomspace(frequency[0], frequency[-1], _POINTS)
-        frequency = np.union1d(frequency, grid)
+        frequency = np.union1d(frequency, np.geomspace(frequency[0], frequency[-1], _POINTS))
         values = np.asarray(source.frequency_response(frequency), dtype=complex)
     values = values[:, None] if values.ndim == 1 else values
     if values.shape != (frequency.size, response.n_inputs):

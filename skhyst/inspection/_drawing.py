@@ -8,18 +8,6 @@ import importlib
 
 import numpy as np
 
-__all__ = [
-    "COLORS",
-    "FLOOR",
-    "INK",
-    "MEASURED",
-    "MUTED",
-    "import_matplotlib",
-    "new_axes",
-    "plain",
-    "tidy",
-]
-
 INK = "#24292f"
 MUTED = "#868e96"
 MEASURED = "#9aa1a9"
@@ -28,24 +16,7 @@ COLORS = ("#d55e00", "#2a85c4", "#b5679f", "#a88400")
 
 
 def import_matplotlib(module, caller):
-    """Import a module of matplotlib, or say how to install it.
-
-    Parameters
-    ----------
-    module : str
-        Name below ``matplotlib``, such as ``"pyplot"``.
-    caller : str
-        What needs it, for the message.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    ImportError
-        Where matplotlib is not installed.
-    """
+    """Import a module below ``matplotlib``, or say how to install it."""
     try:
         return importlib.import_module(f"matplotlib.{module}")
     except ImportError as error:
@@ -58,19 +29,8 @@ def import_matplotlib(module, caller):
 def new_axes(ax, n_rows, n_columns, caller, *, size, **options):
     """Return an object array of axes, shape (n_rows, n_columns), made where none were given.
 
-    Parameters
-    ----------
-    ax : matplotlib Axes, array-like of Axes or None
-        None makes a new figure; an array-like must hold ``n_rows * n_columns`` axes; one Axes is
-        divided when more are needed.
-    n_rows, n_columns : int
-        Panels wanted.
-    caller : str
-        Name for messages.
-    size : tuple of float
-        Size of a new figure in inches.
-    **options
-        ``sharex``, ``sharey`` for new axes.
+    One given Axes is divided where more are needed; ``size`` is that of a new figure in inches,
+    ``options`` are ``sharex`` and ``sharey`` of new axes.
     """
     n_panels = n_rows * n_columns
     if ax is None:

@@ -28,8 +28,6 @@ class EvidenceDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> from types import SimpleNamespace
     >>> from skhyst.inspection import EvidenceDisplay
     >>> curve = ("residual", [1.0, 2.0, 4.0], [0.3, 0.2, 0.1], "line")

@@ -40,8 +40,6 @@ class HysteresisLoopDisplay(SignalDisplay):
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import HysteresisLoopDisplay
     >>> time = np.linspace(0, 1, 500)
@@ -74,15 +72,8 @@ class HysteresisLoopDisplay(SignalDisplay):
         n_models = len(self.predictions)
         one = ax is not None and np.size(np.asarray(ax, dtype=object)) == 1
         n_panels = 1 if one else max(n_models, 1)
-        axes = new_axes(
-            ax,
-            1,
-            n_panels,
-            "HysteresisLoopDisplay",
-            size=(1.0 + 4.2 * n_panels, 4.2),
-            sharex=True,
-            sharey=True,
-        ).ravel()
+        shared = {"size": (1.0 + 4.2 * n_panels, 4.2), "sharex": True, "sharey": True}
+        axes = new_axes(ax, 1, n_panels, "HysteresisLoopDisplay", **shared).ravel()
         stretches = loop_spans(self.drive, self.spans, max_cycles)
         line = self._straight_line() if subtract_line else np.zeros(len(self.drive))
         for panel in axes:
@@ -108,13 +99,7 @@ class HysteresisLoopDisplay(SignalDisplay):
     def _draw(self, ax, values, stretches, label, color, width):
         """Draw one curve, a line for each stretch, the first of them with the label."""
         for k, (rows, cycles) in enumerate(stretches):
-            drive, stretch = self.drive[rows], values[rows]
-            kept = thin_path(drive, stretch, int(_POINTS * max(cycles, 1.0)))
-            ax.plot(
-                drive[kept],
-                stretch[kept],
-                color=color,
-                linewidth=width,
-                solid_joinstyle="round",
-                label=plain(label) if k == 0 else None,
-            )
+            kept = thin_path(self.drive[rows], values[rows], int(_POINTS * max(cycles, 1.0)))
+            style = {"color": color, "linewidth": width, "solid_joinstyle": "round"}
+            style["label"] = plain(label) if k == 0 else None
+            ax.plot(self.drive[rows][kept], values[rows][kept], **style)

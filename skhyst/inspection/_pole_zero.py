@@ -39,8 +39,6 @@ class PoleZeroDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> from scipy.signal import lti
     >>> from skhyst.inspection import PoleZeroDisplay
     >>> from skhyst.linear import TransferFunction
@@ -112,39 +110,20 @@ class PoleZeroDisplay:
         self
         """
         axes = new_axes(ax, 1, 1, "PoleZeroDisplay", size=(7.4, 5.0))[0, 0]
-        hertz = 2.0 * np.pi
+        hertz, seen = 2.0 * np.pi, []
         fastest = max(np.abs(poles).max() for poles in self.poles.values()) / hertz
         reach = fastest if max_frequency is None else max_frequency
-        seen = []
+        beyond = 2.0 * reach if max_frequency is None else reach
         for k, (name, poles) in enumerate(self.poles.items()):
             color = COLORS[k % len(COLORS)]
             shown = (poles.imag >= 0.0) & (np.abs(poles) <= 1.0001 * reach * hertz)
             p = poles[shown] / hertz
             zeros = self.zeros[name]
-            beyond = 2.0 * reach if max_frequency is None else reach
-            kept = (zeros.imag >= 0.0) & (np.abs(zeros) <= beyond * hertz)
-            z = zeros[kept] / hertz
-            axes.plot(
-                p.real,
-                p.imag,
-                "x",
-                color=color,
-                markersize=8,
-                markeredgewidth=1.8,
-                zorder=4,
-                label=plain(name),
-                clip_on=False,
-            )
-            axes.plot(
-                z.real,
-                z.imag,
-                "o",
-                color=color,
-                markersize=7,
-                markerfacecolor="none",
-                zorder=3,
-                clip_on=False,
-            )
+            z = zeros[(zeros.imag >= 0.0) & (np.abs(zeros) <= beyond * hertz)] / hertz
+            cross = {"markersize": 8, "markeredgewidth": 1.8, "zorder": 4, "label": plain(name)}
+            ring = {"markersize": 7, "markerfacecolor": "none", "zorder": 3}
+            axes.plot(p.real, p.imag, "x", color=color, clip_on=False, **cross)
+            axes.plot(z.real, z.imag, "o", color=color, clip_on=False, **ring)
             covariance = self.covariances[name]
             if covariance is not None:
                 self._draw_ellipses(axes, p, covariance[shown] / hertz**2, level, color)
@@ -212,12 +191,6 @@ class PoleZeroDisplay:
                 continue
             last = at
             axes.plot(-rate * height, height, ":", color=MUTED, linewidth=0.9, zorder=1)
-            axes.annotate(
-                f"ζ {zeta:g}",
-                (-rate * top, top),
-                (0, 2),
-                textcoords="offset points",
-                fontsize="x-small",
-                color=MUTED,
-                ha="center",
-            )
+            style = {"fontsize": "x-small", "color": MUTED, "ha": "center"}
+            above = {"xytext": (0, 2), "textcoords": "offset points"}
+            axes.annotate(f"ζ {zeta:g}", (-rate * top, top), **above, **style)

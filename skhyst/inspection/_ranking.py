@@ -36,8 +36,6 @@ class EffectRankingDisplay:
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import pandas as pd
     >>> from skhyst.inspection import EffectRankingDisplay
     >>> ranking = pd.DataFrame({
@@ -88,15 +86,11 @@ class EffectRankingDisplay:
         ranking = search.ranking_[search.ranking_["round"] == round]
         claimed = ranking.loc[ranking["claimed"].astype(bool), "effect"]
         history = search.history_
-        ambiguous = [
-            name
-            for names in history.loc[history["effect"].isin(claimed), "ambiguous_with"]
-            for name in names
-        ]
+        ambiguous = history.loc[history["effect"].isin(claimed), "ambiguous_with"]
         display = cls(
             ranking.reset_index(drop=True),
             noise_floor=float(search.noise_floor_),
-            ambiguous_with=tuple(ambiguous),
+            ambiguous_with=tuple(name for names in ambiguous for name in names),
             response_name=signal_names(search).response,
         )
         return display.plot(ax=ax, **plot_options)
@@ -123,12 +117,14 @@ class EffectRankingDisplay:
         heights = np.arange(len(table))[::-1]
         baseline = float(table["error_before"].iloc[0])
         left, right = self._limits(table, baseline)
-        for height, row in zip(heights, table.itertuples(), strict=True):
-            self._draw_row(axes, height, row, baseline, right)
         self._draw_references(axes, baseline, len(table) - 0.35)
         tidy(axes, title=title, x_label=f"held-out error of {self.response_name} (RMS)")
         axes.set_yticks(heights, [plain(name) for name in table["effect"]])
-        self._style_names(axes, table)
+        rows = zip(heights, axes.get_yticklabels(), table.itertuples(), strict=True)
+        for height, label, row in rows:
+            label.set_fontweight("bold" if row.claimed else "normal")
+            label.set_color(INK if np.isfinite(row.error_after) else MUTED)
+            self._draw_row(axes, height, row, baseline, right)
         axes.set_ylim(-0.6, len(table) + 0.25)
         axes.set_xlim(left, right)
         axes.grid(False, axis="y")
@@ -151,17 +147,9 @@ class EffectRankingDisplay:
         """Draw the error without any candidate, and the noise floor."""
 
         def label(error, text, side, color):
-            shift = 3 if side == "left" else -3
-            axes.annotate(
-                text,
-                (error, top),
-                (shift, 0),
-                textcoords="offset points",
-                ha=side,
-                va="bottom",
-                color=color,
-                fontsize="small",
-            )
+            place = {"xytext": (3 if side == "left" else -3, 0), "textcoords": "offset points"}
+            style = {"color": color, "fontsize": "small", "ha": side, "va": "bottom"}
+            axes.annotate(text, (error, top), **place, **style)
 
         axes.axvline(baseline, color=INK, linewidth=1.0)
         below = self.noise_floor is None or not self.noise_floor > baseline
@@ -170,12 +158,6 @@ class EffectRankingDisplay:
             axes.axvline(self.noise_floor, color=FLOOR, linewidth=1.4, linestyle=":", zorder=3)
             beside = "left" if self.noise_floor < 0.25 * baseline or not below else "right"
             label(self.noise_floor, "noise floor", beside, FLOOR)
-
-    def _style_names(self, axes, table):
-        """Set claimed effects bold and effects that were not contested grey."""
-        for label, row in zip(axes.get_yticklabels(), table.itertuples(), strict=True):
-            label.set_fontweight("bold" if row.claimed else "normal")
-            label.set_color(INK if np.isfinite(row.error_after) else MUTED)
 
     def _draw_row(self, axes, height, row, baseline, right):
         """Draw the mark of one candidate and the numbers at the end of its row."""
@@ -186,17 +168,10 @@ class EffectRankingDisplay:
             return
         color = COLORS[1] if row.claimed or row.effect in self.ambiguous_with else COLORS[0]
         error = min(row.error_after, 0.985 * right)
-        off_scale = error < row.error_after
+        marker, filling = ">" if error < row.error_after else "o", color if row.claimed else "none"
         axes.plot([baseline, error], [height, height], color=color, linewidth=1.6, alpha=0.55)
-        axes.plot(
-            error,
-            height,
-            ">" if off_scale else "o",
-            color=color,
-            markersize=7,
-            markerfacecolor=color if row.claimed else "none",
-            clip_on=False,
-        )
+        style = {"color": color, "markerfacecolor": filling, "markersize": 7, "clip_on": False}
+        axes.plot(error, height, marker, **style)
         words = f"explains {share}"
         if np.isfinite(row.p_value):
             words += f", p = {row.p_value:.2g}"

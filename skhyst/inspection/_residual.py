@@ -4,13 +4,7 @@ import numpy as np
 
 from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
-from ._signals import (
-    binned_statistics,
-    branch,
-    envelope,
-    log_average,
-    spectrum,
-)
+from ._signals import binned_statistics, branch, envelope, log_average, spectrum
 
 __all__ = ["ResidualDisplay"]
 
@@ -52,8 +46,6 @@ class ResidualDisplay(SignalDisplay):
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("Agg")
     >>> import numpy as np
     >>> from skhyst.inspection import ResidualDisplay
     >>> drive = np.sin(np.linspace(0, 30, 2000))
@@ -111,10 +103,6 @@ class ResidualDisplay(SignalDisplay):
         self.figure_ = axes[0, 0].figure
         return self
 
-    @property
-    def _label(self):
-        return f"residual of {self.response_name}"
-
     def _colored(self):
         for k, (name, values) in enumerate(self.residuals().items()):
             yield name, values, COLORS[k % len(COLORS)]
@@ -130,7 +118,7 @@ class ResidualDisplay(SignalDisplay):
                 ax.plot(time[kept], values[kept], color=color, linewidth=0.7, label=label)
         for span in self.spans[1:]:
             ax.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
-        tidy(ax, title="In time", x_label="time (s)", y_label=self._label)
+        tidy(ax, title="In time", x_label="time (s)", y_label=f"residual of {self.response_name}")
         ax.margins(x=0.01)
         ax.legend(loc="upper right", fontsize="small", handlelength=1.4, framealpha=0.7)
 
@@ -146,11 +134,10 @@ class ResidualDisplay(SignalDisplay):
         ax.axhline(0.0, color=MUTED, linewidth=0.6)
         name = self.drive_name if against == "drive" else f"predicted {self.response_name}"
         title = f"Against {against}, by branch"
-        tidy(ax, title=title, x_label=name, y_label=self._label)
+        tidy(ax, title=title, x_label=name, y_label=f"residual of {self.response_name}")
         handles = [ax.plot([], [], style, color=INK, linewidth=1.2)[0] for style in ("-", "--")]
-        ax.legend(
-            handles, ("rising drive", "falling drive"), loc="best", fontsize="small", framealpha=0.7
-        )
+        labels = ("rising drive", "falling drive")
+        ax.legend(handles, labels, loc="best", fontsize="small", framealpha=0.7)
 
     def _plot_spectrum(self, ax):
         dt = self.records[0].dt
@@ -162,8 +149,7 @@ class ResidualDisplay(SignalDisplay):
                 low, high = frequency[0], frequency[-1]
         if self.noise_floor is not None and low is not None:
             level = self.noise_floor * np.sqrt(2.0 * dt)
-            ax.plot(
-                [low, high], [level, level], ":", color=FLOOR, linewidth=1.4, label="noise floor"
-            )
+            style = {"color": FLOOR, "linewidth": 1.4, "label": "noise floor"}
+            ax.plot([low, high], [level, level], ":", **style)
         tidy(ax, title="Spectrum", x_label="frequency (Hz)", y_label="residual per √Hz")
         ax.legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)

@@ -4,45 +4,12 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import welch
 
-__all__ = [
-    "binned_statistics",
-    "branch",
-    "cycle_length",
-    "envelope",
-    "finite_runs",
-    "log_average",
-    "loop_spans",
-    "spectrum",
-    "thin_path",
-]
-
 
 def envelope(values, n_bins):
-    """Return the rows that keep the outline of a long signal.
+    """Return the rows that keep the outline of long signals, (n_samples,) or one a column.
 
-    The signal is cut into ``n_bins`` stretches of equal length; of each, the rows of the smallest
-    and of the largest value stay. No peak is lost, whatever the length.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples,) or (n_samples, n_signals)
-        The signals; NaN is passed over.
-    n_bins : int
-        Stretches.
-
-    Returns
-    -------
-    ndarray of int
-        Rows in rising order: all of them where the signal is short.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> signal = np.zeros(10_000)
-    >>> signal[1234] = 1.0
-    >>> rows = envelope(signal, 50)
-    >>> bool(1234 in rows), len(rows) <= 104
-    (True, True)
+    Of each of ``n_bins`` stretches of equal length, the rows of the smallest and of the largest
+    value stay, so that no peak is lost. NaN is passed over.
     """
     values = np.asarray(values, dtype=float)
     signals = values[:, None] if values.ndim == 1 else values
@@ -86,45 +53,16 @@ def branch(drive):
 
 
 def thin_path(x, y, n_points):
-    """Return the rows that keep the outline of a path ``(x, y)`` in about ``n_points`` points.
-
-    Parameters
-    ----------
-    x : ndarray of shape (n_samples,)
-    y : ndarray of shape (n_samples,)
-    n_points : int
-        At most this many points come back, and two more.
-    """
+    """Return the rows that keep the outline of a path, ``n_points`` and two at the most."""
     return envelope(np.column_stack([x, y]), max(1, n_points // 4))
 
 
 def loop_spans(drive, spans, max_cycles):
-    """Choose the stretches of a recording to draw as loops.
+    """Choose the stretches of a recording to draw as loops; return (slice, cycles in it) of each.
 
     Few cycles can be told apart in one picture. Where there are more, every record (or, of very
     many, records at even distances) gives one stretch of whole cycles around its largest
     excursion, never single samples.
-
-    Parameters
-    ----------
-    drive : ndarray of shape (n_samples,)
-    spans : list of slice
-        The records.
-    max_cycles : int
-        Cycles to draw, all records together.
-
-    Returns
-    -------
-    list of (slice, float)
-        Stretches in order, and the cycles in each.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> drive = np.sin(np.linspace(0, 2 * np.pi * 100, 100_000))
-    >>> [(rows, cycles)] = loop_spans(drive, [slice(0, 100_000)], 10)
-    >>> round((rows.stop - rows.start) / 1000), round(cycles)
-    (10, 10)
     """
     if len(spans) > max_cycles:
         spans = [spans[k] for k in np.linspace(0, len(spans) - 1, max_cycles).astype(int)]
@@ -144,12 +82,9 @@ def loop_spans(drive, spans, max_cycles):
 
 
 def binned_statistics(x, values, n_bins=40, min_count=5):
-    """Return the mean and the scatter of ``values`` in bins of equal width along ``x``.
+    """Return mean x, mean and scatter of ``values`` in bins of equal width along ``x``.
 
-    Returns
-    -------
-    centers, mean, std : ndarray
-        Bins with at least ``min_count`` finite values; ``centers`` is the mean of ``x`` there.
+    Only bins with at least ``min_count`` finite values.
     """
     valid = np.isfinite(x) & np.isfinite(values)
     x, values = x[valid], values[valid]
@@ -184,33 +119,12 @@ def finite_runs(values, spans):
 
 
 def spectrum(values, spans, dt, max_segment=8192):
-    """Return the amplitude spectral density of a signal with gaps, averaged over its runs.
+    """Return the amplitude spectral density of a signal with gaps (NaN), averaged over its runs.
 
-    Welch's method [1]_ with Hann windows, every run weighted by its number of samples. A run that
-    is shorter than the window is one window, filled up with zeros to the same frequencies.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples,)
-        The signal; NaN where nothing is known.
-    spans : list of slice
-        The records.
-    dt : float
-        Sampling interval in s.
-    max_segment : int, default=8192
-        Longest window in samples.
-
-    Returns
-    -------
-    frequency : ndarray of shape (n_frequencies,)
-        Hz, without zero.
-    density : ndarray of shape (n_frequencies,)
-        Unit of the signal per root Hz. Empty where no run has 16 samples.
-
-    References
-    ----------
-    .. [1] P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra",
-       IEEE Transactions on Audio and Electroacoustics 15 (1967) 70-73.
+    Welch's method (IEEE Transactions on Audio and Electroacoustics 15, 1967) with Hann windows of
+    ``max_segment`` samples at the most, every run weighted by its number of samples. A run that is
+    shorter than the window is one window, filled up with zeros to the same frequencies. In Hz,
+    without zero, and units of the signal per root Hz; empty where no run has 16 samples.
     """
     runs = [run for run in finite_runs(values, spans) if run.stop - run.start >= 16]
     if not runs:

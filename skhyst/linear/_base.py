@@ -1,11 +1,13 @@
 """What the linear models share."""
 
+from numbers import Integral
+
 import numpy as np
 
 from .._sklearn import StrOptions
 from ..base import ParametricModel
 
-__all__ = ["LinearModel", "log_grid", "slope", "time_span"]
+__all__ = ["LinearModel", "chosen_columns", "log_grid", "slope", "time_span"]
 
 
 class LinearModel(ParametricModel):
@@ -40,15 +42,30 @@ class LinearModel(ParametricModel):
         return getattr(self, "hold", "foh") == "foh"  # a delay has none
 
     def held_parameters(self):
-        free = {"gain": self.fit_gain, "intercept": self.fit_intercept}
-        return frozenset(name for name, is_free in free.items() if not is_free)
+        return frozenset(n for n in ("gain", "intercept") if not getattr(self, f"fit_{n}", True))
+
+
+def chosen_columns(inputs, names, count, caller):
+    """Return the positions of the columns of X that are chosen by position or name."""
+    names, found = list(names), []
+    for wanted in inputs:
+        if isinstance(wanted, str):
+            found.append(names.index(wanted) if wanted in names else None)
+        else:
+            inside = isinstance(wanted, Integral) and -count <= wanted < count
+            found.append(int(wanted) % count if inside else None)
+    if not found or None in found or len(set(found)) < len(found):
+        named = f" or name ({names})" if names else ""
+        raise ValueError(
+            f"The 'inputs' parameter of {caller} must be 'all', or at least one column of X and "
+            f"none twice, by position (below {count}){named}. Got {inputs!r} instead."
+        )
+    return found
 
 
 def time_span(records):
     """Return the shortest interval and the longest record's duration, in s."""
-    return min(record.dt for record in records), max(
-        len(record.u) * record.dt for record in records
-    )
+    return min(r.dt for r in records), max(len(r.u) * r.dt for r in records)
 
 
 def log_grid(low, high, per_decade):

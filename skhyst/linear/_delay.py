@@ -1,7 +1,4 @@
-"""Pure delay.
-
-Pure shift in time.
-"""
+"""Pure shift in time, ``y(t) = u(t - delay)``."""
 
 from dataclasses import dataclass
 
@@ -10,10 +7,7 @@ import numpy as np
 from ..operators import Operator, parameter
 from ._base import LinearModel, log_grid, time_span
 
-__all__ = [
-    "Delay",
-    "DelayOperator",
-]
+__all__ = ["Delay", "DelayOperator"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +17,7 @@ class DelayOperator(Operator):
     delay: float = parameter(log=True, lower=0.0, unit="s")
     rank: int = 5
     signal_linear = True
+    n_poles = (0, 0)
 
     def _shift(self, history, n, dt):
         """Return the shifted signal and its slope per sample; ``history`` ends in ``n`` samples."""
@@ -33,15 +28,12 @@ class DelayOperator(Operator):
         slope = history[left + 1] - history[left]
         return history[left] + part * slope, slope
 
-    def _length(self, dt):
-        return int(np.ceil(self.delay / dt)) + 1
-
     def init(self, u0, initial_state="rest"):
         return float(u0) if initial_state == "rest" else 0.0  # all of the past, at rest
 
     def run(self, u, dt, state=None):
         u = np.asarray(u, dtype=float)
-        length = self._length(dt)
+        length = int(np.ceil(self.delay / dt)) + 1
         past = self.init(u[0]) if state is None else state
         past = np.full(length, past) if np.ndim(past) == 0 else past
         history = np.concatenate([past, u])
@@ -49,11 +41,11 @@ class DelayOperator(Operator):
 
     def linearize(self, u, du, dt, initial_state="rest"):
         # what lies before the record is constant, so two samples of it stand for all
-        length, rest = 2, float(initial_state == "rest")
-        history = np.concatenate([np.full(length, u[0] * rest), u])
+        rest = float(initial_state == "rest")
+        history = np.concatenate([np.full(2, u[0] * rest), u])
         y, slope = self._shift(history, len(u), dt)
         if du.shape[1]:
-            du = np.concatenate([np.tile(du[:1] * rest, (length, 1)), du])
+            du = np.concatenate([np.tile(du[:1] * rest, (2, 1)), du])
             du = self._shift(du, len(u), dt)[0]
         return y, np.concatenate([du, -slope[:, None] / dt], axis=1)
 
@@ -98,9 +90,6 @@ class Delay(LinearModel):
         self.initial_state = initial_state
         self.dt = dt
         self.method = method
-
-    def held_parameters(self):
-        return frozenset()
 
     def starting_values(self, records):
         dt, span = time_span(records)

@@ -1,6 +1,10 @@
-"""Force of a measured motion: mass, dashpot and spring.
+"""Force of a measured motion: mass, dashpot and spring, ``y = m u'' + d u' + k u + c``.
 
-The force of a measured motion: mass, dashpot and spring.
+The first derivative is the least-squares slope over the last ``smoothing`` intervals, the backward
+difference by default; the second is the same slope of the first. They lag behind by
+``smoothing / 2`` and ``smoothing`` intervals and do not know the future. What came before a record
+is unknown in "rest", for it may begin in motion: a derivative counts as zero until the record is
+as long as its window.
 """
 
 from dataclasses import dataclass
@@ -12,19 +16,17 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
 
-__all__ = [
-    "DynamicStiffness",
-    "DynamicStiffnessOperator",
-]
+__all__ = ["DynamicStiffness", "DynamicStiffnessOperator"]
 
 
 @dataclass(frozen=True)
 class DynamicStiffnessOperator(Operator):
     r"""Equation of motion seen from the force, the inverse of a second-order mode.
 
-    .. math:: y = m \ddot u + d \dot u + k u + c
+    .. math:: y = m \ddot u + d \dot u + k u + c, \qquad \text{or } y = m \dot u + d u + c
 
-    or, where the drive is a velocity already, :math:`y = m \dot u + d u + c`.
+    The state is the last samples, at most ``2 smoothing`` of a displacement and ``smoothing`` of a
+    velocity.
 
     Parameters
     ----------
@@ -40,15 +42,6 @@ class DynamicStiffnessOperator(Operator):
         What the drive is. Fixed structure.
     smoothing : int, default=1
         Intervals over which a slope is taken. Fixed structure.
-
-    Notes
-    -----
-    The first derivative is the least-squares slope over the last ``smoothing`` intervals, the
-    backward difference by default; the second is the same slope of the first. They lag behind by
-    ``smoothing / 2`` and ``smoothing`` intervals and do not know the future. What came before a
-    record is unknown in ``"rest"``, for it may begin in motion: a derivative counts as zero until
-    the record is as long as its window. The state is the last samples, at most ``2 smoothing`` of a
-    displacement and ``smoothing`` of a velocity.
 
     Examples
     --------
@@ -81,9 +74,8 @@ class DynamicStiffnessOperator(Operator):
             )
 
     def parameter_specs(self):
-        """Return the identifiable fields; the drive says their units and whether there is k."""
         specs = super().parameter_specs()
-        if self.drive == "velocity":
+        if self.drive == "velocity":  # one derivative less, and no k
             specs["mass"], specs["damping"] = specs["damping"], specs["stiffness"]
             del specs["stiffness"]
         return specs
@@ -100,7 +92,6 @@ class DynamicStiffnessOperator(Operator):
         return latest(slopes(first, dt, self.smoothing), len(u)), latest(first, len(u)), u
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample: what is known of the samples before."""
         return samples_before((), self._n_past, initial_state)
 
     def run(self, u, dt, state=None):
@@ -235,14 +226,8 @@ class DynamicStiffness(ParametricModel):
         self.method = method
 
     def starting_values(self, records):
-        operator = DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing))
-        return [(operator, ())]
+        return [(DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing)), ())]
 
     def held_parameters(self):
-        free = {
-            "mass": self.fit_mass,
-            "damping": self.fit_damping,
-            "stiffness": self.fit_stiffness,
-            "intercept": self.fit_intercept,
-        }
-        return frozenset(name for name, is_free in free.items() if not is_free)
+        names = ("mass", "damping", "stiffness", "intercept")
+        return frozenset(name for name in names if not getattr(self, f"fit_{name}"))

@@ -1,4 +1,4 @@
-"""The frequency response of a recording, without a model."""
+"""The frequency response of a recording, without a model: what is read and what is refused."""
 
 from numbers import Integral, Real
 
@@ -9,9 +9,10 @@ from sklearn.utils import check_X_y
 from .._sklearn import Interval, StrOptions, validate_params
 from ..exceptions import RecordError
 from ..records import record_slices
+from ._base import chosen_columns
 from ._frequency_response import FrequencyResponse
 from ._periodic import find_period, period_mismatch, periodic_estimate
-from ._spectra import cross_spectra
+from ._spectra import effective_averages, welch_estimate
 
 __all__ = ["frequency_response"]
 
@@ -148,14 +149,29 @@ def frequency_response(
             f"The 'method' parameter of frequency_response must be 'h1' or 'periodic' for several "
             f"inputs. Got {method!r} for {len(names)} inputs instead; choose one by 'inputs'."
         )
-    if method == "auto":
-        period = find_period([inputs for _, inputs, _ in records]) if period is None else period
-        method = "h1" if period is None else "periodic"
-    if method == "periodic":
-        found = _periodic(records, period, transient_periods, min_excitation, interval)
+    if period is None and method in ("auto", "periodic"):
+        period = find_period([inputs for _, inputs, _ in records])
+    if method == "periodic" or (method == "auto" and period is not None):
+        method = "periodic"
+        samples = period
+        lines, estimate = _periodic(records, period, transient_periods, min_excitation)
     else:
-        found = _welch(records, segment_length, overlap, window, detrend, method, interval)
-    found = FrequencyResponse(**found, input_names=names, output_name=_name_of(y), dt=interval)
+        method = "h1" if method == "auto" else method
+        lengths = [len(response) for _, _, response in records]
+        samples = segment_length or max(4, min(min(lengths), sum(lengths) // _SEGMENTS))
+        lines, estimate = _welch(records, samples, overlap, window, detrend, method)
+    if not lines.size:
+        raise ValueError(
+            f"The inputs of frequency_response must excite a line, and differ from each other "
+            f"there. Got none that do so for {method!r} instead; choose columns by 'inputs'."
+        )
+    found = FrequencyResponse(
+        frequency=lines / (samples * interval),
+        **estimate,
+        input_names=names,
+        output_name=str(getattr(y, "name", None) or "response"),
+        dt=interval,
+    )
     return found._scaled(scales)
 
 
@@ -166,10 +182,17 @@ def _read(X, y, inputs, dt):
     it for a frequency response.
     """
     values, response = check_X_y(X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=4)
-    columns = _columns(X, values.shape[1], inputs)
-    values, response = values[:, [at for at, _ in columns]], response.astype(float)
+    count, response = values.shape[1], response.astype(float)
+    if hasattr(X, "columns"):
+        names = [str(name) for name in X.columns]
+    else:
+        names = ["drive"] if count == 1 else [f"input{i}" for i in range(count)]
+    if not (isinstance(inputs, str) and inputs == "all"):
+        wanted = [inputs] if isinstance(inputs, str | Integral) else inputs
+        chosen = chosen_columns(wanted, names, count, "frequency_response")
+        values, names = values[:, chosen], [names[at] for at in chosen]
     slices = record_slices(X if hasattr(X, "iloc") else values, y, dt=dt)
-    for (_, name), signal in zip(columns, values.T, strict=True):
+    for name, signal in zip(names, values.T, strict=True):
         if np.ptp(signal) == 0.0:
             raise ValueError(
                 f"The inputs of frequency_response must vary. Got the constant {signal[0]:g} in "
@@ -183,83 +206,30 @@ def _read(X, y, inputs, dt):
     input_scales, response_scale = np.abs(values).max(axis=0), np.abs(response).max()
     values, response = values / input_scales, response / response_scale
     records = [(record.label, values[record.rows], response[record.rows]) for record in slices]
-    names = tuple(name for _, name in columns)
-    return names, records, slices[0].dt, response_scale / input_scales
+    return tuple(names), records, slices[0].dt, response_scale / input_scales
 
 
-def _columns(X, count, inputs):
-    """Return position and name of the chosen columns."""
-    if hasattr(X, "columns"):
-        names = [str(name) for name in X.columns]
-    else:
-        names = ["drive"] if count == 1 else [f"input{i}" for i in range(count)]
-    if isinstance(inputs, str) and inputs == "all":
-        return list(enumerate(names))
-    chosen = []
-    for item in [inputs] if isinstance(inputs, str | Integral) else inputs:
-        if isinstance(item, Integral) and -count <= item < count:
-            at = int(item) % count
-        elif isinstance(item, str) and item in names:
-            at = names.index(item)
-        else:
-            at = None
-        if at is None or (at, names[at]) in chosen:
-            raise ValueError(
-                f"The 'inputs' parameter of frequency_response must be 'all', or positions or "
-                f"names of different columns of X, {names}. Got {inputs!r} instead."
+def _welch(records, length, overlap, window, detrend, method):
+    """Return the lines and the estimate from segments, if the records have enough of them."""
+    for label, _, response in records:
+        if len(response) < length:
+            raise RecordError(
+                f"Every record must be as long as the 'segment_length' parameter of "
+                f"frequency_response, {length} samples. Got {len(response)} samples in record "
+                f"{label!r} instead."
             )
-        chosen.append((at, names[at]))
-    if not chosen:
-        raise ValueError(
-            "The 'inputs' parameter of frequency_response must name at least one column. Got "
-            f"{inputs!r} instead."
-        )
-    return chosen
-
-
-def _name_of(y):
-    return str(getattr(y, "name", None) or "response")
-
-
-def _refuse_no_lines(lines, caller):
-    if not np.any(lines):
-        raise ValueError(
-            f"The inputs of frequency_response must excite a line, and differ from each other "
-            f"there. Got none that do so for {caller} instead; choose columns by 'inputs'."
-        )
-
-
-def _welch(records, segment_length, overlap, window, detrend, method, dt):
-    n_inputs = records[0][1].shape[1]
-    lengths = [len(response) for _, _, response in records]
-    length = segment_length or max(4, min(min(lengths), sum(lengths) // _SEGMENTS))
-    short = np.flatnonzero(np.less(lengths, length))
-    if short.size:
-        raise RecordError(
-            f"Every record must be as long as the 'segment_length' parameter of "
-            f"frequency_response, {length} samples. Got {lengths[short[0]]} samples in record "
-            f"{records[short[0]][0]!r} instead."
-        )
     values = _window(window, length)
     step = max(1, length - round(length * overlap))
-    spectra = cross_spectra([record[1:] for record in records], dt, values, step, detrend)
-    if spectra.n_averages < n_inputs + 0.5:
+    counts = [(len(response) - length) // step + 1 for _, _, response in records]
+    n_averages, n_inputs = effective_averages(values, step, counts), records[0][1].shape[1]
+    if n_averages < n_inputs + 0.5:
         raise ValueError(
             f"There must be more segments than inputs, {n_inputs}. Got "
-            f"{spectra.n_averages:.3g} independent segments of {length} samples instead; choose a "
+            f"{n_averages:.3g} independent segments of {length} samples instead; choose a "
             f"smaller 'segment_length'."
         )
-    excited = spectra.excited()
-    _refuse_no_lines(excited, f"{method!r}")
-    spectra = spectra.keep(excited)
-    response, std, coherence = spectra.estimate(method)
-    return {
-        "frequency": spectra.frequency,
-        "response": response,
-        "std": std,
-        "coherence": coherence,
-        "degrees_of_freedom": spectra.n_averages - n_inputs,
-    }
+    pairs = [record[1:] for record in records]
+    return welch_estimate(pairs, values, step, detrend, method, n_averages)
 
 
 def _window(window, length):
@@ -274,15 +244,14 @@ def _window(window, length):
     return values
 
 
-def _periodic(records, period, transient, min_excitation, dt):
+def _periodic(records, period, transient, min_excitation):
+    """Return the lines and the estimate from periods, if the records have them."""
     if period is None:
-        period = find_period([inputs for _, inputs, _ in records])
-        if period is None:
-            raise RecordError(
-                "The drives must repeat after a common period in every record. Got drives without "
-                "one instead; give the 'period' parameter of frequency_response, or choose another "
-                "'method'."
-            )
+        raise RecordError(
+            "The drives must repeat after a common period in every record. Got drives without "
+            "one instead; give the 'period' parameter of frequency_response, or choose another "
+            "'method'."
+        )
     for label, inputs, response in records:
         mismatch = period_mismatch(inputs, period)
         if mismatch > _MISMATCH:
@@ -305,5 +274,4 @@ def _periodic(records, period, transient, min_excitation, dt):
             f"There must be at least as many records with different drives as inputs, {n_inputs}. "
             f"Got {count} instead; choose inputs by 'inputs', or method='h1'."
         )
-    _refuse_no_lines(lines, "'periodic'")
-    return {"frequency": lines / (period * dt), **estimate}
+    return lines, estimate

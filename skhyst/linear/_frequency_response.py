@@ -10,6 +10,7 @@ from scipy.stats import f as f_distribution
 __all__ = ["FrequencyResponse"]
 
 _UNCERTAINTIES = ("std", "noise_std", "distortion_std")
+_ARRAYS = ("response", *_UNCERTAINTIES, "coherence")  # of all lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +84,7 @@ class FrequencyResponse:
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "input_names", tuple(map(str, self.input_names)))
         shape = frequency.size, len(self.input_names)
-        for name in ("response", *_UNCERTAINTIES, "coherence"):
-            value = getattr(self, name)
-            if value is None:
-                continue
+        for name, value in self._known(_ARRAYS):
             value = np.asarray(value, dtype=complex if name == "response" else float)
             wanted = shape[:1] if name == "coherence" else shape
             if value.shape == shape[:1] and shape[1] == 1:
@@ -106,16 +104,16 @@ class FrequencyResponse:
 
     def _scaled(self, factor):
         """Return the response times ``factor``, (n_frequencies, 1) or (n_frequencies, n_inputs)."""
-        changes = {"response": self.response * factor}
-        for name in _UNCERTAINTIES:
-            value = getattr(self, name)
-            changes[name] = None if value is None else value * np.abs(factor)
-        return replace(self, **changes)
+        changes = {name: value * np.abs(factor) for name, value in self._known(_UNCERTAINTIES)}
+        return replace(self, response=self.response * factor, **changes)
 
     def _at(self, kept):
-        names = ("frequency", "response", *_UNCERTAINTIES, "coherence")
-        values = {name: getattr(self, name) for name in names}
-        return replace(self, **{name: v if v is None else v[kept] for name, v in values.items()})
+        return replace(self, **{n: v[kept] for n, v in self._known(("frequency", *_ARRAYS))})
+
+    def _known(self, names):
+        """Return (name, value) of the fields that are known."""
+        pairs = ((name, getattr(self, name)) for name in names)
+        return [(name, value) for name, value in pairs if value is not None]
 
     def compensate_delay(self, delay):
         r"""Take a known delay out: multiply by :math:`e^{+j \omega \tau}`.
@@ -244,9 +242,7 @@ class FrequencyResponse:
         )
         g = self.response.T.ravel()
         table = {"response": g, "magnitude": np.abs(g), "phase": np.angle(g, deg=True)}
-        for name in _UNCERTAINTIES:
-            if getattr(self, name) is not None:
-                table[name] = getattr(self, name).T.ravel()
+        table |= {name: value.T.ravel() for name, value in self._known(_UNCERTAINTIES)}
         if self.coherence is not None:
             table["coherence"] = np.tile(self.coherence, self.n_inputs)
         return pd.DataFrame(table, index=index)

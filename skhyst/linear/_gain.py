@@ -1,20 +1,13 @@
-"""Static gain.
-
-A static gain.
-"""
+"""Static gain, ``y = gain u + intercept``."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._base import LinearModel, slope
 
-__all__ = [
-    "Gain",
-    "GainOperator",
-]
+__all__ = ["Gain", "GainOperator"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +32,7 @@ class GainOperator(Operator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
 
     signal_linear = True
+    n_poles = (0, 0)
 
     def init(self, u0, initial_state="rest"):
         return None
@@ -90,13 +84,6 @@ class Gain(LinearModel):
     >>> round(model.operator_.gain, 6), round(model.operator_.intercept, 6)
     (2.0, 1.0)
     """
-
-    _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
-        "fit_gain": ["boolean"],
-        "fit_intercept": ["boolean"],
-    }
-    _any_interval = True
 
     def __init__(
         self,

@@ -1,21 +1,57 @@
-"""Creep as a chain of Kelvin-Voigt units."""
+"""Creep as a chain of Kelvin-Voigt units, ``gain (1 + sum_i c_i / (tau_i s + 1))``.
+
+Thesis (3.7), with k_0 carried by the gain.
+"""
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from numbers import Integral
 
 import numpy as np
 
 from .._sklearn import Interval
+from ..disturbance import DriftOperator
 from ..exceptions import ConvergenceWarning
+from ..operators import SumOperator, parameter
+from ..optimize import OperatorProblem
 from ._base import LinearModel, log_grid, slope, time_span
-from ._dynamics import KelvinVoigtOperator
-from ._static_gain import static_gain_error
+from ._first_order_lag import FirstOrderLagOperator
+from ._linear import LinearOperator
 
-__all__ = ["KelvinVoigt"]
+__all__ = ["KelvinVoigt", "KelvinVoigtOperator"]
 
 _SPREAD = 10.0  # ratio of neighbouring time constants at the start
 _KNOWN = 0.01  # largest relative standard error of a static gain that counts as determined
+_SLOWER = 10.0  # the unit that may have been missed, in durations of the longest record
+_SILENT = 1e-11  # part of a column's power that rounding leaves
+_SINGULAR = 1e-12  # relative eigenvalue of the scaled normal equations
+_TOUCHED = 1e-3  # part of the gradient along a direction without information
+
+
+@dataclass(frozen=True)
+class KelvinVoigtOperator(LinearOperator):
+    """Creep: ``gain (1 + sum_i c_i / (tau_i s + 1))``.
+
+    ``compliances`` c_i are relative to the prompt response, ``time_constants`` tau_i in s.
+    """
+
+    compliances: np.ndarray = parameter(linear=True, lower=0.0)
+    time_constants: np.ndarray = parameter(log=True, lower=0.0, unit="s")
+    gain: float = parameter(gauge=1.0, unit="response/drive", default=1.0)
+    intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
+    hold: str = "foh"
+
+    @property
+    def n_poles(self):
+        return np.size(self.compliances), 0
+
+    def with_poles(self, rates, pairs):
+        return replace(self, time_constants=1.0 / np.array(rates))
+
+    def _matrices(self, p):
+        n = np.size(self.compliances)
+        rates = 1.0 / p[n : 2 * n]
+        return np.diag(-rates), rates, p[2 * n] * p[:n], p[2 * n]
 
 
 class KelvinVoigt(LinearModel):
@@ -63,8 +99,7 @@ class KelvinVoigt(LinearModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.linear import KelvinVoigt
-    >>> from skhyst.linear import KelvinVoigtOperator
+    >>> from skhyst.linear import KelvinVoigt, KelvinVoigtOperator
     >>> truth = KelvinVoigtOperator(np.array([0.2]), np.array([0.5]))
     >>> drive = np.repeat([0.0, 1.0, -1.0, 0.5], 100)
     >>> y, _ = truth.run(drive, 0.01)
@@ -89,44 +124,36 @@ class KelvinVoigt(LinearModel):
         dt=1.0,
         method="variable_projection",
     ):
-        super().__init__(
-            fit_gain=fit_gain,
-            fit_intercept=fit_intercept,
-            hold=hold,
-            initial_state=initial_state,
-            dt=dt,
-            method=method,
-        )
         self.n_units = n_units
+        self.fit_gain = fit_gain
+        self.fit_intercept = fit_intercept
+        self.hold = hold
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
 
     def starting_values(self, records):
         dt, span = time_span(records)
         gain = slope(records) if self.fit_gain else 1.0
+        compliances = np.full(self.n_units, 0.1 / self.n_units)
+        ratios = _SPREAD ** np.arange(self.n_units)
+        fastest = log_grid(2.0 * dt, max(0.5 * span / ratios[-1], 4 * dt), 1)
         return [
-            (
-                KelvinVoigtOperator(
-                    np.full(self.n_units, 0.1 / self.n_units),
-                    tau * _SPREAD ** np.arange(self.n_units),
-                    gain=gain,
-                    hold=self.hold,
-                ),
-                (),
-            )
-            for tau in log_grid(
-                2.0 * dt, max(0.5 * span / _SPREAD ** (self.n_units - 1), 4 * dt), 1
-            )
+            (KelvinVoigtOperator(compliances, tau * ratios, gain=gain, hold=self.hold), ())
+            for tau in fastest
         ]
 
     def _fit_records(self, data):
         super()._fit_records(data)
-        operator, state = self.operator_, self._free_run_state()
+        operator = self.operator_
         if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)
             data = [replace(record, before=float(drive)) for record, drive in drives]
         self.static_gain_ = float(operator.gain * (1.0 + np.sum(operator.compliances)))
-        self.static_gain_std_ = static_gain_error(
-            operator, data, fixed=self.held_parameters(), initial_state=state, error=self.fit_error_
+        variance = _static_gain_variance(
+            operator, data, self.held_parameters(), self._free_run_state()
         )
+        self.static_gain_std_ = float(self.fit_error_ * np.sqrt(variance))
         if not self.static_gain_std_ <= _KNOWN * abs(self.static_gain_):
             undetermined = self.identifiability_["undetermined"]
             self.identifiability_["undetermined"] = (*undetermined, "static_gain")
@@ -139,3 +166,44 @@ class KelvinVoigt(LinearModel):
                 stacklevel=3,
             )
         return self
+
+
+def _static_gain_variance(operator, records, fixed, initial_state):
+    """Return the variance of the gain at rest for a residual of unit power.
+
+    A unit far slower than the records may act beside those of the model, so the gain at rest is
+    known only as far as the records would have shown such a unit. What it was before a record is
+    unknown unless the record starts from zero, so a constant and a trend of each record tell
+    nothing.
+    """
+    span = max(len(record.u) * record.dt for record in records)
+    slow = FirstOrderLagOperator(_SLOWER * span, gain=0.0, hold=operator.hold)
+    held = {f"model__{name}" for name in fixed} | {"slow__time_constant", "slow__intercept"}
+    disturbances = ()
+    if initial_state == "rest":
+        disturbances = (DriftOperator(np.zeros(2), span),)
+        held.add("model__intercept")
+    problem = OperatorProblem(
+        SumOperator(("model", "slow"), (operator, slow)),
+        records,
+        disturbances=disturbances,
+        fixed=held,
+        initial_state=initial_state,
+    )
+    blocks = problem.evaluate(problem.x0)
+    gram = problem.total(blocks)[:-1, :-1]
+    by = {"model__compliances": operator.gain, "slow__gain": 1.0}
+    by["model__gain"] = 1.0 + np.sum(operator.compliances)
+    gradient = np.array([by.get(name.partition("[")[0], 0.0) for name in problem.names])
+    power = np.diag(gram)
+    silent = power <= _SILENT * problem.powers(blocks)
+    if gradient[silent].any():
+        return np.inf
+    kept = np.flatnonzero(~silent)
+    scale = np.sqrt(power[kept])
+    values, vectors = np.linalg.eigh(gram[np.ix_(kept, kept)] / np.outer(scale, scale))
+    parts = vectors.T @ (gradient[kept] / scale)
+    lost = values < _SINGULAR * values[-1]
+    if np.linalg.norm(parts[lost]) > _TOUCHED * np.linalg.norm(parts):
+        return np.inf
+    return np.sum(parts[~lost] ** 2 / values[~lost])

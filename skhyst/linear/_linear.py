@@ -29,10 +29,7 @@ from ._state_space import (
     state_space_tangents,
 )
 
-__all__ = [
-    "LinearOperator",
-    "discretize",
-]
+__all__ = ["DiscretizedOperator", "LinearOperator", "complex_gain", "discretize"]
 
 _STEP = 1e-30  # of the complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -51,19 +48,37 @@ def discretize(a, b, dt, hold):
     return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
 
 
+def complex_gain(a, b, c, d, points):
+    """Return C (s - A)^-1 B + D at the complex points s (n,), (n, n_outputs, n_inputs)."""
+    resolvent = points[:, None, None] * np.eye(len(a)) - a
+    return c @ np.linalg.solve(resolvent, np.broadcast_to(b, (len(points), *b.shape))) + d
+
+
 def _equilibrium(a, b):
     """Return the state at rest for a unit input."""
     return -np.linalg.solve(a, b[..., None])[..., 0]
 
 
-class LinearOperator(Operator):
+class DiscretizedOperator(Operator):
+    """Base of what remembers its discrete form by the interval."""
+
+    signal_linear = True
+
+    @cached_property
+    def _memory(self):
+        return {}  # discretising costs as much as a short record
+
+    def __getstate__(self):
+        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
+
+
+class LinearOperator(DiscretizedOperator):
     """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
 
     ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` puts them:
     rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
     """
 
-    signal_linear = True
     hold = "foh"
     intercept = 0.0
     n_poles = (0, 0)
@@ -76,9 +91,6 @@ class LinearOperator(Operator):
     def _matrices(self, p):
         """Return A (n, n), B (n,), C (n,), D as analytic functions of ``p``, shaped as `pack`."""
 
-    def _intercept_column(self):
-        return next((i for i, (name, _) in enumerate(self.entries()) if name == "intercept"), None)
-
     def state_space(self):
         """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
         a, b, c, d = self._matrices(self.pack())
@@ -86,13 +98,10 @@ class LinearOperator(Operator):
 
     def frequency_response(self, frequency):
         """Return the complex gain at ``frequency`` (Hz), shape of ``frequency``."""
+        frequency = np.asarray(frequency, dtype=float)
         a, b, c, d = self.state_space()
-        s = 2j * np.pi * np.asarray(frequency, dtype=float)
-        solve = np.linalg.solve(
-            s[..., None, None] * np.eye(len(b)) - a,
-            np.broadcast_to(b[:, None], (*s.shape, len(b), 1)),
-        )
-        return solve[..., 0] @ c + d
+        gain = complex_gain(a, b[:, None], c[None], d, 2j * np.pi * frequency.ravel())
+        return gain.reshape(frequency.shape)[()]
 
     def frequency_tangents(self, frequency):
         """Return the complex gain and its derivatives by the parameters.
@@ -109,7 +118,7 @@ class LinearOperator(Operator):
             In the order of :meth:`pack`.
         """
         a, b, c, d = self.state_space()
-        da, db, dc, dd = self._continuous_tangents()
+        da, db, dc, dd = [part.imag / _STEP for part in self._stepped()]
         s = 2j * np.pi * np.asarray(frequency, dtype=float)
         resolvent = s[:, None, None] * np.eye(len(b)) - a
         x = np.linalg.solve(resolvent, np.broadcast_to(b[:, None], (len(s), len(b), 1)))[..., 0]
@@ -117,21 +126,13 @@ class LinearOperator(Operator):
             resolvent.transpose(0, 2, 1), np.broadcast_to(c[:, None], (len(s), len(b), 1))
         )[..., 0]
         tangents = x @ dc.T + dd + z @ db.T
-        moving = np.flatnonzero(np.any(da, axis=(1, 2)))
-        for q in moving:
+        for q in np.flatnonzero(np.any(da, axis=(1, 2))):
             tangents[:, q] += np.sum(z * (x @ da[q].T), axis=1)
         return (x @ c + d)[:, None], tangents[:, None, :]
 
     def poles(self):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return np.linalg.eigvals(self.state_space()[0])
-
-    @cached_property
-    def _memory(self):
-        return {}  # by interval: discretising costs as much as a short record
-
-    def __getstate__(self):
-        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
 
     def _rest(self):
         """Return the state at rest for a unit input."""
@@ -155,10 +156,6 @@ class LinearOperator(Operator):
             np.stack([np.asarray(part, dtype=complex) for part in parts])
             for parts in zip(*(self._matrices(point) for point in points), strict=True)
         ]
-
-    def _continuous_tangents(self):
-        """Return the derivatives of A, B, C, D by the parameters, (p, ...) each."""
-        return [part.imag / _STEP for part in self._stepped()]
 
     def _discrete_tangents(self, dt):
         """Return the derivatives of the discrete form and of the state at rest, (p, ...) each."""
@@ -197,9 +194,9 @@ class LinearOperator(Operator):
 
     def linearize(self, u, du, dt, initial_state="rest"):
         y, dy = self._tangents(u, du, dt, initial_state, self._discrete_tangents(dt))
-        column = self._intercept_column()
-        if column is not None:
-            dy[:, du.shape[1] + column] = 1.0
+        names = [name for name, _ in self.entries()]
+        if "intercept" in names:
+            dy[:, du.shape[1] + names.index("intercept")] = 1.0
         return y, dy
 
     def carry(self, u, du, dt, initial_state="rest"):

@@ -1,8 +1,4 @@
-r"""Creep in logarithmic time.
-
-Relaxing units side by side: one signal in, weighted sums of all units out.
-
-Creep in logarithmic time, by a bank of relaxing units.
+"""Creep in logarithmic time, by a bank of relaxing units.
 
 With s a rate, the logarithm is a superposition of exponentials,
 
@@ -25,15 +21,19 @@ from .._sklearn import Interval, StrOptions
 from ..operators import Operator, parameter
 from ._base import LinearModel, log_grid, slope, time_span
 
-__all__ = [
-    "LogCreep",
-    "LogCreepOperator",
-    "creep_bank",
-]
+__all__ = ["LogCreep", "LogCreepOperator"]
+
+_SPACING = 0.8  # of the logarithms of the rates
+_FASTEST = 12.0  # largest rate times the shortest time: exp(-12) is left of such a unit then
+_SLOWEST = 0.01  # smallest rate times the longest time
+_PROMPT = 60  # faster units that the fastest one takes over, down to exp(-48) of its time constant
+_DECADE = 1.0 / np.log(10.0)
+_SHORTEST = 0.1  # of the sampling interval
+_LONGEST = 10.0  # of the longest record
 
 
 @jit
-def creep_bank(decay, b0, b1, weights, u, v, u_previous):
+def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
     """Return the sums (n_samples, n_sums) and the last state; ``v`` is left as it was.
 
     ``v[k] = decay v[k-1] + b0 u[k-1] + b1 u[k]`` for each of the units, whose states are weighted
@@ -53,13 +53,6 @@ def creep_bank(decay, b0, b1, weights, u, v, u_previous):
             sums[k, i] = total
         u_previous = u[k]
     return sums, state
-
-
-_SPACING = 0.8  # of the logarithms of the rates
-_FASTEST = 12.0  # largest rate times the shortest time: exp(-12) is left of such a unit then
-_SLOWEST = 0.01  # smallest rate times the longest time
-_PROMPT = 60  # faster units that the fastest one takes over, down to exp(-48) of its time constant
-_DECADE = 1.0 / np.log(10.0)
 
 
 @dataclass(frozen=True)
@@ -95,17 +88,14 @@ class LogCreepOperator(Operator):
         """Return the units' weights and their derivatives by the time constant, (2, n_units)."""
         rates = self._rates
         weights = _SPACING * np.exp(-rates * self.time_constant)
-        slopes = -rates * weights
+        both = np.stack([weights, -rates * weights])
         # slower units than the last act as ramps, which it takes over
-        ramp = 1.0 / np.expm1(_SPACING)
-        weights[-1] *= 1.0 + ramp
-        slopes[-1] *= 1.0 + ramp
+        both[:, -1] *= 1.0 + 1.0 / np.expm1(_SPACING)
         # faster ones than the first have relaxed at once, as it nearly has
         faster = rates[0] * np.exp(_SPACING * np.arange(1, _PROMPT + 1))
         prompt = _SPACING * np.exp(-np.minimum(faster * self.time_constant, 700.0))
-        weights[0] += prompt.sum()
-        slopes[0] -= faster @ prompt
-        return np.stack([weights, slopes])
+        both[:, 0] += prompt.sum(), -faster @ prompt
+        return both
 
     def _discrete(self, dt):
         """Return the decay of each unit and its weights of the last and the present input."""
@@ -127,7 +117,7 @@ class LogCreepOperator(Operator):
     def run(self, u, dt, state=None):
         u = np.ascontiguousarray(u, dtype=float)
         v, level, previous = self.init(u[0]) if state is None else state
-        sums, v = creep_bank(*self._discrete(dt), self._weights()[:1], u - level, v, previous)
+        sums, v = _creep_bank(*self._discrete(dt), self._weights()[:1], u - level, v, previous)
         y = self.gain * (u + self.creep * _DECADE * sums[:, 0]) + self.intercept
         return y, (v, level, float(u[-1] - level))
 
@@ -137,21 +127,17 @@ class LogCreepOperator(Operator):
         discrete, weights, units = self._discrete(dt), self._weights(), np.zeros(len(self._rates))
         rest = initial_state == "rest"
         scale = self.creep * _DECADE
-        sums, _ = creep_bank(*discrete, weights, u - (u[0] if rest else 0.0), units, 0.0)
+        sums, _ = _creep_bank(*discrete, weights, u - (u[0] if rest else 0.0), units, 0.0)
         dy = np.empty((len(u), m + 4))
         for q in range(m):
             change = np.ascontiguousarray(du[:, q] - (du[0, q] if rest else 0.0))
-            own, _ = creep_bank(*discrete, weights[:1], change, units, 0.0)
+            own, _ = _creep_bank(*discrete, weights[:1], change, units, 0.0)
             dy[:, q] = self.gain * (du[:, q] + scale * own[:, 0])
         dy[:, m] = self.gain * _DECADE * sums[:, 0]
         dy[:, m + 1] = self.gain * scale * sums[:, 1]
         dy[:, m + 2] = u + scale * sums[:, 0]
         dy[:, m + 3] = 1.0
         return self.gain * dy[:, m + 2] + self.intercept, dy
-
-
-_SHORTEST = 0.1  # of the sampling interval
-_LONGEST = 10.0  # of the longest record
 
 
 class LogCreep(LinearModel):
@@ -229,15 +215,13 @@ class LogCreep(LinearModel):
         dt=1.0,
         method="variable_projection",
     ):
-        super().__init__(
-            fit_gain=fit_gain,
-            fit_intercept=fit_intercept,
-            hold=hold,
-            initial_state=initial_state,
-            dt=dt,
-            method=method,
-        )
         self.time_constant = time_constant
+        self.fit_gain = fit_gain
+        self.fit_intercept = fit_intercept
+        self.hold = hold
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
 
     def held_parameters(self):
         held = frozenset() if self.time_constant == "fit" else {"time_constant"}
@@ -245,10 +229,9 @@ class LogCreep(LinearModel):
 
     def starting_values(self, records):
         dt, span = time_span(records)
+        constants = [self.time_constant]
         if self.time_constant == "fit":
             constants = log_grid(dt, max(span, 10.0 * dt), 1)
-        else:
-            constants = [self.time_constant]
         options = {"shortest": _SHORTEST * dt, "longest": _LONGEST * span, "hold": self.hold}
         gain = slope(records) if self.fit_gain else 1.0
         return [(LogCreepOperator(0.05, float(tau), gain, **options), ()) for tau in constants]

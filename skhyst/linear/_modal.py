@@ -1,6 +1,7 @@
-"""Modes that several inputs and responses share."""
+"""Modes that several inputs and responses share: one sampled state space for all of them."""
 
 import warnings
+from dataclasses import dataclass
 from numbers import Integral, Real
 
 import numpy as np
@@ -20,13 +21,81 @@ from ..optimize import (
     warp,
 )
 from ..records import record_slices
+from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
-from ._periodic import find_period
-from ._state_space import SampledStateSpace
+from ._periodic import find_period, period_spectra
+from ._state_space import state_space_run_many
 
-__all__ = ["ModalModel"]
+__all__ = ["ModalModel", "SampledStateSpace"]
 
 _EXCITED = 1e-3  # amplitude of an excited line, of the largest
+
+
+@dataclass(frozen=True)
+class SampledStateSpace:
+    """Sampled state space: ``x[k+1] = a x[k] + b u[k]``, ``y[k] = c x[k] + d u[k] + intercept``.
+
+    It has ``init``, ``step`` and ``run`` as operators have, for inputs (n_samples, n_inputs) and
+    responses (n_samples, n_outputs), but only at its own sampling interval, and it enters no
+    composition.
+
+    Parameters
+    ----------
+    a : ndarray of shape (n_states, n_states)
+    b : ndarray of shape (n_states, n_inputs)
+    c : ndarray of shape (n_outputs, n_states)
+    d : ndarray of shape (n_outputs, n_inputs)
+    dt : float
+        Sampling interval in s.
+    intercept : ndarray of shape (n_outputs,)
+        Units of the responses.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+    dt: float
+    intercept: np.ndarray
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample ``u0`` (n_inputs,): at rest there, or zero."""
+        u0 = np.asarray(u0, dtype=float)
+        if initial_state == "zero":
+            return np.zeros(len(self.a)), np.zeros(len(u0))
+        return np.linalg.solve(np.eye(len(self.a)) - self.a, self.b @ u0), u0
+
+    def run(self, u, dt, state=None):
+        """Map inputs (n_samples, n_inputs); return the responses and the state after them.
+
+        Raises
+        ------
+        ValueError
+            If ``dt`` is another interval than the system's own.
+        """
+        if abs(dt - self.dt) > 1e-3 * self.dt:
+            raise ValueError(
+                f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
+                f"dt = {dt:g} s instead."
+            )
+        u = np.ascontiguousarray(u, dtype=float)
+        x, previous = self.init(u[0]) if state is None else state
+        y, x = state_space_run_many(self.a, self.b, 0.0 * self.b, self.c, self.d, u, x, previous)
+        return y + self.intercept, (x, u[-1].copy())
+
+    def step(self, state, u, dt):
+        """Advance by one sample ``u`` (n_inputs,); return the state and the responses."""
+        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
+        return state, y[0]
+
+    def poles(self):
+        """Return the poles in the plane of z, complex, shape (n_states,)."""
+        return np.linalg.eigvals(self.a)
+
+    def frequency_response(self, frequency):
+        """Return the complex gains at ``frequency`` (n,) in Hz, (n, n_outputs, n_inputs)."""
+        z = np.exp(2j * np.pi * self.dt * np.asarray(frequency, dtype=float))
+        return complex_gain(self.a, self.b, self.c, self.d, z)
 
 
 class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -95,8 +164,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.linear import ModalModel
-    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.linear import ModalModel, SecondOrderModeOperator
     >>> X = np.random.default_rng(0).normal(size=(400, 2))
     >>> mode, _ = SecondOrderModeOperator(60.0, 0.05).run(X @ [1.0, 0.5], 0.01)
     >>> model = ModalModel(n_poles=2, dt=0.01).fit(X, np.stack([mode, -2.0 * mode], axis=1))
@@ -149,16 +217,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         self
         """
-        array, response = validate_data(
-            self,
-            X,
-            y,
-            reset=True,
-            multi_output=True,
-            y_numeric=True,
-            dtype=np.float64,
-            ensure_min_samples=2,
-        )
+        options = {"multi_output": True, "y_numeric": True, "ensure_min_samples": 2}
+        array, response = validate_data(self, X, y, reset=True, dtype=np.float64, **options)
         response = np.asarray(response, dtype=float)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
@@ -167,12 +227,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
             problem = self._problem(records, dt)
-            solution = variable_projection(
-                problem,
-                problem.x0,
-                tolerance=self.tolerance,
-                max_evaluations=self.max_evaluations,
-            )
+            limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
+            solution = variable_projection(problem, problem.x0, **limits)
         self.n_evaluations_ = self.n_iter_ = solution.n_evaluations
         self._store(problem, solution, dt, scales)
         if self.fit_intercept:
@@ -200,11 +256,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=4,
             )
-        if periodic:
-            blocks = _response_blocks(drives, responses)
-        else:
-            ones = np.ones(len(s))
-            blocks = [RationalBlock(target, drives, ones) for target in responses.T]
+        blocks = (_response_blocks if periodic else _record_blocks)(drives, responses)
         poles, _ = vector_fit(s, blocks, self.n_poles)
         coefficients, _ = rational_residues(s, blocks, poles)
         residues = np.stack([own[:-1] for own in coefficients], axis=1)
@@ -275,39 +327,27 @@ def _size(values):
 
 
 def _periodic_lines(records, dt, transient_periods):
-    """Return the lines of periodic records, condensed to as many equations as inputs.
+    """Return s, drives and responses of periodic records, None where there are none such.
 
-    At each line the equations ``Y = G U`` of all records are multiplied by the orthogonal factor
-    of U, which leaves their least squares as it is.
-
-    Returns
-    -------
-    s : ndarray of shape (n_lines,)
-    drives : ndarray of shape (n_lines, n_inputs, n_inputs)
-    responses : ndarray of shape (n_lines, n_inputs, n_outputs)
-        Or None in place of all, where the inputs are not periodic or the records too few.
+    As many equations as inputs at each line, (n_lines, n_inputs, ...): the equations ``Y = G U`` of
+    all records are multiplied by the orthogonal factor of U, which leaves their least squares as
+    it is.
     """
     n_inputs = records[0][0].shape[1]
     period = find_period([u for u, _ in records]) if len(records) >= n_inputs else None
     if period is None or min(len(u) for u, _ in records) < (transient_periods + 1) * period:
         return None
-    spectra = []
-    for signals in zip(*records, strict=True):
-        means = [
-            x[transient_periods * period : len(x) // period * period]
-            .reshape(-1, period, x.shape[1])
-            .mean(axis=0)
-            for x in signals
-        ]
-        lines = np.arange(1, (period + 1) // 2)
-        spectra.append(np.stack([np.fft.rfft(x, axis=0)[lines] for x in means], axis=1))
-    drives, responses = (x / np.sqrt(period) for x in spectra)
+    spectra = period_spectra(records, period, transient_periods)
+    drives, responses = (
+        np.stack([part.mean(axis=0) for part in parts], axis=1) / np.sqrt(period)
+        for parts in zip(*spectra, strict=True)
+    )
     strength = np.linalg.svd(drives, compute_uv=False)
     excited = strength[:, -1] > _EXCITED * strength[:, 0].max()
     if not excited.any():
         return None
     q, r = np.linalg.qr(drives[excited])
-    s = 2j / dt * np.tan(np.pi * lines[excited] / period)
+    s = 2j / dt * np.tan(np.pi * (1 + np.flatnonzero(excited)) / period)
     return s, r, q.conj().transpose(0, 2, 1) @ responses[excited]
 
 
@@ -323,6 +363,11 @@ def _record_lines(records, dt):
         drives.append(np.hstack([np.fft.rfft(u - u[0], axis=0)[k] / np.sqrt(n), pulses]))
         responses.append(np.fft.rfft(y - y[0], axis=0)[k] / np.sqrt(n))
     return tuple(np.concatenate(parts) for parts in (s, drives, responses))
+
+
+def _record_blocks(drives, responses):
+    """Return the blocks of the responses to all drives, outputs first."""
+    return [RationalBlock(target, drives, np.ones(len(drives))) for target in responses.T]
 
 
 def _response_blocks(drives, responses):

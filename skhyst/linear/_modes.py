@@ -7,24 +7,12 @@ __all__ = ["ModesMixin", "section_poles"]
 
 
 def section_poles(time_constants, frequencies, dampings):
-    r"""Return the poles of sections and their derivatives.
+    r"""Return the poles (n,) of sections, in rad/s, and their derivatives (n, n), complex.
 
     A first-order section of time constant :math:`\tau` has the pole :math:`-1/\tau`, one of second
-    order :math:`\omega (-\zeta \pm \sqrt{\zeta^2 - 1})`.
-
-    Parameters
-    ----------
-    time_constants : ndarray of shape (n_first,)
-        Time constants in s.
-    frequencies, dampings : ndarray of shape (n_second,)
-        rad/s and damping ratios.
-
-    Returns
-    -------
-    poles : ndarray of shape (n_first + 2 n_second,), complex
-    by : ndarray of shape (n_poles, n_first + 2 n_second), complex
-        Derivatives by time constants, frequencies and damping ratios, in that order. Infinite at
-        a damping ratio of 1, where two poles meet.
+    order :math:`\omega (-\zeta \pm \sqrt{\zeta^2 - 1})`. The derivatives are by time constants,
+    frequencies and damping ratios, in that order; infinite at a damping ratio of 1, where two
+    poles meet.
     """
     n_first, n_second = len(time_constants), len(frequencies)
     n = n_first + 2 * n_second
@@ -75,18 +63,17 @@ class ModesMixin:
             pole, negative if unstable), ``time_constant`` (s, in which the mode decays by a
             factor e).
         """
-        hertz = 2.0 * np.pi
-        decay = self.natural_frequencies_ * self.damping_ratios_
         with np.errstate(divide="ignore"):
-            return pd.DataFrame(
-                {
-                    "frequency": self.natural_frequencies_ / hertz,
-                    "frequency_std": self.natural_frequencies_std_ / hertz,
-                    "damping_ratio": self.damping_ratios_,
-                    "damping_ratio_std": self.damping_ratios_std_,
-                    "time_constant": 1.0 / decay,
-                }
-            )
+            time_constant = 1.0 / (self.natural_frequencies_ * self.damping_ratios_)
+        return pd.DataFrame(
+            {
+                "frequency": self.natural_frequencies_ / (2.0 * np.pi),
+                "frequency_std": self.natural_frequencies_std_ / (2.0 * np.pi),
+                "damping_ratio": self.damping_ratios_,
+                "damping_ratio_std": self.damping_ratios_std_,
+                "time_constant": time_constant,
+            }
+        )
 
 
 def _std(by, covariance):

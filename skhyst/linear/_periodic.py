@@ -14,23 +14,20 @@ error :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods tells the rest
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-__all__ = ["find_period", "period_mismatch", "periodic_estimate"]
+__all__ = ["find_period", "period_mismatch", "period_spectra", "periodic_estimate"]
 
 _FOUND = 1e-4  # power of a period's change, of the drive's, below which a period is one
 _SAME = 1e-3  # the same between two records of one realisation
 _CERTAIN = 100.0  # power of the drive at an excited line, of the noise in its mean
+_TINY = np.finfo(float).tiny
 
 
 def find_period(records):
-    """Return the shortest period of the inputs of all records, in samples, or None.
-
-    Parameters
-    ----------
-    records : list of ndarray of shape (n, n_inputs)
-    """
+    """Return the shortest period in samples of the inputs (n, n_inputs) of all records, or None."""
     longest = min(len(inputs) for inputs in records) // 2
     if longest < 2:
         return None
+    lags = np.arange(longest + 1)
     change, power = np.zeros(longest + 1), np.zeros(longest + 1)
     for inputs in records:
         n = len(inputs)
@@ -38,18 +35,17 @@ def find_period(records):
             size = next_fast_len(n + longest, real=True)
             product = irfft(np.abs(rfft(u, size)) ** 2, size)[: longest + 1]
             energy = np.concatenate([[0.0], np.cumsum(u**2)])
-            both = energy[n - np.arange(longest + 1)] + energy[n] - energy[: longest + 1]
-            scale = max(energy[n], np.finfo(float).tiny)
+            both = energy[n - lags] + energy[n] - energy[lags]
+            scale = max(energy[n], _TINY)
             change += (both - 2.0 * product) / scale
             power += both / scale
-    ratio = change / np.maximum(power, np.finfo(float).tiny)
+    ratio = change / np.maximum(power, _TINY)
     away = np.flatnonzero(ratio > 0.1)  # a slow drive hardly changes from sample to sample
     if not away.size or ratio[away[0] :].min() > _FOUND:
         return None
     near = np.flatnonzero(ratio <= max(4.0 * ratio[away[0] :].min(), 1e-10))
     near = near[near > away[0]]
-    breaks = np.flatnonzero(np.diff(near) > 1)
-    first = near[: breaks[0] + 1] if breaks.size else near
+    first = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)[0]
     return int(first[np.argmin(ratio[first])])
 
 
@@ -61,19 +57,18 @@ def period_mismatch(inputs, period):
     before, after = u[:-period], u[period:]
     power = (before**2).sum(axis=0) + (after**2).sum(axis=0)
     change = ((after - before) ** 2).sum(axis=0)
-    return float(np.max(change / np.maximum(power, np.finfo(float).tiny)))
+    return float(np.max(change / np.maximum(power, _TINY)))
 
 
-def _spectra(records, period, transient):
-    """Return U (p, k, m) and Y (p, k) of each record, without the real lines."""
+def period_spectra(records, period, transient):
+    """Return the transforms (p, k, ...) of the signals of each record, without the real lines."""
     lines = slice(1, (period + 1) // 2)
-    spectra = []
-    for inputs, response in records:
-        rows = slice(transient * period, len(response) // period * period)
-        u = inputs[rows].reshape(-1, period, inputs.shape[1])
-        y = response[rows].reshape(-1, period)
-        spectra.append((rfft(u, axis=1)[:, lines], rfft(y, axis=1)[:, lines]))
-    return spectra
+
+    def spectrum(x):
+        periods = x[transient * period : len(x) // period * period]
+        return rfft(periods.reshape(-1, period, *x.shape[1:]), axis=1)[:, lines]
+
+    return [tuple(map(spectrum, signals)) for signals in records]
 
 
 def _shift(reference, u, period):
@@ -103,33 +98,15 @@ def _realizations(spectra, period):
 
 
 def periodic_estimate(records, period, transient, min_excitation):
-    """Estimate the frequency response of periodic records.
+    """Estimate the frequency response of periodic records, inputs and response of similar size.
 
-    Parameters
-    ----------
-    records : list of (ndarray of shape (n, n_inputs), ndarray of shape (n,))
-        Inputs and response, of similar size.
-    period : int
-        Samples.
-    transient : int
-        Periods to drop at each start.
-    min_excitation : float
-        Smallest amplitude of an excited line, of the largest.
-
-    Returns
-    -------
-    lines : ndarray of int
-        The excited lines, multiples of the fundamental.
-    estimate : dict
-        ``response``, ``std``, ``noise_std``, ``distortion_std`` and ``degrees_of_freedom``, as in
-        :class:`FrequencyResponse`.
-    n_realizations : int
+    Returns the excited lines (multiples of the fundamental), what :class:`FrequencyResponse` holds
+    of the estimate at them, and the number of realisations.
     """
-    groups = _realizations(_spectra(records, period, transient), period)
+    groups = _realizations(period_spectra(records, period, transient), period)
     count, m = len(groups), groups[0][0].shape[2]
-    nothing = {"response": np.empty((0, m), dtype=complex)}
     if count < m:
-        return np.empty(0, dtype=int), nothing, count
+        return np.empty(0, dtype=int), {}, count
     periods = np.array([len(y) for _, y in groups])
     n_scatter = int(np.sum(periods - 1))
 
@@ -141,34 +118,29 @@ def periodic_estimate(records, period, transient, min_excitation):
         scatter = sum(np.sum(np.abs(u - u.mean(axis=0)) ** 2, axis=(0, 2)) for u, _ in groups)
         excited &= strength[:, -1] ** 2 > _CERTAIN * scatter / n_scatter * np.mean(1.0 / periods)
     lines = np.flatnonzero(excited)
-    if not lines.size:
-        return lines, nothing, count
+    mean_u, mean_y = mean_u[lines], mean_y[lines]
 
-    pseudo_inverse = np.linalg.pinv(mean_u[lines], rcond=np.finfo(float).eps)  # (k, m, R)
-    g = np.einsum("kir,kr->ki", pseudo_inverse, mean_y[lines])
+    pseudo_inverse = np.linalg.pinv(mean_u, rcond=np.finfo(float).eps)  # (k, m, R)
+    g = np.einsum("kir,kr->ki", pseudo_inverse, mean_y)
     estimate = {"response": g}
     weight = np.abs(pseudo_inverse) ** 2
     if n_scatter:
         errors = [y[:, lines] - np.einsum("pki,ki->pk", u[:, lines], g) for u, y in groups]
         squares = [np.sum(np.abs(e - e.mean(axis=0)) ** 2, axis=0) for e in errors]
         pooled = sum(squares) / n_scatter
-        noise = np.stack(  # in the mean of the periods, (k, R); it differs between recordings
-            [
-                (square / (p - 1) if p > 1 else pooled) / p
-                for square, p in zip(squares, periods, strict=True)
-            ],
-            axis=1,
-        )
+        # in the mean of the periods, (k, R); it differs between recordings
+        single = [s / (p - 1) if p > 1 else pooled for s, p in zip(squares, periods, strict=True)]
+        noise = np.stack(single, axis=1) / periods
         estimate["noise_std"] = estimate["std"] = np.sqrt(np.sum(weight * noise[:, None], axis=2))
         estimate["degrees_of_freedom"] = float(n_scatter)
     if count > m:
-        residual = mean_y[lines] - np.einsum("kri,ki->kr", mean_u[lines], g)
+        residual = mean_y - np.einsum("kri,ki->kr", mean_u, g)
         total = np.sum(np.abs(residual) ** 2, axis=1) / (count - m)
         shares = np.sum(weight, axis=2)
         estimate["std"] = np.sqrt(total[:, None] * shares)
         estimate["degrees_of_freedom"] = float(count - m)
         if n_scatter:
-            left = 1.0 - np.einsum("kri,kir->kr", mean_u[lines], pseudo_inverse).real
+            left = 1.0 - np.einsum("kri,kir->kr", mean_u, pseudo_inverse).real
             expected = np.sum(left * noise, axis=1) / (count - m)
             distortion = np.maximum(total - expected, 0.0)
             estimate["distortion_std"] = np.sqrt(distortion[:, None] * shares * count / m)

@@ -1,28 +1,21 @@
-"""A sampled linear system of several inputs and responses.
-
-Linear state-space recursions, several signals at once.
+"""Linear state-space recursions, several signals at once.
 
 The discrete form is ``x[k] = Ad x[k-1] + B0 u[k-1] + B1 u[k]``, ``y[k] = C x[k] + D u[k]``, which
 covers the zero-order hold (``B1 = 0``) and the first-order hold.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from .._jit import jit
 
 __all__ = [
-    "SampledStateSpace",
     "block_run",
     "block_table",
     "first_order_run",
     "second_order_run",
-    "second_order_tangents",
     "state_space_run",
     "state_space_run_many",
     "state_space_tangents",
-    "tangent_loop",
 ]
 
 
@@ -191,24 +184,14 @@ def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, 
     dw = ad @ dx
     dw[:, :m] += np.outer(b0, du0)
     dw[:, m:] += (dad @ x + db0 * u0).T
-    system = (
-        ad,
-        b,
-        c,
-        float(direct),
-        np.ascontiguousarray(by),
-        np.ascontiguousarray(output_by),
-        ad @ x + b0 * u0,
-        dw,
-        u,
-        du,
-    )
-    return second_order_tangents(*system) if len(x) == 2 else tangent_loop((0,) * len(x), *system)
+    columns = np.ascontiguousarray(by), np.ascontiguousarray(output_by)
+    system = ad, b, c, float(direct), *columns, ad @ x + b0 * u0, dw, u, du
+    return _second_order_tangents(*system) if len(x) == 2 else _tangent_loop((0,) * len(x), *system)
 
 
 @jit
-def second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
-    """Do :func:`tangent_loop` for two states, whose values at a column stay in registers."""
+def _second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
+    """Do :func:`_tangent_loop` for two states, whose values at a column stay in registers."""
     n_samples, m = du.shape
     p = output_by.shape[1]
     a00, a01, a10, a11 = ad[0, 0], ad[0, 1], ad[1, 0], ad[1, 1]
@@ -216,11 +199,7 @@ def second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u,
     # a row of each array as one of its own: the compiler sees that none is written through another
     by00, by01, by0u = by[0, 0].copy(), by[0, 1].copy(), by[0, 2].copy()
     by10, by11, by1u = by[1, 0].copy(), by[1, 1].copy(), by[1, 2].copy()
-    output_by0, output_by1, output_byu = (
-        output_by[0].copy(),
-        output_by[1].copy(),
-        output_by[2].copy(),
-    )
+    out0, out1, outu = output_by[0].copy(), output_by[1].copy(), output_by[2].copy()
     w0, w1 = w_first[0], w_first[1]
     dw0, dw1 = dw_first[0].copy(), dw_first[1].copy()
     y = np.empty(n_samples)
@@ -236,7 +215,7 @@ def second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u,
             dw1[q] = b1 * v + a10 * s0 + a11 * s1
         for q in range(p):
             s0, s1 = dw0[m + q], dw1[m + q]
-            own = output_byu[q] * u1 + output_by0[q] * w0 + output_by1[q] * w1
+            own = outu[q] * u1 + out0[q] * w0 + out1[q] * w1
             row[m + q] = own + (c0 * s0 + c1 * s1)
             own = by0u[q] * u1 + by00[q] * w0 + by01[q] * w1
             dw0[m + q] = own + (a00 * s0 + a01 * s1)
@@ -247,7 +226,7 @@ def second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u,
 
 
 @jit
-def tangent_loop(states, ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
+def _tangent_loop(states, ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
     """Run the recursion of :func:`state_space_tangents`; ``states`` is a tuple, one entry a state.
 
     The length of a tuple is known to the compiler, so all states of a column are one body of one
@@ -294,74 +273,3 @@ def tangent_loop(states, ad, b, c, direct, by, output_by, w_first, dw_first, u, 
         w, w_new = w_new, w
         dw, dw_new = dw_new, dw
     return y, dy
-
-
-@dataclass(frozen=True)
-class SampledStateSpace:
-    """Sampled state space: ``x[k+1] = a x[k] + b u[k]``, ``y[k] = c x[k] + d u[k] + intercept``.
-
-    It has ``init``, ``step`` and ``run`` as operators have, for inputs (n_samples, n_inputs) and
-    responses (n_samples, n_outputs), but only at its own sampling interval, and it enters no
-    composition.
-
-    Parameters
-    ----------
-    a : ndarray of shape (n_states, n_states)
-    b : ndarray of shape (n_states, n_inputs)
-    c : ndarray of shape (n_outputs, n_states)
-    d : ndarray of shape (n_outputs, n_inputs)
-    dt : float
-        Sampling interval in s.
-    intercept : ndarray of shape (n_outputs,)
-        Units of the responses.
-    """
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    d: np.ndarray
-    dt: float
-    intercept: np.ndarray
-
-    def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0`` (n_inputs,): at rest there, or zero."""
-        u0 = np.asarray(u0, dtype=float)
-        if initial_state == "zero":
-            return np.zeros(len(self.a)), np.zeros(len(u0))
-        return np.linalg.solve(np.eye(len(self.a)) - self.a, self.b @ u0), u0
-
-    def run(self, u, dt, state=None):
-        """Map inputs (n_samples, n_inputs); return the responses and the state after them.
-
-        Raises
-        ------
-        ValueError
-            If ``dt`` is another interval than the system's own.
-        """
-        if abs(dt - self.dt) > 1e-3 * self.dt:
-            raise ValueError(
-                f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
-                f"dt = {dt:g} s instead."
-            )
-        u = np.ascontiguousarray(u, dtype=float)
-        x, previous = self.init(u[0]) if state is None else state
-        y, x = state_space_run_many(self.a, self.b, 0.0 * self.b, self.c, self.d, u, x, previous)
-        return y + self.intercept, (x, u[-1].copy())
-
-    def step(self, state, u, dt):
-        """Advance by one sample ``u`` (n_inputs,); return the state and the responses."""
-        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
-        return state, y[0]
-
-    def poles(self):
-        """Return the poles in the plane of z, complex, shape (n_states,)."""
-        return np.linalg.eigvals(self.a)
-
-    def frequency_response(self, frequency):
-        """Return the complex gains at ``frequency`` (n,) in Hz, (n, n_outputs, n_inputs)."""
-        z = np.exp(2j * np.pi * self.dt * np.asarray(frequency, dtype=float))
-        x = np.linalg.solve(
-            z[:, None, None] * np.eye(len(self.a)) - self.a,
-            np.broadcast_to(self.b, (len(z), *self.b.shape)),
-        )
-        return self.c @ x + self.d

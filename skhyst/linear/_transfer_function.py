@@ -1,6 +1,10 @@
-"""Rational transfer function."""
+"""Rational transfer functions of one input or several: the estimator.
+
+The law and its operators stand in ``_rational``, starting values in ``_transfer_function_fit``.
+"""
 
 import warnings
+from functools import partial
 from numbers import Integral, Real
 
 import numpy as np
@@ -11,10 +15,10 @@ from ..base import one_thread, run_records
 from ..exceptions import DivergenceWarning
 from ..optimize import identify
 from ..records import record_slices
-from ._base import LinearModel
-from ._conversion import control_system, operator_of_system, refuse_delay, scipy_system
-from ._dynamics import TransferFunctionOperator
+from ._base import LinearModel, chosen_columns
+from ._conversion import control_system, scipy_system
 from ._modes import ModesMixin, section_poles
+from ._rational import TransferFunctionOperator
 from ._transfer_function_fit import choose_orders, fit_response, held_names, record_starts
 
 __all__ = ["TransferFunction"]
@@ -101,8 +105,7 @@ class TransferFunction(ModesMixin, LinearModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.linear import TransferFunction
-    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderModeOperator, TransferFunction
     >>> drive = np.random.default_rng(0).normal(size=500)
     >>> y, _ = SecondOrderModeOperator(60.0, 0.05, gain=3.0).run(drive, 0.01)
     >>> model = TransferFunction(n_poles=2, dt=0.01).fit(drive.reshape(-1, 1), y)
@@ -136,58 +139,33 @@ class TransferFunction(ModesMixin, LinearModel):
         dt=1.0,
         method="variable_projection",
     ):
-        super().__init__(
-            fit_gain=fit_gain,
-            fit_intercept=fit_intercept,
-            hold=hold,
-            initial_state=initial_state,
-            dt=dt,
-            method=method,
-        )
         self.n_poles = n_poles
         self.n_zeros = n_zeros
         self.max_poles = max_poles
         self.inputs = inputs
         self.delay = delay
         self.stable = stable
-
-    # ------------------------------------------------------------------------------- its inputs
-
-    def _one(self):
-        return isinstance(self.inputs, str) and self.inputs == "drive"
+        self.fit_gain = fit_gain
+        self.fit_intercept = fit_intercept
+        self.hold = hold
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
 
     @property
     def _reads_columns(self):
-        return not self._one()
+        return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
     def _signal(self, X, slices):
-        return X[:, 0] if self._one() else X[:, list(self._columns(X.shape[1]))]
+        return X[:, self._columns(X.shape[1])] if self._reads_columns else X[:, 0]
 
     def _columns(self, n_columns, names=None):
         """Return the positions of the inputs among the columns of X."""
         if isinstance(self.inputs, str):
-            return tuple(range(n_columns if self.inputs == "all" else 1))
+            return list(range(n_columns if self.inputs == "all" else 1))
         if names is None:
-            names = getattr(self, "feature_names_in_", None)
-        names = [] if names is None else list(names)
-        columns = []
-        for wanted in self.inputs:
-            if isinstance(wanted, str) and wanted in names:
-                columns.append(names.index(wanted))
-            elif isinstance(wanted, Integral) and 0 <= wanted < n_columns:
-                columns.append(int(wanted))
-            else:
-                raise ValueError(
-                    "The 'inputs' parameter of TransferFunction must be columns of X, by position "
-                    f"(below {n_columns}) or name{f' ({names})' if names else ''}. Got {wanted!r} "
-                    "instead."
-                )
-        if not columns or len(set(columns)) < len(columns):
-            raise ValueError(
-                "The 'inputs' parameter of TransferFunction must name at least one column, and "
-                f"none twice. Got {self.inputs!r} instead."
-            )
-        return tuple(columns)
+            names = getattr(self, "feature_names_in_", ())
+        return chosen_columns(self.inputs, names, n_columns, "TransferFunction")
 
     def _delay_of(self, n_inputs):
         """Return "fit", or the delays in s: one an input, or none at all."""
@@ -202,19 +180,17 @@ class TransferFunction(ModesMixin, LinearModel):
         delays = np.broadcast_to(delays, n_inputs).astype(float)
         return delays if delays.any() else np.empty(0)
 
-    # ------------------------------------------------------------------------- what is identified
-
     def held_parameters(self):
         fixed = super().held_parameters()
-        if not self._one():
+        if self._reads_columns:
             n_inputs = getattr(self, "_n_inputs", 1)
             held = held_names(n_inputs, self._delay_of(n_inputs), self.fit_gain)
             return frozenset(held | (fixed & {"intercept"}))
         delay = self._delay_of(1)
         if not np.size(delay):
             return fixed
-        fixed = {f"transfer_function__{name}" for name in fixed}
-        return frozenset(fixed if isinstance(delay, str) else fixed | {"delay__delay"})
+        held = set() if isinstance(delay, str) else {"delay__delay"}
+        return frozenset(held | {f"transfer_function__{name}" for name in fixed})
 
     def _check_orders(self):
         n_poles = self.max_poles if self.n_poles == "auto" else self.n_poles
@@ -225,13 +201,10 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"{n_poles}. Got {self.n_zeros} instead."
             )
 
-    def _chooses(self):
-        return self.n_poles == "auto" or self.n_zeros is None
-
     def _record_data(self, slices, X, y):
         self.__dict__.pop("_response_inputs", None)  # of an earlier fit to a response
         records = super()._record_data(slices, X, y)
-        if not self._one():
+        if self._reads_columns:
             self._n_inputs = records[0].u.shape[1]
             if self.initial_state == "estimate":
                 raise ValueError(
@@ -242,18 +215,18 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def starting_values(self, records):
         self._check_orders()
-        if self._chooses():
+        if self.n_poles == "auto" or self.n_zeros is None:
             return [(self._choose(records).operator, ())]
         return self._starts_of(records, self.n_poles, self.n_zeros)
 
     def _starts_of(self, records, n_poles, n_zeros):
-        n_inputs = 1 if self._one() else records[0].u.shape[1]
+        n_inputs = records[0].u.shape[1] if self._reads_columns else 1
         operators = record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
         return [(operator, ()) for operator in operators]
 
     def _identify(self, data):
         self._check_orders()
-        return self._choose(data) if self._chooses() else super()._identify(data)
+        return self._choose(data)
 
     def _choose(self, records):
         n_samples = sum(record.segment_weights().sum() for record in records)
@@ -295,18 +268,15 @@ class TransferFunction(ModesMixin, LinearModel):
         self._validate_params()
         self._check_orders()
         g, std = response.response, response.std
-        if not self._one():
-            columns = list(self._columns(g.shape[1], response.input_names))
-            g, std = g[:, columns], None if std is None else std[:, columns]
-        elif g.shape[1] > 1:
+        if g.shape[1] > 1 and not self._reads_columns:
             raise ValueError(
                 "The 'inputs' parameter of TransferFunction must be 'all' or a list for a "
                 f"frequency response of {g.shape[1]} inputs. Got 'drive' instead."
             )
-        else:
-            columns = [0]
+        columns = self._columns(g.shape[1], response.input_names)
         used = response.frequency > 0.0
-        frequency, g, std = response.frequency[used], g[used], None if std is None else std[used]
+        frequency, g = response.frequency[used], g[used][:, columns]
+        std = None if std is None else std[used][:, columns]
         fewest = (self.n_zeros or 1) if self.n_poles == "auto" else self.n_poles
         n_unknowns = fewest + len(columns) * ((self.n_zeros or 0) + 1)
         if 2 * g.size <= n_unknowns or not np.any(g):
@@ -315,26 +285,20 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"above zero, and not vanish. Got {len(frequency)} lines instead."
             )
 
-        def fit(n_poles, n_zeros):
-            return fit_response(
-                frequency,
-                g,
-                std,
-                n_poles,
-                n_zeros,
-                delay=self._delay_of(len(columns)),
-                hold=self.hold,
-                stable=self.stable,
-                single=self._one(),
-                fit_gain=self.fit_gain,
-                method=self.method,
-            )
-
+        fit = partial(
+            fit_response,
+            frequency,
+            g,
+            std,
+            delay=self._delay_of(len(columns)),
+            hold=self.hold,
+            stable=self.stable,
+            single=not self._reads_columns,
+            fit_gain=self.fit_gain,
+            method=self.method,
+        )
         with one_thread():
-            if self._chooses():
-                result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
-            else:
-                result, *_ = fit(self.n_poles, self.n_zeros)
+            result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
         self._response_inputs = tuple(response.input_names[i] for i in columns)
         self._n_inputs = self.n_features_in_ = len(columns)
         self.records_ = ()
@@ -353,15 +317,17 @@ class TransferFunction(ModesMixin, LinearModel):
         return self
 
     def _adopt_poles(self, covariance):
-        tf = self._rational()
-        parts = tf.time_constants, tf.natural_frequencies, tf.damping_ratios
+        rational, _ = self._rational()
+        parts = rational.time_constants, rational.natural_frequencies, rational.damping_ratios
         self._set_modes(*section_poles(*parts), covariance)
-        self.zeros_ = tf.zeros()
+        self.zeros_ = rational.zeros()
 
     def _rational(self):
-        """Return the fitted operator without the delay of a single input."""
+        """Return the fitted operator without the delay of a single input, and the delays."""
         operator = self.operator_
-        return operator.stages[1] if hasattr(operator, "stages") else operator
+        if hasattr(operator, "stages"):
+            return operator.stages[1], operator.stages[0].delay
+        return operator, getattr(operator, "delays", 0.0)
 
     @classmethod
     def from_system(cls, system, **params):
@@ -388,7 +354,7 @@ class TransferFunction(ModesMixin, LinearModel):
         array([2., 2.])
         """
         model = cls(**params)
-        operator = operator_of_system(system, model.hold)
+        operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
         single = isinstance(operator, TransferFunctionOperator)
         shape = np.shape(operator.numerator if single else operator.numerators)
         model.set_params(
@@ -416,7 +382,7 @@ class TransferFunction(ModesMixin, LinearModel):
             If the model has a delay, which no finite state space has.
         """
         check_is_fitted(self)
-        return scipy_system(self._without_delay())
+        return scipy_system(*self._rational())
 
     def to_control(self):
         """Return the fitted model as a ``control.StateSpace`` of python-control.
@@ -431,12 +397,7 @@ class TransferFunction(ModesMixin, LinearModel):
             If the model has a delay, which no finite state space has.
         """
         check_is_fitted(self)
-        return control_system(self._without_delay())
-
-    def _without_delay(self):
-        if hasattr(self.operator_, "stages"):
-            refuse_delay(self.operator_.stages[0].delay)
-        return self._rational()
+        return control_system(*self._rational())
 
     def predict(self, X):
         """Return the free run: the response to the inputs alone, each record from its own start.
@@ -471,6 +432,6 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"X must have the {self._n_inputs} input(s) {list(self._response_inputs)}. Got "
                 f"{array.shape[1]} column(s) instead."
             )
-        signal = array[:, 0] if self._one() else array[:, : self._n_inputs]
+        signal = array[:, : self._n_inputs] if self._reads_columns else array[:, 0]
         slices = record_slices(X if hasattr(X, "iloc") else array, dt=self.dt)
         return run_records(self.operator_, signal, slices, self._free_run_state())

@@ -16,8 +16,7 @@ from ..optimize import (
 )
 from ._base import log_grid, time_span
 from ._delay import DelayOperator
-from ._dynamics import TransferFunctionOperator
-from ._multi_input import MultiInputTransferFunctionOperator
+from ._rational import MultiInputTransferFunctionOperator, TransferFunctionOperator
 
 __all__ = ["choose_orders", "fit_response", "held_names", "record_starts"]
 
@@ -30,27 +29,14 @@ _FOLLOWED = 6  # starts of the least squares
 
 
 def choose_orders(fit, n_poles, n_zeros, max_poles):
-    r"""Choose the orders that minimise Schwarz's criterion.
+    r"""Return the result of the orders that minimise Schwarz's criterion, if they are not given.
 
     .. math:: \text{BIC} = N \ln(\text{SSE} / N) + p \ln N
 
-    Denominators come first, with one zero less than poles unless the zeros are given; then the
-    zeros. Of orders that leave nothing, the smallest wins.
-
-    Parameters
-    ----------
-    fit : callable
-        ``fit(n_poles, n_zeros)`` returns an ``IdentificationResult``, the number N of real
-        residuals and the sum of squares of the response.
-    n_poles : int or "auto"
-    n_zeros : int or None
-        None chooses.
-    max_poles : int
-
-    Returns
-    -------
-    IdentificationResult
-        With the evaluations of all that were tried.
+    Denominators ("auto") come first, with one zero less than poles unless the zeros are given; then
+    the zeros (None). Of orders that leave nothing, the smallest wins. ``fit(n_poles, n_zeros)``
+    returns an ``IdentificationResult``, the number N of real residuals and the sum of squares of
+    the response.
     """
     tried = {}
 
@@ -61,13 +47,13 @@ def choose_orders(fit, n_poles, n_zeros, max_poles):
             tried[order] = n * np.log(squares) + len(result.params) * np.log(n), result
         return tried[order][0]
 
+    def usual(n):
+        return n, n - 1 if n_zeros is None else n_zeros
+
     if n_poles == "auto":
-        lowest = max(n_zeros or 1, 1)
-        best = lowest
+        best = lowest = max(n_zeros or 1, 1)
         for n in range(lowest, max(max_poles, lowest) + 1):
-            zeros = n - 1 if n_zeros is None else n_zeros
-            best_zeros = best - 1 if n_zeros is None else n_zeros
-            if criterion((n, zeros)) < criterion((best, best_zeros)):
+            if criterion(usual(n)) < criterion(usual(best)):
                 best = n
             elif n - best >= _PATIENCE:
                 break
@@ -77,16 +63,19 @@ def choose_orders(fit, n_poles, n_zeros, max_poles):
     return replace(result, n_evaluations=sum(r.n_evaluations for _, r in tried.values()))
 
 
-def _operator(poles, n_zeros, n_inputs, delays, hold, *, gain=1.0):
-    """Return an operator with the sections of ``poles``; ``n_inputs`` 0 for the drive alone."""
-    if n_inputs == 0:
-        operator = TransferFunctionOperator(*poles, np.zeros(n_zeros), gain, hold=hold)
-        if np.size(delays):
-            names = "delay", "transfer_function"
-            return SeriesOperator(names, (DelayOperator(float(delays[0])), operator))
+def _behind_delay(operator, delays):
+    """Return the drive's own operator behind its delay, if it has one."""
+    if not np.size(delays):
         return operator
+    return SeriesOperator(
+        ("delay", "transfer_function"), (DelayOperator(float(delays[0])), operator)
+    )
+
+
+def _several(parts, n_zeros, n_inputs, delays, hold):
+    """Return an operator of several inputs with the sections ``parts``."""
     return MultiInputTransferFunctionOperator(
-        *poles, np.zeros((n_inputs, n_zeros)), np.full(n_inputs, gain), delays, hold=hold
+        *parts, np.zeros((n_inputs, n_zeros)), np.ones(n_inputs), delays, hold=hold
     )
 
 
@@ -99,26 +88,16 @@ def held_names(n_inputs, delay, fit_gain):
 
 
 def record_starts(records, n_poles, n_zeros, delay, hold):
-    """Return starting operators for records.
+    """Return starting operators for records, whose ``u`` is (n_samples,) or of several inputs.
 
-    Parameters
-    ----------
-    records : sequence of RecordData
-        ``u`` is (n_samples,), or (n_samples, n_inputs).
-    n_poles, n_zeros : int
-    delay : "fit" or ndarray of shape (n_inputs,) or (0,)
-        Delays in s; empty for none.
-    hold : {"foh", "zoh"}
-
-    Returns
-    -------
-    list of Operator
+    ``delay`` is "fit", or the delays in s: one an input, or an empty array for none.
     """
     dt, span = time_span(records)
-    n_inputs = 0 if records[0].u.ndim == 1 else records[0].u.shape[1]
+    several = records[0].u.ndim > 1
+    n_inputs = records[0].u.shape[1] if several else 1
     data = [(record.u, record.y, record.dt) for record in records]
-    found = [] if n_inputs else pole_starts(data, n_poles)
-    if n_inputs or n_poles >= _WIDE:
+    found = [] if several else pole_starts(data, n_poles)
+    if several or n_poles >= _WIDE:
         poles = record_poles(data, n_poles)
         found = found if poles is None else [poles, *found]
     candidates = [sections(poles) for poles in found]
@@ -126,40 +105,25 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
     for w in log_grid(6.0 / span, 1.5 / dt, 2):
         spread = w * 1.5 ** np.arange(n_second)
         candidates.append((np.full(n_first, 1.0 / w), spread, np.full(n_second, 0.2)))
-    delays = [np.full(max(n_inputs, 1), dt)] if isinstance(delay, str) else [delay]
-    return [_operator(c, n_zeros, n_inputs, d, hold) for c in candidates for d in delays]
+    delays = np.full(n_inputs, dt) if isinstance(delay, str) else delay
+    if several:
+        return [_several(parts, n_zeros, n_inputs, delays, hold) for parts in candidates]
+    return [
+        _behind_delay(TransferFunctionOperator(*parts, np.zeros(n_zeros), hold=hold), delays)
+        for parts in candidates
+    ]
 
 
 def fit_response(
     frequency, response, std, n_poles, n_zeros, *, delay, hold, stable, single, fit_gain, method
 ):
-    """Fit a continuous-time transfer function to a frequency response.
+    """Fit a continuous-time transfer function to a frequency response (n, n_inputs).
 
-    Parameters
-    ----------
-    frequency : ndarray of shape (n,)
-        Hz.
-    response : ndarray of shape (n, n_inputs), complex
-    std : ndarray of shape (n, n_inputs) or None
-    n_poles, n_zeros : int
-    delay : "fit" or ndarray of shape (n_inputs,) or (0,)
-    hold : {"foh", "zoh"}
-    stable : bool
-    single : bool
-        Whether the operator is that of the drive alone.
-    fit_gain : bool
-    method : str or Method
-
-    Returns
-    -------
-    result : IdentificationResult
-    n_residuals : int
-        Real ones.
-    power : float
-        Weighted sum of squares of the response.
+    Returns the result, the number of real residuals and the weighted sum of squares of the
+    response. ``delay`` is as in :func:`record_starts`, ``single`` asks for the operator of the
+    drive alone.
     """
     n_inputs = response.shape[1]
-    fixed = held_names(n_inputs, delay, fit_gain) | {"intercept"}
     weight = _weight(response, std)
     s = 2j * np.pi * frequency
     candidates = [delay] if not isinstance(delay, str) else _delays(frequency, response, weight)
@@ -170,17 +134,11 @@ def fit_response(
             RationalBlock(turned[:, i], np.ones((len(s), 1)), weight[:, i]) for i in range(n_inputs)
         ]
         poles, cost = vector_fit(s, blocks, n_poles, feedthrough=n_zeros >= n_poles, stable=stable)
-        found.append((cost, sections(poles), delays))
-    found = sorted(found, key=lambda start: start[0])[:_FOLLOWED]
+        found.append((cost, _several(sections(poles), n_zeros, n_inputs, delays, hold)))
+    fixed = held_names(n_inputs, delay, fit_gain) | {"intercept"}
     problems = [
-        FrequencyProblem(
-            _operator(parts, n_zeros, n_inputs, delays, hold),
-            frequency,
-            response,
-            weight,
-            fixed=fixed,
-        )
-        for _, parts, delays in found
+        FrequencyProblem(operator, frequency, response, weight, fixed=fixed)
+        for _, operator in sorted(found, key=lambda start: start[0])[:_FOLLOWED]
     ]
     result = identify_response(problems, method=method)
     if single:
@@ -190,10 +148,8 @@ def fit_response(
 
 def _weight(response, std):
     """Return reciprocal standard deviations, 1 where none are known."""
-    if std is None:
+    if std is None or not np.any(std > 0.0):
         return np.full(response.shape, 1.0 / np.sqrt(np.mean(np.abs(response) ** 2)))
-    if not np.any(std > 0.0):
-        return _weight(response, None)
     # no line may count for more than a hundred of the others: a scatter of zero is chance
     return 1.0 / np.maximum(std, 0.1 * np.median(std[std > 0.0]))
 
@@ -213,13 +169,7 @@ def _delays(frequency, response, weight):
 def _single(result):
     """Return the result of one input with the names of the drive's own operator."""
     many = result.operator
-    operator = many.part(0)
-    prefix = ""
-    if np.size(many.delays):
-        prefix = "transfer_function__"
-        operator = SeriesOperator(
-            ("delay", "transfer_function"), (DelayOperator(float(many.delays[0])), operator)
-        )
+    prefix = "transfer_function__" if np.size(many.delays) else ""
 
     def renamed(name):
         if name == "delays[0]":
@@ -228,8 +178,8 @@ def _single(result):
 
     return replace(
         result,
-        operator=operator,
+        operator=_behind_delay(many.part(0), many.delays),
         params={renamed(name): value for name, value in result.params.items()},
         params_std={renamed(name): value for name, value in result.params_std.items()},
-        undetermined=tuple(renamed(name) for name in result.undetermined),
+        undetermined=tuple(map(renamed, result.undetermined)),
     )

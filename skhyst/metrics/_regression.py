@@ -9,17 +9,16 @@ __all__ = ["fit_percent", "mape", "nrmse", "smape"]
 
 def _check_responses(y_true, y_pred, sample_weight):
     """Return both as finite arrays of one shape (n_samples, n_outputs), and the weights."""
-    y_true, y_pred = (
-        check_array(y, ensure_2d=False, dtype=np.float64, input_name=name)
-        for y, name in ((y_true, "y_true"), (y_pred, "y_pred"))
-    )
     if sample_weight is None:
         sample_weight = np.ones(len(y_true))
-    sample_weight = column_or_1d(
-        check_array(sample_weight, ensure_2d=False, dtype=np.float64, input_name="sample_weight")
-    )
-    check_consistent_length(y_true, y_pred, sample_weight)
-    y_true, y_pred = (y[:, None] if y.ndim == 1 else y for y in (y_true, y_pred))
+    named = {"y_true": y_true, "y_pred": y_pred, "sample_weight": sample_weight}
+    arrays = [
+        check_array(values, ensure_2d=False, dtype=np.float64, input_name=name)
+        for name, values in named.items()
+    ]
+    check_consistent_length(*arrays)
+    y_true, y_pred = (y[:, None] if y.ndim == 1 else y for y in arrays[:2])
+    sample_weight = column_or_1d(arrays[2])
     if y_true.shape != y_pred.shape:
         raise ValueError(
             f"The 'y_pred' parameter must have as many outputs as y_true, {y_true.shape[1]}. Got "
@@ -41,15 +40,16 @@ def _standardised(y_true, y_pred, caller):
 
 
 def _combine(errors, multioutput):
-    if isinstance(multioutput, str) and multioutput == "raw_values":
+    if not isinstance(multioutput, str):
+        return float(np.average(errors, weights=multioutput))
+    if multioutput == "raw_values":
         return errors
-    if isinstance(multioutput, str) and multioutput != "uniform_average":
-        raise ValueError(
-            f"The 'multioutput' parameter must be 'raw_values', 'uniform_average' or weights. "
-            f"Got {multioutput!r} instead."
-        )
-    weights = None if isinstance(multioutput, str) else multioutput
-    return float(np.average(errors, weights=weights))
+    if multioutput == "uniform_average":
+        return float(np.average(errors))
+    raise ValueError(
+        f"The 'multioutput' parameter must be 'raw_values', 'uniform_average' or weights. Got "
+        f"{multioutput!r} instead."
+    )
 
 
 def nrmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):

@@ -1,12 +1,14 @@
 """Scores without the washout of each record."""
 
-from numbers import Integral
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.utils import check_consistent_length
 
 from ..metrics import fit_percent, mape, nrmse, smape
 from ..records import record_slices
+from ._folds import check_integer
 
 __all__ = ["washout_scorer"]
 
@@ -70,11 +72,7 @@ def washout_scorer(metric, *, washout, greater_is_better=None, **metric_options)
             f"The 'metric' parameter of washout_scorer must be a function of (y_true, y_pred). "
             f"Got {metric!r} instead."
         )
-    if not isinstance(washout, Integral) or isinstance(washout, bool) or washout < 0:
-        raise ValueError(
-            f"The 'washout' parameter of washout_scorer must be an int that is at least 0. "
-            f"Got {washout!r} instead."
-        )
+    check_integer("washout", washout, 0, "washout_scorer")
     if greater_is_better is None:
         greater_is_better = _high_is_good(metric)
     if not isinstance(greater_is_better, bool | np.bool_):
@@ -96,12 +94,12 @@ def _high_is_good(metric):
     return False if name.endswith(BETTER_LOW) else None
 
 
+@dataclass(frozen=True, repr=False)
 class _WashoutScorer:
-    def __init__(self, metric, washout, greater_is_better, metric_options):
-        self.metric = metric
-        self.washout = washout
-        self.greater_is_better = greater_is_better
-        self.metric_options = metric_options
+    metric: Callable
+    washout: int
+    greater_is_better: bool
+    metric_options: dict
 
     def __call__(self, estimator, X, y):
         """Return the score of the predicted rows that count."""
@@ -112,11 +110,10 @@ class _WashoutScorer:
         for record in records:
             counts[record.rows.start + self.washout : record.rows.stop] = True
         if not counts.any():
+            longest = max((record.n_samples for record in records), default=0)
             raise ValueError(
                 f"The 'washout' parameter of washout_scorer must be shorter than a record. Got "
-                f"washout={self.washout} and records of "
-                f"{max((record.n_samples for record in records), default=0)} samples at most "
-                f"instead."
+                f"washout={self.washout} and records of {longest} samples at most instead."
             )
         value = self.metric(np.asarray(y)[counts], y_pred[counts], **self.metric_options)
         return value if self.greater_is_better else -value

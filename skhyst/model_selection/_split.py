@@ -6,7 +6,6 @@ has nearly seen the other. So a fold consists of whole records, or of contiguous
 
 import warnings
 from abc import abstractmethod
-from numbers import Integral
 
 import numpy as np
 import pandas as pd
@@ -15,6 +14,7 @@ from sklearn.utils import indexable
 
 from ..exceptions import RecordError
 from ..records import record_slices
+from ._folds import by_content, check_integer, runs
 
 __all__ = ["BlockedTimeSeriesSplit", "RecordKFold"]
 
@@ -23,7 +23,7 @@ class _RecordSplitter(BaseCrossValidator):
     """Splitter that reads the records from the index of X, and checks what it is asked to do."""
 
     @abstractmethod
-    def _folds(self, records, labelled):
+    def _folds(self, records, labelled, X, y):
         """Check the parameters; return an iterator of boolean masks (train, test).
 
         ``labelled`` says whether the index has a record level.
@@ -61,43 +61,25 @@ class _RecordSplitter(BaseCrossValidator):
                 UserWarning,
                 stacklevel=2,
             )
-        self._check_integer("n_splits", 2)
+        check_integer("n_splits", self.n_splits, 2, type(self).__name__)
         X, y = indexable(X, y)
         records = record_slices(X, y)
         labelled = isinstance(getattr(X, "index", None), pd.MultiIndex)
-        return self._row_numbers(records, labelled, self._folds(records, labelled))
+        return self._row_numbers(records, labelled, self._folds(records, labelled, X, y))
 
     def get_n_splits(self, X=None, y=None, groups=None):
-        """Return the number of folds.
-
-        Parameters
-        ----------
-        X, y, groups : object
-            Ignored, exist for compatibility.
-
-        Returns
-        -------
-        int
-        """
+        """Return the number of folds, an int; the parameters are ignored."""
         return self.n_splits
 
-    def _check_integer(self, name, least):
-        value = getattr(self, name)
-        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-            raise ValueError(
-                f"The {name!r} parameter of {type(self).__name__} must be an int that is at least "
-                f"{least}. Got {value!r} instead."
-            )
-
     def _row_numbers(self, records, labelled, folds):
-        runs = np.repeat([0 if labelled else r.label for r in records], _sizes(records))
-        several = runs.size and runs[-1] != runs[0]
+        labels = np.repeat([0 if labelled else r.label for r in records], _sizes(records))
+        several = labels.size and labels[-1] != labels[0]
         time = np.concatenate([r.time for r in records]) if several else None
         for masks in folds:
             train, test = map(np.flatnonzero, masks)
             if several:
-                _refuse_joined(train, runs, time, 1.5 * records[0].dt)
-                _refuse_joined(test, runs, time, 1.5 * records[0].dt)
+                _refuse_joined(train, labels, time, 1.5 * records[0].dt)
+                _refuse_joined(test, labels, time, 1.5 * records[0].dt)
             yield train, test
 
 
@@ -105,10 +87,10 @@ def _sizes(records):
     return np.array([record.n_samples for record in records], dtype=int)
 
 
-def _refuse_joined(rows, runs, time, gap):
-    """Refuse rows of two runs that would follow each other in time as if they were one record."""
+def _refuse_joined(rows, labels, time, gap):
+    """Refuse rows of two records that follow each other in time as if they were one record."""
     step = np.diff(time[rows])
-    joined = np.flatnonzero((np.diff(runs[rows]) != 0) & (step >= 0) & (step <= gap))
+    joined = np.flatnonzero((np.diff(labels[rows]) != 0) & (step >= 0) & (step <= gap))
     if joined.size:
         raise RecordError(
             f"The records need labels, as in this fold the times alone do not tell them apart: "
@@ -160,7 +142,7 @@ class RecordKFold(_RecordSplitter):
         self.shuffle = shuffle
         self.random_state = random_state
 
-    def _folds(self, records, labelled):
+    def _folds(self, records, labelled, X, y):
         keys = [record.label if labelled else i for i, record in enumerate(records)]
         numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         if len(numbers) < self.n_splits:
@@ -197,6 +179,10 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
     washout : int, default=0
         Training rows that are left out on either side of each test block, in sampling intervals:
         the memory of the device, so that training and test rows share none of it.
+    staggered : bool, default=False
+        Whether the k-th fold tests different blocks of different records, so that each fold trains
+        on all parts of a drive that the records repeat. Which, goes by what is in the records
+        (:func:`by_content`), whatever their order.
 
     See Also
     --------
@@ -225,12 +211,13 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
     [0 1 2 3 4] [6 7 8]
     """
 
-    def __init__(self, n_splits=5, *, washout=0):
+    def __init__(self, n_splits=5, *, washout=0, staggered=False):
         self.n_splits = n_splits
         self.washout = washout
+        self.staggered = staggered
 
-    def _folds(self, records, labelled):
-        self._check_integer("washout", 0)
+    def _folds(self, records, labelled, X, y):
+        check_integer("washout", self.washout, 0, "BlockedTimeSeriesSplit")
         long = [record for record in records if record.n_samples >= 2 * self.n_splits]
         if not long:
             raise ValueError(
@@ -239,20 +226,26 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
                 f"{max(_sizes(records), default=0)} samples at most instead; use RecordKFold for "
                 f"many short records."
             )
-        return self._blocks(records, long)
+        place = np.zeros(len(long), dtype=int)
+        if self.staggered:
+            place = np.argsort(by_content(long, X, y))
+        return self._blocks(records, long, place)
 
-    def _blocks(self, records, long):
+    def _blocks(self, records, long, place):
         clock = _clock(records, self.washout)
+        apart = np.diff(clock, prepend=-2) != 1
         first = np.array([record.rows.start for record in long])
         size, longer = np.divmod(_sizes(long), self.n_splits)
         for k in range(self.n_splits):
-            starts = first + k * size + np.minimum(k, longer)
-            stops = starts + size + (k < longer)
+            block = (k - place) % self.n_splits
+            starts = first + block * size + np.minimum(block, longer)
+            stops = starts + size + (block < longer)
             near = np.searchsorted(clock, clock[starts] - self.washout)
             far = np.searchsorted(clock, clock[stops - 1] + self.washout, side="right")
             test = _mask(clock.size, starts, stops)
             train = ~_mask(clock.size, near, far)
-            _leave_out_single(train, clock)
+            starts, stops = runs(train, apart)
+            train[starts[stops - starts == 1]] = False
             if not train.any():
                 raise ValueError(
                     f"The 'washout' parameter of BlockedTimeSeriesSplit must leave rows to train "
@@ -285,13 +278,3 @@ def _clock(records, washout):
         ticks.append(last + jump + np.arange(record.n_samples))
         last, previous = ticks[-1][-1], record
     return np.concatenate(ticks)
-
-
-def _leave_out_single(train, clock):
-    """Take rows without a neighbour one tick away out of the mask."""
-    rows = np.flatnonzero(train)
-    close = np.diff(clock[rows]) == 1
-    neighbour = np.zeros(rows.size, dtype=bool)
-    neighbour[1:] |= close
-    neighbour[:-1] |= close
-    train[rows[~neighbour]] = False

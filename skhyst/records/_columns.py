@@ -8,33 +8,16 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._formats import reading
 
-__all__ = ["load_column", "numbers"]
-
 _INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
 _POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
 _SHOWN = 20  # variables that an error message lists
 
 
 def load_column(path, variables, wanted):
-    """Load one column of a file.
+    """Return the name and the values of one column of a file.
 
-    Parameters
-    ----------
-    path : Path
-    variables : list of Variable
-    wanted : str or int
-        A name, the last part of a path if that is unique, ``name[2]`` for a column of a matrix,
-        or the 0-based position among all columns of the file.
-
-    Returns
-    -------
-    name : str
-    values : ndarray of shape (n_samples,)
-
-    Raises
-    ------
-    RecordError
-        If there is no such column, more than one, or it is not a column.
+    ``wanted`` is a name, the last part of a path if that is unique, ``name[2]`` for a column of a
+    matrix, or the 0-based position among all columns of the file.
     """
     if isinstance(wanted, int | np.integer) and not isinstance(wanted, bool):
         return _at_position(path, variables, int(wanted))
@@ -55,13 +38,11 @@ def load_column(path, variables, wanted):
 
 
 def _named(path, variables, name):
-    found = [i for i, variable in enumerate(variables) if variable.name == name]
+    parts = [re.split(r"[/.]", v.name) for v in variables]
+    found = [i for i, v in enumerate(variables) if v.name == name]
     if not found and name:
-        found = [i for i, v in enumerate(variables) if re.split(r"[/.]", v.name)[-1] == name]
-        same = re.sub(r"[/.]", "/", name)
-        found = found or [
-            i for i, v in enumerate(variables) if re.sub(r"[/.]", "/", v.name) == same
-        ]
+        found = [i for i, own in enumerate(parts) if own[-1] == name]
+        found = found or [i for i, own in enumerate(parts) if own == re.split(r"[/.]", name)]
     if len(found) > 1:
         raise RecordError(
             f"{path.name} has {len(found)} columns that {name!r} may mean, at the positions "
@@ -156,13 +137,7 @@ def _indexed(path, variable, wanted, text):
 
 
 def numbers(path, name, values):
-    """Return a column as floats, NaN where a cell is empty.
-
-    Raises
-    ------
-    RecordError
-        If a cell is neither a real number nor empty; names the first one.
-    """
+    """Return a column as floats, NaN where a cell is empty."""
     if values.dtype.kind in "biuf":
         return values.astype(float)
     if values.dtype.kind in "OUSTV":

@@ -18,8 +18,6 @@ from ..exceptions import RecordError
 from ._mat_tags import check_tags
 from ._text import read_table
 
-__all__ = ["Variable", "file_variables", "reading"]
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PICKLED = "pickled Python objects, and unpickling can run code"
 
@@ -28,15 +26,8 @@ _PICKLED = "pickled Python objects, and unpickling can run code"
 class Variable:
     """One array of a file, loaded when it is asked for.
 
-    Attributes
-    ----------
-    name : str
-        As in the file; "" where the file holds one array without a name.
-    shape : tuple of int
-    load : callable
-        Returns the ndarray.
-    refused : str
-        Why it is not read; "" where it is.
+    ``name`` is "" where the file holds one array without a name; ``refused`` says why it is not
+    read, "" where it is.
     """
 
     name: str
@@ -46,23 +37,7 @@ class Variable:
 
 
 def file_variables(path):
-    """List the variables of a file by its suffix.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    list of Variable
-
-    Raises
-    ------
-    RecordError
-        If the suffix is unknown, or the file is empty or broken.
-    ImportError
-        If the format needs a package that is not installed.
-    """
+    """List the variables of a file by its suffix."""
     if path.suffix.lower() not in _READERS:
         raise RecordError(
             f"The 'path' parameter of read_records must end in one of {', '.join(_READERS)}. "
@@ -129,14 +104,12 @@ def _held(name, values):
 
 
 def _refusal(values):
-    kinds = {
-        "MatlabFunction": "a MATLAB function handle",
-        "MatlabObject": "a MATLAB object",
-        "MatlabOpaque": "a MATLAB object",
-    }
-    if type(values).__name__ in kinds:
-        return kinds[type(values).__name__]
-    return "" if isinstance(values, np.ndarray) else f"{type(values).__name__}, not an array"
+    kind = type(values).__name__
+    if kind == "MatlabFunction":
+        return "a MATLAB function handle"
+    if kind in ("MatlabObject", "MatlabOpaque"):
+        return "a MATLAB object"
+    return "" if isinstance(values, np.ndarray) else f"{kind}, not an array"
 
 
 def _elements(name, values):
@@ -213,14 +186,9 @@ def _read_hdf5(path, matlab=False):
         shape = item.shape or ()
         refused = _hdf5_refusal(h5py, item)
         for field in item.dtype.names or (None,):
-            variables.append(
-                Variable(
-                    shown if field is None else f"{shown}.{field}",
-                    shape[::-1] if matlab else shape,
-                    partial(_hdf5_values, h5py, path, name, field, matlab),
-                    refused,
-                )
-            )
+            load = partial(_hdf5_values, h5py, path, name, field, matlab)
+            full = shown if field is None else f"{shown}.{field}"
+            variables.append(Variable(full, shape[::-1] if matlab else shape, load, refused))
 
     with h5py.File(path, "r") as file:
         file.visititems(collect)  # follows no link to another file
@@ -230,19 +198,16 @@ def _read_hdf5(path, matlab=False):
 def _hdf5_refusal(h5py, item):
     kind = item.attrs.get("MATLAB_class", b"")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
-    if kind == "function_handle":
-        return "a MATLAB function handle"
-    if kind == "char" or "MATLAB_empty" in item.attrs:
-        return "MATLAB text or empty"
-    if "MATLAB_object_decode" in item.attrs:
-        return "a MATLAB object"
-    if item.external or item.is_virtual:
-        return "data that lie in another file"
-    if item.shape is None:
-        return "empty"
-    if item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None:
-        return "references or lists of different lengths"
-    return ""
+    objects = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
+    reasons = {
+        "a MATLAB function handle": kind == "function_handle",
+        "MATLAB text or empty": kind == "char" or "MATLAB_empty" in item.attrs,
+        "a MATLAB object": "MATLAB_object_decode" in item.attrs,
+        "data that lie in another file": item.external or item.is_virtual,
+        "empty": item.shape is None,
+        "references or lists of different lengths": objects,
+    }
+    return next((reason for reason, holds in reasons.items() if holds), "")
 
 
 def _hdf5_values(h5py, path, name, field, transpose):

@@ -7,7 +7,7 @@ import pandas as pd
 
 from ..exceptions import RecordError
 from ._index import record_slices, refuse_interval
-from ._stamps import time_stamps
+from ._stamps import time_level, time_stamps
 
 
 def iter_records(X, y=None, *, dt=1.0):
@@ -158,7 +158,7 @@ def as_frame(x):
     if isinstance(x, pd.DataFrame):
         return x
     if isinstance(x, pd.Series):
-        return x.toas_frame("drive" if x.name is None else x.name)
+        return x.to_frame("drive" if x.name is None else x.name)
     x = np.asarray(x)
     if x.ndim == 1:
         x = x[:, None]
@@ -190,10 +190,10 @@ def _stacked_index(frame, label, relabel, dt):
     """Return the index of record and time that a single record gets."""
     times, labels = frame.index, [label] * len(frame)
     if isinstance(times, pd.MultiIndex):
-        stamps = time_stamps(frame)
-        level = 1 if "time" not in times.names else list(times.names).index("time")
+        time_stamps(frame)  # refuses rows without a label or a time
+        level = time_level(times)
         own = times.get_level_values(1 - level)
-        if relabel and stamps.labels[np.unique(stamps.codes)].size > 1:
+        if relabel and own.nunique() > 1:
             raise RecordError(
                 f"The 'labels' parameter of stack_records must be left out for frames that hold "
                 f"several records. Got {label!r} for records {list(own.unique())} instead."

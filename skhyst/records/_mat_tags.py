@@ -14,8 +14,6 @@ from math import prod
 
 from ..exceptions import RecordError
 
-__all__ = ["check_tags"]
-
 _HEADER = 128  # bytes
 _LONGEST = 2**31  # bytes of one variable, the limit of the format
 _DEEPEST = 64  # variables inside one another
@@ -29,19 +27,7 @@ _NUMERIC = range(6, 16)
 
 
 def check_tags(data):
-    """Refuse a MATLAB file of version 5 in which an element is not what its place asks for.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-
-    Raises
-    ------
-    RecordError
-        If a type or class code is unknown or out of place, a length reaches past the end, or
-        compressed data cannot be decompressed.
-    """
+    """Refuse the bytes of a file of version 5 where an element is not what its place asks for."""
     order = "<" if data[126:128] == b"IM" else ">"
     file = _Elements(memoryview(data), order, _HEADER)
     while file.position < len(data):
@@ -69,15 +55,7 @@ def _inflated(content, start):
 
 
 class _Elements:
-    """Elements of a variable, or of the file, one after another.
-
-    Parameters
-    ----------
-    data : memoryview
-    order : {"<", ">"}
-        Byte order.
-    position : int, default=0
-    """
+    """Elements of a variable, or of the file, one after another; ``order`` is "<" or ">"."""
 
     def __init__(self, data, order, position=0):
         self.data = data

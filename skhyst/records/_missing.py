@@ -1,38 +1,20 @@
 """Missing values: find them, name them, drop or interpolate them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._stamps import GAP
-
-__all__ = ["fill", "missing_rows", "segments"]
 
 _SHOWN = 5  # rows that an error message names
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
-    """Mark missing values as NaN, in place, and say which rows to keep.
+    """Mark missing values as NaN, in place, and return a mask of the rows to keep.
 
-    Parameters
-    ----------
-    path : Path
-    values : ndarray of shape (n_samples, n_columns)
-    names : sequence of str
-    codes : ndarray of shape (n_columns,)
-        Reading that stands for a lost one; NaN where there is none.
-    stamps, labels : array-like of shape (n_samples,), or None
-        These cannot be interpolated.
-    on_missing : {"raise", "drop", "interpolate"}
-
-    Returns
-    -------
-    ndarray of bool of shape (n_samples,)
-
-    Raises
-    ------
-    RecordError
-        If values are missing and must not be, or no row is left.
+    ``codes`` are readings that stand for lost ones, by column, NaN where there is none. The time
+    (``stamps``) and the labels of records, each None or (n_samples,), are not interpolated.
     """
     values[~np.isfinite(values) | (values == codes)] = np.nan
     lost = dict(zip(names, np.isnan(values).T, strict=True))
@@ -82,50 +64,19 @@ def _rows(mask):
     return f"rows {first}{', ...' if len(rows) > _SHOWN else ''} ({len(rows)} of {len(mask)})"
 
 
-def segments(starts, clock):
-    """Return the bounds of stretches without a gap, from the first rows of the records.
+def fill(values, stamps):
+    """Interpolate missing values linearly in time, between the gaps in the stamps of the rows.
 
-    Parameters
-    ----------
-    starts : ndarray of int
-    clock : ndarray of shape (n_samples,)
-        Time in s.
-
-    Returns
-    -------
-    list of (start, stop)
+    Return the values and a mask of complete rows, False before the first and after the last reading
+    of a stretch without a gap.
     """
-    step = np.diff(clock)
-    inside = np.ones(len(step), dtype=bool)
-    inside[starts[1:] - 1] = False
-    interval = np.median(step[inside]) if inside.any() else np.inf
-    gaps = np.flatnonzero(inside & (step > GAP * interval)) + 1
-    bounds = np.union1d(starts, gaps).tolist()
-    return list(zip(bounds, [*bounds[1:], len(clock)], strict=True))
-
-
-def fill(values, clock, bounds):
-    """Interpolate missing values linearly in time within each stretch.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples, n_columns)
-        NaN where a value is missing.
-    clock : ndarray of shape (n_samples,)
-    bounds : list of (start, stop)
-
-    Returns
-    -------
-    values : ndarray of shape (n_samples, n_columns)
-    filled : ndarray of bool of shape (n_samples,)
-        False before the first and after the last reading of a stretch.
-    """
-    values = values.copy()
-    for start, stop in bounds:
+    values, clock = values.copy(), stamps.values.astype(float)
+    stretches = (cut for run in pairwise(stamps.runs()) for cut in pairwise(stamps.cuts(*run)))
+    for start, stop in stretches:
+        own = clock[start:stop]
         for column in values[start:stop].T:
             known = np.isfinite(column)
             if known.any() and not known.all():
-                own = clock[start:stop]
                 column[~known] = np.interp(
                     own[~known], own[known], column[known], left=np.nan, right=np.nan
                 )

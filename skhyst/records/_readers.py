@@ -9,9 +9,8 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._columns import load_column, numbers
 from ._formats import file_variables, reading
-from ._missing import fill, missing_rows, segments
-
-__all__ = ["read_records"]
+from ._missing import fill, missing_rows
+from ._stamps import time_stamps
 
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _POLICIES = ("raise", "drop", "interpolate")
@@ -103,36 +102,35 @@ def read_records(
     path = Path(path).expanduser()
     single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
     inputs = [drive, *([auxiliary] if single else auxiliary)]
-    _check(time, sampling_rate, on_missing, time_unit)
+    _check_options(time, sampling_rate, on_missing, time_unit)
     variables = file_variables(path)
     wanted = inputs if response is None else [*inputs, response]
-    names, columns = zip(*(load_column(path, variables, item) for item in wanted), strict=True)
-    _refuse_repeated(names[: len(inputs)])
-    stamps = None if time is None else load_column(path, variables, time)
-    labels = None if record is None else load_column(path, variables, record)
-    _refuse_lengths(path, [*zip(names, columns, strict=True), stamps, labels])
-    values = np.column_stack([numbers(path, *pair) for pair in zip(names, columns, strict=True)])
+    columns = [load_column(path, variables, item) for item in wanted]
+    names = [name for name, _ in columns]
+    stamps, labels = (c if c is None else load_column(path, variables, c) for c in (time, record))
+    _refuse_mismatch(path, names[: len(inputs)], [*columns, stamps, labels])
+    values = np.column_stack([numbers(path, *column) for column in columns])
     stamps = None if stamps is None else _times(path, *stamps, _UNITS[time_unit])
     labels = None if labels is None else _labels(labels[1])
     codes = _codes(missing_code, wanted, names)
     keep = missing_rows(path, values, names, codes, stamps, labels, on_missing)
     positions = _positions(labels, len(values))[keep]
-    values, stamps, labels = _kept(keep, values, stamps, labels)
-    labels, starts = _records(path, labels, stamps, len(values))
-    level = _level(stamps, positions, sampling_rate)
+    values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
+    labels = _record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
+    if stamps is None:
+        stamps = positions if sampling_rate is None else positions / float(sampling_rate)
+    index = pd.MultiIndex.from_arrays([labels, stamps], names=["record", "time"])
     if on_missing == "interpolate":
-        clock = _seconds(level)
-        values, filled = fill(values, clock, segments(starts, clock))
+        values, filled = fill(values, time_stamps(pd.DataFrame(index=index)))
         if not filled.any():
             raise RecordError(f"{path.name} has no record with readings in every column.")
-        values, labels, level = values[filled], labels[filled], level[filled]
-    index = pd.MultiIndex.from_arrays([labels, level], names=["record", "time"])
-    X = pd.DataFrame(values[:, : len(inputs)], index, columns=list(names[: len(inputs)]))
+        values, index = values[filled], index[filled]
+    X = pd.DataFrame(values[:, : len(inputs)], index, columns=names[: len(inputs)])
     y = None if response is None else pd.Series(values[:, -1].copy(), index, name=names[-1])
     return X, y
 
 
-def _check(time, sampling_rate, on_missing, time_unit):
+def _check_options(time, sampling_rate, on_missing, time_unit):
     if time is not None and sampling_rate is not None:
         raise ValueError(
             "The 'sampling_rate' parameter of read_records must be None where 'time' names a "
@@ -156,17 +154,15 @@ def _check(time, sampling_rate, on_missing, time_unit):
             )
 
 
-def _refuse_repeated(names):
+def _refuse_mismatch(path, names, columns):
+    """Refuse inputs that are one column, and columns of different lengths or none."""
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise RecordError(
             f"The inputs must be different columns. Got {', '.join(map(repr, repeated))} more "
             "than once; where columns of a file share a name, rename them in the file."
         )
-
-
-def _refuse_lengths(path, pairs):
-    lengths = {name: len(values) for name, values in filter(None, pairs)}
+    lengths = {name: len(values) for name, values in filter(None, columns)}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name!r} {length}" for name, length in lengths.items())
         raise RecordError(f"The columns of {path.name} differ in length: {shown}.")
@@ -176,22 +172,16 @@ def _refuse_lengths(path, pairs):
 
 def _codes(missing_code, wanted, names):
     """Return the code of each column, NaN where it has none."""
-    if missing_code is None:
-        return np.full(len(names), np.nan)
     if not isinstance(missing_code, dict):
-        return np.full(len(names), float(missing_code))
+        return np.full(len(names), np.nan if missing_code is None else float(missing_code))
     unknown = [key for key in missing_code if key not in wanted and key not in names]
     if unknown:
         raise ValueError(
             "The keys of the 'missing_code' parameter of read_records must be columns that are "
             f"read, {', '.join(map(repr, names))}. Got {unknown[0]!r} instead."
         )
-    return np.array(
-        [
-            float(missing_code.get(item, missing_code.get(name, np.nan)))
-            for item, name in zip(wanted, names, strict=True)
-        ]
-    )
+    pairs = zip(wanted, names, strict=True)
+    return np.array([float(missing_code.get(a, missing_code.get(b, np.nan))) for a, b in pairs])
 
 
 def _times(path, name, values, unit):
@@ -234,45 +224,20 @@ def _positions(labels, n):
     return rows - np.repeat(starts, np.diff([*starts, n]))
 
 
-def _kept(keep, values, stamps, labels):
-    return (
-        values[keep],
-        None if stamps is None else stamps[keep],
-        None if labels is None else np.asarray(labels[keep]),
-    )
-
-
-def _records(path, labels, stamps, n):
-    """Return the label of each row and the first rows of the records."""
-    step = np.diff(_seconds(stamps)) if stamps is not None else np.ones(n - 1)
-    if labels is not None:
-        codes = pd.factorize(labels)[0]
-        return labels, np.flatnonzero(np.diff(codes, prepend=-1))
-    if (step == 0.0).any():
-        row = int(np.flatnonzero(step == 0.0)[0]) + 1
+def _record_numbers(path, stamps, n):
+    """Return a label for each row: how often time has started again before it."""
+    if stamps is None:
+        return np.zeros(n, dtype=int)
+    still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
+    if still.size:
         raise RecordError(
-            f"The time of {path.name} stands still at row {row} ({int((step == 0.0).sum())} "
-            "rows in all), so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
+            f"The time of {path.name} stands still at row {still[0]} ({still.size} rows in all), "
+            "so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
         )
-    restarts = np.flatnonzero(step < 0.0) + 1
-    if len(restarts) > max(n // 4, 1):
+    restarts = np.append(False, stamps[1:] < stamps[:-1])
+    if restarts.sum() > max(n // 4, 1):
         raise RecordError(
-            f"The time of {path.name} runs backwards at {len(restarts)} of {n} rows: the rows are "
+            f"The time of {path.name} runs backwards at {restarts.sum()} of {n} rows: the rows are "
             "shuffled, or 'time' names another column. Sort the rows by time."
         )
-    starts = np.concatenate([[0], restarts])
-    return np.repeat(np.arange(len(starts)), np.diff([*starts, n])), starts
-
-
-def _seconds(stamps):
-    if isinstance(stamps, pd.DatetimeIndex):
-        stamps = stamps - stamps[0]
-    if isinstance(stamps, pd.TimedeltaIndex):
-        return stamps.to_numpy() / np.timedelta64(1, "s")
-    return np.asarray(stamps, dtype=float)
-
-
-def _level(stamps, positions, sampling_rate):
-    if stamps is not None:
-        return stamps
-    return positions if sampling_rate is None else positions / float(sampling_rate)
+    return np.cumsum(restarts)

@@ -38,10 +38,8 @@ class TimeStamps:
         """Return the bounds of the runs, ``[0, ..., n_samples]``; refuse repeats and shuffles."""
         values, n = self.values, self.values.size
         steps = np.diff(values)
-        if self.codes is None:
-            same = np.ones(steps.shape, dtype=bool)
-        else:
-            same = self.codes[1:] == self.codes[:-1]
+        codes = np.zeros(n) if self.codes is None else self.codes
+        same = codes[1:] == codes[:-1]
         repeats = np.flatnonzero(same & (steps == 0))
         if repeats.size:
             raise RecordError(
@@ -97,18 +95,23 @@ def time_stamps(X, dt=1.0) -> TimeStamps:
         return TimeStamps(np.arange(n_rows(X)), dt, np.dtype(np.int64), counts=True)
     if not isinstance(index, pd.MultiIndex):
         return _numbers(index, dt)
-    if index.nlevels != 2:
-        raise RecordError(
-            f"The index of X must have the levels 'record' and 'time'. Got {index.nlevels} levels "
-            f"{list(index.names)} instead; merge or drop the others (X.droplevel)."
-        )
-    level = list(index.names).index("time") if "time" in index.names else 1
+    level = time_level(index)
     codes = np.asarray(index.codes[1 - level])
     if (codes < 0).any():
         rows = describe_rows(np.flatnonzero(codes < 0))
         raise RecordError(f"Every row must have a record label. Got {rows} without one instead.")
     stamps = _numbers(index.levels[level], dt, index.codes[level])
     return dataclasses.replace(stamps, codes=codes, labels=index.levels[1 - level])
+
+
+def time_level(index) -> int:
+    """Return which level of a MultiIndex is the time; the other one is the record."""
+    if index.nlevels != 2:
+        raise RecordError(
+            f"The index of X must have the levels 'record' and 'time'. Got {index.nlevels} levels "
+            f"{list(index.names)} instead; merge or drop the others (X.droplevel)."
+        )
+    return list(index.names).index("time") if "time" in index.names else 1
 
 
 def n_rows(X) -> int:
@@ -119,22 +122,19 @@ def n_rows(X) -> int:
 def _numbers(times, dt, codes=None):
     """Turn time labels into numbers; ``codes`` are the positions in a level of a MultiIndex."""
     dtype = times.dtype
-    if pd.api.types.is_bool_dtype(dtype) or not (
-        pd.api.types.is_integer_dtype(dtype)
-        or pd.api.types.is_float_dtype(dtype)
-        or dtype.kind in "mM"
-    ):
+    counts = pd.api.types.is_integer_dtype(dtype)
+    if dtype.kind in "mM":
+        values, unit = times.asi8, UNITS[times.unit]
+    elif pd.api.types.is_float_dtype(dtype):
+        values, unit = times.to_numpy(dtype=float, na_value=np.nan), 1.0
+    elif counts:
+        values, unit = times.to_numpy(dtype=np.int64), dt
+    else:
         raise RecordError(
             f"The time in the index of X must be seconds, datetimes, timedeltas or integers that "
             f"count samples. Got values of type {dtype} instead; X.reset_index(drop=True) makes "
             f"one record of the rows, skhyst.records.stack_records builds an index."
         )
-    if dtype.kind in "mM":
-        values, unit = times.asi8, UNITS[times.unit]
-    elif pd.api.types.is_float_dtype(dtype):
-        values, unit = times.to_numpy(dtype=float, na_value=np.nan), 1.0
-    else:
-        values, unit = times.to_numpy(dtype=np.int64), dt
     missing = times.isna() if values.dtype.kind == "i" else ~np.isfinite(values)
     if codes is not None:
         codes = np.asarray(codes)
@@ -143,12 +143,12 @@ def _numbers(times, dt, codes=None):
         else:
             values, missing = np.zeros(codes.size), np.ones(codes.size, dtype=bool)
     if missing.any():
-        rows = np.flatnonzero(missing)
+        rows = describe_rows(np.flatnonzero(missing))
         raise RecordError(
-            f"The time in the index of X must be finite. Got {describe_rows(rows)} without a "
-            f"finite time instead; drop these rows."
+            f"The time in the index of X must be finite. Got {rows} without a finite time instead; "
+            f"drop these rows."
         )
-    return TimeStamps(values, unit, dtype, counts=pd.api.types.is_integer_dtype(dtype))
+    return TimeStamps(values, unit, dtype, counts)
 
 
 def describe_rows(rows, most=5) -> str:

@@ -9,8 +9,6 @@ import pandas as pd
 
 from ..exceptions import RecordError
 
-__all__ = ["read_table"]
-
 _SAMPLE = 65_536  # characters in which delimiter and header are looked for
 _DELIMITERS = (";", "\t", ",", " ")  # " " stands for any white space
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -26,25 +24,10 @@ _NEWLINE = re.compile(r"\r\n|\r|\n")
 
 
 def read_table(path):
-    """Return the names and the columns of a delimited text file.
+    """Return the names and the columns of a delimited text file, as floats or objects (text).
 
     A line of names, a line of units below it, and a preamble of other lines above it may stand
     before the numbers; names are their positions where there is no such line.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    names : list of str
-    columns : list of ndarray of shape (n_samples,)
-        Numbers, or objects where a column holds text.
-
-    Raises
-    ------
-    RecordError
-        If the file is binary or has no row of numbers.
     """
     text = _decode(path.read_bytes())
     lines, offsets = _sample(text)

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import blind_study
 import numpy as np
 import pandas as pd
@@ -27,19 +29,43 @@ def test_plan_holds_what_the_study_asks_for():
     cases = plan()
     assert len(set(cases)) == len(cases)
     counts = pd.Series([case.kind for case in cases]).value_counts()
-    assert counts["single"] == 15 * sum(map(len, plants.MATRIX.values()))
-    assert counts["none"] >= 100
-    assert counts["two"] >= 60
-    assert counts["unknown"] >= 40
+    others = {"none": 200, "none_coloured": 100, "two": 60, "unknown": 40}
+    assert counts.to_dict() == {"single": 15 * sum(map(len, plants.MATRIX.values())), **others}
+    assert f"{len(cases)} plants with" in blind_study.__doc__
     assert {case.effect for case in cases if case.kind == "unknown"} == set(plants.UNKNOWN)
     assert {case.effect for case in cases if case.kind == "single"} == set(plants.EFFECTS)
-    for kind in ("none", "two", "unknown"):
+    for kind in others:
         some = [case for case in cases if case.kind == kind]
         assert {case.declared for case in some} == set(plants.BASES)
         assert {case.noise for case in some} == set(blind_study.NOISES)
     for structure in plants.UNKNOWN:
         assert len({case.noise for case in cases if case.effect == structure}) == 3
-    assert not {case.seed for case in plan(first_seed=1_000_000)} & {case.seed for case in cases}
+
+
+def test_no_plant_belongs_to_two_studies():
+    """As many plants as there may be, of studies beside each other and at the ends."""
+    settling, reported = blind_study.SETTLING_SEEDS, blind_study.REPORTED_SEEDS
+    used = [
+        {case.seed for case in plan(blind_study.MOST, first_seed=first)}
+        for first in (settling[-1], reported[0], reported[1], reported[-1])
+    ]
+    assert max(used[0] | {case.seed for case in plan(first_seed=0)}) < min(used[1])
+    assert all(max(a) < min(b) for a, b in pairwise(used))
+    assert max(used[-1]) < 2**32
+    assert len(plan()) == len(plan(first_seed=0))
+    for options in ({"first_seed": 1000}, {"first_seed": -1}, {"plants": 0}, {"plants": 101}):
+        with pytest.raises(ValueError, match="must be"):
+            plan(**options)
+    assert "reported on those of 5000" in summary([row("lag")])
+    assert "no report" in summary([row("lag")], first_seed=3)
+
+
+def test_plants_of_earlier_studies_are_found_again():
+    """Seeds to settle on are those that the recordings of all versions were made from."""
+    cases = plan(1, first_seed=7)
+    assert Case("single", "lag", "cascade", 0.002, 3107, 6000) in cases
+    assert Case("none", "none", "cascade", 0.0005, 100_008, 6000) in cases
+    assert next(case.seed for case in cases if case.kind == "two") == 200_007
 
 
 def test_a_part_of_the_plan_is_a_part():
@@ -85,6 +111,7 @@ def test_summary_prints_each_figure_beside_its_bar():
         row("lag", "", effect_over_noise=1.0, after=1.3),
         row("none", kind="none", effect_over_noise=np.nan),
         row("none", "auxiliary_input", kind="none", column="temperature"),
+        row("none", kind="none_coloured", after=1.2),
         row("lag+drift", "drift+lag", "+", "two"),
         row("switching_gain", kind="unknown", verdict="unexplained", after=3.0),
         row("drift", named="error", verdict="", after=np.nan, before=np.nan, message="ValueError"),
@@ -94,12 +121,14 @@ def test_summary_prints_each_figure_beside_its_bar():
     assert "or told as ambiguous: 2 of 3 = 66.7 %" in text
     assert "fainter effects, not judged: 0 of 1 named rightly, 1 not claimed" in text
     assert "both of two effects named: 1 of 1 = 100.0 % (at least 90 %: kept)" in text
-    assert "claims where nothing is missing: 1 of 2 = 50.0 % (at most 1 %: MISSED)" in text
+    assert "claims where nothing is missing: 1 of 3 = 33.3 % (at most 1 %: MISSED)" in text
+    assert "white noise: 1 of 2 = 50.0 % (at most 1 %: MISSED)" in text
+    assert "coloured noise, drives repeated: 0 of 1 = 0.0 % (at most 1 %: kept)" in text
     assert "claims of an idle column, in all plants that carry one: 1 of 1" in text
     assert "called unexplained: 1 of 1 = 100.0 % (at least 90 %: kept)" in text
     assert "within 1.10: 5 of 7 = 71.4 % (at least 95 %: MISSED)" in text
-    assert "searches that raised: 1 of 8" in text
-    assert "not as asked: 4 of 8" in text
+    assert "searches that raised: 1 of 9" in text
+    assert "not as asked: 4 of 9" in text
 
 
 def test_a_stopped_study_goes_on_where_it_ended(tmp_path, monkeypatch, capsys):
@@ -117,12 +146,12 @@ def test_a_stopped_study_goes_on_where_it_ended(tmp_path, monkeypatch, capsys):
     first = list(searched)
     assert len(first) == 12
     main(options)
-    assert len(searched) == len(set(searched)) == 12 + 20
+    assert len(searched) == len(set(searched)) == 12 + 60
     cases = [case for case in plan(1) if case.effect in ("lag", "none")]
     assert set(read_rows(path, cases)) == set(cases) == set(searched)
     capsys.readouterr()
     main(options)
-    assert len(searched) == 32
+    assert len(searched) == 72
     assert "first effect named rightly" in capsys.readouterr().out
     assert list(run(cases, 1, limit=-1.0)) == []
 

@@ -1,7 +1,5 @@
-import ast
 import dataclasses
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,7 +10,6 @@ from plants import (
     BASES,
     MATRIX,
     UNKNOWN,
-    Plant,
     effect_pairs,
     make_recording,
     motion,
@@ -20,6 +17,8 @@ from plants import (
     signals,
     unknown_structures,
 )
+
+from skhyst.datasets.simulation import bouc_wen, first_order, oscillate, plays
 
 SHORT = 2000
 
@@ -30,11 +29,6 @@ def records(frame):
 
 def rms(x):
     return np.sqrt(np.mean(np.square(x)))
-
-
-def plant_of_plays(thresholds, weights):
-    parameters = {"thresholds": np.array(thresholds), "weights": np.array(weights)}
-    return Plant(core=(partial(physics.play_bank, **parameters),))
 
 
 @pytest.fixture
@@ -53,24 +47,6 @@ def draw_setting(**changes):
         unit=1.0,
     )
     return dataclasses.replace(setting, **changes)
-
-
-def test_plants_share_no_code_with_the_package():
-    trees = [ast.parse(path.read_text()) for path in Path(plants.__file__).parent.glob("*.py")]
-    assert len(trees) > 5
-    imported = {
-        name.split(".")[0]
-        for tree in trees
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Import) or (isinstance(node, ast.ImportFrom) and not node.level)
-        for name in (
-            [node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
-        )
-    }
-    assert imported <= {"collections", "dataclasses", "functools", "numba", "numpy", "pandas"}
-
-
-# ------------------------------------------------------------------------------------- signals
 
 
 @pytest.mark.parametrize("signal", plants.SIGNALS)
@@ -92,173 +68,111 @@ def test_band_ends_at_a_thirtieth_of_the_sampling_rate(signal, rng):
     assert power[above].sum() < 1e-6 * power.sum()
 
 
-def test_refined_drive_is_the_piecewise_linear_one(rng):
-    drive = rng.standard_normal(20)
-    fine = physics.refine(drive, 8)
-    np.testing.assert_array_equal(fine[::8], drive)
-    slopes = np.diff(fine).reshape(-1, 8) * 8
-    np.testing.assert_allclose(slopes, np.repeat(np.diff(drive)[:, None], 8, axis=1), atol=1e-12)
-
-
 # ------------------------------------------------------------------------------------- physics
 
 
-def test_plays_follow_the_virgin_curve_and_the_main_loop():
-    up = np.linspace(0, 2, 201)
-    drive = np.concatenate([up, up[-2::-1]])
-    out = physics.plays(drive, np.array([0.5]), np.ones(1))
-    np.testing.assert_allclose(out[:201], np.maximum(up - 0.5, 0), atol=1e-14)
-    np.testing.assert_allclose(out[201:], np.minimum(1.5, up[-2::-1] + 0.5), atol=1e-14)
-
-
-@pytest.mark.parametrize("first", [-1.0, 0.3, 2.0])
-def test_plays_start_as_if_loaded_for_the_first_time(first):
-    thresholds, weights = np.array([0.0, 0.2, 0.7]), np.array([1.0, 0.5, 0.2])
-    ramp = physics.plays(np.linspace(0, first, 50), thresholds, weights)
-    assert physics.plays(np.array([first]), thresholds, weights)[0] == pytest.approx(ramp[-1])
-
-
-def test_play_operators_are_rate_independent(rng):
-    plant = plant_of_plays([0.0, 0.1, 0.4], [0.5, 0.3, 0.2])
-    drive = rng.uniform(-1, 1, 100)
-    slow = np.interp(np.arange(496) / 5, np.arange(100), drive)
-    np.testing.assert_allclose(plant.respond(slow)[::5], plant.respond(drive), atol=1e-12)
-
-
-def test_first_order_matches_the_exact_ramp_response():
-    tau, step = 5.0, 1 / 16
-    t = step * np.arange(2000)
-    exact = t - tau * (1 - np.exp(-t / tau))
-    np.testing.assert_allclose(physics.first_order(t, step, tau), exact, atol=1e-6)
-
-
-def test_second_order_matches_the_exact_ramp_response():
-    frequency, damping, step = 1 / 20, 0.1, 1 / 16
-    w = 2 * np.pi * frequency
-    wd, sigma = w * np.sqrt(1 - damping**2), damping * w
-    t = step * np.arange(4000)
-    # x = t - 2z/w + e^(-sigma t) (a cos wd t + b sin wd t), x(0) = x'(0) = 0
-    a = 2 * damping / w
-    b = (sigma * a - 1) / wd
-    exact = t - a + np.exp(-sigma * t) * (a * np.cos(wd * t) + b * np.sin(wd * t))
-    np.testing.assert_allclose(
-        physics.second_order(t, step, frequency, damping), exact, rtol=0, atol=1e-5
-    )
-
-
 @pytest.mark.parametrize(
-    "law",
+    ("law", "exact"),
     [
-        lambda u, h: physics.first_order(u, h, 7.0),
-        lambda u, h: physics.second_order(u, h, 1 / 25, 0.05),
+        (partial(physics.first_order, tau=5.0), partial(first_order, tau=5.0)),
+        (
+            partial(motion.mode, frequency=1 / 20, damping=0.1),
+            partial(oscillate, frequency=1 / 20, damping=0.1),
+        ),
     ],
 )
-def test_dynamics_settle_at_the_drive(law):
-    drive = np.concatenate([np.full(10, -0.4), np.full(20_000, 1.7)])
-    out = law(drive, 0.25)
+def test_steps_of_runge_and_kutta_agree_with_the_exact_solution(law, exact, rng):
+    drive = np.interp(np.arange(4000) / 16, np.arange(251), np.cumsum(rng.uniform(-1, 1, 251)))
+    np.testing.assert_allclose(law(drive, 1 / 16), exact(drive, 1 / 16), rtol=0, atol=1e-5)
+    held = np.concatenate([np.full(10, -0.4), np.full(20_000, 1.7)])
+    out = law(held, 0.25)
     np.testing.assert_allclose(out[:10], -0.4, atol=1e-14)
     assert out[-1] == pytest.approx(1.7, abs=1e-9)
-    assert np.abs(np.diff(out)).max() < 0.5
 
 
-def test_creep_creeps_to_its_settled_share_at_rest():
-    taus, compliances = np.array([3.0, 40.0]), np.array([0.1, 0.2])
-    step = np.concatenate([np.zeros(2), np.ones(4000)])
-    out = physics.kelvin_voigt(step, 0.25, taus, compliances)
-    assert out[2] == pytest.approx(1.0, abs=0.01)  # the elastic part is immediate
-    assert out[-1] == pytest.approx(1.3, abs=1e-6)
-    remaining = 1.3 - out[2:]
-    assert np.all(np.diff(remaining[:2000]) < 0)
-    # The slow unit is alone in the end and decays by its own time constant.
-    assert remaining[1200] / remaining[1360] == pytest.approx(np.e, rel=1e-3)
-
-
-def test_delayed_plant_is_the_shifted_plant(rng):
-    base = plant_of_plays([0.0, 0.2], [0.6, 0.4])
-    drive = np.interp(np.arange(400), np.arange(0, 401, 20), rng.uniform(-1, 1, 21))
-    whole = base.insert("dynamics", lambda u, h: physics.pure_delay(u, h, 3.0))
-    np.testing.assert_allclose(whole.respond(drive)[3:], base.respond(drive)[:-3], atol=1e-12)
-    part = base.insert("dynamics", lambda u, h: physics.pure_delay(u, h, 2.5))
-    fine = base.respond(physics.refine(drive, 2))
-    np.testing.assert_allclose(part.respond(drive)[3:], fine[1:-4:2][: 400 - 3], atol=1e-12)
-
-
-def test_bouc_wen_follows_the_closed_form_of_its_virgin_curve():
-    limit = 0.3
-    drive = np.linspace(0, 2, 400)
-    out = physics.bouc_wen(drive, 0.1, 2.0, 0.4, limit, 0.7, 1.0)
-    expected = 2.0 * (drive - 0.4 * limit * (1 - np.exp(-drive / limit)))
-    np.testing.assert_allclose(out, expected, atol=1e-9)
+def test_bouc_wen_agrees_with_the_exact_solution(rng):
+    drive, h = np.cumsum(rng.uniform(-1, 1, 300)), 0.0
+    found = physics.bouc_wen(drive, 0.1, 2.0, 0.4, 0.3, 0.7, 1.0)
+    for before, u, y in zip([0.0, *drive], drive, found, strict=False):
+        h = bouc_wen(h, u - before, 0.3, 0.7)
+        assert y == pytest.approx(2.0 * (u - 0.4 * h), abs=1e-6)
 
 
 FREQUENCY, DAMPING, STEP = 1 / 40, 0.1, 1 / 16
+DRIVE = 0.8 * np.sin(2 * np.pi * STEP * np.arange(8000) / 60)
+BOUC_WEN = {"stiffness": 0.5, "limit": 0.3, "ratio": 0.7, "exponent": 1.5}
 
 
-def force_balance(x, drive):
-    """Return what the equation of motion lacks: drive - x - 2 z x' / w - x'' / w^2."""
-    w = 2 * np.pi * FREQUENCY
-    v = (x[2:] - x[:-2]) / (2 * STEP)
-    a = (x[2:] - 2 * x[1:-1] + x[:-2]) / STEP**2
-    return drive[1:-1] - x[1:-1] - 2 * DAMPING / w * v - a / w**2, x[1:-1], v
+def pulse(x):
+    return 0.2 * np.sin(2 * np.pi * STEP * np.arange(1, x.size + 1) / 90 + 1.0)
 
 
-class TestEquationsOfMotion:
-    drive = 0.8 * np.sin(2 * np.pi * STEP * np.arange(8000) / 60)
-
-    def test_cubic_spring(self):
-        x = motion.cubic_mode(self.drive, STEP, FREQUENCY, DAMPING, 0.2)
-        force, x, _ = force_balance(x, self.drive)
-        np.testing.assert_allclose(force, 0.2 * x**3, atol=2e-4)
-
-    @pytest.mark.parametrize("static", [0.1, 0.16])
-    def test_coulomb_friction(self, static):
-        x = motion.coulomb_mode(self.drive, STEP, FREQUENCY, DAMPING, static, 0.1, 0.02)
-        force, _, v = force_balance(x, self.drive)
-        moving = np.abs(v) > 0.005
-        expected = 0.1 + (static - 0.1) * np.exp(-((v / 0.02) ** 2))
-        np.testing.assert_allclose(force[moving], (np.sign(v) * expected)[moving], atol=2e-3)
-        assert np.abs(force).max() < 1.01 * static
-
-    def test_it_sticks_below_the_static_level(self):
-        x = motion.coulomb_mode(0.1 * self.drive, STEP, FREQUENCY, DAMPING, 0.1, 0.1, 0.02)
-        np.testing.assert_array_equal(x, 0.0)
-
-    def test_stiff_bristles_are_coulomb_friction(self):
-        levels = FREQUENCY, DAMPING, 0.1, 0.1, 0.02
-        coulomb = motion.coulomb_mode(self.drive, STEP, *levels)
-        damping = 2 * np.sqrt(1000.0)
-        lugre = motion.lugre_mode(self.drive, STEP, *levels, 1000.0, damping)
-        assert rms(lugre - coulomb) < 0.002 * np.ptp(coulomb)
-
-    def test_hysteretic_force(self):
-        parameters = {"stiffness": 0.5, "limit": 0.3, "ratio": 0.7, "exponent": 1.5}
-        x = motion.hysteretic_mode(self.drive, STEP, FREQUENCY, DAMPING, **parameters)
-        force, x, _ = force_balance(x, self.drive)
-        z = physics.bouc_wen(x, STEP, 1.0, -1.0, 0.3, 0.7, 1.5) - x
-        np.testing.assert_allclose(force, 0.5 * z, atol=1e-3)
-
-    @pytest.mark.parametrize(
-        ("law", "parameters"),
-        [
-            (motion.cubic_mode, (0.2,)),
-            (motion.hysteretic_mode, (0.5, 0.3, 0.7, 1.5)),
-            (motion.coulomb_mode, (0.12, 0.1, 0.02)),
-            (motion.lugre_mode, (0.12, 0.1, 0.02, 50.0, 5.0)),
-        ],
-    )
-    @pytest.mark.parametrize("level", [-0.7, 0.05])
-    def test_records_begin_at_rest(self, law, parameters, level):
-        x = law(np.full(200, level), STEP, FREQUENCY, DAMPING, *parameters)
-        np.testing.assert_allclose(x, x[0], atol=1e-9)
+def sliding(v, static):
+    level = 0.1 + (static - 0.1) * np.exp(-((v / 0.02) ** 2))
+    return np.where(np.abs(v) > 0.005, np.sign(v) * level, np.nan)
 
 
-def test_slew_limit_lets_slow_motion_pass(rng):
-    drive = np.cumsum(rng.uniform(-1, 1, 200))
-    np.testing.assert_allclose(physics.slew_limited(drive, 1.0, 1.0), drive, atol=1e-12)
-    step = np.concatenate([np.zeros(3), np.full(20, 1.0)])
-    out = physics.slew_limited(step, 0.5, 0.2)
-    np.testing.assert_allclose(np.diff(out)[2:12], 0.1, atol=1e-12)
-    assert out[-1] == 1.0
+# of each law the force of displacement and velocity, not a number where it is undetermined
+FORCES = {
+    "cubic": (partial(motion.mode, cubic=0.2), lambda x, v: 0.2 * x**3, 2e-4),
+    "hysteretic": (
+        partial(motion.mode, **BOUC_WEN),
+        lambda x, v: 0.5 * (physics.bouc_wen(x, STEP, 1.0, -1.0, 0.3, 0.7, 1.5) - x),
+        1e-3,
+    ),
+    "pulsating": (
+        partial(motion.mode, depth=0.2, pump=1 / 90, phase=1.0),
+        lambda x, v: pulse(x) * x,
+        2e-4,
+    ),
+    "coulomb": (
+        partial(motion.coulomb_mode, static=0.1, coulomb=0.1, velocity=0.02),
+        lambda x, v: sliding(v, 0.1),
+        2e-3,
+    ),
+    "stribeck": (
+        partial(motion.coulomb_mode, static=0.16, coulomb=0.1, velocity=0.02),
+        lambda x, v: sliding(v, 0.16),
+        2e-3,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_equations_of_motion_balance(name):
+    """What they lack, u - x - 2 z x' / w - x'' / w^2, is the force of the law."""
+    law, force, tolerance = FORCES[name]
+    path = law(DRIVE, STEP, frequency=FREQUENCY, damping=DAMPING)
+    w, x = 2 * np.pi * FREQUENCY, path[1:-1]
+    v = (path[2:] - path[:-2]) / (2 * STEP)
+    a = (path[2:] - 2 * x + path[:-2]) / STEP**2
+    left, expected = DRIVE[1:-1] - x - 2 * DAMPING / w * v - a / w**2, force(x, v)
+    known = np.isfinite(expected)
+    np.testing.assert_allclose(left[known], expected[known], atol=tolerance)
+    if "static" in law.keywords:
+        assert np.abs(left).max() < 1.01 * law.keywords["static"]
+        still = law(0.1 * DRIVE, STEP, frequency=FREQUENCY, damping=DAMPING)
+        np.testing.assert_array_equal(still, 0.0)
+
+
+def test_stiff_bristles_are_coulomb_friction():
+    levels = FREQUENCY, DAMPING, 0.1, 0.1, 0.02
+    coulomb = motion.coulomb_mode(DRIVE, STEP, *levels)
+    lugre = motion.lugre_mode(DRIVE, STEP, *levels, 1000.0, 2 * np.sqrt(1000.0))
+    assert rms(lugre - coulomb) < 0.002 * np.ptp(coulomb)
+
+
+@pytest.mark.parametrize("name", ["cubic", "hysteretic", "stribeck", "bristles"])
+@pytest.mark.parametrize("level", [-0.7, 0.05])
+def test_records_begin_at_rest(name, level):
+    bristles = {"static": 0.12, "coulomb": 0.1, "velocity": 0.02, "bristle": 50.0}
+    law = partial(motion.lugre_mode, **bristles, bristle_damping=5.0)
+    law = FORCES[name][0] if name in FORCES else law
+    x = law(np.full(200, level), STEP, frequency=FREQUENCY, damping=DAMPING)
+    np.testing.assert_allclose(x, x[0], atol=1e-9)
+
+
+# ------------------------------------------------------------------------------------- effects
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -363,6 +277,38 @@ def test_noise_is_white_gaussian_and_of_the_level_asked_for(noise):
     assert np.mean(noise**4) == pytest.approx(3.0, abs=0.5)
 
 
+def test_laws_of_the_noise():
+    """Of unit variance at all times; autoregressive by its lag, flicker noise by its power."""
+    for law in ({"law": "autoregressive", "coefficient": 0.9}, {"law": "flicker"}):
+        rng = np.random.default_rng(0)
+        drawn = np.array([signals.draw_noise(rng, 1000, **law) for _ in range(2000)])
+        np.testing.assert_allclose(drawn.std(axis=0), 1.0, atol=0.08)
+        if "coefficient" in law:
+            assert np.mean(drawn[:, 1:] * drawn[:, :-1]) == pytest.approx(0.9, abs=0.01)
+        else:
+            power = np.mean(np.abs(np.fft.rfft(drawn * np.hanning(1000))) ** 2, axis=0)
+            slope = np.polyfit(np.log(np.arange(5, 400)), np.log(power[5:400]), 1)[0]
+            assert slope == pytest.approx(-1.0, abs=0.05)
+
+
+def test_coloured_noise_and_repeated_drives():
+    coefficients = []
+    for seed in range(40):
+        r = make_recording("none", "second_order", seed, n_samples=1500, coloured=True, repeats=2)
+        coefficients.append(r.truth["noise"].get("coefficient", np.nan))
+    known = np.array(coefficients)[np.isfinite(coefficients)]
+    assert 0.6 < known.size / 40 < 0.9
+    assert 0.5 <= known.min() < 0.6 < 0.9 < known.max() <= 0.97
+    white = make_recording("none", "second_order", seed, n_samples=1500)
+    assert white.truth["noise"] == {"law": "white"}
+    assert r.noise_std == white.noise_std
+    assert list(r.X_train.index.unique("record")) == list(range(10))
+    assert list(r.X_test.index.unique("record")) == list(range(10, 16))
+    np.testing.assert_array_equal(r.X_train["drive"], np.tile(white.X_train["drive"], 2))
+    first, second = (r.y_train - r.y_train_clean).to_numpy().reshape(2, -1)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.3
+
+
 @pytest.mark.parametrize("declared", BASES)
 def test_declared_model_without_effect_is_fitted_to_the_noise(declared):
     noise = 0.002
@@ -446,7 +392,7 @@ def test_held_out_records_stay_within_the_range_fitted_on(seed):
 def test_clean_response_without_effect_is_the_superposition_of_its_plays():
     r = make_recording("none", "prandtl_ishlinskii", 4, n_samples=SHORT)
     for drive, clean in zip(records(r.X_train), records(r.y_train_clean), strict=True):
-        out = physics.plays(drive, r.truth["thresholds"], r.truth["weights"])
+        out = plays(drive, 1.0, r.truth["thresholds"], r.truth["weights"])
         np.testing.assert_allclose(clean, out, rtol=1e-9, atol=1e-9 * np.ptp(clean))
 
 
@@ -487,7 +433,7 @@ def test_the_beginning_of_a_record_is_at_rest():
     r = make_recording("creep", "cascade", 0, n_samples=SHORT)
     gain = 1 + r.truth["parameters"]["compliances"].sum()
     for drive, clean in zip(records(r.X_train), records(r.y_train_clean), strict=True):
-        virgin = physics.plays(drive[:1], r.truth["thresholds"], r.truth["weights"])[0]
+        virgin = plays(drive[:1], 1.0, r.truth["thresholds"], r.truth["weights"])[0]
         assert clean[0] == pytest.approx(gain * virgin, rel=1e-9, abs=1e-12 * np.ptp(clean))
 
 

@@ -116,55 +116,6 @@ def test_velocity_is_the_derivative():
     np.testing.assert_allclose(covered, moved, atol=0.01 * np.ptp(moved))
 
 
-EFFECTS = {
-    "asymmetry": 0.2,
-    "static_nonlinearity": 0.1,
-    "input_saturation": 0.2,
-    "output_saturation": 0.5,
-    "dead_zone": 0.1,
-    "backlash": 0.05,
-    "rate_dependence": {"strength": 0.5, "frequency": 1000.0},
-    "lag": {"time_constant": 5e-5},
-    "delay": {"time": 2.5e-5},
-    "resonance": 0.2,
-    "creep": {"strength": 0.1, "time_constants": [1e-3]},
-    "drift": {"strength": 0.1, "time_constant": 1e-3},
-    "offset": 0.1,
-    "periodic_disturbance": {"strength": 0.02, "frequency": 50.0},
-    "auxiliary_input": {"strength": 0.1, "time_constant": 1e-3},
-    "amplitude_dependence": 0.2,
-    "friction": 0.05,
-    "cubic_stiffness": 0.2,
-    "slew_limit": {"strength": 1.0, "frequency": 100.0},
-}
-
-
-@pytest.fixture(scope="module")
-def short():
-    """Two cycles at 1 kHz, as a frame with records, and the response without an effect."""
-    X = make_scanning_stage()[0].loc[["1000 Hz"]].iloc[:500]
-    return X, make_scanning_stage(X, noise=0.0, quantize=False)[1]
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_each_effect_changes_the_response_and_zero_strength_does_not(name, short):
-    X, plain = short
-    X2, y, truth = make_scanning_stage(X, effects={name: EFFECTS[name]}, noise=0.0, quantize=False)
-    assert list(truth.effects) == [name]
-    assert np.sqrt(np.mean((y - plain) ** 2)) > 1e-3 * np.std(plain)
-    assert ("temperature" in X2) == (name == "auxiliary_input")
-    _, none, _ = make_scanning_stage(X, effects={name: 0.0}, noise=0.0, quantize=False)
-    np.testing.assert_allclose(none, plain, atol=1e-12)
-
-
-def test_delay_shifts(short):
-    X, plain = short
-    _, y, _ = make_scanning_stage(
-        X, effects={"delay": {"time": 5 / RATE}}, noise=0.0, quantize=False
-    )
-    np.testing.assert_allclose(y.to_numpy()[5:], plain.to_numpy()[:-5], atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [

@@ -7,6 +7,7 @@ import pytest
 from plants import make_recording, physics
 
 from skhyst.compose import Cascade
+from skhyst.datasets.simulation import dead_zones, plays
 from skhyst.diagnosis import (
     Effect,
     EffectSearchCV,
@@ -158,10 +159,10 @@ def test_curve(effect):
     recording, search = found(effect)
     truth = recording.truth
     drives = [u.to_numpy() for _, u in recording.X_train["drive"].groupby(level="record")]
-    v = np.concatenate([physics.plays(u, truth["thresholds"], truth["weights"]) for u in drives])
+    v = np.concatenate([plays(u, 1.0, truth["thresholds"], truth["weights"]) for u in drives])
     v = np.linspace(v.min(), v.max(), 500)
     own = dict(truth["parameters"])
-    law = getattr(physics, own.pop("law", "dead_zones"))
+    law = getattr(physics, own.pop("law")) if "law" in own else dead_zones
     expected = shape(v, law(v, 1.0, **own))
     hysteresis, curve = search.best_estimator_.operator_.stages
     v = np.concatenate([hysteresis.run(u, 1.0)[0] for u in drives])

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from skhyst.fluid import TankChain, TankChainOperator
-from skhyst.fluid import _tank_chain_loops as _tank_chain
 from skhyst.linear import FirstOrderLagOperator
 
 DT = 2.0
@@ -44,12 +43,9 @@ def test_law_by_independent_integration(p):
     u = waves()
     operator = TankChainOperator([40.0, 25.0], [p, p], drive_offset=0.1)
     expected = plant(u, operator.init(u[0])[:2], tau=(40.0, 25.0), p=np.array([p, p]))
-    errors = [
-        np.abs(dataclasses.replace(operator, n_substeps=n).run(u, DT)[0] - expected).max()
-        for n in (1, 2, 8)
-    ]
-    assert errors[-1] < 2e-4
-    assert errors[0] < 2e-3
+    for n, most in {1: 2e-3, 8: 2e-4}.items():
+        y, _ = dataclasses.replace(operator, n_substeps=n).run(u, DT)
+        assert np.abs(y - expected).max() < most
 
 
 def test_overflow_by_independent_integration():
@@ -104,11 +100,6 @@ def test_finite_for_any_drive(size, p):
     y, dy = operator.linearize(u, np.empty((5, 0)), DT)
     assert np.isfinite(y).all()
     assert np.isfinite(dy).all()
-
-
-def test_compiled_equals_plain():
-    p = (0.7, 0.4)
-    assert _tank_chain.outflow(*p) == pytest.approx(_tank_chain.outflow.py_func(*p), rel=1e-14)
 
 
 def test_sizes_are_checked():

@@ -1,8 +1,8 @@
 """Bode diagrams: what they store, what is drawn, what is refused."""
 
-import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
 
 from skhyst.inspection import FrequencyResponseDisplay
 from skhyst.linear import (
@@ -13,17 +13,7 @@ from skhyst.linear import (
 )
 from skhyst.records import stack_records
 
-matplotlib.use("Agg")
-from matplotlib import pyplot
-
 MODE = SecondOrderModeOperator(60.0, 0.05, gain=3.0)
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    pyplot.close("all")
-    yield
-    pyplot.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,10 @@
 import subprocess
 import sys
 
-import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib import pyplot
 from plants import make_recording
 
 from skhyst.diagnosis import EffectSearchCV
@@ -18,17 +18,7 @@ from skhyst.inspection import (
     ResidualDisplay,
 )
 
-matplotlib.use("Agg")
-from matplotlib import pyplot
-
-SIGNALS = (HysteresisLoopDisplay, ResidualDisplay)
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    pyplot.close("all")  # those of whatever ran before in this process
-    yield
-    pyplot.close("all")
+both_displays = pytest.mark.parametrize("display_class", [HysteresisLoopDisplay, ResidualDisplay])
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +44,15 @@ def sweep(n_samples=2000, cycles=5.0):
     return np.sin(phase), np.sin(phase) + 0.1 * np.cos(phase)
 
 
+def loops(drive, response, predictions, **options):
+    return HysteresisLoopDisplay.from_predictions(drive[:, None], response, predictions, **options)
+
+
+def residual(drive, values, **options):
+    """Show a residual with these values; the model predicts the drive."""
+    return ResidualDisplay.from_predictions(drive[:, None], drive + values, drive, **options)
+
+
 def curves(ax):
     """Return what is drawn on an axes, empty legend handles left out."""
     lines = [np.column_stack([line.get_xdata(), line.get_ydata()]) for line in ax.lines]
@@ -63,7 +62,7 @@ def curves(ax):
 # ------------------------------------------------------------------------------- what is stored
 
 
-@pytest.mark.parametrize("display_class", SIGNALS)
+@both_displays
 def test_from_estimator_stores_the_free_run(display_class, estimator, recording):
     X, y = recording.X_train, recording.y_train
     display = display_class.from_estimator(estimator, X, y)
@@ -78,7 +77,7 @@ def test_from_estimator_stores_the_free_run(display_class, estimator, recording)
     assert display.figure_ is np.ravel(display.ax_)[0].figure
 
 
-@pytest.mark.parametrize("display_class", SIGNALS)
+@both_displays
 def test_from_predictions_stores_names_and_interval(display_class):
     drive, response = sweep()
     X = pd.DataFrame({"voltage (V)": drive, "temperature": 20.0})
@@ -91,51 +90,33 @@ def test_from_predictions_stores_names_and_interval(display_class):
     assert display.drive_name == "voltage (V)"
     assert display.response_name == "position (um)"
     assert [record.dt for record in display.records] == [0.25]
-
-
-@pytest.mark.parametrize("display_class", SIGNALS)
-def test_arrays_and_one_prediction(display_class):
-    drive, response = sweep()
     display = display_class.from_predictions(drive[:, None], response, drive)
     np.testing.assert_array_equal(display.drive, drive)
     (prediction,) = display.predictions.values()
     np.testing.assert_array_equal(prediction, drive)
 
 
-@pytest.mark.parametrize("display_class", SIGNALS)
-def test_wrong_length_is_refused(display_class):
-    drive, response = sweep()
-    with pytest.raises(ValueError, match=r"2000 samples\. Got 1999 samples instead"):
-        display_class.from_predictions(drive[:, None], response, drive[:-1])
-    assert not pyplot.get_fignums()
-
-
-@pytest.mark.parametrize("display_class", SIGNALS)
+@both_displays
 def test_from_search_stores_held_out_predictions(display_class, search):
+    measured = search.response_.copy()
     display = display_class.from_search(search)
     assert search.effects_ == ["resonance"]
     before, after = display.predictions.values()
     np.testing.assert_array_equal(before, search.prediction_before_)
     np.testing.assert_array_equal(after, search.prediction_after_)
     np.testing.assert_array_equal(display.drive, search.drive_)
-    np.testing.assert_array_equal(display.response, search.response_)
+    np.testing.assert_array_equal(display.response, measured)
     assert display.noise_floor == search.noise_floor_
     assert "resonance" in list(display.predictions)[1]
-
-
-def test_stored_data_are_not_touched(search):
-    before = search.response_.copy()
-    HysteresisLoopDisplay.from_search(search, subtract_line=True)
-    ResidualDisplay.from_search(search)
-    np.testing.assert_array_equal(search.response_, before)
+    options = {"subtract_line": True} if display_class is HysteresisLoopDisplay else {}
+    display.plot(**options)
+    np.testing.assert_array_equal(search.response_, measured)
 
 
 def test_residuals_are_measured_minus_predicted(search):
-    residuals = ResidualDisplay.from_search(search).residuals()
-    for found, kept in zip(
-        residuals.values(), (search.residual_before_, search.residual_after_), strict=True
-    ):
-        np.testing.assert_allclose(found, kept, atol=1e-12 * np.ptp(search.response_))
+    found = ResidualDisplay.from_search(search).residuals().values()
+    for values, kept in zip(found, (search.residual_before_, search.residual_after_), strict=True):
+        np.testing.assert_allclose(values, kept, atol=1e-12 * np.ptp(search.response_))
 
 
 # ------------------------------------------------------------------------------- where it draws
@@ -143,9 +124,7 @@ def test_residuals_are_measured_minus_predicted(search):
 
 def test_loops_on_given_axes():
     drive, response = sweep()
-    display = HysteresisLoopDisplay.from_predictions(
-        drive[:, None], response, {"a": drive, "b": drive}
-    )
+    display = loops(drive, response, {"a": drive, "b": drive})
     assert display.ax_.shape == (2,)
     _, ax = pyplot.subplots()
     assert display.plot(ax=ax) is display
@@ -162,9 +141,8 @@ def test_loops_on_given_axes():
 
 
 def test_residuals_on_given_axes():
-    drive, response = sweep()
-    display = ResidualDisplay.from_predictions(drive[:, None], response, drive)
-    figure, four = pyplot.subplots(2, 2)
+    display = residual(sweep()[0], 0.1)
+    _, four = pyplot.subplots(2, 2)
     open_figures = pyplot.get_fignums()
     assert display.plot(ax=four) is display
     assert list(display.ax_.ravel()) == list(four.ravel())
@@ -176,21 +154,22 @@ def test_residuals_on_given_axes():
     _, one = pyplot.subplots()
     display.plot(ax=one, kind="spectrum")
     assert display.ax_ is one
-    assert figure is not host_figure
 
 
-def test_three_axes_do_not_fit():
+def test_refusals(search):
     drive, response = sweep()
-    display = ResidualDisplay.from_predictions(drive[:, None], response, drive)
-    _, three = pyplot.subplots(1, 3)
+    for display_class in (HysteresisLoopDisplay, ResidualDisplay):
+        with pytest.raises(ValueError, match=r"2000 samples\. Got 1999 samples instead"):
+            display_class.from_predictions(drive[:, None], response, drive[:-1])
+    assert not pyplot.get_fignums()
     with pytest.raises(ValueError, match=r"one Axes or 4 Axes\. Got 3 Axes instead"):
-        display.plot(ax=three)
-
-
-def test_unknown_kind_is_refused():
-    drive, response = sweep()
+        residual(drive, 0.1, ax=pyplot.subplots(1, 3)[1])
     with pytest.raises(ValueError, match=r"'kind' parameter .* Got 'phase' instead"):
-        ResidualDisplay.from_predictions(drive[:, None], response, drive, kind="phase")
+        residual(drive, 0.1, kind="phase")
+    with pytest.raises(ValueError, match=r"must be one of \[1, 2\]\. Got 7 instead"):
+        EffectRankingDisplay.from_search(search, round=7)
+    with pytest.raises(ValueError, match=r"\['resonance'\]\. Got 'creep' instead"):
+        EvidenceDisplay.from_search(search, "creep")
 
 
 # ------------------------------------------------------------------------------- what is drawn
@@ -198,54 +177,38 @@ def test_unknown_kind_is_refused():
 
 def test_straight_line_is_subtracted():
     drive, _ = sweep()
-    display = HysteresisLoopDisplay.from_predictions(
-        drive[:, None], 3.0 * drive + 7.0, 3.0 * drive + 8.0, subtract_line=True
-    )
-    measured, predicted = (
-        np.concatenate([line.get_ydata() for line in ax_lines])
-        for ax_lines in (display.ax_.lines[:1], display.ax_.lines[1:])
-    )
-    np.testing.assert_allclose(measured, 0.0, atol=1e-12)
-    np.testing.assert_allclose(predicted, 1.0, atol=1e-12)
+    display = loops(drive, 3.0 * drive + 7.0, 3.0 * drive + 8.0, subtract_line=True)
+    measured, *predicted = curves(display.ax_)
+    np.testing.assert_allclose(measured[:, 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.concatenate(predicted)[:, 1], 1.0, atol=1e-12)
 
 
 def test_every_drawn_loop_point_was_measured():
     drive, response = sweep(200_000, cycles=400.0)
-    display = HysteresisLoopDisplay.from_predictions(drive[:, None], response, drive)
+    display = loops(drive, response, drive)
     points = set(zip(drive, response, strict=True)) | set(zip(drive, drive, strict=True))
     drawn = np.concatenate(curves(display.ax_))
     assert {tuple(point) for point in drawn} <= points
     assert len(drawn) < 20_000
 
 
-def test_long_residual_keeps_its_peaks():
-    rng = np.random.default_rng(0)
-    drive, response = sweep(200_000, cycles=50.0)
-    residual = 0.01 * rng.normal(size=drive.size)
-    residual[[12_345, 150_001]] = 1.0, -2.0
-    display = ResidualDisplay.from_predictions(
-        drive[:, None], response, response - residual, kind="time", max_points=2000
-    )
-    (drawn,) = curves(display.ax_)
+def test_long_residual_keeps_its_peaks_and_a_short_one_is_drawn_whole():
+    drive, _ = sweep(200_000, cycles=50.0)
+    values = 0.01 * np.random.default_rng(0).normal(size=drive.size)
+    values[[12_345, 150_001]] = 1.0, -2.0
+    (drawn,) = curves(residual(drive, values, kind="time", max_points=2000).ax_)
     assert len(drawn) <= 2002
     assert drawn[:, 1].max() == pytest.approx(1.0)
     assert drawn[:, 1].min() == pytest.approx(-2.0)
     assert np.all(np.diff(drawn[:, 0]) > 0.0)
-
-
-def test_short_residual_is_drawn_whole():
-    drive, response = sweep(500)
-    display = ResidualDisplay.from_predictions(drive[:, None], response, drive, kind="time")
+    display = residual(drive[:500], values[:500], kind="time")
     (drawn,) = curves(display.ax_)
-    np.testing.assert_array_equal(drawn[:, 1], response - drive)
+    np.testing.assert_array_equal(drawn[:, 1], display.residuals()["model"])
 
 
 def test_branches_carry_their_own_residual():
     drive, _ = sweep(20_000, cycles=10.25)
-    rising = np.gradient(drive) >= 0.0
-    display = ResidualDisplay.from_predictions(
-        drive[:, None], drive + np.where(rising, 0.3, -0.2), drive, kind="drive"
-    )
+    display = residual(drive, np.where(np.gradient(drive) >= 0.0, 0.3, -0.2), kind="drive")
     up, down = (np.median(line[:, 1]) for line in curves(display.ax_)[:2])
     assert up == pytest.approx(0.3)
     assert down == pytest.approx(-0.2)
@@ -253,15 +216,12 @@ def test_branches_carry_their_own_residual():
 
 def test_white_noise_lies_on_the_line_of_the_floor():
     """White noise of standard deviation s sampled every dt has the density s sqrt(2 dt)."""
-    rng = np.random.default_rng(1)
     drive, _ = sweep(50_000)
     dt, std = 1e-3, 0.4
-    display = ResidualDisplay.from_predictions(
-        drive[:, None], drive + std * rng.normal(size=drive.size), drive, dt=dt, kind="spectrum"
-    )
+    values = std * np.random.default_rng(1).normal(size=drive.size)
+    display = residual(drive, values, dt=dt, kind="spectrum")
     display.noise_floor = std
-    display.plot(kind="spectrum")
-    noise, floor = curves(display.ax_)
+    noise, floor = curves(display.plot(kind="spectrum").ax_)
     np.testing.assert_allclose(floor[:, 1], std * np.sqrt(2.0 * dt))
     assert np.median(noise[:, 1]) == pytest.approx(floor[0, 1], rel=0.05)
     assert noise[-1, 0] <= 0.5 / dt
@@ -269,11 +229,8 @@ def test_white_noise_lies_on_the_line_of_the_floor():
 
 def test_spectrum_finds_a_line():
     drive, _ = sweep(20_000)
-    time = 1e-3 * np.arange(drive.size)
-    display = ResidualDisplay.from_predictions(
-        drive[:, None], drive + np.sin(2 * np.pi * 50.0 * time), drive, dt=1e-3, kind="spectrum"
-    )
-    (density,) = curves(display.ax_)
+    line = np.sin(2 * np.pi * 50.0 * 1e-3 * np.arange(drive.size))
+    (density,) = curves(residual(drive, line, dt=1e-3, kind="spectrum").ax_)
     assert density[np.argmax(density[:, 1]), 0] == pytest.approx(50.0, rel=0.05)
 
 
@@ -284,22 +241,20 @@ def test_spectrum_leaves_no_record_out():
     time = np.concatenate([1e-3 * np.arange(n) for n in lengths])
     index = pd.MultiIndex.from_arrays([label, time], names=["record", "time"])
     drive = np.sin(2 * np.pi * 5.0 * time)
-    residual = (label == 0) * np.sin(2 * np.pi * 100.0 * time)
-    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(drive + residual, index=index)
+    ringing = (label == 0) * np.sin(2 * np.pi * 100.0 * time)
+    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(drive + ringing, index=index)
     display = ResidualDisplay.from_predictions(X, y, drive, kind="spectrum")
     (density,) = curves(display.ax_)
     assert density[np.argmax(density[:, 1]), 0] == pytest.approx(100.0, rel=0.05)
     power = np.trapezoid(density[:, 1] ** 2, density[:, 0])
-    assert power == pytest.approx(np.var(residual), rel=0.2)
+    assert power == pytest.approx(np.var(ringing), rel=0.2)
 
 
-@pytest.mark.parametrize("display_class", SIGNALS)
-def test_washout_is_left_out(display_class):
-    rng = np.random.default_rng(2)
+@both_displays
+def test_washout_is_left_out_and_no_prediction_survived(display_class):
     drive, response = sweep(4000)
-    prediction = response - 0.1 * rng.normal(size=drive.size)
-    prediction[:300] = np.nan
-    prediction[2000:2100] = np.nan
+    prediction = response - 0.1 * np.random.default_rng(2).normal(size=drive.size)
+    prediction[:300] = prediction[2000:2100] = np.nan
     display = display_class.from_predictions(drive[:, None], response, prediction)
     np.testing.assert_array_equal(display.predictions["model"], prediction)
     for ax in np.ravel(display.ax_):
@@ -307,34 +262,25 @@ def test_washout_is_left_out(display_class):
         assert np.isfinite(drawn).mean() > 0.5
         assert np.all(np.isfinite([*ax.get_xlim(), *ax.get_ylim()]))
     display.figure_.canvas.draw()
-
-
-@pytest.mark.parametrize("display_class", SIGNALS)
-def test_a_record_without_prediction_is_survived(display_class):
-    drive, response = sweep(1000)
-    display = display_class.from_predictions(drive[:, None], response, np.full(1000, np.nan))
+    display = display_class.from_predictions(drive[:, None], response, np.full(4000, np.nan))
     display.figure_.canvas.draw()
 
 
 def test_records_that_start_anew_follow_each_other():
     drive, response = sweep(1000)
     index = pd.MultiIndex.from_product([[0, 1], 0.1 * np.arange(500)], names=["record", "time"])
-    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(response, index=index)
-    anew = ResidualDisplay.from_predictions(X, y, drive, kind="time")
-    np.testing.assert_allclose(anew.running_time(), 0.1 * np.arange(1000))
     once = 0.1 * np.arange(1000) + 5.0 * (np.arange(1000) >= 500)
-    X, y = X.set_axis(once), y.set_axis(once)
-    kept = ResidualDisplay.from_predictions(X, y, drive, kind="time")
-    np.testing.assert_allclose(kept.running_time(), once)
+    for times, running in ((index, 0.1 * np.arange(1000)), (once, once)):
+        X, y = pd.DataFrame({"u": drive}, index=times), pd.Series(response, index=times)
+        display = ResidualDisplay.from_predictions(X, y, drive, kind="time")
+        np.testing.assert_allclose(display.running_time(), running)
 
 
 def test_names_are_no_formulas():
     drive, response = sweep()
     name = r"$\notacommand{ & <b>"
-    display = ResidualDisplay.from_predictions(
-        pd.DataFrame({name: drive}), pd.Series(response, name=name), {name: drive}
-    )
-    display.figure_.canvas.draw()
+    X, y = pd.DataFrame({name: drive}), pd.Series(response, name=name)
+    ResidualDisplay.from_predictions(X, y, {name: drive}).figure_.canvas.draw()
 
 
 # ------------------------------------------------------------------------- ranking and evidence
@@ -346,22 +292,13 @@ def test_ranking_is_that_of_the_search(search):
     table = search.ranking_[search.ranking_["round"] == 1]
     assert display.ax_ is ax
     assert sorted(display.ranking["effect"]) == sorted(table["effect"])
-    names = dict(
-        zip(ax.get_yticks(), (text.get_text() for text in ax.get_yticklabels()), strict=True)
-    )
+    texts = [text.get_text() for text in ax.get_yticklabels()]
+    names = dict(zip(ax.get_yticks(), texts, strict=True))
     assert names[max(names)] == "resonance"
-    marks = {
-        names[line.get_ydata()[0]]: line.get_xdata()[0]
-        for line in ax.lines
-        if line.get_marker() == "o"
-    }
+    rings = [line for line in ax.lines if line.get_marker() == "o"]
+    marks = {names[line.get_ydata()[0]]: line.get_xdata()[0] for line in rings}
     contested = table.dropna(subset="error_after").set_index("effect")["error_after"]
     assert marks == pytest.approx(contested.to_dict())
-
-
-def test_ranking_of_a_round_that_was_not(search):
-    with pytest.raises(ValueError, match=r"must be one of \[1, 2\]\. Got 7 instead"):
-        EffectRankingDisplay.from_search(search, round=7)
 
 
 def test_evidence_is_that_of_the_search(search):
@@ -375,22 +312,17 @@ def test_evidence_is_that_of_the_search(search):
         np.testing.assert_array_equal(drawn, np.column_stack([x, y]))
 
 
-def test_evidence_of_an_effect_that_was_not_claimed(search):
-    with pytest.raises(ValueError, match=r"\['resonance'\]\. Got 'creep' instead"):
-        EvidenceDisplay.from_search(search, "creep")
-
-
 # ------------------------------------------------------------------------- without matplotlib
 
 
 def test_missing_matplotlib_names_the_extra(monkeypatch, search):
     drive, response = sweep()
-    display = ResidualDisplay.from_predictions(drive[:, None], response, drive)
+    display = residual(drive, 0.1)
     stored = display.residuals()
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     for draw in (
         display.plot,
-        lambda: HysteresisLoopDisplay.from_predictions(drive[:, None], response, drive),
+        lambda: loops(drive, response, drive),
         lambda: EffectRankingDisplay.from_search(search),
         lambda: EvidenceDisplay.from_search(search, "resonance"),
     ):

@@ -1,22 +1,13 @@
 """Poles and zeros: what is stored, and that it is drawn where it belongs."""
 
-import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from scipy.signal import ZerosPolesGain
 from scipy.stats import chi2
 
 from skhyst.inspection import PoleZeroDisplay
 from skhyst.linear import FirstOrderLag, TransferFunction
-
-matplotlib.use("Agg")
-from matplotlib import pyplot
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    pyplot.close("all")
 
 
 @pytest.fixture(scope="module")

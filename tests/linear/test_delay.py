@@ -29,12 +29,6 @@ def test_whole_samples_are_an_exact_shift(count):
     np.testing.assert_array_equal(y, np.r_[np.full(count, U[0]), U][: len(U)])
 
 
-def test_whole_delays_in_series_add_up():
-    once, _ = DelayOperator(3 * 0.25).run(U, 0.25)
-    twice, _ = DelayOperator(2 * 0.25).run(once, 0.25)
-    np.testing.assert_array_equal(twice, DelayOperator(5 * 0.25).run(U, 0.25)[0])
-
-
 def test_state_holds_no_more_than_the_delay():
     _, state = DelayOperator(0.035).run(np.tile(U, 100), DT)
     assert np.size(state) <= 5

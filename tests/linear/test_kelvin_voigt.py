@@ -67,16 +67,6 @@ def test_a_record_with_rests_determines_the_static_gain():
     assert np.sqrt(np.mean(np.square(deviations))) < np.median(errors)
 
 
-def test_steps_beside_the_periodic_record_determine_it():
-    X = sine(1.0, 2.0, n_cycles=20, dt=0.02)
-    alone = KelvinVoigt(1, initial_state="rest")
-    with pytest.warns(ConvergenceWarning, match="static gain"):
-        alone.fit(X, periodic(X, 20))
-    rests = steps([0.0, 1.0, 0.0], hold=[1.0, 90.0, 90.0], dt=0.02)
-    both = KelvinVoigt(2, hold="zoh").fit(rests, stepped(rests, 1e-3))
-    assert both.static_gain_ == pytest.approx(STATIC, abs=3.0 * both.static_gain_std_)
-
-
 def test_a_start_from_zero_is_known():
     """A single step out of zero tells the static gain, if the state is said to be zero."""
     u = np.ones((3000, 1))

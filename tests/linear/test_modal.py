@@ -9,7 +9,7 @@ from scipy.signal import dlsim
 from scipy.stats import ortho_group
 
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.linear import ModalModel
+from skhyst.linear import ModalModel, SampledStateSpace
 
 DT = 0.01
 FREQUENCIES, DAMPINGS = np.array([4.0, 7.0, 9.0]), np.array([0.02, 0.01, 0.05])
@@ -77,12 +77,10 @@ def test_intervals_hold_the_truth():
 def test_periodic_records_in_steady_state():
     rng, system, rows = np.random.default_rng(0), structure(), []
     for _ in range(3):
-        period = rng.normal(size=(400, 2))
-        u = np.tile(period, (12, 1))
+        u = np.tile(rng.normal(size=(400, 2)), (12, 1))
         rows.append((u[-1200:], simulate(system, u)[-1200:]))
     index = pd.MultiIndex.from_product([range(3), DT * np.arange(1200)], names=["record", "time"])
-    X = pd.DataFrame(np.concatenate([u for u, _ in rows]), index)
-    X.columns = ["a", "b"]
+    X = pd.DataFrame(np.concatenate([u for u, _ in rows]), index).add_prefix("u")
     Y = np.concatenate([y for _, y in rows]) + [5.0, 0.0, -2.0]
     model = ModalModel(7, transient_periods=0).fit(X, Y)
     modes = model.poles_table().query("damping_ratio < 1")
@@ -98,11 +96,8 @@ def test_units_and_order_of_columns():
     plain = ModalModel(7).fit(X, Y).predict(X)
     other = ModalModel(7).fit(X * [1e-9, 1e4], Y * [1e6, 1.0, -1e-8])
     expected = plain * [1e6, 1.0, -1e-8]
-    np.testing.assert_allclose(
-        other.predict(X * [1e-9, 1e4]) / expected.std(axis=0),
-        expected / expected.std(axis=0),
-        atol=1e-4,
-    )
+    error = (other.predict(X * [1e-9, 1e4]) - expected) / expected.std(axis=0)
+    np.testing.assert_allclose(error, 0.0, atol=1e-4)
     turned = ModalModel(7).fit(X[["u1", "u0"]], Y.iloc[:, ::-1])
     np.testing.assert_allclose(turned.predict(X[["u1", "u0"]])[:, ::-1], plain, atol=1e-3)
 
@@ -129,3 +124,20 @@ def test_refusals():
         ModalModel(9).fit(X[:16], Y[:16])
     with pytest.raises(ValueError, match="'n_poles' parameter"):
         ModalModel(0).fit(X, Y)
+
+
+def test_sampled_state_space_agrees_with_scipy():
+    rng = np.random.default_rng(1)
+    a, b = 0.2 * rng.normal(size=(3, 3)), rng.normal(size=(3, 2))
+    c, d = rng.normal(size=(2, 3)), rng.normal(size=(2, 2))
+    u = rng.normal(size=(30, 2))
+    system = SampledStateSpace(a, b, c, d, DT, np.array([0.5, 0.0]))
+    zero = system.init(u[0], "zero")
+    expected = dlsim((a, b, c, d, DT), u)[1]
+    np.testing.assert_allclose(system.run(u, DT, zero)[0] - system.intercept, expected)
+    y, state = system.run(np.tile(u[:1], (5, 1)), DT)
+    static = system.frequency_response(np.zeros(1))[0].real @ u[0] + system.intercept
+    np.testing.assert_allclose(y, np.tile(static, (5, 1)))
+    np.testing.assert_allclose(system.step(state, u[0], DT)[1], static)
+    with pytest.raises(ValueError, match=r"sampled every 0\.01 s"):
+        system.run(u, 2.0 * DT)

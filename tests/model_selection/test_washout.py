@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.metrics import mean_squared_error, r2_score
+from sklearn.metrics import make_scorer, mean_squared_error, r2_score
 from sklearn.model_selection import GridSearchCV, cross_validate
 
 from skhyst.metrics import fit_percent, mape, max_error, nrmse, smape
@@ -42,52 +42,48 @@ def test_the_washout_of_every_record_is_left_out(data):
     assert washout_scorer(r2_score, washout=5)(model, X, y) == 1.0
     short = washout_scorer(mean_squared_error, washout=4, greater_is_better=False)(model, X, y)
     assert short == pytest.approx(-3 / (3 * 56))
+    X, y = X.iloc[:63], y.iloc[:63]  # a record shorter than the washout does not count
+    assert washout_scorer(r2_score, washout=5)(model, X, y) == 1.0
+    with pytest.raises(ValueError, match="records of 60 samples at most"):
+        washout_scorer(r2_score, washout=60)(model, X, y)
 
 
 @pytest.mark.parametrize(
     ("metric", "sign"),
     [
-        (r2_score, 1),
-        (fit_percent, 1),
-        (nrmse, -1),
-        (smape, -1),
-        (mape, -1),
-        (max_error, -1),
+        *((r2_score, 1), (fit_percent, 1), (nrmse, -1), (smape, -1), (mape, -1), (max_error, -1)),
         (mean_squared_error, -1),
     ],
 )
 def test_names_of_metrics_tell_what_is_better(metric, sign, data):
     X, y = data
     model = Transient(5).fit(X, y)
-    bad = metric(y, model.predict(X))
-    assert washout_scorer(metric, washout=0)(model, X, y) == sign * bad
+    plain = make_scorer(metric, greater_is_better=sign > 0)(model, X, y)
+    assert plain == sign * metric(y, model.predict(X))
+    assert washout_scorer(metric, washout=0)(model, X, y) == plain
     flipped = washout_scorer(metric, washout=0, greater_is_better=sign < 0)
-    assert flipped(model, X, y) == -sign * bad
+    assert flipped(model, X, y) == -plain
 
 
-def test_a_metric_of_unknown_direction_must_say_it():
-    def cost(y_true, y_pred):
-        return 0.0
-
-    for metric, options in ((cost, {}), (r2_score, {"greater_is_better": "yes"})):
-        with pytest.raises(ValueError, match="'greater_is_better' parameter of washout_scorer"):
-            washout_scorer(metric, washout=0, **options)
-    with pytest.raises(ValueError, match="'metric' parameter"):
-        washout_scorer("r2", washout=0)
-
-
-def test_without_washout_it_is_the_metric(data):
-    X, y = data
-    model = Transient().fit(X, y)
-    assert washout_scorer(nrmse, washout=0)(model, X, y) == -nrmse(y, model.predict(X))
+@pytest.mark.parametrize(
+    ("metric", "options", "name"),
+    [
+        (lambda y_true, y_pred: 0.0, {}, "greater_is_better"),
+        (r2_score, {"greater_is_better": "yes"}, "greater_is_better"),
+        ("r2", {}, "metric"),
+        *((r2_score, {"washout": washout}, "washout") for washout in (-1, 1.5, None)),
+    ],
+)
+def test_parameters_are_checked(metric, options, name):
+    with pytest.raises(ValueError, match=f"'{name}' parameter of washout_scorer"):
+        washout_scorer(metric, **{"washout": 0} | options)
 
 
 def test_it_composes_with_blocks_on_frames_and_arrays(data):
     X, y = data
     cv = BlockedTimeSeriesSplit(3, washout=5)
     scoring = {
-        "clean": washout_scorer(r2_score, washout=5),
-        "early": washout_scorer(r2_score, washout=4),
+        name: washout_scorer(r2_score, washout=n) for name, n in (("clean", 5), ("early", 4))
     }
     scores = cross_validate(Transient(5), X, y, cv=cv, scoring=scoring)
     np.testing.assert_array_equal(scores["test_clean"], 1.0)
@@ -112,17 +108,3 @@ def test_options_reach_the_metric_and_it_pickles(data):
     assert repr(pickle.loads(pickle.dumps(scorer))) == (
         "washout_scorer(r2_score, washout=5, greater_is_better=True, multioutput='raw_values')"
     )
-
-
-def test_records_shorter_than_the_washout_are_not_scored(data):
-    X, y = data
-    X, y = X.iloc[:63], y.iloc[:63]
-    assert washout_scorer(r2_score, washout=5)(Transient().fit(X, y), X, y) == 1.0
-    with pytest.raises(ValueError, match="records of 60 samples at most"):
-        washout_scorer(r2_score, washout=60)(Transient().fit(X, y), X, y)
-
-
-@pytest.mark.parametrize("washout", [-1, 1.5, None])
-def test_washout_is_checked(washout):
-    with pytest.raises(ValueError, match="'washout' parameter of washout_scorer"):
-        washout_scorer(r2_score, washout=washout)

@@ -78,24 +78,13 @@ def test_what_is_no_recording_is_refused(tmp_path, suffix, content):
 
 
 @pytest.mark.parametrize("suffix", WHOLE)
-def test_sound_files_are_read(tmp_path, suffix):
+def test_sound_files_are_read_and_truncated_ones_refused(tmp_path, suffix):
     path = tmp_path / f"rig{suffix}"
     path.write_bytes(WHOLE[suffix])
     np.testing.assert_array_equal(read_records(path, drive=0)[0].iloc[:, 0], np.arange(2000.0))
-
-
-@pytest.mark.parametrize("part", [0.02, 0.3, 0.9])
-@pytest.mark.parametrize("suffix", sorted(set(WHOLE) - {".tdms"}))
-def test_truncated_files_are_refused(tmp_path, suffix, part):
-    path = tmp_path / f"rig{suffix}"
-    path.write_bytes(WHOLE[suffix][: int(part * len(WHOLE[suffix]))])
-    refused(path)
-
-
-def test_a_truncated_text_misses_values(tmp_path):
-    path = tmp_path / "rig.csv"
-    path.write_text("u,y\n1.0,2.0\n2.0,3.0\n3.0,")
-    assert "y: row 2" in refused(path, "u", response="y")
+    for part in (0.02, 0.3, 0.9) if suffix != ".tdms" else ():  # of TDMS what is whole is read
+        path.write_bytes(WHOLE[suffix][: int(part * len(WHOLE[suffix]))])
+        refused(path)
 
 
 def test_pickles_in_npy_and_npz_are_not_executed(tmp_path):
@@ -103,11 +92,8 @@ def test_pickles_in_npy_and_npz_are_not_executed(tmp_path):
     objects = np.array([Trap(marker), 1.0], dtype=object)
     np.save(tmp_path / "a.npy", objects, allow_pickle=True)
     np.savez(tmp_path / "a.npz", allow_pickle=True, u=objects, v=np.arange(3.0))
-    (tmp_path / "raw.npy").write_bytes(pickle.dumps(Trap(marker)))
-    (tmp_path / "raw.npz").write_bytes(pickle.dumps(Trap(marker)))
-    for name, drive in (("a.npy", 0), ("a.npz", "u"), ("raw.npy", 0), ("raw.npz", 0)):
-        message = refused(tmp_path / name, drive)
-        assert "pickle" in message or name.startswith("raw")
+    for name, drive in (("a.npy", 0), ("a.npz", "u")):
+        assert "pickle" in refused(tmp_path / name, drive)
         assert not marker.exists()
     assert len(read_records(tmp_path / "a.npz", drive="v")[0]) == 3
     np.load(tmp_path / "a.npy", allow_pickle=True)
@@ -118,8 +104,9 @@ def test_a_pickle_with_a_false_suffix_is_not_executed(tmp_path):
     marker = tmp_path / "executed"
     for suffix in SUFFIXES:
         path = tmp_path / f"rig{suffix}"
-        path.write_bytes(pickle.dumps(Trap(marker), protocol=0))
-        refused(path, "u")
+        for protocol in (0, pickle.DEFAULT_PROTOCOL):
+            path.write_bytes(pickle.dumps(Trap(marker), protocol=protocol))
+            refused(path, "u")
     assert not marker.exists()
 
 
@@ -133,8 +120,7 @@ def test_a_huge_shape_in_a_header_is_refused_without_memory(tmp_path):
 
 
 def test_matlab_functions_and_objects_are_refused_and_the_rest_is_read(tmp_path):
-    kinds = [(MatlabFunction, "function handle"), (MatlabOpaque, "MATLAB object")]
-    for kind, message in kinds:
+    for kind, message in ((MatlabFunction, "function handle"), (MatlabOpaque, "MATLAB object")):
         (variable,) = _held("f", np.zeros((1, 1)).view(kind))
         assert message in variable.refused
     path = tmp_path / "rig.mat"
@@ -210,8 +196,9 @@ def test_json_that_is_no_recording(tmp_path, text):
         ("u,u\n1,2\n3,4\n", "2 columns that 'u' may mean, at the positions 0, 1"),
         ('u,y\n1,"2\n3,4\n', ""),
         ("u,y\n1,2\n3,4,5,6\n5,6\n", ""),
+        ("u,y\n1.0,2.0\n2.0,3.0\n3.0,", "y: row 2"),
     ],
-    ids=["word", "words", "blank", "duplicate", "quote", "ragged"],
+    ids=["word", "words", "blank", "duplicate", "quote", "ragged", "truncated"],
 )
 def test_texts_that_are_no_table(tmp_path, text, message):
     path = tmp_path / "rig.csv"

@@ -79,10 +79,15 @@ def recording(request, tmp_path):
     return path
 
 
-def table(tmp_path, text, name="rig.csv"):
-    path = tmp_path / name
-    path.write_text(text)
-    return path
+def read(folder, table, drive="u", **options):
+    """Write a table, text or frame, and read it."""
+    path = folder / "rig.csv"
+    path.write_text(table if isinstance(table, str) else table.to_csv(index=False))
+    return read_records(path, drive=drive, **options)
+
+
+def lengths(X, y=None):
+    return [record.n_samples for record in record_slices(X, y)]
 
 
 def test_every_format_gives_the_same_records(recording):
@@ -142,68 +147,53 @@ def test_rows_across_and_more_axes(tmp_path):
     np.testing.assert_array_equal(read_records(path, drive="[1, 1]")[0].iloc[:, 0], 2 * U)
 
 
-def test_columns_of_different_lengths_are_refused(tmp_path):
+def test_columns_that_do_not_go_together_are_refused(tmp_path):
     np.savez(tmp_path / "a.npz", u=U, y=Y[:-1])
     with pytest.raises(RecordError, match="differ in length: 'u' 40, 'y' 39"):
         read_records(tmp_path / "a.npz", drive="u", response="y")
-
-
-def test_a_column_named_twice_is_refused(tmp_path):
     with pytest.raises(RecordError, match="'u' more than once"):
-        read_records(table(tmp_path, TABLE.to_csv(index=False)), drive="u", auxiliary=["u"])
+        read(tmp_path, TABLE, auxiliary=["u"])
 
 
 def test_without_times_the_rows_are_counted(tmp_path):
-    path = table(tmp_path, TABLE.to_csv(index=False))
-    X, y = read_records(path, drive="u")
+    X, y = read(tmp_path, TABLE)
     assert y is None
     assert X.index.levels[1].dtype.kind == "i"
     assert record_slices(X, dt=0.5)[0].dt == 0.5
-    X, _ = read_records(path, drive="u", sampling_rate=500.0)
+    X, _ = read(tmp_path, TABLE, sampling_rate=500.0)
     assert record_slices(X)[0].dt == 0.002
 
 
 @pytest.mark.parametrize(("unit", "seconds"), [("ms", 1e-3), ("us", 1e-6), ("h", 3600.0)])
 def test_units_of_time(tmp_path, unit, seconds):
-    path = table(tmp_path, TABLE.assign(t=T / seconds).to_csv(index=False))
-    X, _ = read_records(path, drive="u", time="t", time_unit=unit)
+    X, _ = read(tmp_path, TABLE.assign(t=T / seconds), time="t", time_unit=unit)
     assert record_slices(X)[0].dt == pytest.approx(0.002)
 
 
 def test_dates_and_clock_times(tmp_path):
     start = datetime.datetime(2024, 5, 31, 23, 59, 59, 990_000)
     dates = [(start + datetime.timedelta(seconds=t)).isoformat() for t in T]
-    X, _ = read_records(
-        table(tmp_path, TABLE.assign(t=dates).to_csv(index=False)), drive="u", time="t"
-    )
-    assert X.index.levels[1].dtype.kind == "M"
-    assert record_slices(X)[0].dt == 0.002
-    clock = [f"00:00:0{t:.3f}" for t in T]
-    X, _ = read_records(
-        table(tmp_path, TABLE.assign(t=clock).to_csv(index=False)), drive="u", time="t"
-    )
-    assert X.index.levels[1].dtype.kind == "m"
-    assert record_slices(X)[0].dt == 0.002
-    path = table(tmp_path, TABLE.assign(t="noon").to_csv(index=False))
+    for times, kind in ((dates, "M"), ([f"00:00:0{t:.3f}" for t in T], "m")):
+        X, _ = read(tmp_path, TABLE.assign(t=times), time="t")
+        assert X.index.levels[1].dtype.kind == kind
+        assert record_slices(X)[0].dt == 0.002
     with pytest.raises(RecordError, match="ISO 8601"):
-        read_records(path, drive="u", time="t")
+        read(tmp_path, TABLE.assign(t="noon"), time="t")
 
 
 @pytest.mark.parametrize("labels", [["a"] * 15 + ["b"] * 25, [3] * 15 + [1] * 25])
 def test_records_by_a_column_and_by_restarts(tmp_path, labels):
-    times = np.concatenate([T[:15], T[:25]])
-    path = table(tmp_path, TABLE.assign(t=times, run=labels).to_csv(index=False))
-    found = record_slices(read_records(path, drive="u", time="t", record="run")[0])
+    runs = TABLE.assign(t=np.concatenate([T[:15], T[:25]]), run=labels)
+    found = record_slices(read(tmp_path, runs, time="t", record="run")[0])
     assert [(r.label, r.n_samples) for r in found] == [(labels[0], 15), (labels[-1], 25)]
-    found = record_slices(read_records(path, drive="u", time="t")[0])
+    found = record_slices(read(tmp_path, runs, time="t")[0])
     assert [(r.label, r.n_samples) for r in found] == [(0, 15), (1, 25)]
-    found = record_slices(read_records(path, drive="u", record="run", sampling_rate=500)[0])
+    found = record_slices(read(tmp_path, runs, record="run", sampling_rate=500)[0])
     assert [(r.start_time, r.n_samples) for r in found] == [(0.0, 15), (0.0, 25)]
 
 
 def test_files_stack_to_records(tmp_path):
-    path = table(tmp_path, TABLE.to_csv(index=False))
-    runs = [read_records(path, drive="u", response="y", time="t") for _ in range(2)]
+    runs = [read(tmp_path, TABLE, response="y", time="t") for _ in range(2)]
     X, y = stack_records(runs, labels=["slow", "fast"])
     assert [r.label for r in record_slices(X, y)] == ["slow", "fast"]
 
@@ -212,22 +202,43 @@ def test_files_stack_to_records(tmp_path):
 def test_lost_readings_are_named(tmp_path, lost):
     values = Y.copy()
     values[[4, 5, 20]] = lost
-    path = table(tmp_path, TABLE.assign(y=values).to_csv(index=False))
+    table = TABLE.assign(y=values)
     with pytest.raises(RecordError, match=r"y: rows 4, 5, 20 \(3 of 40\).*'drop' or 'interpolate'"):
-        read_records(path, drive="u", response="y", time="t", missing_code={"y": -999})
-    read_records(path, drive="u", time="t", missing_code=-999)  # nothing lost in what is read
+        read(tmp_path, table, response="y", time="t", missing_code={"y": -999})
+    read(tmp_path, table, time="t", missing_code=-999)  # nothing lost in what is read
 
 
-def test_lost_readings_are_dropped_and_start_a_record(tmp_path):
-    values = Y.copy()
-    values[[0, 9, 10, 20, 22]] = np.nan
-    path = table(tmp_path, TABLE.assign(y=values).to_csv(index=False))
-    for options in ({"time": "t"}, {"sampling_rate": 500.0}, {}):
-        X, y = read_records(path, drive="u", response="y", on_missing="drop", **options)
-        found = record_slices(X, y, dt=0.002)
-        assert [r.n_samples for r in found] == [8, 9, 17]  # row 21 stood alone
-        assert [r.start_time for r in found] == pytest.approx([0.002, 0.022, 0.046])
-        np.testing.assert_allclose(X["u"], np.delete(U, [0, 9, 10, 20, 21, 22]))
+@pytest.mark.parametrize("options", [{"time": "t"}, {"sampling_rate": 500.0}, {}])
+def test_lost_readings_are_dropped_and_start_a_record(tmp_path, options):
+    table = TABLE.copy()
+    table.loc[[0, 9, 10, 20, 22], "y"] = np.nan
+    X, y = read(tmp_path, table, response="y", on_missing="drop", **options)
+    found = record_slices(X, y, dt=0.002)
+    assert [r.n_samples for r in found] == [8, 9, 17]  # row 21 stood alone
+    assert [r.start_time for r in found] == pytest.approx([0.002, 0.022, 0.046])
+    np.testing.assert_allclose(X["u"], np.delete(U, [0, 9, 10, 20, 21, 22]))
+
+
+def test_dropping_does_not_reach_into_another_record(tmp_path):
+    lost = TABLE.assign(run=["a"] * 10 + ["b"] + ["c"] * (N - 11))
+    lost.loc[[9, 11], "y"] = np.nan
+    X, _ = read(tmp_path, lost, response="y", record="run", on_missing="drop")
+    np.testing.assert_allclose(X["u"], np.delete(U, [9, 11]))
+    lost = TABLE.assign(t=np.concatenate([T[:20], T[:20]]))
+    lost.loc[[18, 22], "y"] = np.nan
+    X, y = read(tmp_path, lost, response="y", time="t", on_missing="drop")
+    np.testing.assert_allclose(X["u"], np.delete(U, [18, 19, 22]))  # 19 is left alone, 20 is not
+    assert lengths(X, y) == [18, 2, 17]
+
+
+@pytest.mark.parametrize("options", [{"record": "run"}, {"record": "run", "time": "t"}, {}])
+def test_nothing_is_dropped_where_nothing_is_missing(tmp_path, options):
+    single = TABLE.assign(run=["a"] + ["b"] * (N - 2) + ["c"])  # two records of one row
+    X, _ = read(tmp_path, single, on_missing="drop", **options)
+    np.testing.assert_allclose(X["u"], U)
+    assert len(read(tmp_path, "t,u\n0,1\n", on_missing="drop")[0]) == 1
+    with pytest.raises(RecordError, match="at least two samples"):
+        record_slices(read(tmp_path, "t,u\n0,1\n", time="t", on_missing="drop")[0])
 
 
 @settings(deadline=None, max_examples=20)
@@ -235,70 +246,28 @@ def test_lost_readings_are_dropped_and_start_a_record(tmp_path):
 def test_interpolation_restores_a_straight_line(tmp_path_factory, lost):
     values = 2.0 * T + 1.0
     values[list(lost)] = -1.0
-    path = table(
-        tmp_path_factory.mktemp("line"), pd.DataFrame({"t": T, "u": values}).to_csv(index=False)
-    )
-    X, _ = read_records(path, drive="u", time="t", missing_code=-1, on_missing="interpolate")
+    options = {"time": "t", "missing_code": -1, "on_missing": "interpolate"}
+    X, _ = read(tmp_path_factory.mktemp("line"), pd.DataFrame({"t": T, "u": values}), **options)
     np.testing.assert_allclose(X["u"], 2.0 * T + 1.0, rtol=1e-12)
 
 
-def test_interpolation_drops_edges_and_stays_within_records(tmp_path):
-    values = U.copy()
-    values[[0, 19, 20, 39]] = np.nan
-    path = table(tmp_path, TABLE.assign(u=values, run=[0] * 20 + [1] * 20).to_csv(index=False))
-    X, _ = read_records(path, drive="u", time="t", record="run", on_missing="interpolate")
-    assert [r.n_samples for r in record_slices(X)] == [18, 18]
+def test_interpolation_drops_edges_and_stays_within_records_and_gaps(tmp_path):
+    table = TABLE.assign(run=[0] * 20 + [1] * 20)
+    table.loc[[0, 19, 20, 39], "u"] = np.nan
+    interpolated = {"time": "t", "on_missing": "interpolate"}
+    assert lengths(read(tmp_path, table, record="run", **interpolated)[0]) == [18, 18]
+    table = TABLE.assign(t=T + 1.0 * (np.arange(N) >= 20))
+    table.loc[[5, 19, 20], "u"] = np.nan
+    assert lengths(read(tmp_path, table, **interpolated)[0]) == [19, 19]
 
 
 def test_a_lost_time_cannot_be_interpolated(tmp_path):
-    times = T.copy()
-    times[7] = np.nan
-    path = table(tmp_path, TABLE.assign(t=times).to_csv(index=False))
+    table = TABLE.assign(t=np.where(np.arange(N) == 7, np.nan, T))
     for policy in ("raise", "interpolate"):
         with pytest.raises(RecordError, match=r"the time: row 7\. Pass on_missing='drop'"):
-            read_records(path, drive="u", time="t", on_missing=policy)
-    X, _ = read_records(path, drive="u", time="t", on_missing="drop")
+            read(tmp_path, table, time="t", on_missing=policy)
+    X, _ = read(tmp_path, table, time="t", on_missing="drop")
     assert len(X) == N - 1
-
-
-def test_nothing_is_dropped_where_nothing_is_missing(tmp_path):
-    single = TABLE.assign(run=["a"] + ["b"] * (N - 2) + ["c"])  # two records of one row
-    for options in ({"record": "run"}, {"record": "run", "time": "t"}, {}):
-        X, _ = read_records(
-            table(tmp_path, single.to_csv(index=False)), drive="u", on_missing="drop", **options
-        )
-        np.testing.assert_allclose(X["u"], U)
-    path = table(tmp_path, "t,u\n0,1\n", "row.csv")
-    assert len(read_records(path, drive="u", on_missing="drop")[0]) == 1
-    with pytest.raises(RecordError, match="at least two samples"):
-        record_slices(read_records(path, drive="u", time="t", on_missing="drop")[0])
-
-
-def test_dropping_does_not_reach_into_another_record(tmp_path):
-    lost = TABLE.assign(run=["a"] * 10 + ["b"] + ["c"] * (N - 11))
-    lost.loc[[9, 11], "y"] = np.nan
-    X, _ = read_records(
-        table(tmp_path, lost.to_csv(index=False)),
-        drive="u",
-        response="y",
-        record="run",
-        on_missing="drop",
-    )
-    np.testing.assert_allclose(X["u"], np.delete(U, [9, 11]))
-
-
-def test_rows_across_a_restart_are_not_neighbours(tmp_path):
-    lost = TABLE.assign(t=np.concatenate([T[:20], T[:20]]))
-    lost.loc[[18, 22], "y"] = np.nan
-    X, y = read_records(
-        table(tmp_path, lost.to_csv(index=False)),
-        drive="u",
-        response="y",
-        time="t",
-        on_missing="drop",
-    )
-    np.testing.assert_allclose(X["u"], np.delete(U, [18, 19, 22]))  # 19 is left alone, 20 is not
-    assert [r.n_samples for r in record_slices(X, y)] == [18, 2, 17]
 
 
 @pytest.mark.parametrize(
@@ -315,35 +284,21 @@ def test_rows_across_a_restart_are_not_neighbours(tmp_path):
     ],
 )
 def test_the_header_is_the_last_line_above_the_numbers_or_their_units(tmp_path, head):
-    path = table(tmp_path, head + "0,5;1,5\n1,0;2,5\n1,5;3,5\n")
-    X, y = read_records(path, drive="voltage", response="path")
+    X, y = read(tmp_path, head + "0,5;1,5\n1,0;2,5\n1,5;3,5\n", "voltage", response="path")
     assert (X["voltage"].tolist(), y.tolist()) == ([0.5, 1.0, 1.5], [1.5, 2.5, 3.5])
 
 
 def test_names_that_are_symbols_of_units(tmp_path):
-    path = table(tmp_path, "Saved;2024\nV;m\n0;1\n2;3\n")
-    assert read_records(path, drive="V", response="m")[1].tolist() == [1, 3]
+    assert read(tmp_path, "Saved;2024\nV;m\n0;1\n2;3\n", "V", response="m")[1].tolist() == [1, 3]
 
 
 @pytest.mark.parametrize("integer", [int, np.int64, np.uint8])
 def test_integers_of_every_type_are_positions_and_rates(tmp_path, integer):
-    path = table(tmp_path, TABLE.to_csv(index=False))
-    X, _ = read_records(
-        path,
-        drive=integer(1),
-        auxiliary=integer(2),
-        sampling_rate=integer(100),
-        response=integer(3),
-    )
+    options = {"auxiliary": 2, "sampling_rate": 100, "response": 3}
+    options = {name: integer(value) for name, value in options.items()}
+    X, _ = read(tmp_path, TABLE, integer(1), **options)
     assert list(X.columns) == ["u", "w"]
     assert record_slices(X)[0].dt == 0.01
-
-
-def test_nothing_left(tmp_path):
-    path = table(tmp_path, "u,y\n1,\n2,\n3,\n")
-    for policy in ("drop", "interpolate"):
-        with pytest.raises(RecordError, match=r"rig\.csv"):
-            read_records(path, drive="u", response="y", on_missing=policy)
 
 
 @pytest.mark.parametrize(
@@ -361,16 +316,17 @@ def test_nothing_left(tmp_path):
 )
 def test_parameters_are_checked(tmp_path, options, message):
     with pytest.raises(ValueError, match=message):
-        read_records(table(tmp_path, TABLE.to_csv(index=False)), drive="u", **options)
+        read(tmp_path, TABLE, **options)
 
 
-def test_times_too_coarse_or_out_of_order_are_refused(tmp_path):
-    coarse = TABLE.assign(t=np.round(T, 2))
+def test_times_too_coarse_or_out_of_order_and_nothing_left(tmp_path):
     with pytest.raises(RecordError, match=r"stands still .*'sampling_rate'"):
-        read_records(table(tmp_path, coarse.to_csv(index=False)), drive="u", time="t")
-    shuffled = TABLE.sample(frac=1.0, random_state=0)
+        read(tmp_path, TABLE.assign(t=np.round(T, 2)), time="t")
     with pytest.raises(RecordError, match="shuffled"):
-        read_records(table(tmp_path, shuffled.to_csv(index=False)), drive="u", time="t")
+        read(tmp_path, TABLE.sample(frac=1.0, random_state=0), time="t")
+    for policy in ("drop", "interpolate"):
+        with pytest.raises(RecordError, match=r"rig\.csv"):
+            read(tmp_path, "u,y\n1,\n2,\n3,\n", response="y", on_missing=policy)
 
 
 @pytest.mark.parametrize(

@@ -37,14 +37,11 @@ def test_rows_without_times_are_one_record(X):
     np.testing.assert_allclose(record.time, 0.25 * np.arange(7))
 
 
-def test_no_rows_no_records():
+def test_no_rows_and_one_row():
     assert record_slices(np.zeros((0, 1))) == ()
     with pytest.raises(RecordError, match="must have rows"):
         sampling_interval(np.zeros((0, 1)))
-
-
-def test_one_row_of_an_array_is_a_record_since_its_interval_is_known():
-    assert spans(np.zeros((1, 1))) == [(0, 0, 1)]
+    assert spans(np.zeros((1, 1))) == [(0, 0, 1)]  # of an array the interval is known
 
 
 @settings(deadline=None, max_examples=50)
@@ -93,14 +90,10 @@ def test_start_time_of_dates_is_unix_time():
     assert record_slices(single(pd.timedelta_range("2s", periods=4, freq="1s")))[0].start_time == 2
 
 
-def test_levels_go_by_their_names():
-    X = frame(("a", [0.0, 0.1]), ("b", [0.0, 0.1])).swaplevel()
-    assert spans(X) == [("a", 0, 2), ("b", 2, 4)]
-    anonymous = frame(("a", [0.0, 0.1]), ("b", [0.0, 0.1]), names=(None, None))
-    assert spans(anonymous) == [("a", 0, 2), ("b", 2, 4)]
-
-
-def test_labels_are_plain_python():
+def test_levels_go_by_their_names_and_labels_are_plain_python():
+    records = ("a", [0.0, 0.1]), ("b", [0.0, 0.1])
+    for X in (frame(*records).swaplevel(), frame(*records, names=(None, None))):
+        assert spans(X) == [("a", 0, 2), ("b", 2, 4)]
     assert type(record_slices(frame((1, [0.0, 0.1])))[0].label) is int
 
 
@@ -112,18 +105,12 @@ def test_an_integer_index_counts_samples_and_its_holes_split():
 
 
 @pytest.mark.parametrize("step", [0.1, 1])
-def test_a_time_that_restarts_starts_a_record(step):
+def test_a_restart_and_the_same_label_again_start_a_record(step):
     X = single(np.concatenate([np.arange(5), np.arange(7), np.arange(3)]) * step)
     assert spans(X) == [(0, 0, 5), (1, 5, 12), (2, 12, 15)]
-
-
-def test_the_same_label_again_is_another_record():
-    times = np.arange(4) * 0.1
-    assert spans(frame(("a", times), ("b", times), ("a", times + 9))) == [
-        ("a", 0, 4),
-        ("b", 4, 8),
-        ("a", 8, 12),
-    ]
+    times = np.arange(4) * step
+    X = frame(("a", times), ("b", times), ("a", times + 90 * step))
+    assert spans(X) == [("a", 0, 4), ("b", 4, 8), ("a", 8, 12)]
 
 
 @settings(deadline=None, max_examples=50)
@@ -155,15 +142,11 @@ def test_time_stamps_rounded_by_a_tenth_are_even(seed, dt, n):
     assert found[0].dt == pytest.approx(dt, rel=0.2 / (n - 1) + 1e-8)
 
 
-def test_csv_rounding_to_microseconds():
+def test_rounding_of_files_and_of_a_unix_time_is_even():
     X = single(np.round(np.arange(20_000) / 102_400, 6))
     assert sampling_interval(X) == pytest.approx(1 / 102_400, rel=5.2e-6)  # 1 us of 0.195 s
-
-
-def test_a_unix_time_in_float_is_even():
-    assert sampling_interval(single(1.7e9 + 1e-5 * np.arange(5000))) == pytest.approx(
-        1e-5, rel=1e-4
-    )
+    X = single(1.7e9 + 1e-5 * np.arange(5000))
+    assert sampling_interval(X) == pytest.approx(1e-5, rel=1e-4)
 
 
 @pytest.mark.parametrize("dt", [0.001, 1 / 1024, 0.00015625])
@@ -199,40 +182,40 @@ def test_random_splits_and_reversed_rows_are_refused_with_the_remedy(index):
             record_slices(part)
 
 
-def test_interleaved_records_are_refused():
-    X = frame(("a", np.arange(9) * 0.1), ("b", np.arange(9) * 0.1)).sort_index(level="time")
-    with pytest.raises(RecordError, match="sort_index"):
-        record_slices(X)
-    assert len(record_slices(X.sort_index())) == 2
-
-
-def test_repeated_rows_are_refused():
-    X = single([0.0, 0.1, 0.1, 0.2])
-    with pytest.raises(RecordError, match="Rows 1 and 2 have the same time"):
-        record_slices(X)
-
-
-def test_one_sample_records_are_refused_and_named():
-    X = frame(("a", [0.0, 0.1, 0.2]), ("b", [0.0]), ("c", [0.0, 0.1]))
-    with pytest.raises(RecordError, match=r"at least two samples. Got 1 row\(s\) \(3\)"):
-        record_slices(X)
-    with pytest.raises(RecordError, match="at least two samples"):
-        record_slices(single([0.5]))
-
-
-@pytest.mark.parametrize(
-    "times",
-    [
-        np.cumsum(np.random.default_rng(0).uniform(0.6, 1.4, 100)),
-        np.geomspace(1.0, 2.0, 50),
-        np.r_[0:50, 50 + 1.1 * np.arange(50)],
-        np.r_[np.arange(100), 100 + 2 * np.arange(100)] * 0.5,
-    ],
-    ids=["jitter", "log", "two rates", "double rate"],
+TIMES = np.arange(9) * 0.1
+TWO = frame(("a", TIMES), ("b", TIMES))
+LOST = np.isin(np.arange(10), [3, 7])
+UNEVEN = (
+    np.cumsum(np.random.default_rng(0).uniform(0.6, 1.4, 100)),
+    np.geomspace(1.0, 2.0, 50),
+    np.r_[0:50, 50 + 1.1 * np.arange(50)],
+    np.r_[np.arange(100), 100 + 2 * np.arange(100)] * 0.5,
 )
-def test_uneven_sampling_is_refused(times):
-    with pytest.raises(RecordError, match="resample_records"):
-        record_slices(single(times))
+NO_TIMES = (list("abcd"), [True, False] * 2, pd.period_range("2024", periods=4, freq="D"))
+LEVELS = pd.MultiIndex.from_arrays([[0, 0], [0, 0], [0.0, 0.1]])
+REFUSED = [
+    (TWO.sort_index(level="time"), "sort_index"),
+    (single([0.0, 0.1, 0.1, 0.2]), "Rows 1 and 2 have the same time"),
+    (frame(("a", TIMES), ("b", [0.0]), ("c", TIMES)), r"two samples. Got 1 row\(s\) \(9\)"),
+    (single([0.5]), "at least two samples"),
+    (single(np.arange(0, 40, 2)), "give times in seconds as floats"),
+    *((single(times), "resample_records") for times in UNEVEN),
+    *(
+        (X, r"2 row\(s\) \(3, 7\) without a finite time")
+        for bad in (np.nan, np.inf)
+        for times in [np.where(LOST, bad, 0.1 * np.arange(10))]
+        for X in (single(times), frame(("a", times)))
+    ),
+    (frame(("a", [0.0, 0.1]), (None, [0.0, 0.1])), r"label. Got 2 row\(s\) \(2, 3\)"),
+    *((single(index), r"reset_index\(drop=True\)") for index in NO_TIMES),
+    (pd.DataFrame({"u": [0.0, 0.0]}, LEVELS), "3 levels"),
+]
+
+
+@pytest.mark.parametrize(("X", "message"), REFUSED)
+def test_what_forms_no_even_records_is_refused_with_the_remedy(X, message):
+    with pytest.raises(RecordError, match=message):
+        record_slices(X)
 
 
 @pytest.mark.parametrize("ratio", [1.05, 2.0, 10.0])
@@ -244,76 +227,29 @@ def test_records_of_different_intervals_are_refused(ratio):
     assert found == pytest.approx([0.1 * ratio, 0.1])
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_times_that_are_not_finite_are_refused(bad):
-    times = np.arange(10) * 0.1
-    times[[3, 7]] = bad
-    for X in (single(times), frame(("a", times))):
-        with pytest.raises(RecordError, match=r"2 row\(s\) \(3, 7\) without a finite time"):
-            record_slices(X)
-
-
-def test_rows_without_a_label_are_refused():
-    X = frame(("a", [0.0, 0.1]), (None, [0.0, 0.1]))
-    with pytest.raises(RecordError, match=r"record label. Got 2 row\(s\) \(2, 3\)"):
-        record_slices(X)
-
-
-@pytest.mark.parametrize(
-    "index",
-    [list("abcd"), [True, False, True, False], pd.period_range("2024", periods=4, freq="D")],
-)
-def test_an_index_that_is_no_time_is_refused(index):
-    with pytest.raises(RecordError, match=r"reset_index\(drop=True\)"):
-        record_slices(single(index))
-
-
-def test_three_levels_are_refused():
-    index = pd.MultiIndex.from_arrays([[0, 0], [0, 0], [0.0, 0.1]])
-    with pytest.raises(RecordError, match="3 levels"):
-        record_slices(pd.DataFrame({"u": [0.0, 0.0]}, index=index))
-
-
-def test_every_second_row_says_to_give_seconds():
-    with pytest.raises(RecordError, match="give times in seconds as floats"):
-        record_slices(single(np.arange(0, 40, 2)))
-
-
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf, "1", None, 1j])
 def test_dt_is_checked(dt):
     with pytest.raises(RecordError, match="'dt' parameter of record_slices"):
         record_slices(np.zeros((3, 1)), dt=dt)
 
 
-def test_a_lost_index_is_refused():
-    X = frame(("a", np.arange(9) * 0.1), ("b", np.arange(9) * 0.1))
-    y = X["drive"]
-    scaled = StandardScaler().fit_transform(X)
-    for lost in (scaled, pd.DataFrame(scaled)):
+def test_an_index_that_only_y_has_is_refused():
+    y = TWO["drive"]
+    scaled = StandardScaler().fit_transform(TWO)
+    hole = pd.Series(np.zeros(30)).drop(range(10, 20))
+    for X, own in ((scaled, y), (pd.DataFrame(scaled), y), (np.zeros((20, 1)), hole)):
         with pytest.raises(RecordError, match=r'set_output\(transform="pandas"\)'):
-            record_slices(lost, y)
-    kept = StandardScaler().set_output(transform="pandas").fit_transform(X)
-    assert record_slices(kept, y) == record_slices(X)
-    assert record_slices(X, y.to_numpy()) == record_slices(X)
-
-
-def test_a_lost_hole_is_refused():
-    y = pd.Series(np.zeros(30)).drop(range(10, 20))
-    with pytest.raises(RecordError, match="set_output"):
-        record_slices(np.zeros((20, 1)), y)
+            record_slices(X, own)
+    kept = StandardScaler().set_output(transform="pandas").fit_transform(TWO)
+    for X, own in ((kept, y), (TWO, y.to_numpy()), (TWO, y.copy())):
+        assert record_slices(X, own) == record_slices(TWO)
     assert len(record_slices(np.zeros((30, 1)), pd.Series(np.zeros(30)))) == 1
-
-
-def test_another_order_of_y_is_refused():
-    X = frame(("a", np.arange(9) * 0.1), ("b", np.arange(9) * 0.1))
-    y = X["drive"]
     with pytest.raises(RecordError, match="must be equal"):
-        record_slices(X, y.iloc[::-1])
-    assert record_slices(X, y.copy()) == record_slices(X)
+        record_slices(TWO, y.iloc[::-1])
 
 
 def test_nothing_is_changed():
-    X = frame(("a", np.arange(9) * 0.1), ("b", np.arange(9) * 0.1))
-    before = X.copy()
-    record_slices(X, X["drive"])
-    pd.testing.assert_frame_equal(X, before)
+    before = TWO.copy()
+    record_slices(TWO, TWO["drive"])
+    assert record_slices(TWO.sort_index(level="time").sort_index()) == record_slices(TWO)
+    pd.testing.assert_frame_equal(TWO, before)

@@ -1,23 +1,11 @@
-"""What the test signals share: checks of their parameters, and their frame."""
+"""Checks of parameters, and the frame of the test signals."""
 
 import numpy as np
 import pandas as pd
 
 from ..records import stack_records
 
-__all__ = [
-    "band_lines",
-    "count",
-    "interval",
-    "number",
-    "refuse",
-    "refuse_aliasing",
-    "scalar",
-    "signal_frame",
-    "whole",
-]
-
-_ROUNDING = 1e-9  # of a duration or frequency, in samples or lines
+ROUNDING = 1e-9  # of a duration or frequency, in samples or lines
 
 
 def refuse(function, name, expected, value):
@@ -27,20 +15,21 @@ def refuse(function, name, expected, value):
     )
 
 
-def number(function, name, value, *, positive=False, negative=True, size=None):
+def number(function, name, value, *, positive=False, negative=True, size=None, shape=None):
     """Return finite numbers as an array, of zero or one dimension, or of ``size`` values.
 
-    ``positive`` refuses zero, ``negative=False`` only what is below.
+    ``positive`` refuses zero, ``negative=False`` only what is below; errors name the ``shape``.
     """
     kind = "positive" if positive else "finite" if negative else "not negative"
-    shape = "a number or a sequence of numbers" if size is None else f"a number, or {size} numbers"
+    if shape is None:
+        shape = f"a number, or {size} numbers" if size else "a number or a sequence of numbers"
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         refuse(function, name, f"{shape}, {kind}", value)
     fits = array.ndim <= 1 and array.size > 0 and np.isfinite(array).all()
-    if size is not None:
-        fits = fits and array.size in (1, size)
+    fits = fits and (size is None or array.size in (1, size))
+    fits = fits and not isinstance(value, str)
     if not fits or (positive and (array <= 0).any()) or (not negative and (array < 0).any()):
         refuse(function, name, f"{shape}, {kind}", value)
     return array if size is None else np.broadcast_to(array.ravel(), size).astype(float)
@@ -48,7 +37,7 @@ def number(function, name, value, *, positive=False, negative=True, size=None):
 
 def scalar(function, name, value, **options):
     """Return one finite number."""
-    array = number(function, name, value, **options)
+    array = number(function, name, value, shape="a number", **options)
     if array.ndim:
         refuse(function, name, "a number", value)
     return float(array)
@@ -76,27 +65,8 @@ def refuse_aliasing(function, name, frequency, dt):
 
 def whole(ratio, *, up=False):
     """Return the next whole number below, or above, but for rounding."""
-    slack = _ROUNDING * max(abs(ratio), 1.0)
+    slack = ROUNDING * max(abs(ratio), 1.0)
     return int(np.ceil(ratio - slack) if up else np.floor(ratio + slack))
-
-
-def band_lines(function, band, n_samples, dt):
-    """Return the lines, multiples of ``1 / (n_samples dt)`` above 0, in a band in Hz."""
-    if band is None:
-        low, high = 0.0, np.inf
-    else:
-        values = number(function, "band", band, negative=False)
-        if values.shape != (2,) or values[0] > values[1]:
-            refuse(function, "band", "a pair (lowest, highest frequency) in Hz", band)
-        low, high = values
-        refuse_aliasing(function, "band", high, dt)
-    lines = np.arange(1, (n_samples + 1) // 2)
-    duration = n_samples * dt
-    slack = _ROUNDING * lines
-    found = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
-    if not found.size:
-        refuse(function, "band", f"wide enough for a multiple of {1.0 / duration:g} Hz", band)
-    return found
 
 
 def signal_frame(signals, dt, labels=None):

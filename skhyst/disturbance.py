@@ -1,11 +1,11 @@
-"""A constant, a slow function of time, and sinusoids, with coefficients of each record's own.
-
-Disturbances: functions of time since the start of a record, whatever the drive.
+"""Disturbances: functions of the time since the start of a record, whatever the drive.
 
 The coefficients of a disturbance belong to the record, not to the device. Identification solves
 them exactly record by record; the operator holds their mean over the records, which is what a
 free run of a new record can know.
 """
+
+# ruff: noqa: D102 (what an operator and an estimator do is said by their bases)
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from numbers import Integral
 import numpy as np
 from scipy.fft import next_fast_len
 
-from .._sklearn import Interval
-from ..base import ParametricModel
-from ..operators import Operator, SumOperator, parameter
+from ._sklearn import Interval
+from .base import ParametricModel
+from .operators import Operator, SumOperator, parameter
 
 __all__ = [
     "DisturbanceOperator",
@@ -29,11 +29,11 @@ __all__ = [
 ]
 
 
-class DisturbanceOperator(Operator):
-    """Base: ``y(t) = basis(t) coefficients``; the input is not used.
+_OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
 
-    Time is counted from the record's start.
-    """
+
+class DisturbanceOperator(Operator):
+    """Base: ``y(t) = basis(t) coefficients``, t from the record's start; no input is used."""
 
     signal_linear = True
     rank = 60
@@ -100,10 +100,7 @@ class SinusoidOperator(DisturbanceOperator):
         return 2.0 * np.pi * time[:, None] * (sine * np.cos(phase) - cosine * np.sin(phase))
 
 
-_OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
-
-
-class Disturbance(ParametricModel):
+class _Disturbance(ParametricModel):
     """Base of the disturbances: nothing is driven, all is beside."""
 
     def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
@@ -115,7 +112,7 @@ class Disturbance(ParametricModel):
         return [(SumOperator((), ()), (start,)) for start in self._disturbances(records)]
 
 
-class Offset(Disturbance):
+class Offset(_Disturbance):
     """A constant for each record.
 
     Each record's own constant is in ``record_coefficients_``; :meth:`predict` gives the mean over
@@ -143,7 +140,7 @@ class Offset(Disturbance):
         return [OffsetOperator(np.zeros(1))]
 
 
-class Drift(Disturbance):
+class Drift(_Disturbance):
     """A slow function of the time since each record's start: Legendre polynomials.
 
     Parameters
@@ -181,7 +178,7 @@ class Drift(Disturbance):
         return [DriftOperator(np.zeros(self.degree + 1), duration or records[0].dt)]
 
 
-class PeriodicDisturbance(Disturbance):
+class PeriodicDisturbance(_Disturbance):
     """Sinusoids at frequencies of their own; amplitude and phase belong to each record.
 
     Parameters
@@ -219,30 +216,27 @@ class PeriodicDisturbance(Disturbance):
         self.n_frequencies = n_frequencies
 
     def _disturbances(self, records):
-        frequencies = spectral_lines([(r.y, r.dt) for r in records], self.n_frequencies)
+        frequencies = _spectral_lines(records, self.n_frequencies)
         return [SinusoidOperator(np.zeros(2 * self.n_frequencies), frequencies)]
 
 
-def spectral_lines(signals, count):
-    """Return the frequencies (Hz) of the strongest lines of signals, a list of (values, dt).
+def _spectral_lines(records, count):
+    """Return the frequencies (Hz) of the strongest lines in the power of all records together.
 
-    One after the other: each line found is fitted and taken away before the next is sought, in
-    the power of all records together.
+    One after the other: each line found is fitted and taken away before the next is sought.
     """
-    dt = signals[0][1]
-    n = next_fast_len(_OVERSAMPLING * max(len(values) for values, _ in signals), real=True)
+    dt, longest = records[0].dt, max(len(r.y) for r in records)
+    n = next_fast_len(_OVERSAMPLING * longest, real=True)
     grid = np.fft.rfftfreq(n, dt)
-    rest = [values - values.mean() for values, _ in signals]
+    rest = [r.y - r.y.mean() for r in records]
     found = []
     for _ in range(count):
-        power = sum(
-            np.abs(np.fft.rfft(values * np.hanning(len(values)), n)) ** 2 for values in rest
-        )
+        power = sum(np.abs(np.fft.rfft(y * np.hanning(len(y)), n)) ** 2 for y in rest)
         # the first bins are what a mean and a trend leave
-        power[grid < 2.0 / (dt * max(len(values) for values in rest))] = 0.0
+        power[grid < 2.0 / (dt * longest)] = 0.0
         found.append(grid[np.argmax(power)])
-        for i, values in enumerate(rest):
-            time = dt * np.arange(len(values))
-            basis = SinusoidOperator(np.zeros(2), np.array(found[-1:])).basis(time)
-            rest[i] = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+        line = SinusoidOperator(np.zeros(2), np.array(found[-1:]))
+        for i, y in enumerate(rest):
+            basis = line.basis(dt * np.arange(len(y)))
+            rest[i] = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
     return np.array(found)

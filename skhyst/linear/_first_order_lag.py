@@ -1,0 +1,77 @@
+"""First-order lag, ``1 / (time_constant s + 1)``."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..operators import parameter
+from ._base import LinearModel, log_grid, time_span
+from ._linear import LinearOperator
+
+__all__ = ["FirstOrderLag", "FirstOrderLagOperator"]
+
+
+@dataclass(frozen=True)
+class FirstOrderLagOperator(LinearOperator):
+    """First-order low-pass ``1 / (time_constant s + 1)``; the time constant is in s."""
+
+    time_constant: float = parameter(log=True, lower=0.0, unit="s")
+    gain: float = parameter(linear=True, gauge=1.0, unit="response/drive", default=1.0)
+    intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
+    hold: str = "foh"
+    n_poles = (1, 0)
+
+    def with_poles(self, rates, pairs):
+        return replace(self, time_constant=float(1.0 / rates[0]))
+
+    def lag_rates(self):
+        """Return the rates (1/s) of the first-order lags in a row that the operator is: one."""
+        return [1.0 / self.time_constant]
+
+    def _matrices(self, p):
+        rate = 1.0 / p[0]
+        return np.array([[-rate]]), np.array([rate]), np.array([p[1]]), 0.0 * p[0]
+
+
+class FirstOrderLag(LinearModel):
+    r"""First-order low-pass, stepped exactly.
+
+    .. math:: G(s) = \frac{g}{\tau s + 1}
+
+    Parameters
+    ----------
+    fit_gain, fit_intercept : bool, default=True
+        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
+    hold : {"foh", "zoh"}, default="foh"
+        Drive between samples: a straight line, or constant.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
+
+    Attributes
+    ----------
+    operator_ : FirstOrderLagOperator
+        ``time_constant`` in s, ``gain`` in response units over drive units.
+    params_, params_std_ : dict
+        Parameters and their standard errors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import FirstOrderLag
+    >>> time = np.arange(200) * 0.01
+    >>> X, y = np.ones((200, 1)), 2.0 * (1.0 - np.exp(-time / 0.1))
+    >>> model = FirstOrderLag(dt=0.01, initial_state="zero", fit_intercept=False, hold="zoh")
+    >>> print(f"{model.fit(X, y).operator_.time_constant:.3f} s")
+    0.100 s
+    """
+
+    def starting_values(self, records):
+        dt, span = time_span(records)
+        return [
+            (FirstOrderLagOperator(float(tau), hold=self.hold), ())
+            for tau in log_grid(0.3 * dt, 0.3 * span, 2)
+        ]

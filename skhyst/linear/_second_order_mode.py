@@ -1,0 +1,111 @@
+"""Second-order mode, ``1 / (s^2/w^2 + 2 damping_ratio s/w + 1)``: mass, spring and damper."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..operators import parameter
+from ..optimize import pole_starts, sections
+from ._base import LinearModel, log_grid, time_span
+from ._linear import LinearOperator
+
+__all__ = ["SecondOrderMode", "SecondOrderModeOperator", "count_ringing", "rates_of_sections"]
+
+_DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
+
+
+def count_ringing(damping_ratios):
+    """Return how many pairs of poles overshoot."""
+    return int(np.count_nonzero(np.asarray(damping_ratios) < _DAMPED))
+
+
+def rates_of_sections(time_constants, frequencies, damping_ratios):
+    """Return the rates (1/s) of the lags in a row that sections are, [] where one overshoots."""
+    if count_ringing(damping_ratios):
+        return []
+    rates = [1.0 / constant for constant in time_constants]
+    for frequency, damping in zip(frequencies, damping_ratios, strict=True):
+        # a pair that does not ring is as two equal lags
+        apart = np.exp(np.arccosh(max(damping, 1.0)))
+        rates += [frequency / apart, frequency * apart]
+    return [float(rate) for rate in rates]
+
+
+@dataclass(frozen=True)
+class SecondOrderModeOperator(LinearOperator):
+    """Second-order mode ``1 / (s^2/w^2 + 2 damping_ratio s/w + 1)``, w in rad/s."""
+
+    natural_frequency: float = parameter(log=True, lower=0.0, unit="rad/s")
+    damping_ratio: float = parameter(log=True, lower=0.0)
+    gain: float = parameter(linear=True, gauge=1.0, unit="response/drive", default=1.0)
+    intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
+    hold: str = "foh"
+    n_poles = (0, 1)
+
+    def with_poles(self, rates, pairs):
+        return replace(self, natural_frequency=float(pairs[0][0]), damping_ratio=float(pairs[0][1]))
+
+    def n_ringing(self):
+        """Return the number of pairs of poles that overshoot: damping ratio below sqrt(1/2)."""
+        return count_ringing(self.damping_ratio)
+
+    def lag_rates(self):
+        """Return the rates (1/s) of the two lags in a row that the mode is, [] where it rings."""
+        return rates_of_sections([], [self.natural_frequency], [self.damping_ratio])
+
+    def linear_mode(self):
+        """Return the second-order mode that the operator is."""
+        return self
+
+    def _matrices(self, p):
+        w, zeta, gain = p[:3]
+        a = np.array([[0.0 * w, w], [-w, -2.0 * zeta * w]])
+        return a, np.array([0.0 * w, w]), np.array([gain, 0.0 * w]), 0.0 * w
+
+
+class SecondOrderMode(LinearModel):
+    r"""Second-order mode: mass, spring and damper.
+
+    .. math:: G(s) = \frac{g}{s^2/\omega^2 + 2 \zeta s/\omega + 1}
+
+    Parameters
+    ----------
+    fit_gain, fit_intercept : bool, default=True
+        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
+    hold : {"foh", "zoh"}, default="foh"
+        Drive between samples: a straight line, or constant.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index.
+    method : str or Method, default="variable_projection"
+        How the parameters are identified, see :mod:`skhyst.optimize`.
+
+    Attributes
+    ----------
+    operator_ : SecondOrderModeOperator
+        ``natural_frequency`` in rad/s, ``damping_ratio``, ``gain``.
+    params_, params_std_ : dict
+        Parameters and their standard errors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
+    >>> drive = np.random.default_rng(0).normal(size=500)
+    >>> y, _ = SecondOrderModeOperator(60.0, 0.05).run(drive, 0.01)
+    >>> model = SecondOrderMode(dt=0.01).fit(drive.reshape(-1, 1), y)
+    >>> print(f"{model.operator_.natural_frequency:.2f} rad/s")
+    60.00 rad/s
+    """
+
+    def starting_values(self, records):
+        dt, span = time_span(records)
+        found = [(w, zeta) for w in log_grid(6.0 / span, 1.5 / dt, 2) for zeta in (0.05, 0.5)]
+        for poles in pole_starts([(r.u, r.y, r.dt) for r in records], 2):
+            _, frequencies, dampings = sections(poles)
+            found += list(zip(frequencies[:1], dampings[:1], strict=True))
+        return [
+            (SecondOrderModeOperator(float(w), float(zeta), hold=self.hold), ())
+            for w, zeta in found
+        ]

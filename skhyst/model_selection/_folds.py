@@ -1,0 +1,294 @@
+"""Folds for what is fitted to whole records at a time: records in segments, folds as masks of them.
+
+A segment lies wholly inside or outside of the training and of the test rows of every fold, so that
+sums over a segment serve all folds: they are computed once, and a fold selects.
+"""
+
+from itertools import chain, pairwise
+from numbers import Integral
+
+import numpy as np
+
+__all__ = ["by_content", "segment_folds", "stretches"]
+
+_WASHOUT = 0.05  # of a block of a single record
+
+
+def by_content(records, X=None, y=None):
+    """Return the numbers of the records in an order that their place in the data has no part in.
+
+    By length, then by the mean of the response and of the drive: no choice of units changes it.
+
+    Parameters
+    ----------
+    records : sequence of RecordSlice
+    X : array-like of shape (n_samples, n_inputs) or (n_samples,), optional
+        Column 0 is the drive.
+    y : array-like of shape (n_samples,), optional
+        Response.
+
+    Returns
+    -------
+    ndarray of int of shape (n_records,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.model_selection import by_content
+    >>> from skhyst.records import record_slices, stack_records
+    >>> by_content(record_slices(stack_records([np.zeros(3), np.zeros(2)])))
+    array([1, 0])
+    """
+    drive = None if X is None else np.asarray(X)
+    if drive is not None and drive.ndim > 1:
+        drive = drive[:, 0]
+    signals = [np.array(s, dtype=float) for s in (drive, y) if s is not None]
+    means = [[signal[r.rows].mean() for r in records] for signal in signals]
+    return np.lexsort([*means, [r.n_samples for r in records]])
+
+
+def stretches(start, stop, most=32, shortest=16):
+    """Cut rows into stretches of one length; the last takes what is over.
+
+    Parameters
+    ----------
+    start, stop : int
+        The rows.
+    most : int, default=32
+        Stretches at the most.
+    shortest : int, default=16
+        Samples that a stretch has at least, where there are that many.
+
+    Returns
+    -------
+    list of (start, stop)
+
+    Examples
+    --------
+    >>> from skhyst.model_selection import stretches
+    >>> stretches(0, 11, most=3, shortest=2)
+    [(0, 3), (3, 6), (6, 11)]
+    """
+    count = max(min(most, (stop - start) // shortest), 1)
+    length = (stop - start) // count
+    firsts = [int(start) + i * length for i in range(count)]
+    return list(zip(firsts, [*firsts[1:], int(stop)], strict=True))
+
+
+def segment_folds(
+    records, cv=5, X=None, y=None, *, groups=None, washout=None, n_segments=32, shortest=16
+):
+    """Cut records into segments, and folds over these segments.
+
+    Parameters
+    ----------
+    records : sequence of RecordSlice
+        All records, as :func:`skhyst.records.record_slices` returns them.
+    cv : int, splitter or iterable, default=5
+        As in ``GridSearchCV``. An int: so many folds of whole records, one a record at the most, or
+        of contiguous blocks where there is a single record. Records are dealt to the folds by what
+        is in them (:func:`by_content`), whatever their order. Else an object with
+        ``split(X, y, groups)``, or an iterable of (train, test) row numbers, which is consumed
+        once.
+    X : DataFrame or array-like of shape (n_samples, n_inputs), optional
+        For a splitter, and to tell records of one length apart.
+    y : array-like of shape (n_samples,), optional
+        The same.
+    groups : array-like of shape (n_samples,), optional
+        Passed to a splitter.
+    washout : int or None, default=None
+        Samples that are neither fitted nor scored in a fold that tests them: those at the start of
+        each record, or of each block of test rows of a single record. One sample of each at least
+        is scored. None: 5 % of the shortest block of a single record, whose past is unknown;
+        nothing where there are several records, each from its own start.
+    n_segments : int, default=32
+        Segments a record, at the most where the folds allow it, those washed out not counted.
+    shortest : int, default=16
+        Samples that a segment has at least, where the folds allow it.
+
+    Returns
+    -------
+    segments : tuple of tuple of (start, stop)
+        For each record, its segments in order, which cover it; rows count from its start. They are
+        about equally long, but for the ends of blocks and washed-out stretches.
+    folds : list of (train, test)
+        Boolean masks over the segments of all records: those fitted, those scored. What a fold
+        neither trains on nor tests (gaps, washout) is in neither.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two folds, one trains on rows that it tests or lacks either, row
+        numbers are out of range, or rows are dealt one by one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.model_selection import segment_folds
+    >>> from skhyst.records import record_slices
+    >>> segments, folds = segment_folds(record_slices(np.zeros((80, 1))), cv=2, n_segments=4)
+    >>> segments
+    (((0, 2), (2, 21), (21, 40), (40, 42), (42, 61), (61, 80)),)
+    >>> for train, test in folds:
+    ...     print(train.astype(int), test.astype(int))
+    [0 0 0 1 1 1] [0 1 1 0 0 0]
+    [1 1 1 0 0 0] [0 0 0 0 1 1]
+    """
+    for name, value, least in (("n_segments", n_segments, 1), ("shortest", shortest, 1)):
+        check_integer(name, value, least, "segment_folds")
+    if washout is not None:
+        check_integer("washout", washout, 0, "segment_folds")
+    first = np.zeros(records[-1].rows.stop, dtype=bool)
+    first[[record.rows.start for record in records]] = True
+    if isinstance(cv, Integral):
+        train, test = _even_folds(records, cv, X, y)
+    else:
+        train, test = _given_folds(cv, X, y, groups, first)
+    scored = test & ~_washed(records, test, first, washout)
+    empty = np.flatnonzero(~scored.any(axis=1))
+    if empty.size:
+        raise ValueError(
+            f"The 'washout' parameter must leave test rows to score. Got {washout!r} and none in "
+            f"fold {empty[0]} instead."
+        )
+    changed = [(part[:, 1:] != part[:, :-1]).any(axis=0) for part in (train, test, scored)]
+    cuts = np.flatnonzero(first | np.append(False, np.logical_or.reduce(changed)))
+    undivided = test.any(axis=0) & ~scored.any(axis=0)
+    segments = []
+    for record in records:
+        start, stop = record.rows.start, record.rows.stop
+        own = cuts[(cuts >= start) & (cuts < stop)].tolist()
+        counts = _shares(np.diff([*own, stop]), ~undivided[own], n_segments)
+        parts = [
+            stretches(a - start, b - start, count, shortest)
+            for (a, b), count in zip(pairwise([*own, stop]), counts, strict=True)
+        ]
+        segments.append(tuple(chain.from_iterable(parts)))
+    rows = [r.rows.start + a for r, own in zip(records, segments, strict=True) for a, _ in own]
+    masks = zip(train[:, rows], scored[:, rows], strict=True)
+    return tuple(segments), list(masks)
+
+
+def check_integer(name, value, least, caller):
+    """Refuse a parameter that is no int or too small."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+        raise ValueError(
+            f"The {name!r} parameter of {caller} must be an int that is at least {least}. Got "
+            f"{value!r} instead."
+        )
+
+
+def runs(mask, first):
+    """Return where the runs of True start and stop; a new one starts where ``first`` holds."""
+    before, after = np.append(False, mask[:-1]), np.append(mask[1:], False)
+    starts = mask & (first | ~before)
+    stops = mask & (np.append(first[1:], True) | ~after)
+    return np.flatnonzero(starts), np.flatnonzero(stops) + 1
+
+
+def _even_folds(records, cv, X, y):
+    """Return masks (n_folds, n_samples) of whole records, or of the blocks of a single one."""
+    check_integer("cv", cv, 2, "segment_folds")
+    if len(records) > 1:
+        n_folds = min(cv, len(records))
+        fold_of = np.repeat(
+            np.argsort(by_content(records, X, y)) % n_folds, [r.n_samples for r in records]
+        )
+    else:
+        n_folds, n = cv, records[0].n_samples
+        if n < 2 * cv:
+            raise ValueError(
+                f"The 'cv' parameter must leave two samples in each block of a record: at least "
+                f"{2 * cv} samples for {cv} folds. Got {n} instead."
+            )
+        ends = np.linspace(0, n, cv + 1).astype(int)
+        fold_of = np.repeat(np.arange(cv), np.diff(ends))
+    test = fold_of == np.arange(n_folds)[:, None]
+    return ~test, test
+
+
+def _given_folds(cv, X, y, groups, first):
+    """Return masks (n_folds, n_samples) of the folds of a splitter or an iterable."""
+    if hasattr(cv, "split") and not isinstance(cv, str):
+        if X is None:
+            raise ValueError("The 'X' parameter must be given where 'cv' is a splitter. Got None.")
+        folds = list(cv.split(X, y, groups))
+    else:
+        folds = list(cv) if np.iterable(cv) else [cv]
+    if not all(np.iterable(fold) and len(fold) == 2 for fold in folds):
+        raise ValueError(
+            f"The 'cv' parameter must be an int, a splitter or an iterable of (train, test) row "
+            f"numbers. Got {cv!r} instead."
+        )
+    if len(folds) < 2:
+        raise ValueError(
+            f"The 'cv' parameter must give at least two folds. Got {len(folds)} instead."
+        )
+    train, test = np.zeros((2, len(folds), first.size), dtype=bool)
+    for k, fold in enumerate(folds):
+        for part, mask, numbers in zip(("training", "test"), (train, test), fold, strict=True):
+            mask[k, _row_numbers(numbers, first.size, f"{part} rows of fold {k}")] = True
+            starts, stops = runs(mask[k], first)
+            single = starts[stops - starts == 1]
+            if single.size:
+                raise ValueError(
+                    f"The 'cv' parameter must keep rows together that follow each other. Got row "
+                    f"{single[0]} alone in the {part} rows of fold {k} instead; use "
+                    f"skhyst.model_selection.RecordKFold or BlockedTimeSeriesSplit."
+                )
+        both = np.flatnonzero(train[k] & test[k])
+        if both.size:
+            raise ValueError(
+                f"The folds of the 'cv' parameter must test other rows than they train on. Got "
+                f"{both.size} row(s) of fold {k} in both, the first one row {both[0]}, instead."
+            )
+    return train, test
+
+
+def _row_numbers(numbers, n_rows, where):
+    rows = np.asarray(numbers)
+    if rows.size == 0:
+        raise ValueError(f"The {where} of the 'cv' parameter must not be empty. Got none.")
+    if rows.dtype.kind not in "iu" or rows.ndim != 1:
+        raise ValueError(
+            f"The {where} of the 'cv' parameter must be row numbers. Got an array of type "
+            f"{rows.dtype} and shape {rows.shape} instead."
+        )
+    outside = rows[(rows < 0) | (rows >= n_rows)]
+    if outside.size:
+        raise ValueError(
+            f"The {where} of the 'cv' parameter must lie from 0 to {n_rows - 1}. Got {outside[0]} "
+            f"instead."
+        )
+    return rows
+
+
+def _washed(records, test, first, washout):
+    """Return a mask (n_folds, n_samples) of the rows that are simulated but not scored."""
+    washed = np.zeros_like(test)
+    if len(records) > 1:
+        for record in records:
+            end = min(washout or 0, record.n_samples - 1)
+            washed[:, record.rows.start : record.rows.start + end] = True
+        return washed
+    blocks = [runs(mask, first) for mask in test]
+    if washout is None:
+        washout = int(_WASHOUT * min(np.min(stops - starts) for starts, stops in blocks))
+    for mask, (starts, stops) in zip(washed, blocks, strict=True):
+        for start, stop in zip(starts, stops, strict=True):
+            mask[start : min(start + washout, stop - 1)] = True
+    return washed
+
+
+def _shares(lengths, divided, n_segments):
+    """Return how many segments each part of a record gets: parts of one length equally many."""
+    counts = np.ones(len(lengths), dtype=int)
+    if divided.any():
+        # multiples of the shortest, as the blocks of an even division differ by a sample
+        sizes = np.maximum(np.round(lengths[divided] / lengths[divided].min()), 1.0)
+        for size in np.unique(sizes / np.arange(1, n_segments + 1)[:, None]):
+            own = np.maximum(np.floor(sizes / size * (1.0 + 1e-12)), 1.0)
+            if own.sum() <= n_segments:
+                counts[divided] = own
+                break
+    return counts.tolist()

@@ -1,0 +1,223 @@
+"""Folds over segments: partitions, what a splitter says, dealing by content, refusals."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.model_selection import GroupKFold, KFold, ShuffleSplit, TimeSeriesSplit
+
+from skhyst.model_selection import BlockedTimeSeriesSplit, RecordKFold, segment_folds, stretches
+from skhyst.records import record_slices, stack_records
+
+sizes = st.lists(st.integers(20, 700), min_size=1, max_size=5)
+washouts = st.one_of(st.none(), st.integers(0, 30))
+
+
+def recording(lengths, seed=0):
+    rng = np.random.default_rng(seed)
+    return stack_records([tuple(rng.normal(size=(2, n))) for n in lengths], dt=0.01)
+
+
+def by_rows(records, segments, folds):
+    """Return the masks of the folds over rows, (n_folds, 2, n_samples)."""
+    lengths = [b - a for own in segments for a, b in own]
+    return np.array([[np.repeat(mask, lengths) for mask in fold] for fold in folds])
+
+
+def check_partition(records, segments, folds, n_segments=32):
+    assert len(segments) == len(records)
+    for record, own in zip(records, segments, strict=True):
+        assert own[0][0] == 0
+        assert own[-1][1] == record.n_samples
+        assert all(a < b == c for (a, b), (c, _) in pairwise(own))
+    for train, test in folds:
+        assert train.shape == test.shape == (sum(map(len, segments)),)
+        assert train.any()
+        assert test.any()
+        assert not (train & test).any()
+
+
+@settings(deadline=None, max_examples=30)
+@given(sizes, st.integers(2, 9), washouts)
+def test_an_int_cuts_whole_records_or_blocks_of_a_single_one(lengths, cv, washout):
+    X, y = recording(lengths)
+    records = record_slices(X, y)
+    segments, folds = segment_folds(records, cv, X, y, washout=washout)
+    check_partition(records, segments, folds)
+    train, scored = by_rows(records, segments, folds).transpose(1, 0, 2)
+    assert len(folds) == (cv if len(lengths) == 1 else min(cv, len(lengths)))
+    # each row is held out once; all but the washout is scored then
+    np.testing.assert_array_equal((~train).sum(axis=0), 1)
+    for k in range(len(folds)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], ~train[k], [0]])))
+        if len(lengths) == 1:
+            assert edges.size == 2
+            assert edges[1] - edges[0] in (lengths[0] // cv, -(-lengths[0] // cv))
+            lost = int(0.05 * (lengths[0] // cv)) if washout is None else washout
+            assert np.sum(scored[k]) == max(edges[1] - edges[0] - lost, 1)
+    if len(lengths) > 1:
+        for record in records:
+            tested = ~train[:, record.rows]
+            assert (tested == tested[:, :1]).all()
+            left = scored[:, record.rows].sum()
+            assert left == max(record.n_samples - (washout or 0), 1)
+
+
+def test_segments_of_a_single_record_as_recorded():
+    X, y = recording([203])
+    segments, _ = segment_folds(record_slices(X), 3, X, y)
+    assert segments == (
+        (
+            *((0, 3), (3, 19), (19, 35), (35, 51), (51, 67)),
+            *((67, 70), (70, 86), (86, 102), (102, 118), (118, 135)),
+            *((135, 138), (138, 154), (154, 170), (170, 186), (186, 203)),
+        ),
+    )
+
+
+@pytest.mark.parametrize("cv", [2, 3, 5, 7, 32, 40])
+def test_blocks_that_differ_by_a_sample_get_equally_many_segments(cv):
+    X, y = recording([16 * 40 * cv + 1])
+    segments, folds = segment_folds(record_slices(X), cv, X, y)
+    for _, test in folds:
+        assert np.sum(test) == max(32 // cv, 1)
+    lengths = [b - a for a, b in segments[0]]
+    assert np.sum(lengths) == len(X)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    st.lists(st.integers(5, 60).map(lambda n: 12 * n), min_size=3, max_size=5),
+    washouts,
+    st.sampled_from(
+        [
+            RecordKFold(3),
+            RecordKFold(3, shuffle=True, random_state=1),
+            BlockedTimeSeriesSplit(4),
+            BlockedTimeSeriesSplit(2, washout=7, staggered=True),
+            KFold(2),
+            TimeSeriesSplit(2, gap=4),
+            GroupKFold(3),
+        ]
+    ),
+    st.integers(4, 40),
+)
+def test_a_splitter_is_followed_row_by_row(lengths, washout, cv, n_segments):
+    X, y = recording(lengths)
+    records, groups = record_slices(X, y), X.index.codes[0]
+    own = {"groups": groups} if isinstance(cv, GroupKFold) else {}
+    splits = list(cv.split(X, y, **own))
+    segments, folds = segment_folds(
+        records, cv, X, y, washout=washout, n_segments=n_segments, **own
+    )
+    check_partition(records, segments, folds)
+    masks = by_rows(records, segments, folds)
+    start = np.concatenate([np.arange(n) for n in lengths]) >= (washout or 0)
+    for (train, test), (fitted, scored) in zip(splits, masks, strict=True):
+        np.testing.assert_array_equal(np.flatnonzero(fitted), train)
+        np.testing.assert_array_equal(np.flatnonzero(scored), test[start[test]])
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(60, 900), st.integers(2, 5), washouts)
+def test_blocks_of_a_single_record_start_with_a_washout(n, n_splits, washout):
+    X, y = recording([n])
+    cv = BlockedTimeSeriesSplit(n_splits, washout=3)
+    segments, folds = segment_folds(record_slices(X), cv, X, y, washout=washout)
+    check_partition(record_slices(X), segments, folds)
+    lost = int(0.05 * (n // n_splits)) if washout is None else washout
+    masks = by_rows(record_slices(X), segments, folds)
+    for (train, test), (fitted, scored) in zip(cv.split(X), masks, strict=True):
+        np.testing.assert_array_equal(np.flatnonzero(fitted), train)
+        np.testing.assert_array_equal(np.flatnonzero(scored), test[min(lost, len(test) - 1) :])
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.lists(st.integers(80, 90), min_size=2, max_size=6),
+    st.sampled_from([2, 4, BlockedTimeSeriesSplit(3, washout=2, staggered=True)]),
+    st.randoms(),
+)
+def test_the_order_of_records_does_not_matter(lengths, cv, random):
+    rng = np.random.default_rng(0)
+    parts = [tuple(rng.normal(size=(2, n))) for n in lengths]
+    order = list(range(len(parts)))
+    random.shuffle(order)
+    seen = []
+    for places in (range(len(parts)), order):
+        X, y = stack_records([parts[i] for i in places], dt=0.01)
+        records = record_slices(X, y)
+        segments, folds = segment_folds(records, cv, X, y, washout=5)
+        own = np.cumsum([0, *map(len, segments)])
+        seen.append(
+            {
+                i: (segments[k], [[m[own[k] : own[k + 1]].tolist() for m in f] for f in folds])
+                for k, i in enumerate(places)
+            }
+        )
+    assert seen[0] == seen[1]
+
+
+def test_a_generator_is_consumed_once():
+    X, y = recording([90, 90])
+    splits = list(BlockedTimeSeriesSplit(3).split(X))
+    generated = segment_folds(record_slices(X), iter(splits), X, y)
+    for found, expected in zip(generated, segment_folds(record_slices(X), splits), strict=True):
+        np.testing.assert_equal(found, expected)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 50), st.integers(1, 500), st.integers(1, 40), st.integers(1, 30))
+def test_stretches_are_of_one_length(start, n, most, shortest):
+    found = stretches(start, start + n, most, shortest)
+    lengths = [b - a for a, b in found]
+    assert [found[0][0], *(b for _, b in found)] == [*(a for a, _ in found), start + n]
+    assert len(found) <= most
+    assert len(set(lengths[:-1])) <= 1
+    assert len(found) == 1 or min(lengths) >= shortest
+    assert lengths[-1] < lengths[0] + len(found)
+
+
+ROWS = np.arange(40)
+SPLIT = [(ROWS[:20], ROWS[20:]), (ROWS[20:], ROWS[:20])]
+
+
+@pytest.mark.parametrize(
+    ("cv", "message"),
+    [
+        ([(ROWS[:21], ROWS[20:]), SPLIT[1]], r"1 row\(s\) of fold 0 in both, the first one row 20"),
+        ([SPLIT[0], (ROWS[20:], ROWS[:20] - 1)], r"test rows of fold 1 .* 0 to 39. Got -1 instead"),
+        ([SPLIT[0], (ROWS[20:] + 1, ROWS[:20])], r"training rows of fold 1 .* Got 40 instead"),
+        ([SPLIT[0], (ROWS, [])], "test rows of fold 1 .* must not be empty"),
+        ([SPLIT[0], ([], ROWS)], "training rows of fold 1 .* must not be empty"),
+        ([SPLIT[0], (ROWS < 20, ROWS >= 20)], "must be row numbers. Got an array of type bool"),
+        ([], "at least two folds. Got 0 instead"),
+        (SPLIT[:1], "at least two folds. Got 1 instead"),
+        (KFold(4, shuffle=True, random_state=0), "RecordKFold or BlockedTimeSeriesSplit"),
+        (ShuffleSplit(random_state=0), "RecordKFold or BlockedTimeSeriesSplit"),
+        (1, "'cv' parameter of segment_folds must be an int that is at least 2. Got 1 instead"),
+        (True, "must be an int that is at least 2. Got True instead"),
+        (21, "at least 42 samples for 21 folds. Got 40 instead"),
+        (2.5, r"an int, a splitter or an iterable .* Got 2.5 instead"),
+        ("five", r"an int, a splitter or an iterable .* Got 'five' instead"),
+        ([1, 2], r"an int, a splitter or an iterable .* Got \[1, 2\] instead"),
+    ],
+)
+def test_folds_that_say_nothing_are_refused(cv, message):
+    X, y = recording([40])
+    with pytest.raises(ValueError, match=message):
+        segment_folds(record_slices(X), cv, X, y)
+
+
+def test_other_refusals():
+    X, y = recording([40, 40])
+    records = record_slices(X)
+    with pytest.raises(ValueError, match="'X' parameter must be given where 'cv' is a splitter"):
+        segment_folds(records, RecordKFold(2))
+    for name, value in (("washout", -1), ("washout", 0.5), ("n_segments", 0), ("shortest", None)):
+        with pytest.raises(ValueError, match=f"'{name}' parameter of segment_folds must be an int"):
+            segment_folds(records, 2, X, y, **{name: value})
+    with pytest.raises(ValueError, match=r"must leave test rows to score. Got 20 and none in fold"):
+        segment_folds(records, BlockedTimeSeriesSplit(2), X, y, washout=20)
