@@ -9,7 +9,7 @@ from ._by_record import NUMBERS, column_numbers
 from ._characteristics import OF_CLASSES, characteristics
 from ._claim import Claim
 from ._pictures import Picture, draw
-from ._report_text import listed, plus_minus, unit_of
+from ._report_text import in_words, listed, plus_minus, unit_of
 
 __all__ = ["Evidence", "gather_evidence"]
 
@@ -62,12 +62,9 @@ def gather_evidence(effect, structure, result, records, before, after, names):
     share = 100.0 * (1.0 - (after.error / before.error) ** 2) if before.error > 0.0 else 0.0
     numbers, leading = NUMBERS.get(claim.kind, _numbers)(claim), _leading(claim)
     first = [n for start in leading for n in numbers if re.fullmatch(rf"{start}( \d+)?", n)]
-    words = {
-        "drive": unit_of(columns[0]) if len(columns) else "",
-        "response": unit_of(response),
-    }
+    words = unit_of(columns[0]) if len(columns) else "", unit_of(response)
     numbers = {
-        name: (float(numbers[name][0]), float(numbers[name][1]), _in_words(numbers[name][2], words))
+        name: (float(numbers[name][0]), float(numbers[name][1]), in_words(numbers[name][2], *words))
         for name in dict.fromkeys([*first, *numbers])
     }
     told = listed(
@@ -87,14 +84,6 @@ def _leading(claim):
         return []
     names = [name for name, *_ in OF_CLASSES.get(type(claim.operator), ())]
     return ["gain", *names] if claim.kind == "branch" else names
-
-
-def _in_words(unit, words):
-    """Put other words, where there are any, in the place of drive and response."""
-    unit = re.sub(
-        r"\b(drive|response)\b", lambda found: words[found.group()] or found.group(), unit
-    )
-    return re.sub(r"^(\S+)/\1$", "", unit)
 
 
 def _numbers(claim):
@@ -121,9 +110,9 @@ def _numbers(claim):
             label += f" {int(number) + 1}" if sizes[name] > 1 else ""
         value, std = claim.values[key]
         found.setdefault(label, (factor * value, factor * std, unit))
-    words = dict(zip(("drive", "response"), claim.units, strict=True))
     return {
-        name: (value, std, _in_words(unit, words)) for name, (value, std, unit) in found.items()
+        name: (value, std, in_words(unit, *claim.units))
+        for name, (value, std, unit) in found.items()
     }
 
 

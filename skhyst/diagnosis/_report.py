@@ -3,19 +3,15 @@
 import dataclasses
 import json
 import math
-import platform
 import re
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
-from . import _report_text as text
+from ._report_data import collect
+from ._report_page import page, verdict
 
 __all__ = ["Report"]
-
-SCHEMA = "skhyst.report/1"
-_PACKAGES = ("skhyst", "numpy", "scipy", "scikit-learn", "pandas", "numba")
 
 
 @dataclasses.dataclass
@@ -127,8 +123,6 @@ class Report:
         -------
         Report
         """
-        from ._report_data import collect
-
         return cls(**collect(search, command, held_out))
 
     @property
@@ -139,12 +133,12 @@ class Report:
     @property
     def headline(self):
         """The verdict in a few words."""
-        return text.verdict(self)[0]
+        return verdict(self)[0]
 
     @property
     def sentence(self):
         """The verdict in one sentence: what is missing, the errors, the noise floor."""
-        return text.verdict(self)[1]
+        return verdict(self)[1]
 
     def to_dict(self):
         """Return everything but the signals, as plain Python data; NaN and infinity are None."""
@@ -154,7 +148,7 @@ class Report:
             if field.name != "signals"
         }
         summary = {"headline": self.headline, "sentence": self.sentence}
-        return plain_data({"schema": SCHEMA, **summary, **fields})
+        return _plain({"schema": "skhyst.report/1", **summary, **fields})
 
     def to_json(self, path=None):
         """Return :meth:`to_dict` as JSON text.
@@ -188,11 +182,11 @@ class Report:
         ImportError
             Where matplotlib or Jinja2 is not installed.
         """
-        environment = _environment(autoescape=True)
+        template = _template(autoescape=True)
         from ._report_figures import report_figures
 
-        template = environment.get_template("report.html.j2")
-        return _written(template.render(report=self, figures=report_figures(self)), path)
+        blocks = page(self, report_figures(self))
+        return _written(template.render(form="html", headline=self.headline, blocks=blocks), path)
 
     def to_markdown(self, path=None):
         """Return the text and the tables, without pictures.
@@ -211,29 +205,19 @@ class Report:
         ImportError
             Where Jinja2 is not installed.
         """
-        template = _environment(autoescape=False).get_template("report.md.j2")
-        return _written(template.render(report=self), path)
+        template = _template(autoescape=False)
+        content = template.render(form="markdown", headline=self.headline, blocks=page(self))
+        return _written(content, path)
 
 
-def package_versions():
-    """Return package name -> version, Python first."""
-    versions = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            versions[package] = "not installed"
-    return versions
-
-
-def plain_data(value):
+def _plain(value):
     """Return ``value`` in terms of dict, list, str, bool, int, float and None."""
     if isinstance(value, dict):
-        return {str(key): plain_data(item) for key, item in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain_data(value.tolist())
+        return _plain(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain_data(item) for item in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float):
@@ -241,8 +225,8 @@ def plain_data(value):
     return value if value is None or isinstance(value, str | bool | int) else str(value)
 
 
-def _environment(autoescape):
-    """Return the Jinja2 environment of the templates, or say how to install it."""
+def _template(autoescape):
+    """Return the Jinja2 template, or say how to install it."""
     try:
         import jinja2
     except ImportError as error:
@@ -258,10 +242,9 @@ def _environment(autoescape):
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals.update({name: getattr(text, name) for name in text.__all__})
     environment.filters["md"] = _markdown_text
     environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
-    return environment
+    return environment.get_template("report.j2")
 
 
 def _markdown_text(value):

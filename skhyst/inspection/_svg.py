@@ -1,5 +1,6 @@
 """Pictures as SVG text that stands inside a page."""
 
+import html
 import io
 import re
 import warnings
@@ -24,7 +25,7 @@ def svg_text(draw, size, label):
     size : tuple of float
         Width and height, inches.
     label : str
-        What the picture is, for readers that do not see it: letters, digits and spaces.
+        What the picture is, for readers that do not see it.
 
     Returns
     -------
@@ -68,8 +69,9 @@ def svg_text(draw, size, label):
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     opening = (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-        rf'viewBox="\1" role="img" aria-label="{label}">'
+        f'viewBox="0 0 {72.0 * size[0]:g} {72.0 * size[1]:g}" role="img" '
+        f'aria-label="{html.escape(label)}">'
     )
-    svg = re.sub(r'^<svg\b[^>]*?viewBox="([^"]*)"[^>]*>', opening, svg, count=1)
+    svg = opening + svg[svg.index(">") + 1 :]
     svg = re.sub(r"(font:[^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1var(--sans)", svg)
     return svg.replace(INK, "var(--ink)").replace(_PAPER, "var(--paper)")

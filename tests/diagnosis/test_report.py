@@ -14,7 +14,8 @@ from sklearn.base import clone
 
 from skhyst.diagnosis import EffectSearchCV, _report_figures
 from skhyst.diagnosis._report import Report
-from skhyst.diagnosis._report_text import next_steps, number, plus_minus
+from skhyst.diagnosis._report_data import next_steps
+from skhyst.diagnosis._report_text import number, plus_minus
 from skhyst.hysteresis import PrandtlIshlinskii
 
 HOSTILE = "<script>alert(1)</script>"
