@@ -24,21 +24,20 @@ class Claim:
     result : IdentificationResult
         Of the augmented model, fitted on all records.
     records : sequence of RecordData
-    before, after : Contestant
-        Held-out residuals of the declared and of the augmented model.
     columns : sequence of str
         Names of the columns of X; empty where they have none.
-    response_name : str
     """
 
     effect: object
     structure: object
     result: object
     records: tuple
-    before: object
-    after: object
     columns: tuple = ()
-    response_name: str = "response"
+
+    @cached_property
+    def kind(self):
+        """The way in which the effect entered, as ``structure.added`` has it."""
+        return dict(self.structure.added)[self.effect.name][0]
 
     @cached_property
     def at(self):
@@ -62,10 +61,14 @@ class Claim:
 
     @cached_property
     def operator(self):
-        """The operator that the effect is, or has become a part of."""
-        if self.kind == "branch":
-            return self.branch.operator
-        return self.structure.operator(self.effect.name)
+        """The operator that the effect is, or has become a part of; None if it is no part."""
+        if self.kind in ("modulation", "schedule", "scheduled stage"):
+            return None
+        return (
+            self.branch.operator
+            if self.kind == "branch"
+            else self.structure.operator(self.effect.name)
+        )
 
     @property
     def in_motion(self):
@@ -73,19 +76,13 @@ class Claim:
         return {"natural_frequency", "damping_ratio"} < set(self.operator.sizes())
 
     @cached_property
-    def kind(self):
-        """The way in which the effect entered, as ``structure.added`` has it."""
-        return dict(self.structure.added)[self.effect.name][0]
-
-    @cached_property
-    def column(self):
-        """The number of the column of X that drives or scales for the effect, else None."""
-        structure = self.structure
+    def not_new(self):
+        """Parameters of the operator that do not belong to the effect."""
         if self.kind == "branch":
-            return self.branch.column
-        if self.kind == "modulation":
-            return next(m.column for m in structure.modulations if m.effect == self.effect.name)
-        return structure.schedule.by if self.kind == "schedule" else None
+            return {"intercept"}
+        _, *old = dict(self.structure.added)[self.effect.name]
+        old = set(old[1].sizes()) if old and not self.is_part else set()
+        return {"gain", "intercept"} | old
 
     @cached_property
     def keys(self):
@@ -117,20 +114,6 @@ class Claim:
         return self.result.covariance[np.ix_(at, at)]
 
     @cached_property
-    def seen(self):
-        """What has come into the operator and out of it."""
-        dts = [record.dt for record in self.records]
-        if self.kind == "beside":
-            inputs = [record.u for record in self.records]
-            return Seen(inputs, self.measured, dts, self.coefficients(self.operator))
-        if self.kind == "branch":
-            return Seen(self.in_column(), self.measured, dts)
-        outputs = (
-            self.measured if self.is_part else self.structure.run(self.records, last=self.at + 1)
-        )
-        return Seen(self.inputs(), outputs, dts)
-
-    @cached_property
     def units(self):
         """What goes into the operator and what comes out of it, by the unit that it has.
 
@@ -144,28 +127,53 @@ class Claim:
         operators = self.structure.operators
         owners = [i for i, o in enumerate(operators) if o.carries_scale]
         owners = owners or [i for i, o in enumerate(operators) if o.gauge_entries().any()]
-        owner = owners[-1] if owners else len(operators) - 1
-        return ("drive" if self.at <= owner else "response"), (
-            "drive" if self.at < owner else "response"
+        owner = max(owners, default=len(operators) - 1)
+        return tuple(
+            "drive" if before else "response" for before in (self.at <= owner, self.at < owner)
         )
 
+    # ------------------------------------------------------------------ numbers of records
+
     @cached_property
+    def column(self):
+        """The number of the column of X that drives, scales or schedules; or "amplitude"."""
+        structure = self.structure
+        if self.kind == "branch":
+            return self.branch.column
+        own = [m.column for m in structure.modulations if m.effect == self.effect.name]
+        return own[0] if own else structure.schedule.by
+
+    @property
     def column_name(self):
         """What that column, or the amplitude, is called."""
         if self.column == "amplitude":
             return "half range of the drive in a record"
         return str(self.columns[self.column]) if len(self.columns) else f"column {self.column}"
 
-    @cached_property
-    def column_unit(self):
-        """The unit of that column."""
-        return "drive" if self.column == "amplitude" else self.column_name
+    def in_column(self):
+        """Return that column of each record."""
+        if self.column == "amplitude":
+            return [np.full(len(r.u), 0.5 * np.ptp(r.u)) for r in self.records]
+        return [record.auxiliary[:, self.column - 1] for record in self.records]
+
+    def stage_at(self, number):
+        """Return the stage as it is in a record with this number."""
+        series = self.structure.series()
+        return self.structure.schedule.applied(series).at(number).operator.stages[self.at]
 
     # ------------------------------------------------------------------ signals
 
-    def in_column(self):
-        """Return that column of each record."""
-        return [record.auxiliary[:, self.column - 1] for record in self.records]
+    @cached_property
+    def seen(self):
+        """What has come into the operator and out of it."""
+        dts = [record.dt for record in self.records]
+        if self.kind == "beside":
+            inputs = [record.u for record in self.records]
+            return Seen(inputs, self.measured, dts, self.coefficients(self.operator))
+        if self.kind == "branch":
+            return Seen(self.in_column(), self.measured, dts)
+        outputs = self.structure.run(self.records, last=self.at + 1)
+        return Seen(self.inputs(), self.measured if self.is_part else outputs, dts)
 
     def coefficients(self, disturbance):
         """Return what belongs to each record of a disturbance, (n_records, n_coefficients)."""
@@ -175,12 +183,12 @@ class Claim:
         size = np.size(disturbance.coefficients)
         return self.result.record_coefficients[:, start : start + size]
 
-    def disturbed(self):
-        """Return what a disturbance adds to each record."""
-        return [
-            self.operator.basis(record.dt * np.arange(len(record.u))) @ own
-            for record, own in zip(self.records, self.coefficients(self.operator), strict=True)
-        ]
+    def beside(self):
+        """Return what is left without a disturbance, and the disturbance."""
+        pairs = zip(self.records, self.coefficients(self.operator), strict=True)
+        own = [self.operator.basis(r.dt * np.arange(len(r.u))) @ c for r, c in pairs]
+        left = zip(self.measured, self.modelled, own, strict=True)
+        return [y - x + part for y, x, part in left], own
 
     @cached_property
     def measured(self):
@@ -204,31 +212,32 @@ class Claim:
 
     @cached_property
     def rest(self):
-        """The model without the stage, or without the part of the sum that the effect is."""
-        structure, at = self.structure, self.at
+        """The model without the stage, the part of a sum, or what depends on a column."""
+        structure = self.structure
+        if self.kind == "branch":
+            others = tuple(b for b in structure.branches if b is not self.branch)
+            return replace(structure, branches=others)
+        if self.kind == "modulation":
+            others = tuple(m for m in structure.modulations if m.effect != self.effect.name)
+            return replace(structure, modulations=others)
+        if self.kind == "schedule":
+            return replace(structure, schedule=None)
+        at = self.at
         if self.is_part:
-            stage, model = structure.operators[at], structure.models[at]
+            stage = structure.operators[at]
             kept = [i for i, name in enumerate(stage.names) if name != self.label]
-            own = SumOperator(
-                tuple(stage.names[i] for i in kept), tuple(stage.stages[i] for i in kept)
-            )
-            return self.with_stage(own, model)
+            names, parts = ([own[i] for i in kept] for own in (stage.names, stage.stages))
+            return self.with_stage(SumOperator(tuple(names), tuple(parts)))
+        fields = {name: getattr(structure, name) for name in ("names", "models", "operators")}
         return replace(
-            structure,
-            **{
-                field: getattr(structure, field)[:at] + getattr(structure, field)[at + 1 :]
-                for field in ("names", "models", "operators")
-            },
+            structure, **{name: own[:at] + own[at + 1 :] for name, own in fields.items()}
         )
 
-    def with_stage(self, operator, model=None):
+    def with_stage(self, operator):
         """Return the model with another operator in the effect's place."""
-        structure, at = self.structure, self.at
-        operators = (*structure.operators[:at], operator, *structure.operators[at + 1 :])
-        if model is None:
-            return replace(structure, operators=operators)
-        models = (*structure.models[:at], model, *structure.models[at + 1 :])
-        return replace(structure, operators=operators, models=models)
+        operators = list(self.structure.operators)
+        operators[self.at] = operator
+        return replace(self.structure, operators=tuple(operators))
 
     def lacking(self, without):
         """Return what a model lacks: of the measurement, and of the augmented model."""

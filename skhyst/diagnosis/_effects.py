@@ -80,8 +80,9 @@ class Effect:
     picture : str, optional
         What its evidence shows: what a part adds against what comes into it, as a ``"curve"`` or
         along a ``"loop"``; a force against ``"displacement"`` or ``"velocity"``; ``"frequency"``,
-        gain and phase; ``"relaxation"`` after a step; the course over ``"time"``; the growth with
-        the ``"rate"`` of the drive. By default a curve, and over time of what stands beside.
+        gain and phase; ``"relaxation"`` after a step; the course over ``"time"``, or the
+        ``"spectrum"`` of a disturbance; what the ``"rate"`` of the drive adds. By default a curve,
+        and the course over time of what stands beside.
     plausible : callable, optional
         Tells whether what was identified still is what the name says: called with the operator, the
         samples of its output, or of its input where several forces add up (none for what stands
@@ -373,7 +374,7 @@ _BUILT_IN = (
         "Sinusoids at frequencies of their own are added to the response.",
         "Record at rest: the lines remain when the drive does not move.",
         beside=True,
-        picture="frequency",
+        picture="spectrum",
         plausible=_has_own_lines,
     ),
 )

@@ -5,20 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._by_record import NUMBERS, column_numbers
-from ._characteristics import OF_CLASSES, characteristics
+from ._characteristics import characteristics
 from ._claim import Claim
-from ._pictures import Picture, draw
+from ._pictures import Picture, changes_by_number, draw
 from ._report_text import in_words, listed, plus_minus, unit_of
 
 __all__ = ["Evidence", "gather_evidence"]
 
 _LONGEST = 6  # values of a vector that are listed one by one; more are in the list of parameters
-_TOLD = 4  # numbers in the sentence, at the most
-_NOT_ITS_OWN = ("gain", "intercept")  # of a stage, for what it does to the signal
-_SPOKEN = {"lower": ("lower level", 1.0), "upper": ("upper level", 1.0)} | {
+_SPOKEN = {
     "half_width": ("width of the band", 2.0),
     "half_gap": ("play", 2.0),
+    "lower": ("lower level", 1.0),
+    "upper": ("upper level", 1.0),
+    "rate": ("largest rate", 1.0),
 }  # parameters that an engineer counts otherwise: name and factor
 
 
@@ -47,7 +47,7 @@ def gather_evidence(effect, structure, result, records, before, after, names):
         Of the augmented model, fitted on all records.
     records : sequence of RecordData
     before, after : Candidate
-        Held-out residuals of the declared and of the augmented model.
+        Held-out errors of the declared and of the augmented model.
     names : tuple (columns, response)
         Names of the columns of X, none where they have none, and of y.
 
@@ -56,21 +56,25 @@ def gather_evidence(effect, structure, result, records, before, after, names):
     Evidence
     """
     columns, response = names
-    claim = Claim(
-        effect, structure, result, tuple(records), before, after, tuple(columns), response
-    )
-    share = 100.0 * (1.0 - (after.error / before.error) ** 2) if before.error > 0.0 else 0.0
-    numbers, leading = NUMBERS.get(claim.kind, _numbers)(claim), _leading(claim)
-    first = [n for start in leading for n in numbers if re.fullmatch(rf"{start}( \d+)?", n)]
+    claim = Claim(effect, structure, result, tuple(records), tuple(columns))
     words = unit_of(columns[0]) if len(columns) else "", unit_of(response)
     numbers = {
-        name: (float(numbers[name][0]), float(numbers[name][1]), in_words(numbers[name][2], *words))
-        for name in dict.fromkeys([*first, *numbers])
+        name: (float(value), float(std), in_words(unit, *words))
+        for name, (value, std, unit) in (
+            _of_parts(claim) if claim.operator else changes_by_number(claim)
+        ).items()
     }
+    # numbered weights and coefficients say little one by one
+    told = [
+        name
+        for name in numbers
+        if not re.match("(weight|coefficient|compliance|numerator)s? ", name)
+    ]
     told = listed(
         f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip()
-        for name in (first or list(numbers))[:_TOLD]
+        for name in (told or list(numbers))[:4]
     )
+    share = 100.0 * (1.0 - (after.error / before.error) ** 2) if before.error > 0.0 else 0.0
     statement = (
         f"{effect.law} Identified: {told}. The augmented model removes {share:.1f} % of the power "
         "of the declared model's held-out residual."
@@ -78,61 +82,57 @@ def gather_evidence(effect, structure, result, records, before, after, names):
     return Evidence(effect.name, statement.strip(), numbers, draw(claim))
 
 
-def _leading(claim):
-    """Return the names, without a number, of what matters most; none where all do alike."""
-    if claim.kind in NUMBERS:
-        return []
-    names = [name for name, *_ in OF_CLASSES.get(type(claim.operator), ())]
-    return ["gain", *names] if claim.kind == "branch" else names
+def _of_parts(claim):
+    """Return name -> (value, standard error, unit): what characterises a part, its parameters.
 
-
-def _numbers(claim):
-    """Return name -> (value, standard error, unit): what characterises a part, its parameters."""
+    Parameters that the part had before the effect are left out. Of levels, of either sign, the
+    part of half the range that was seen is given too, which for widths is that of the range.
+    """
     keys, entries = list(claim.keys), claim.operator.entries()
     free = [[name for name, _ in entries].index(key) for key in keys]
     x = claim.operator.pack()
     x[free] = [claim.values[key][0] for key in keys]
-    operator = claim.operator.unpack(x)
-    found = dict(_derived(operator, claim.seen, free, claim.covariance(keys)))
-    if claim.kind == "branch":
-        found |= column_numbers(claim)
-    sizes = operator.sizes()
+    operator, seen = claim.operator.unpack(x), claim.seen
+    found = dict(_derived(operator, seen, free, claim.covariance(keys)))
+    half = {
+        "drive": 0.5 * np.ptp(seen.ends),
+        "response": 0.5 * np.ptp(np.concatenate(seen.outputs)),
+    }
     for key, index in zip(keys, free, strict=True):
         name, _, number = key.rstrip("]").partition("[")
-        if sizes[name] > _LONGEST or (name in _NOT_ITS_OWN and claim.kind != "branch"):
+        size, unit = operator.sizes()[name], entries[index][1].unit
+        if size > _LONGEST or name in claim.not_new:
             continue
         label, factor = _SPOKEN.get(name, (name.replace("_", " "), 1.0))
-        unit = entries[index][1].unit
-        if unit == "rad/s":
-            unit, factor = "Hz", 0.5 / np.pi
         if number:
             label = re.sub("([^s])s$", r"\1", re.sub("ies$", "ys", label))
-            label += f" {int(number) + 1}" if sizes[name] > 1 else ""
-        value, std = claim.values[key]
-        found.setdefault(label, (factor * value, factor * std, unit))
-    return {
-        name: (value, std, in_words(unit, *claim.units))
-        for name, (value, std, unit) in found.items()
-    }
+            label += f" {int(number) + 1}" if size > 1 else ""
+        factor, unit = (0.5 / np.pi, "Hz") if unit == "rad/s" else (factor, unit)
+        value, std = (factor * own for own in claim.values[key])
+        found.setdefault(label, (value, std, unit))
+        spec = entries[index][1]
+        if unit in half and not number and (spec.log or spec.linear):
+            part = 100.0 / (factor * half[unit])
+            found[f"{label} over the range"] = part * value, part * std, "%"
+    return {name: (v, std, in_words(unit, *claim.units)) for name, (v, std, unit) in found.items()}
 
 
 def _derived(operator, seen, free, covariance):
     """Yield (name, (value, standard error, unit)) of the characteristics, to first order."""
     x, std = operator.pack(), np.sqrt(np.diag(covariance))
     known = np.flatnonzero(np.isfinite(std) & (std > 0.0))
-    bounds = [(spec.lower, spec.upper) for _, spec in operator.entries()]
-    values = characteristics(operator, seen)
+    values, specs = characteristics(operator, seen), operator.entries()
     slopes = {name: np.zeros(len(known)) for name in values}
     for column, i in enumerate(known):
-        at, sides = free[i], []
+        spec, ends, sides = specs[free[i]][1], [], []
         for sign in (-0.5, 0.5):
             moved = x.copy()
-            moved[at] = np.clip(x[at] + sign * std[i], *bounds[at])
-            sides.append((moved[at], characteristics(operator.unpack(moved), seen)))
-        (low, below), (high, above) = sides
+            moved[free[i]] = np.clip(x[free[i]] + sign * std[i], spec.lower, spec.upper)
+            ends.append(moved[free[i]])
+            sides.append(characteristics(operator.unpack(moved), seen))
         for name, (value, _) in values.items():
-            ends = [side.get(name, (value,))[0] for side in (below, above)]
-            slopes[name][column] = (ends[1] - ends[0]) / (high - low)
+            below, above = (side.get(name, (value,))[0] for side in sides)
+            slopes[name][column] = (above - below) / (ends[1] - ends[0])
     own = covariance[np.ix_(known, known)]
     for name, (value, unit) in values.items():
         error = np.sqrt(max(slopes[name] @ own @ slopes[name], 0.0))

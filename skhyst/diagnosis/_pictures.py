@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import csd, savgol_filter, welch
 
-from ..inspection import branch, spectrum
-from ._by_record import fitted_alone, gains_by_number, most_changed, quantities
+from ..inspection import binned_statistics, branch, spectrum
+from ..linear import frequency_response
+from ..records import stack_records
 
-__all__ = ["Picture", "draw"]
+__all__ = ["Picture", "changes_by_number", "draw"]
 
 
 @dataclass(frozen=True)
@@ -29,44 +29,27 @@ class Picture:
 
 
 def draw(claim):
-    """Return the picture of a claim, by the way in which the effect entered."""
-    if claim.kind in _OF_KINDS:
-        return _OF_KINDS[claim.kind](claim)
-    name = claim.effect.picture or ("time" if claim.kind == "beside" else "curve")
-    return _PICTURES[name](claim)
-
-
-def _title(claim, text=""):
-    return f"{claim.effect.name.replace('_', ' ').capitalize()}{text}"
+    """Return the picture of a claim: that of the way in which the effect entered, or its own."""
+    title = claim.effect.name.replace("_", " ").capitalize()
+    own = claim.effect.picture or ("time" if claim.kind == "beside" else "curve")
+    return _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
 
 
 # ------------------------------------------------------------------ against a signal
 
 
-def _binned(x, values, bins=40):
-    """Return the means of two signals over bins of the first.
-
-    Edges are halfway between those of equal width and those of equal numbers of samples: neither
-    the ends of the range nor the places where the signal dwells are missed.
-    """
-    part = np.linspace(0.0, 1.0, bins + 1)
-    low, high = np.min(x), np.max(x)
-    edges = 0.5 * (low + (high - low) * part + np.quantile(x, part))
-    which = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
-    count = np.bincount(which, minlength=bins)
-    full = count >= min(4, x.size)
-    return tuple(np.bincount(which, v, minlength=bins)[full] / count[full] for v in (x, values))
+def _styled(x, measured, identified):
+    """Return curves measured and identified, of values at the same places."""
+    return ("measured", x, measured, "points"), ("identified", x, identified, "line")
 
 
-def _compared(x, measured, identified, rising=None):
-    """Return curves of means against a signal, measured and identified, by direction if given."""
+def _means(x, measured, identified, by_direction=False):
+    """Return curves of means against a signal; all are lists of one array a record."""
+    rising = np.concatenate([branch(signal) > 0 for signal in x])
+    sides = {", rising": rising, ", falling": ~rising} if by_direction else {"": slice(None)}
     x, measured, identified = map(np.concatenate, (x, measured, identified))
-    sides = {"": slice(None)}
-    if rising is not None:
-        rising = np.concatenate(rising)
-        sides = {", rising": rising, ", falling": ~rising}
     return tuple(
-        (f"{source}{label}", *_binned(x[side], values[side]), style)
+        (f"{source}{label}", *binned_statistics(x[side], values[side])[:2], style)
         for source, values, style in (
             ("measured", measured, "points"),
             ("identified", identified, "line"),
@@ -76,30 +59,19 @@ def _compared(x, measured, identified, rising=None):
     )
 
 
-def _rising(signals):
-    return [branch(signal) > 0 for signal in signals]
-
-
 def _largest_loop(x, measured, identified):
-    """Return curves along the largest swing of a signal and those beside it."""
+    """Return curves along the largest swing of a signal, with the swings beside it."""
     swings = []
     for number, signal in enumerate(x):
         turns = [0, *np.flatnonzero(np.diff(branch(signal))), len(signal) - 1]
-        for i in range(1, len(turns)):
-            first, last = turns[max(i - 2, 0)], turns[min(i + 1, len(turns) - 1)]
-            size = abs(signal[turns[i]] - signal[turns[i - 1]])
-            swings.append((size, number, slice(first, last + 1)))
+        for i, (start, stop) in enumerate(pairwise(turns)):
+            rows = slice(turns[max(i - 1, 0)], turns[min(i + 2, len(turns) - 1)] + 1)
+            swings.append((abs(signal[stop] - signal[start]), number, rows))
     _, number, rows = max(swings, key=lambda swing: swing[0])
-    return tuple(
-        (label, x[number][rows], signals[number][rows], style)
-        for label, signals, style in (
-            ("measured", measured, "points"),
-            ("identified", identified, "line"),
-        )
-    )
+    return _styled(*(signals[number][rows] for signals in (x, measured, identified)))
 
 
-def _curve(claim, loop=False):
+def _curve(title, claim, loop=False):
     """Draw what a stage adds against what comes into it, by direction, or along a loop.
 
     One that carries the gain of the series is drawn against the response without it.
@@ -108,87 +80,66 @@ def _curve(claim, loop=False):
     x, x_label = claim.inputs(), f"what comes into it ({claim.units[0]})"
     if claim.operator.carries_scale:
         x, x_label = without, "response without it"
-    if loop:
-        curves = _largest_loop(x, measured, identified)
-    else:
-        curves = _compared(x, measured, identified, _rising(x))
-    return Picture(_title(claim), x_label, "what it adds (response)", curves)
+    signals = x, measured, identified
+    curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=True)
+    return Picture(title, x_label, "what it adds (response)", curves)
 
 
-class _Balance:
-    """The balance of forces of a stage: what mass, damper and linear spring leave of the drive.
+def _balance(claim, motions, reach):
+    """Return displacements, velocities, and what mass, damper and linear spring leave of the drive.
 
-    ``displacement``, ``velocity`` and ``force`` are lists of one array a record: displacement and
-    velocity in units of the response, forces in units of the drive.
+    All are lists of one array a record: the response's unit, and forces in that of the drive. What
+    is faster than ``reach`` resonances is taken for noise.
     """
-
-    def __init__(self, claim, measured):
-        operator = claim.operator
-        w, zeta, gain = operator.natural_frequency, operator.damping_ratio, operator.gain
-        self.displacement, self.velocity, self.force = [], [], []
-        signals = zip(
-            claim.records,
-            claim.seen.inputs,
-            claim.seen.outputs,
-            claim.measured,
-            claim.modelled,
-            strict=True,
-        )
-        for record, drive, stage, y, model in signals:
-            # behind further stages the motion is not measured: the model's, and what it leaves
-            motion = stage + (y - model) if measured else stage
-            window = int(2.0 * np.pi / w / record.dt / 8.0) // 2 * 2 + 1  # an eighth of a period
-            window = min(window, (len(motion) - 1) // 2 * 2 + 1)
-            smooth, v, a = _derivatives(motion, record.dt, window)
-            x = smooth - operator.intercept
-            left = drive - (a / w**2 + 2.0 * zeta * v / w + x) / gain
-            left += getattr(operator, "preload", 0.0)
-            inner = slice(window // 2, len(x) - window // 2)  # derivatives are poor at the ends
-            self.displacement.append(x[inner])
-            self.velocity.append(v[inner])
-            self.force.append(left[inner])
+    operator, found = claim.operator, []
+    w, zeta, gain = operator.natural_frequency, operator.damping_ratio, operator.gain
+    preload = getattr(operator, "preload", 0.0)
+    for record, drive, motion in zip(claim.records, claim.seen.inputs, motions, strict=True):
+        # derivatives of the sine series between the ends
+        n, dt = len(motion), record.dt
+        ends = np.linspace(motion[0], motion[-1], n)
+        odd = np.concatenate([motion - ends, (ends - motion)[-2:0:-1]])
+        omega = 2.0 * np.pi * np.fft.rfftfreq(len(odd), dt)
+        series = np.fft.rfft(odd) * np.clip(2.0 - omega / (reach * w), 0.0, 1.0)
+        x, v, a = (np.fft.irfft((1j * omega) ** k * series, len(odd))[:n] for k in range(3))
+        x, v = x + ends - operator.intercept, v + (motion[-1] - motion[0]) / (dt * (n - 1))
+        force = drive - (a / w**2 + 2.0 * zeta * v / w + x) / gain + preload
+        cut = min(int(np.pi / (4.0 * w * dt)), n // 4)  # an eighth of a period at either end
+        found.append([signal[cut : n - cut] for signal in (x, v, force)])
+    return zip(*found, strict=True)
 
 
-def _derivatives(motion, dt, window):
-    """Return a motion, its velocity and its acceleration, smoothed where that bends nothing."""
-    if window >= 5:
-        return [savgol_filter(motion, window, 3, k, dt) for k in range(3)]
-    # too few samples a period for a polynomial: those of the sine series between the ends
-    n = len(motion)
-    ends = np.linspace(motion[0], motion[-1], n)
-    odd = np.concatenate([motion - ends, (ends - motion)[-2:0:-1]])
-    omega = 2.0 * np.pi * np.fft.rfftfreq(len(odd), dt)
-    transform = np.fft.rfft(odd)
-    v, a = (np.fft.irfft(factor * transform, len(odd))[:n] for factor in (1j * omega, -(omega**2)))
-    return motion, v + (motion[-1] - motion[0]) / (dt * max(n - 1, 1)), a
-
-
-def _force(claim, against, loop=False):
-    """Draw a force against displacement, by direction or along a loop, or against velocity.
-
-    In an equation of motion it is what mass, damper and linear spring leave of the drive.
-    """
+def _force(title, claim, against="displacement", loop=False):
+    """Draw a force against displacement, by direction or along a loop, or against velocity."""
+    fast = against == "velocity"
     if claim.in_motion:
-        y_label, units = "force that the linear stage leaves (drive)", "response"
+        y_label, unit = "force that the linear stage leaves (drive)", "response"
+        own = claim.seen.outputs
+        # behind further stages the motion is not measured: the model's, and what it leaves
+        left = zip(own, claim.measured, claim.modelled, strict=True)
+        x, _, measured = _balance(claim, [stage + y - model for stage, y, model in left], 4.0)
         # against the model's velocity: the noise of a measured one would blur the jump
-        forces = [_Balance(claim, measured) for measured in (True, False)]
-        x = getattr(forces[against == "velocity"], against)
-        measured, identified = (own.force for own in forces)
+        _, modelled, identified = _balance(claim, own, np.inf)
+        x = modelled if fast else x
     elif claim.is_part:
-        y_label, units = "force that the others leave (response)", claim.units[0]
+        y_label, unit = "force that the others leave (response)", claim.units[0]
         x = claim.inputs()
-        if against == "velocity":
+        if fast:
             x = [np.gradient(u, r.dt) for u, r in zip(x, claim.records, strict=True)]
         measured, identified = claim.lacking(claim.rest.respond(claim.records))
     else:
-        return _curve(claim, loop)
-    if loop:
-        curves = _largest_loop(x, measured, identified)
-    else:
-        rising = _rising(x) if against == "displacement" else None
-        curves = _compared(x, measured, identified, rising)
-    units += "/s" if against == "velocity" else ""
-    return Picture(_title(claim), f"{against} ({units})", y_label, curves)
+        return _curve(title, claim, loop)
+    signals = x, measured, identified
+    curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=not fast)
+    return Picture(title, f"{against} ({unit}{'/s' if fast else ''})", y_label, curves)
+
+
+def _rate(title, claim):
+    """Draw what rate-dependent plays add to slow ones against the rate of the drive."""
+    slow = claim.with_stage(replace(claim.operator, dilation=0.0, rate_weights=()))
+    x = [np.gradient(u, r.dt) for u, r in zip(claim.seen.inputs, claim.records, strict=True)]
+    curves = _means(x, *claim.lacking(slow.respond(claim.records)))
+    return Picture(title, "rate of the drive (drive/s)", "what it adds (response)", curves)
 
 
 # ------------------------------------------------------------------ against frequency
@@ -200,21 +151,24 @@ def _measured_response(claim, numbers):
     Input is the model without the stage, output the measurement: what lies between them is what
     the stage has to do. ``numbers`` are those of the records to take.
     """
-    records, measured = ([own[i] for i in numbers] for own in (claim.records, claim.measured))
+    records = [claim.records[i] for i in numbers]
+    pairs = [
+        (x, claim.measured[i]) for i, x in zip(numbers, claim.rest.respond(records), strict=True)
+    ]
     length = min(1024, *(len(record.u) for record in records))
-    sums = [0.0, 0.0, 0.0]
-    for record, x, y in zip(records, claim.rest.respond(records), measured, strict=True):
-        options = {"fs": 1.0 / record.dt, "nperseg": length, "detrend": "linear"}
-        frequency, cross = csd(x, y, **options)
-        for i, part in enumerate((cross, welch(x, **options)[1], welch(y, **options)[1])):
-            sums[i] = sums[i] + part * len(x)
-    cross, input_power, output_power = sums
-    with np.errstate(divide="ignore", invalid="ignore"):
-        response = cross / input_power
-        coherence = np.abs(cross) ** 2 / (input_power * output_power)
-    # 60 dB below the peak what comes in is what leaks through the window
-    kept = (coherence > 0.8) & (frequency > 0.0) & (input_power > 1e-6 * input_power.max())
-    return frequency[kept], response[kept]
+    found = frequency_response(
+        *stack_records(pairs, dt=records[0].dt),
+        method="h1",
+        segment_length=length,
+        detrend="linear",
+    )
+    edges = np.cumsum([0, *(len(x) for x, _ in pairs)])
+    spans = [slice(a, b) for a, b in pairwise(edges)]
+    frequency, density = spectrum(np.concatenate([x for x, _ in pairs]), spans, records[0].dt)
+    # 60 dB below the strongest, what comes in is what leaks through the window
+    excited = np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
+    kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0) & excited
+    return found.frequency[kept], np.ravel(found.response)[kept]
 
 
 def _own_response(operator, claim, highest):
@@ -230,198 +184,171 @@ def _own_response(operator, claim, highest):
     return frequency[kept], transfer[kept]
 
 
-def _gain_and_phase(title, curves):
-    """Return the picture of frequency responses, each (label, frequency, response, style)."""
-    phase = Picture(
-        "",
-        "frequency (Hz)",
-        "phase (degrees)",
-        tuple((label, f, np.degrees(np.unwrap(np.angle(h))), s) for label, f, h, s in curves),
-        x_log=True,
-    )
+def _frequency(title, claim):
+    """Draw gain and phase of the missing stage, at both ends where the amplitude changes it."""
+    numbers, stages = range(len(claim.records)), [("identified", claim.operator, "line")]
+    if claim.operator is None:
+        schedule = claim.structure.schedule
+        middle = 0.5 * (schedule.low + schedule.high)
+        numbers = [i for i, r in enumerate(claim.records) if schedule.number(r) > middle]
+        ends = ("large", schedule.high, "line"), ("small", schedule.low, "dashed")
+        stages = [(f"{label} amplitude", claim.stage_at(at), style) for label, at, style in ends]
+    frequency, response = _measured_response(claim, numbers)
+    highest = frequency.max(initial=0.0)
+    curves = [("measured", frequency, response, "points")]
+    curves += [(label, *_own_response(own, claim, highest), style) for label, own, style in stages]
+    phases = tuple((label, f, np.degrees(np.unwrap(np.angle(h))), s) for label, f, h, s in curves)
     gains = tuple((label, f, np.abs(h), style) for label, f, h, style in curves)
-    return Picture(title, "", "gain of the missing stage", gains, True, True, phase)
+    below = Picture("", "frequency (Hz)", "phase (degrees)", phases, x_log=True)
+    return Picture(title, "", "gain of the missing stage", gains, True, True, below)
 
 
-def _frequency(claim):
-    """Draw gain and phase of what the model lacks; lines of the residual for what is beside."""
-    if claim.kind == "beside":
-        return _lines(claim)
-    frequency, response = _measured_response(claim, range(len(claim.records)))
-    highest = frequency.max(initial=0.0)
-    curves = (
-        ("measured", frequency, response, "points"),
-        ("identified", *_own_response(claim.operator, claim, highest), "line"),
-    )
-    return _gain_and_phase(_title(claim), curves)
-
-
-def _relaxation(claim):
-    """Draw the response to a step over log time, and gain and phase."""
-    operator, dt = claim.operator, claim.records[0].dt
-    n = max(len(r.u) for r in claim.records)
-    step = operator.run(np.ones(n), dt, operator.init(0.0, "zero"))[0]
-    time = dt * np.arange(n)
+def _relaxation(title, claim):
+    """Draw the response to a step over log time, and the gain."""
+    operator, record = claim.operator, max(claim.records, key=lambda r: len(r.u))
+    n = len(record.u)
     late = np.unique(np.geomspace(1, n - 1, 300).astype(int))
-    curve = ("identified", time[late], step[late], "line")
-    below = _frequency(claim)
-    below = replace(below, x_label=below.below.x_label, y_log=False, below=None, title="")
-    return Picture(
-        _title(claim, " after a step"),
-        "time after the step (s)",
-        "response to a step of one",
-        (curve,),
-        x_log=True,
-        below=below,
-    )
-
-
-def _lines(claim):
-    """Draw the spectrum of what is left, with and without the disturbance."""
-    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
-    spans = [slice(a, b) for a, b in pairwise(edges)]
-    dt = claim.records[0].dt
-    left = [y - x for y, x in zip(claim.measured, claim.modelled, strict=True)]
-    own = claim.disturbed()
-    curves = tuple(
-        (label, *spectrum(np.concatenate(signals), spans, dt), "line")
-        for label, signals in (
-            ("without it", [a + b for a, b in zip(left, own, strict=True)]),
-            ("with it", left),
-        )
-    )
-    return Picture(
-        _title(claim), "frequency (Hz)", "residual (response / sqrt Hz)", curves, True, True
-    )
-
-
-def _moved(claim):
-    """Draw a stage that the amplitude changes, at the smallest and at the largest."""
-    schedule, series = claim.structure.schedule, claim.structure.series()
-    middle = 0.5 * (schedule.low + schedule.high)
-    above = [i for i, r in enumerate(claim.records) if schedule.number(r) > middle]
-    frequency, response = _measured_response(claim, above)
-    highest = frequency.max(initial=0.0)
-    curves = [("measured, large", frequency, response, "points")]
-    for label, number, style in (
-        ("large", schedule.high, "line"),
-        ("small", schedule.low, "dashed"),
-    ):
-        stage = schedule.applied(series).at(number).operator.stages[claim.at]
-        curves.append((f"identified, {label}", *_own_response(stage, claim, highest), style))
-    return _gain_and_phase(_title(claim, ": amplitudes"), curves)
+    step = operator.run(np.ones(n), record.dt, operator.init(0.0, "zero"))[0]
+    curve = ("identified", record.dt * late, step[late], "line")
+    gain = replace(_frequency("", claim), x_label="frequency (Hz)", y_log=False, below=None)
+    x_label, y_label = "time after a step (s)", "response to a step of one"
+    return Picture(title, x_label, y_label, (curve,), x_log=True, below=gain)
 
 
 # ------------------------------------------------------------------ over time
 
 
-def _time(claim):
-    """Draw a disturbance in the first records, or the stretch on which a stage does most."""
-    if claim.kind == "beside":
-        curves = []
-        own = claim.disturbed()
-        for i, record in enumerate(claim.records[:4]):
-            time, part = (
-                record.dt * np.arange(len(record.u)),
-                slice(0, None, len(record.u) // 400 or 1),
-            )
-            left = claim.measured[i] - claim.modelled[i] + own[i]
-            curves.append((f"record {i}", time[part], left[part], "points"))
-            curves.append(("", time[part], own[i][part], "line"))
-        title = _title(claim, ": measured (points) and identified (lines)")
-        x_label, y_label = "time since the record's start (s)", "residual (response)"
-        return Picture(title, x_label, y_label, tuple(curves))
-    without = claim.rest.respond(claim.records)
-    added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
-    number = int(np.argmax([part.max() for part in added]))
-    own, dt = added[number], claim.records[number].dt
-    middle = int(np.argmax(own))
-    after = own[middle:] <= 1e-3 * own[middle]
-    width = int(np.argmax(after)) if after.any() else len(after)
-    rows = slice(max(middle - 2 * width - 10, 0), middle + 4 * width + 20)
+def _spectra(title, claim):
+    """Draw the spectrum of what is left, with and without a disturbance."""
+    left, identified = map(np.concatenate, claim.beside())
+    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
+    spans = [slice(a, b) for a, b in pairwise(edges)]
     curves = tuple(
-        (label, dt * np.arange(len(own))[rows], signals[number][rows], style)
-        for label, signals, style in (
-            ("measured", claim.measured, "points"),
-            ("with it", claim.modelled, "line"),
-            ("without it", without, "dashed"),
-        )
+        (label, *spectrum(values, spans, claim.records[0].dt), "line")
+        for label, values in (("without it", left), ("with it", left - identified))
     )
-    return Picture(_title(claim, ", where it does most"), "time (s)", "response", curves)
+    y_label = "residual (response / sqrt Hz)"
+    return Picture(title, "frequency (Hz)", y_label, curves, x_log=True, y_log=True)
+
+
+def _time(title, claim):
+    """Draw a disturbance in the first records, or a stage where it does most."""
+    if claim.kind != "beside":
+        without = claim.rest.respond(claim.records)
+        added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
+        number = int(np.argmax([part.max() for part in added]))
+        middle, n = int(np.argmax(added[number])), len(added[number])
+        rows = slice(max(middle - n // 16, 0), middle + n // 16)
+        time = claim.records[number].dt * np.arange(n)[rows]
+        signals = (own[number][rows] for own in (claim.measured, claim.modelled))
+        curves = (*_styled(time, *signals), ("without it", time, without[number][rows], "dashed"))
+        return Picture(title, "time (s)", "response", curves)
+    curves = []
+    for i, (record, left, own) in enumerate(zip(claim.records, *claim.beside(), strict=True)):
+        rows = slice(0, None, max(len(own) // 400, 1))
+        time = (record.dt * np.arange(len(own)))[rows]
+        curves += [(f"record {i}", time, left[rows], "points"), ("", time, own[rows], "line")]
+    x_label, y_label = "time since the record's start (s)", "residual (response)"
+    # of more than four records the colours repeat
+    return Picture(f"{title}, identified as lines", x_label, y_label, tuple(curves[:8]))
 
 
 # ------------------------------------------------------------------ against a number
 
 
-def _rate(claim):
-    """Draw by how much a loop grows with the rate of what comes into it."""
-    operator, inputs = claim.operator, claim.seen.inputs
-    slow = claim.with_stage(replace(operator, dilation=0.0, rate_weights=()))
-    measured, identified = (
-        [np.where(up, -1.0, 1.0) * own for up, own in zip(_rising(inputs), signals, strict=True)]
-        for signals in claim.lacking(slow.respond(claim.records))
-    )
-    rates = [np.abs(np.gradient(u, r.dt)) for u, r in zip(inputs, claim.records, strict=True)]
-    most = np.quantile(np.concatenate(rates), 0.98)
-    kept = [rate <= most for rate in rates]
-    signals = (
-        [own[k] for own, k in zip(values, kept, strict=True)]
-        for values in (rates, measured, identified)
-    )
-    y_label = "growth of the loop, half width (response)"
-    return Picture(_title(claim), "rate of the drive (drive/s)", y_label, _compared(*signals))
-
-
-def _column(claim):
+def _column(title, claim):
     """Draw what the drive does not explain against a column, or what its dynamics make of it."""
-    others = tuple(b for b in claim.structure.branches if b is not claim.branch)
-    without = replace(claim.structure, branches=others).respond(claim.records)
-    measured, identified = claim.lacking(without)
-    middle = np.concatenate(identified).mean()
-    gain = claim.operator.gain or 1.0
+    measured, identified = claim.lacking(claim.rest.respond(claim.records))
     x, x_label = claim.in_column(), claim.column_name
-    if "time_constant" in claim.values:
-        x, x_label = [own / gain for own in identified], f"{x_label}, behind the time constant"
-    curves = _compared(x, [y - middle for y in measured], [y - middle for y in identified])
-    return Picture(_title(claim), x_label, "what the drive does not explain (response)", curves)
+    if "time_constant" in claim.values and claim.operator.gain:
+        x = [own / claim.operator.gain for own in identified]
+        x_label = f"{x_label}, behind the time constant"
+    curves = _means(x, measured, identified)
+    return Picture(title, x_label, "what the drive does not explain (response)", curves)
 
 
-def _gain_by_number(claim):
-    """Draw the gain against the column, or the amplitude, that scales the response."""
-    modulation, x, gains = gains_by_number(claim)
-    ends = np.array([x.min(), x.max()])
-    lines = 1.0 + modulation.sensitivity * (ends - modulation.reference)
-    curves = (("measured", x, gains, "points"), ("identified", ends, lines, "line"))
-    return Picture(_title(claim), claim.column_name, "gain over that of the model", curves)
+def _by_number(title, claim):
+    """Draw gain and opening of the loop of records, or of bins of a column, against a number."""
+    number, gains, openings = _gains(claim)
+    below = Picture("", claim.column_name, "opening of the loop", _styled(number, *openings))
+    return Picture(title, "", "gain over the model's", _styled(number, *gains), below=below)
 
 
-def _scheduled(claim):
-    """Draw what depends on a number of the record: identified, and of records fitted alone."""
-    schedule = claim.structure.schedule
-    low, high = (quantities(claim, number) for number in (schedule.low, schedule.high))
-    drawn, ends = most_changed(low, high), np.array([schedule.low, schedule.high])
-    numbers, alone = fitted_alone(claim, drawn)
-    curves = []
-    for name, values in zip(drawn, alone.T, strict=True):
-        mean = 0.5 * (low[name][0] + high[name][0])
-        curves.append((f"{name}, records alone", numbers, values / mean, "points"))
-        curves.append((name, ends, np.array([low[name][0], high[name][0]]) / mean, "line"))
-    return Picture(_title(claim), claim.column_name, "over its mean", tuple(curves))
+def _gains(claim):
+    """Return a number, ascending, and two pairs of measured and identified gains at it.
+
+    They are slopes against what the model without that number responds: of all, and of what is not
+    in line with the drive, which opens the loop. One value a record, or a bin of a moving column.
+    """
+    column, drive = np.concatenate(claim.in_column()), np.concatenate([r.u for r in claim.records])
+    base = np.concatenate(claim.rest.respond(claim.records))
+    inputs = np.column_stack([base, np.ones_like(base), drive])
+    signals = np.column_stack([np.concatenate(y) for y in (claim.measured, claim.modelled)])
+    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
+    stretches = [np.arange(a, b) for a, b in pairwise(edges)]
+    if any(np.ptp(column[rows]) > 0.0 for rows in stretches):
+        stretches = np.array_split(np.argsort(column, kind="stable"), 24)
+    stretches.sort(key=lambda rows: column[rows].mean())
+    gains, openings = (
+        np.array([np.linalg.lstsq(inputs[r, :n], signals[r])[0][0] for r in stretches]).T
+        for n in (2, 3)
+    )
+    return np.array([column[rows].mean() for rows in stretches]), gains, openings
+
+
+def changes_by_number(claim):
+    """Return name -> (value, standard error, unit) of an effect that is no part of the model."""
+    if claim.kind == "scheduled stage":
+        return _moved_modes(claim)
+    number, *pairs = _gains(claim)
+    name, structure = claim.column_name, claim.structure
+    unit = "drive" if claim.column == "amplitude" else name
+    found = {
+        f"change of the {label}": (_change(gain[0], gain[-1]), np.nan, "%")
+        for label, (_, gain) in zip(("gain", "opening of the loop"), pairs, strict=True)
+    }
+    if claim.kind == "modulation":
+        own = [m.effect for m in structure.modulations].index(claim.effect.name)
+        stds = [s for n, s in claim.result.params_std.items() if "sensitivity" in n.split("__")[-1]]
+        sensitivity = structure.modulations[own].sensitivity
+        found["sensitivity of the gain"] = sensitivity, stds[own], f"1/{unit}"
+    else:
+        for entry, (low, high) in structure.schedule.lines.items():
+            if "[" not in entry and not entry.endswith("intercept"):
+                label = entry.replace("__", ": ").replace("_", " ")
+                found[f"change of {label}"] = _change(low, high), np.nan, "%"
+    ends = {"smallest": number[0], "largest": number[-1]}
+    return found | {f"{label} {name}": (end, np.nan, unit) for label, end in ends.items()}
+
+
+def _change(low, high):
+    return 200.0 * (high - low) / (abs(low) + abs(high) or 1.0)
+
+
+def _moved_modes(claim):
+    stage, found = claim.stage_at(claim.structure.schedule.high), {}
+    # the poles are those of large amplitudes; at small ones zeros cancel them
+    for label, roots in (("large", stage.poles()), ("small", stage.zeros())):
+        roots = np.asarray(roots, dtype=complex)
+        frequencies = np.sort(np.abs(roots[roots.imag > 0.0])) / (2.0 * np.pi)
+        for i, frequency in enumerate(frequencies, start=1):
+            found[f"mode {i}, {label} amplitude"] = frequency, np.nan, "Hz"
+    return found
 
 
 _PICTURES = {
     "curve": _curve,
-    "loop": lambda claim: _force(claim, "displacement", loop=True),
-    "displacement": lambda claim: _force(claim, "displacement"),
-    "velocity": lambda claim: _force(claim, "velocity"),
+    "loop": lambda title, claim: _force(title, claim, loop=True),
+    "displacement": _force,
+    "velocity": lambda title, claim: _force(title, claim, "velocity"),
+    "rate": _rate,
     "frequency": _frequency,
     "relaxation": _relaxation,
+    "spectrum": _spectra,
     "time": _time,
-    "rate": _rate,
-}
-_OF_KINDS = {
+    # of effects that entered so
     "branch": _column,
-    "modulation": _gain_by_number,
-    "schedule": _scheduled,
-    "scheduled stage": _moved,
+    "modulation": _by_number,
+    "schedule": _by_number,
+    "scheduled stage": _frequency,
 }

@@ -10,7 +10,7 @@ from ._loop import HysteresisLoopDisplay
 from ._pole_zero import PoleZeroDisplay
 from ._ranking import EffectRankingDisplay
 from ._residual import ResidualDisplay
-from ._signals import branch, spectrum
+from ._signals import binned_statistics, branch, spectrum
 from ._svg import svg_text
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "HysteresisLoopDisplay",
     "PoleZeroDisplay",
     "ResidualDisplay",
+    "binned_statistics",
     "branch",
     "spectrum",
     "svg_text",

@@ -95,9 +95,27 @@ def loop_spans(drive, spans, max_cycles):
 
 
 def binned_statistics(x, values, n_bins=40, min_count=5):
-    """Return mean x, mean and scatter of ``values`` in bins of equal width along ``x``.
+    """Return the mean and the scatter of values in bins of equal width along a signal.
 
-    Only bins with at least ``min_count`` finite values.
+    Parameters
+    ----------
+    x, values : ndarray of shape (n_samples,)
+    n_bins : int, default=40
+    min_count : int, default=5
+        Fewest finite values of a bin that is returned.
+
+    Returns
+    -------
+    center, mean, std : ndarray of shape (n_found,)
+        Means of ``x`` and of ``values``, and the standard deviation of the latter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.inspection import binned_statistics
+    >>> x = np.linspace(0.0, 1.0, 100)
+    >>> binned_statistics(x, 2.0 * x, n_bins=2)[1].round(1).tolist()
+    [0.5, 1.5]
     """
     valid = np.isfinite(x) & np.isfinite(values)
     x, values = x[valid], values[valid]
