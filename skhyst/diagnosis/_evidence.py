@@ -94,6 +94,10 @@ def _of_parts(claim):
     x[free] = [claim.values[key][0] for key in keys]
     operator, seen = claim.operator.unpack(x), claim.seen
     found = dict(_derived(operator, seen, free, claim.covariance(keys)))
+    if claim.kind == "branch":
+        measured, identified = map(np.concatenate, claim.lacking(claim.rest.respond(claim.records)))
+        part = 100.0 * (1.0 - np.var(measured - identified) / np.var(measured))
+        found["part of the residual that it explains"] = part, np.nan, "%"
     half = {
         "drive": 0.5 * np.ptp(seen.ends),
         "response": 0.5 * np.ptp(np.concatenate(seen.outputs)),

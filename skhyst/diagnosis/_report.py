@@ -29,44 +29,30 @@ class Report:
         Effects claimed, in the order in which they were added.
     verdict : {"noise", "unexplained"}
         What is left over.
-    error_before, error_after, noise_floor : float
-        Held-out error of both models, and the error that no model can beat.
-    response_range : float
-        Largest minus smallest response.
+    error_before, error_after, noise_floor, response_range : float
+        Held-out errors of both models, the error that no model can beat, and the range.
     drive_name, response_name : str
         Names of the columns.
-    claims : list of dict
-        For each effect: its law, errors before and after, p-value, what it cannot be told from,
-        the experiment that would tell, evidence in words, numbers and a picture.
-    ranking : list of dict
-        Every candidate of every round.
-    not_it : list of dict
-        For each effect that was not claimed, the round in which it helped most.
+    claims, ranking, not_it : list of dict
+        For each effect claimed its law, errors, p-value, ambiguity, experiment and evidence; every
+        candidate of every round; for each effect not claimed the round in which it helped most.
     parameters : dict of str to list of dict
-        ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where there
-        is none: at a bound, or not determined by the data.
-    data : dict
-        Records, samples, interval.
-    settings : dict
-        Parameters of the search.
+        ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where it has
+        none: at a bound, or not determined by the data.
+    data, settings, versions, seconds : dict
+        The recording and its faults, parameters of the search, packages, time by stage in s.
     held_out : dict or None
         Errors on data that was kept from the search altogether.
-    versions, seconds : dict
-        Versions of the packages, and time by stage in s.
     command : str or None
         The command that made the report.
     spectra : dict of str to list of float
         ``frequency`` (Hz) and the amplitude spectral density of the residual, ``before`` and
         ``after``.
-    location : list of dict
-        Where what is left stands out: the record, time, drive, rate and frequency at which its mean
-        power is largest, if it is above that of the whole by a half.
-    declared_location : list of dict
-        The same of what the declared model leaves.
-    dropped : list of str
-        Effects that were claimed and then dropped, because later ones made them needless.
-    next_steps : list of str
-        What to measure next.
+    location, declared_location : list of dict
+        Where what is left, and what the declared model leaves, stands out: the record, time, drive,
+        rate and frequency at which its mean power is above that of the whole by a half.
+    dropped, next_steps : list of str
+        Effects that later claims made needless, and what to measure next.
     signals : dict
         Arrays for the pictures; not part of :meth:`to_dict`.
 
