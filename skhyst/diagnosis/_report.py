@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ._report_data import collect
+from ._report_figures import report_figures
 from ._report_page import page, verdict
 
 __all__ = ["Report"]
@@ -168,11 +169,7 @@ class Report:
         ImportError
             Where matplotlib or Jinja2 is not installed.
         """
-        template = _template(autoescape=True)
-        from ._report_figures import report_figures
-
-        blocks = page(self, report_figures(self))
-        return _written(template.render(form="html", headline=self.headline, blocks=blocks), path)
+        return _written(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None):
         """Return the text and the tables, without pictures.
@@ -191,28 +188,24 @@ class Report:
         ImportError
             Where Jinja2 is not installed.
         """
-        template = _template(autoescape=False)
-        content = template.render(form="markdown", headline=self.headline, blocks=page(self))
-        return _written(content, path)
+        return _written(_rendered(self, "markdown"), path)
 
 
 def _plain(value):
-    """Return ``value`` in terms of dict, list, str, bool, int, float and None."""
+    """Return ``value`` as JSON has it: a number that is not finite is None."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
+    if isinstance(value, list | tuple | np.ndarray):
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | bool | int) else str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
-def _template(autoescape):
-    """Return the Jinja2 template, or say how to install it."""
+def _rendered(report, form):
+    """Return the page in a form, or say how to install what it needs."""
     try:
         import jinja2
     except ImportError as error:
@@ -222,7 +215,7 @@ def _template(autoescape):
         ) from error
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("skhyst.diagnosis", "_templates"),
-        autoescape=autoescape,
+        autoescape=form == "html",
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -230,7 +223,9 @@ def _template(autoescape):
     )
     environment.filters["md"] = _markdown_text
     environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
-    return environment.get_template("report.j2")
+    figures = report_figures(report) if form == "html" else None
+    template, blocks = environment.get_template("report.j2"), page(report, figures)
+    return template.render(form=form, headline=report.headline, blocks=blocks)
 
 
 def _markdown_text(value):

@@ -112,7 +112,7 @@ def in_words(unit, drive, response):
     Examples
     --------
     >>> in_words("response/drive", "V", "um"), in_words("drive/s", "", "um")
-    ('um/V', 'drive/s', '')
+    ('um/V', 'drive/s')
     """
     words = {"drive": drive, "response": response}
     unit = re.sub(r"\b(drive|response)\b", lambda w: words[w.group()] or w.group(), unit)
