@@ -2,7 +2,8 @@
 
 from ._data_quality import data_quality
 from ._effects import Effect, effect_names, register_effect, unregister_effect
-from ._evidence_base import Evidence, Picture
+from ._evidence import Evidence
+from ._pictures import Picture
 from ._report import Report
 from ._search import EffectSearchCV
 

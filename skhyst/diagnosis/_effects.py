@@ -67,6 +67,12 @@ class Effect:
     beside : bool, default=False
         It is added to the response; otherwise it is a step of the series, where its operator's
         ``rank`` says, which a model of your own repeats as ``series_rank``.
+    picture : str, optional
+        What its evidence shows: what a part adds against what comes into it, as a ``"curve"`` or
+        along a ``"loop"``; a force against ``"displacement"`` or ``"velocity"``; ``"frequency"``,
+        gain and phase; ``"relaxation"`` after a step; the course over ``"time"``, or the
+        ``"spectrum"`` of a disturbance; what the ``"rate"`` of the drive adds. By default a curve,
+        and the course over time of what stands beside.
     plausible : callable, optional
         Returns by how much what was identified is what the name says, above zero where it is. It is
         called with the operator, the samples of its output, or of its input where several forces
@@ -79,6 +85,7 @@ class Effect:
     law: str
     experiment: str
     beside: bool = False
+    picture: str | None = None
     plausible: Callable | None = None
 
 
@@ -104,6 +111,7 @@ _BUILT_IN = (
         "The response depends on where the drive, or the motion, has turned round before.",
         "Sweep slowly up and down with several turning points: the branches stay apart, however "
         "slow.",
+        picture="loop",
         plausible=remembers,
     ),
     Effect(
@@ -128,24 +136,28 @@ _BUILT_IN = (
         lambda: [Backlash(), Backlash(rank="sensor")],
         "Play in the transmission: after each turn the drive moves alone for a while.",
         "Turn round at different levels: the lost motion is the same everywhere.",
+        picture="loop",
     ),
     Effect(
         "slew_limit",
         lambda: [SlewLimit()],
         "The drive reaches the actuator at a limited rate.",
         "Step by different heights: the edges have one slope, whatever the height.",
+        picture="time",
     ),
     Effect(
         "rate_dependence",
         lambda: [RateDependence("threshold"), RateDependence("slope")],
         "The hysteresis itself changes with the rate of the drive.",
         "Repeat one loop at several rates: its width grows without the phase of linear dynamics.",
+        picture="rate",
     ),
     Effect(
         "delay",
         lambda: [Delay()],
         "The response follows the drive after a pure shift in time.",
         "Sweep faster: the phase of a delay grows in proportion to frequency, the gain stays.",
+        picture="frequency",
     ),
     Effect(
         "asymmetry",
@@ -161,12 +173,14 @@ _BUILT_IN = (
         lambda: [FirstOrderLag()],
         "A first-order low-pass delays and attenuates fast motion.",
         "Sweep to higher frequency: gain and phase fall together.",
+        picture="frequency",
     ),
     Effect(
         "resonance",
         lambda: [SecondOrderMode(), TransferFunction(n_poles=2, n_zeros=2)],
         "A second-order mode stores and returns energy.",
         "Apply a step or a sweep through the frequency and watch it ring.",
+        picture="frequency",
         plausible=rings,
     ),
     Effect(
@@ -179,6 +193,7 @@ _BUILT_IN = (
         ],
         "A force against the motion that hardly depends on how fast it is.",
         "Move at several constant speeds in both directions: the force jumps with the direction.",
+        picture="velocity",
         plausible=slides,
     ),
     Effect(
@@ -189,12 +204,14 @@ _BUILT_IN = (
         ],
         "The spring hardens or softens with the displacement.",
         "Sweep at several amplitudes: the resonance moves, and a third harmonic appears.",
+        picture="displacement",
     ),
     Effect(
         "creep",
         lambda: [KelvinVoigt(n) for n in (1, 2, 3)],
         "The response goes on relaxing after each change of the drive, over decades of time.",
         "Step and rest: hold the drive for much longer than the slowest motion seen so far.",
+        picture="relaxation",
     ),
     Effect(
         "static_nonlinearity",
@@ -266,6 +283,7 @@ _BUILT_IN = (
         "Sinusoids at frequencies of their own are added to the response.",
         "Record at rest: the lines remain when the drive does not move.",
         beside=True,
+        picture="spectrum",
         plausible=has_own_lines,
     ),
 )

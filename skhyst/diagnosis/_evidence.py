@@ -1,24 +1,41 @@
 """What a claim rests on: a sentence, numbers with their errors, and a picture."""
 
-from ..fluid import TankChainOperator
-from ._evidence_base import Claim, Evidence, Picture
-from ._evidence_curves import CURVES, describe_stage, describe_tanks
-from ._evidence_forces import FORCES
-from ._evidence_records import (
-    BESIDE,
-    describe_beside,
-    describe_branch,
-    describe_modulation,
-    describe_schedule,
-)
-from ._evidence_series import DYNAMICS, describe_moved_modes
+import re
+from dataclasses import dataclass
 
-__all__ = ["Evidence", "Picture", "gather_evidence"]
+import numpy as np
 
-_OF_STAGES = DYNAMICS | CURVES | FORCES
+from ._characteristics import characteristics
+from ._claim import Claim
+from ._pictures import Picture, changes_by_number, draw
+from ._report_text import in_words, listed, plus_minus, unit_of
+
+__all__ = ["Evidence", "gather_evidence"]
+
+_LONGEST = 6  # values of a vector that are listed one by one; more are in the list of parameters
+_SPOKEN = {
+    "half_width": ("width of the band", 2.0),
+    "half_gap": ("play", 2.0),
+    "lower": ("lower level", 1.0),
+    "upper": ("upper level", 1.0),
+    "rate": ("largest rate", 1.0),
+}  # parameters that an engineer counts otherwise: name and factor
 
 
-def gather_evidence(effect, structure, result, records, before, after, columns=()):
+@dataclass(frozen=True)
+class Evidence:
+    """What a claim rests on.
+
+    ``numbers`` maps a name to (value, standard error or NaN, unit).
+    """
+
+    effect: str
+    statement: str
+    numbers: dict
+    picture: Picture
+
+
+def gather_evidence(effect, structure, result, records, before, after, names):
     """Return the evidence for a claimed effect.
 
     Parameters
@@ -29,39 +46,98 @@ def gather_evidence(effect, structure, result, records, before, after, columns=(
     result : IdentificationResult
         Of the augmented model, fitted on all records.
     records : sequence of RecordData
-    before, after : Contestant
-        Held-out residuals of the declared and of the augmented model.
-    columns : sequence of str, default=()
-        Names of the columns of X.
+    before, after : Candidate
+        Held-out errors of the declared and of the augmented model.
+    names : tuple (columns, response)
+        Names of the columns of X, none where they have none, and of y.
 
     Returns
     -------
     Evidence
     """
-    claim = Claim(effect.name, structure, result, tuple(records), before, after, tuple(columns))
-    share = 100.0 * (1.0 - (after.error / before.error) ** 2) if before.error > 0.0 else 0.0
-    statement, numbers, picture = _describer(claim)(claim)
-    statement = (
-        f"{statement} The augmented model removes {share:.1f} % of the power of the declared "
-        "model's held-out residual."
+    columns, response = names
+    claim = Claim(effect, structure, result, tuple(records), tuple(columns))
+    words = unit_of(columns[0]) if len(columns) else "", unit_of(response)
+    numbers = {
+        name: (float(value), float(std), in_words(unit, *words))
+        for name, (value, std, unit) in (
+            _of_parts(claim) if claim.operator else changes_by_number(claim)
+        ).items()
+    }
+    # numbered weights and coefficients say little one by one
+    told = [
+        name
+        for name in numbers
+        if not re.match("(weight|coefficient|compliance|numerator)s? ", name)
+    ]
+    told = listed(
+        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip()
+        for name in (told or list(numbers))[:4]
     )
-    return Evidence(effect.name, statement, numbers, picture)
+    share = 100.0 * (1.0 - (after.error / before.error) ** 2) if before.error > 0.0 else 0.0
+    statement = (
+        f"{effect.law} Identified: {told}. The augmented model removes {share:.1f} % of the power "
+        "of the declared model's held-out residual."
+    )
+    return Evidence(effect.name, statement.strip(), numbers, draw(claim))
 
 
-def _describer(claim):
-    """Return what describes a claim, by the way in which the effect entered."""
-    name, structure = claim.name, claim.structure
-    kind, *more = (edit.kind for edit in structure.edits_of(name))
-    if kind == "beside":
-        return BESIDE.get(name, describe_beside)
-    if kind == "branch":
-        return describe_branch
-    if kind == "modulation":
-        return describe_modulation
-    if kind == "schedule":
-        return describe_schedule
-    if more:
-        return describe_moved_modes
-    if kind == "exchange" and isinstance(claim.operator, TankChainOperator):
-        return describe_tanks
-    return _OF_STAGES.get(name, describe_stage)
+def _of_parts(claim):
+    """Return name -> (value, standard error, unit): what characterises a part, its parameters.
+
+    Parameters that the part had before the effect are left out. Of levels, of either sign, the
+    part of half the range that was seen is given too, which for widths is that of the range.
+    """
+    keys, entries = list(claim.keys), claim.operator.entries()
+    free = [[name for name, _ in entries].index(key) for key in keys]
+    x = claim.operator.pack()
+    x[free] = [claim.values[key][0] for key in keys]
+    operator, seen = claim.operator.unpack(x), claim.seen
+    found = dict(_derived(operator, seen, free, claim.covariance(keys)))
+    if claim.kind == "branch":
+        measured, identified = map(np.concatenate, claim.lacking(claim.rest.respond(claim.records)))
+        part = 100.0 * (1.0 - np.var(measured - identified) / np.var(measured))
+        found["part of the residual that it explains"] = part, np.nan, "%"
+    half = {
+        "drive": 0.5 * np.ptp(seen.ends),
+        "response": 0.5 * np.ptp(np.concatenate(seen.outputs)),
+    }
+    for key, index in zip(keys, free, strict=True):
+        name, _, number = key.rstrip("]").partition("[")
+        size, unit = operator.sizes()[name], entries[index][1].unit
+        if size > _LONGEST or name in claim.not_new:
+            continue
+        label, factor = _SPOKEN.get(name, (name.replace("_", " "), 1.0))
+        if number:
+            label = re.sub("([^s])s$", r"\1", re.sub("ies$", "ys", label))
+            label += f" {int(number) + 1}" if size > 1 else ""
+        factor, unit = (0.5 / np.pi, "Hz") if unit == "rad/s" else (factor, unit)
+        value, std = (factor * own for own in claim.values[key])
+        found.setdefault(label, (value, std, unit))
+        spec = entries[index][1]
+        if unit in half and not number and (spec.log or spec.linear):
+            part = 100.0 / (factor * half[unit])
+            found[f"{label} over the range"] = part * value, part * std, "%"
+    return {name: (v, std, in_words(unit, *claim.units)) for name, (v, std, unit) in found.items()}
+
+
+def _derived(operator, seen, free, covariance):
+    """Yield (name, (value, standard error, unit)) of the characteristics, to first order."""
+    x, std = operator.pack(), np.sqrt(np.diag(covariance))
+    known = np.flatnonzero(np.isfinite(std) & (std > 0.0))
+    values, specs = characteristics(operator, seen), operator.entries()
+    slopes = {name: np.zeros(len(known)) for name in values}
+    for column, i in enumerate(known):
+        spec, ends, sides = specs[free[i]][1], [], []
+        for sign in (-0.5, 0.5):
+            moved = x.copy()
+            moved[free[i]] = np.clip(x[free[i]] + sign * std[i], spec.lower, spec.upper)
+            ends.append(moved[free[i]])
+            sides.append(characteristics(operator.unpack(moved), seen))
+        for name, (value, _) in values.items():
+            below, above = (side.get(name, (value,))[0] for side in sides)
+            slopes[name][column] = (above - below) / (ends[1] - ends[0])
+    own = covariance[np.ix_(known, known)]
+    for name, (value, unit) in values.items():
+        error = np.sqrt(max(slopes[name] @ own @ slopes[name], 0.0))
+        yield name, (value, error or np.nan, unit)

@@ -43,39 +43,28 @@ def locate(records, residuals, labels):
 
     rows = []
     for label, record, keep, own in zip(labels, records, known, power, strict=True):
-        time = record.dt * np.flatnonzero(keep)
-        last = record.dt * (len(keep) - 1)
+        time, last = record.dt * np.flatnonzero(keep), record.dt * (len(keep) - 1)
         rows.append(row("record", label, 0.0, last, "s", own.sum(), own.size))
-        edges = np.linspace(0.0, last, _PARTS + 1)
-        which = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, _PARTS - 1)
-        for i, (low, high) in enumerate(pairwise(edges)):
-            inside = own[which == i]
-            if inside.size:
-                rows.append(row("time", label, low, high, "s", inside.sum(), inside.size))
+        parts = _parts(np.linspace(0.0, last, _PARTS + 1), time, own)
+        rows += [row("time", label, low, high, "s", *part) for low, high, *part in parts if part[1]]
     everything = np.concatenate(power)
-    for by, unit, signal in (
-        ("drive", "drive", [r.u[k] for r, k in zip(records, known, strict=True)]),
-        (
-            "rate",
-            "drive/s",
-            [np.gradient(r.u, r.dt)[k] for r, k in zip(records, known, strict=True)],
-        ),
-    ):
-        values = np.concatenate(signal)
+    drives = [(r.u, np.gradient(r.u, r.dt)) for r in records]
+    for i, (by, unit) in enumerate((("drive", "drive"), ("rate", "drive/s"))):
+        values = np.concatenate([pair[i][k] for pair, k in zip(drives, known, strict=True)])
         edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _PARTS + 1)))
-        which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-        for i, (low, high) in enumerate(pairwise(edges)):
-            inside = everything[which == i]
-            rows.append(row(by, None, low, high, unit, inside.sum(), inside.size))
-    rows += [
-        ("frequency", None, low, high, "Hz", share, concentration)
-        for low, high, share, concentration in _octaves(records, residuals)
-    ]
-    table = pd.DataFrame(rows, columns=_COLUMNS)
-    order = {"record": 0, "time": 1, "drive": 2, "rate": 3, "frequency": 4}
-    table["order"] = table["by"].map(order)
-    table = table.sort_values(["order", "concentration"], ascending=[True, False])
-    return table.drop(columns="order").reset_index(drop=True)
+        parts = _parts(edges, values, everything)
+        rows += [row(by, None, low, high, unit, *part) for low, high, *part in parts]
+    rows += [("frequency", None, *own[:2], "Hz", *own[2:]) for own in _octaves(records, residuals)]
+    order = ["record", "time", "drive", "rate", "frequency"]
+    rows.sort(key=lambda own: (order.index(own[0]), -own[-1]))
+    return pd.DataFrame(rows, columns=_COLUMNS)
+
+
+def _parts(edges, values, power):
+    """Yield low, high, power and number of samples of the stretches between edges of a signal."""
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    for i, (low, high) in enumerate(pairwise(edges)):
+        yield low, high, power[which == i].sum(), np.count_nonzero(which == i)
 
 
 def _octaves(records, residuals):

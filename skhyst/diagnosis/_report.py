@@ -3,19 +3,16 @@
 import dataclasses
 import json
 import math
-import platform
 import re
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
-from . import _report_text as text
+from ._report_data import collect
+from ._report_figures import report_figures
+from ._report_page import page, verdict
 
 __all__ = ["Report"]
-
-SCHEMA = "skhyst.report/1"
-_PACKAGES = ("skhyst", "numpy", "scipy", "scikit-learn", "pandas", "numba")
 
 
 @dataclasses.dataclass
@@ -33,44 +30,30 @@ class Report:
         Effects claimed, in the order in which they were added.
     verdict : {"noise", "unexplained"}
         What is left over.
-    error_before, error_after, noise_floor : float
-        Held-out error of both models, and the error that no model can beat.
-    response_range : float
-        Largest minus smallest response.
+    error_before, error_after, noise_floor, response_range : float
+        Held-out errors of both models, the error that no model can beat, and the range.
     drive_name, response_name : str
         Names of the columns.
-    claims : list of dict
-        For each effect: its law, errors before and after, p-value, what it cannot be told from,
-        the experiment that would tell, evidence in words, numbers and a picture.
-    ranking : list of dict
-        Every candidate of every round.
-    not_it : list of dict
-        For each effect that was not claimed, the round in which it helped most.
+    claims, ranking, not_it : list of dict
+        For each effect claimed its law, errors, p-value, ambiguity, experiment and evidence; every
+        candidate of every round; for each effect not claimed the round in which it helped most.
     parameters : dict of str to list of dict
-        ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where there
-        is none: at a bound, or not determined by the data.
-    data : dict
-        Records, samples, interval.
-    settings : dict
-        Parameters of the search.
+        ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where it has
+        none: at a bound, or not determined by the data.
+    data, settings, versions, seconds : dict
+        The recording and its faults, parameters of the search, packages, time by stage in s.
     held_out : dict or None
         Errors on data that was kept from the search altogether.
-    versions, seconds : dict
-        Versions of the packages, and time by stage in s.
     command : str or None
         The command that made the report.
     spectra : dict of str to list of float
         ``frequency`` (Hz) and the amplitude spectral density of the residual, ``before`` and
         ``after``.
-    location : list of dict
-        Where what is left stands out: the record, time, drive, rate and frequency at which its mean
-        power is largest, if it is above that of the whole by a half.
-    declared_location : list of dict
-        The same of what the declared model leaves.
-    dropped : list of str
-        Effects that were claimed and then dropped, because later ones made them needless.
-    next_steps : list of str
-        What to measure next.
+    location, declared_location : list of dict
+        Where what is left, and what the declared model leaves, stands out: the record, time, drive,
+        rate and frequency at which its mean power is above that of the whole by a half.
+    dropped, next_steps : list of str
+        Effects that later claims made needless, and what to measure next.
     signals : dict
         Arrays for the pictures; not part of :meth:`to_dict`.
 
@@ -127,8 +110,6 @@ class Report:
         -------
         Report
         """
-        from ._report_data import collect
-
         return cls(**collect(search, command, held_out))
 
     @property
@@ -139,12 +120,12 @@ class Report:
     @property
     def headline(self):
         """The verdict in a few words."""
-        return text.verdict(self)[0]
+        return verdict(self)[0]
 
     @property
     def sentence(self):
         """The verdict in one sentence: what is missing, the errors, the noise floor."""
-        return text.verdict(self)[1]
+        return verdict(self)[1]
 
     def to_dict(self):
         """Return everything but the signals, as plain Python data; NaN and infinity are None."""
@@ -154,7 +135,7 @@ class Report:
             if field.name != "signals"
         }
         summary = {"headline": self.headline, "sentence": self.sentence}
-        return plain_data({"schema": SCHEMA, **summary, **fields})
+        return _plain({"schema": "skhyst.report/1", **summary, **fields})
 
     def to_json(self, path=None):
         """Return :meth:`to_dict` as JSON text.
@@ -188,11 +169,7 @@ class Report:
         ImportError
             Where matplotlib or Jinja2 is not installed.
         """
-        environment = _environment(autoescape=True)
-        from ._report_figures import report_figures
-
-        template = environment.get_template("report.html.j2")
-        return _written(template.render(report=self, figures=report_figures(self)), path)
+        return _written(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None):
         """Return the text and the tables, without pictures.
@@ -211,38 +188,24 @@ class Report:
         ImportError
             Where Jinja2 is not installed.
         """
-        template = _environment(autoescape=False).get_template("report.md.j2")
-        return _written(template.render(report=self), path)
+        return _written(_rendered(self, "markdown"), path)
 
 
-def package_versions():
-    """Return package name -> version, Python first."""
-    versions = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            versions[package] = "not installed"
-    return versions
-
-
-def plain_data(value):
-    """Return ``value`` in terms of dict, list, str, bool, int, float and None."""
+def _plain(value):
+    """Return ``value`` as JSON has it: a number that is not finite is None."""
     if isinstance(value, dict):
-        return {str(key): plain_data(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain_data(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain_data(item) for item in value]
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | bool | int) else str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
-def _environment(autoescape):
-    """Return the Jinja2 environment of the templates, or say how to install it."""
+def _rendered(report, form):
+    """Return the page in a form, or say how to install what it needs."""
     try:
         import jinja2
     except ImportError as error:
@@ -252,16 +215,17 @@ def _environment(autoescape):
         ) from error
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("skhyst.diagnosis", "_templates"),
-        autoescape=autoescape,
+        autoescape=form == "html",
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals.update({name: getattr(text, name) for name in text.__all__})
     environment.filters["md"] = _markdown_text
     environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
-    return environment
+    figures = report_figures(report) if form == "html" else None
+    template, blocks = environment.get_template("report.j2"), page(report, figures)
+    return template.render(form=form, headline=report.headline, blocks=blocks)
 
 
 def _markdown_text(value):

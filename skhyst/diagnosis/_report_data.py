@@ -1,58 +1,44 @@
 """From a fitted search to the plain data of a report."""
 
+import math
+import platform
+from importlib.metadata import PackageNotFoundError, version
 from types import SimpleNamespace
 
 import numpy as np
 
-from ..inspection._base import search_labels, signal_names
-from ..inspection._signals import log_average, spectrum, thin_path
+from ..inspection import spectrum
 from ._effects import EFFECTS
 from ._location import locate
-from ._report import package_versions
-from ._report_text import next_steps
+from ._report_text import listed, number
 
-__all__ = ["collect"]
+__all__ = ["collect", "looks", "next_steps"]
 
-_SETTINGS = (
-    "alpha",
-    "max_effects",
-    "min_improvement",
-    "cv",
-    "folds",
-    "loss",
-    "washout",
-    "random_state",
-)
-_MAX_CURVE = 4000
 _CONCENTRATED = 1.5  # mean power over that of the whole, above which a place is named
 
 
 def collect(search, command, held_out):
     """Return the fields of a :class:`skhyst.diagnosis.Report`, by name."""
-    names = signal_names(search)
     response = np.asarray(search.response_, dtype=float)
-    label_before, label_after = search_labels(search)
-    predictions = {label_before: np.asarray(search.prediction_before_, dtype=float)}
+    columns = getattr(search, "feature_names_in_", ["drive"])
+    names = {"drive_name": str(columns[0]), "response_name": str(search.response_name_)}
+    predictions = {"declared model": search.prediction_before_}
     if search.effects_:
-        predictions[label_after] = np.asarray(search.prediction_after_, dtype=float)
+        predictions["with " + ", ".join(search.effects_)] = search.prediction_after_
     ranking = _ranking(search.ranking_)
-    claims = [_claim(row, search.evidence_) for row in search.history_.itertuples()]
-    not_it, location = (
-        _not_it(ranking, claims),
-        _location(search.residual_location_, search.records_),
-    )
-    data = _data(search, response)
-    return {
-        "declared_model": _spelled(search.declared_estimator_),
-        "augmented_model": _spelled(search.best_estimator_),
-        "effects": [str(effect) for effect in search.effects_],
-        "verdict": str(search.verdict_),
+    claims = [_claim(row, search.evidence_[row["effect"]]) for row in _rows(search.history_)]
+    not_it, data = _not_it(ranking, claims), _data(search, response)
+    location = _location(search.residual_location_, search.records_)
+    options = search.get_params(deep=False)
+    found = {
+        "declared_model": " ".join(repr(search.declared_estimator_).split()),
+        "augmented_model": " ".join(repr(search.best_estimator_).split()),
+        "effects": list(search.effects_),
+        "verdict": search.verdict_,
         "error_before": float(search.error_before_),
         "error_after": float(search.error_after_),
         "noise_floor": float(search.noise_floor_),
         "response_range": float(np.ptp(response)),
-        "drive_name": names.drive,
-        "response_name": names.response,
         "claims": claims,
         "ranking": ranking,
         "not_it": not_it,
@@ -62,113 +48,82 @@ def collect(search, command, held_out):
         },
         "data": data,
         "settings": {
-            name: _setting(getattr(search, name)) for name in _SETTINGS if hasattr(search, name)
+            name: options[name]
+            if options[name] is None or np.isscalar(options[name])
+            else repr(options[name])
+            for name in options
+            if name not in ("estimator", "effects", "n_jobs", "verbose")
         },
         "held_out": _held_out(search, held_out),
-        "versions": package_versions(),
+        "versions": _versions(),
         "seconds": {str(stage): float(value) for stage, value in search.seconds_.items()},
         "command": command,
         "spectra": _spectra(search),
         "location": location,
-        "declared_location": _location(_declared_location(search), search.records_),
-        "dropped": [str(name) for name in search.dropped_],
+        "declared_location": _location(_of_declared(search), search.records_),
+        "dropped": list(search.dropped_),
         "next_steps": next_steps(
-            claims, not_it, location, search.verdict_, data["faults"], search.alpha, _experiments()
+            claims, not_it, location, search.verdict_, data["faults"], search.alpha
         ),
-        "signals": {
-            "drive": np.asarray(search.drive_, dtype=float),
-            "response": response,
-            "predictions": predictions,
-            "records": tuple(search.records_),
-            "drive_name": names.drive,
-            "response_name": names.response,
-            "noise_floor": float(search.noise_floor_),
-        },
     }
+    signals = {
+        "drive": np.asarray(search.drive_, dtype=float),
+        "response": response,
+        "predictions": predictions,
+        "records": tuple(search.records_),
+        "noise_floor": found["noise_floor"],
+    }
+    return found | names | {"signals": signals | names}
 
 
-def _experiments():
-    """Return the experiment that shows each effect best."""
-    return {name: effect.experiment for name, effect in EFFECTS.items()}
+def _versions():
+    """Return package name -> version, Python first."""
+    versions = {"python": platform.python_version()}
+    for package in ("skhyst", "numpy", "scipy", "scikit-learn", "pandas", "numba"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
 
 
-def _declared_location(search):
-    """Return where what the declared model leaves stands, as ``residual_location_`` does."""
-    spans = [record.rows for record in search.records_]
-    records = [
-        SimpleNamespace(u=search.drive_[span], dt=record.dt)
-        for span, record in zip(spans, search.records_, strict=True)
-    ]
-    residuals = [search.residual_before_[span] for span in spans]
-    return locate(records, residuals, [record.label for record in search.records_])
-
-
-def _spelled(estimator):
-    """Write an estimator on one line."""
-    return " ".join(repr(estimator).split())
-
-
-def _setting(value):
-    """Keep plain values, write everything else."""
-    return value if value is None or isinstance(value, str | bool | int | float) else repr(value)
+def _rows(table):
+    """Return the rows of a table as dicts of plain values."""
+    return table.to_dict("records")
 
 
 def _claim(row, evidence):
     """Return one claim: a row of the history with its evidence."""
-    found = evidence[row.effect]
-    picture = found.picture
-    return {
-        "effect": str(row.effect),
-        "law": EFFECTS[row.effect].law if row.effect in EFFECTS else "",
-        "error_before": float(row.error_before),
-        "error_after": float(row.error_after),
-        "p_value": float(row.p_value),
-        "ambiguous_with": [str(name) for name in row.ambiguous_with],
-        "experiment": str(row.experiment),
-        "statement": str(found.statement),
-        "numbers": [
-            {"name": str(name), "value": float(value), "std": float(std), "unit": str(unit)}
-            for name, (value, std, unit) in found.numbers.items()
-        ],
-        "picture": {
-            "title": str(picture.title),
-            "x_label": str(picture.x_label),
-            "y_label": str(picture.y_label),
-            "x_log": bool(picture.x_log),
-            "y_log": bool(picture.y_log),
-            "curves": [_curve(*curve) for curve in picture.curves],
-        },
-    }
+    law = EFFECTS[row["effect"]].law if row["effect"] in EFFECTS else ""
+    numbers = [
+        {"name": name, "value": value, "std": std, "unit": unit}
+        for name, (value, std, unit) in evidence.numbers.items()
+    ]
+    told = {"law": law, "statement": evidence.statement, "numbers": numbers}
+    row = {name: value for name, value in row.items() if name != "evidence"}
+    return {**row, **told, "picture": _picture(evidence.picture)}
 
 
-def _curve(label, x, y, style):
-    """Return a curve of a picture, by its outline where it is long."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    kept = thin_path(x, y, _MAX_CURVE)
-    return {"label": str(label), "style": str(style), "x": x[kept].tolist(), "y": y[kept].tolist()}
+def _picture(picture):
+    if picture is None:
+        return None
+    curves = [
+        {"label": label, "style": style, "x": np.asarray(x).tolist(), "y": np.asarray(y).tolist()}
+        for label, x, y, style in picture.curves
+    ]
+    return {**vars(picture), "curves": curves, "below": _picture(picture.below)}
 
 
 def _ranking(table):
     """Return the rows of the ranking in the order of the rounds, best first."""
-    table = table.sort_values(
-        ["round", "error_after", "screen"],
-        ascending=[True, True, False],
-        na_position="last",
-        kind="stable",
+    return _rows(
+        table.sort_values(
+            ["round", "error_after", "screen"],
+            ascending=[True, True, False],
+            na_position="last",
+            kind="stable",
+        )
     )
-    return [
-        {
-            "round": int(row.round),
-            "effect": str(row.effect),
-            "screen": float(row.screen),
-            "error_before": float(row.error_before),
-            "error_after": float(row.error_after),
-            "p_value": float(row.p_value),
-            "n_parameters": int(row.n_parameters),
-            "claimed": bool(row.claimed),
-        }
-        for row in table.itertuples()
-    ]
 
 
 def _not_it(ranking, claims):
@@ -178,77 +133,61 @@ def _not_it(ranking, claims):
     it explained in any round. Effects that fit as well as a claimed one are left out.
     """
     excluded = {name for claim in claims for name in (claim["effect"], *claim["ambiguous_with"])}
-    rows = []
-    for effect in dict.fromkeys(row["effect"] for row in ranking):
-        if effect in excluded:
-            continue
-        tries = [row for row in ranking if row["effect"] == effect]
-        contested = [row for row in tries if np.isfinite(row["error_after"])]
-        best = (
-            min(contested, key=lambda row: row["error_after"] / row["error_before"])
-            if contested
-            else max(tries, key=lambda row: row["screen"])
-        )
-        winner = next(
-            (row for row in ranking if row["round"] == best["round"] and row["claimed"]), None
-        )
-        rows.append(
-            {
-                **{key: best[key] for key in ("effect", "round", "screen", "p_value")},
-                "error_before": best["error_before"],
-                "error_after": best["error_after"],
-                "change": best["error_after"] / best["error_before"] - 1.0,
-                "claimed_instead": None if winner is None else winner["effect"],
-                "claimed_error": float("nan") if winner is None else winner["error_after"],
-            }
-        )
-    rows.sort(key=lambda row: (not np.isfinite(row["change"]), row["change"], -row["screen"]))
-    return rows
+    winners = {row["round"]: row for row in reversed(ranking) if row["claimed"]}
+    found = {}
+    for row in ranking:
+        own = {name: row[name] for name in ("effect", "round", "screen", "p_value")}
+        winner = winners.get(row["round"], {})
+        own |= {
+            "error_before": row["error_before"],
+            "error_after": row["error_after"],
+            "change": row["error_after"] / row["error_before"] - 1.0,
+            "claimed_instead": winner.get("effect"),
+            "claimed_error": winner.get("error_after", math.nan),
+        }
+        best = found.get(row["effect"])
+        if row["effect"] not in excluded and (best is None or _helped(own) < _helped(best)):
+            found[row["effect"]] = own
+    return sorted(found.values(), key=_helped)
+
+
+def _helped(row):
+    """Return the key by which tries are sorted, those that helped most first."""
+    contested = math.isfinite(row["change"])
+    return not contested, row["change"] if contested else 0.0, -row["screen"]
 
 
 def _parameters(estimator):
     """Return the parameters of a model, one row a value, with standard errors where known."""
-    values = getattr(estimator, "params_", {})
-    errors = getattr(estimator, "params_std_", {})
     rows = []
-    for name, value in values.items():
-        value = np.asarray(value, dtype=float)
-        std = np.broadcast_to(np.asarray(errors.get(name, np.nan), dtype=float), value.shape)
-        for k, (item, error) in enumerate(zip(value.ravel(), std.ravel(), strict=True)):
-            rows.append(
-                {
-                    "name": str(name) if value.ndim == 0 else f"{name}[{k}]",
-                    "value": float(item),
-                    "std": float(error),
-                    "note": _note(float(error)),
-                }
-            )
+    errors = getattr(estimator, "params_std_", {})
+    for name, value in getattr(estimator, "params_", {}).items():
+        values = np.ravel(value)
+        stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)
+        for k, (item, std) in enumerate(zip(values, stds, strict=True)):
+            label = name if np.ndim(value) == 0 else f"{name}[{k}]"
+            # no standard error: infinite, or none at all
+            note = "not determined" if np.isinf(std) else "at a bound" if np.isnan(std) else ""
+            rows.append({"name": label, "value": float(item), "std": float(std), "note": note})
     return rows
-
-
-def _note(std):
-    """Say why a parameter has no standard error."""
-    if np.isinf(std):
-        return "not determined"
-    return "at a bound" if np.isnan(std) else ""
 
 
 def _data(search, response):
     """Return what the recording is: records, samples, interval, ranges."""
-    drive = np.asarray(search.drive_, dtype=float)
     records = [
         {
             "label": str(record.label),
             "n_samples": int(record.n_samples),
             "start_time": float(record.start_time),
             "duration": float(record.dt * record.n_samples),
-            "drive_min": float(drive[record.rows].min()),
-            "drive_max": float(drive[record.rows].max()),
+            "drive_min": float(search.drive_[record.rows].min()),
+            "drive_max": float(search.drive_[record.rows].max()),
             "response_min": float(response[record.rows].min()),
             "response_max": float(response[record.rows].max()),
         }
         for record in search.records_
     ]
+    faults = search.data_quality_.drop(columns="value").astype({"record": str})
     return {
         "n_records": len(records),
         "n_samples": len(response),
@@ -256,16 +195,7 @@ def _data(search, response):
         "n_inputs": int(search.n_features_in_),
         "interval": float(search.records_[0].dt),
         "records": records,
-        "faults": [
-            {
-                "fault": row.fault,
-                "record": str(row.record),
-                "n_samples": int(row.n_samples),
-                "rows": [int(i) for i in row.rows],
-                "advice": row.advice,
-            }
-            for row in search.data_quality_.itertuples()
-        ],
+        "faults": _rows(faults.assign(rows=faults["rows"].map(list))),
     }
 
 
@@ -274,45 +204,94 @@ def _held_out(search, held_out):
     if held_out is None:
         return None
     X, y = held_out
-    response = np.asarray(y, dtype=float)
     return {
-        "n_samples": len(response),
-        "response_range": float(np.ptp(response)),
-        "error_before": float(search.held_out_error(X, y, declared=True)),
-        "error_after": float(search.held_out_error(X, y)),
+        "n_samples": len(y),
+        "response_range": float(np.ptp(np.asarray(y, dtype=float))),
+        "error_before": search.held_out_error(X, y, declared=True),
+        "error_after": search.held_out_error(X, y),
     }
+
+
+def _of_declared(search):
+    """Return where what the declared model leaves stands, as ``residual_location_`` does."""
+    records = [SimpleNamespace(u=search.drive_[r.rows], dt=r.dt) for r in search.records_]
+    residuals = [search.residual_before_[r.rows] for r in search.records_]
+    return locate(records, residuals, [record.label for record in search.records_])
 
 
 def _location(table, slices):
     """Return the strongest entry of each way to look at what is left."""
     labels = {s.label: str(s.label) for s in slices}  # the table holds 1 as 1.0
-    strongest = table.groupby("by", sort=False).head(1)
-    return [
-        {
-            "by": row.by,
-            "record": labels.get(row.record),
-            "low": float(row.low),
-            "high": float(row.high),
-            "unit": row.unit,
-            "share": float(row.share),
-            "concentration": float(row.concentration),
-        }
-        for row in strongest.itertuples()
-        if row.concentration > _CONCENTRATED
-    ]
+    rows = _rows(table.groupby("by", sort=False).head(1))
+    rows = [row for row in rows if row["concentration"] > _CONCENTRATED]
+    return [{**row, "record": labels.get(row["record"])} for row in rows]
 
 
 def _spectra(search):
     """Return the amplitude spectral density of the residual before and after."""
     spans = [record.rows for record in search.records_]
-    dt = search.records_[0].dt
-    before = np.asarray(search.residual_before_, dtype=float)
-    after = np.asarray(search.residual_after_, dtype=float)
-    unscored = np.isnan(before) | np.isnan(after)
-    result = {}
-    for name, values in (("before", before), ("after", after)):
-        density = spectrum(np.where(unscored, np.nan, values), spans, dt)
-        frequency, density = log_average(*density)
-        result["frequency"] = frequency.tolist()
-        result[name] = density.tolist()
-    return result
+    unscored = np.isnan(search.residual_before_ + search.residual_after_)
+    found = {}
+    for name in ("before", "after"):
+        residual = np.where(unscored, np.nan, getattr(search, f"residual_{name}_"))
+        frequency, density = spectrum(residual, spans, search.records_[0].dt, per_decade=40)
+        found |= {"frequency": frequency.tolist(), name: density.tolist()}
+    return found
+
+
+def looks(location):
+    """Say where a residual stands.
+
+    Examples
+    --------
+    >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "concentration": 4.0}
+    >>> looks([row]), looks([])
+    ('from 10.0 to 20.0 Hz (4.0 times the mean power)', '')
+    """
+    places = {
+        "record": "in record {record}",
+        "time": "from {low} to {high} s of record {record}",
+        "drive": "where the drive is from {low} to {high}",
+        "rate": "where the drive's rate is from {low} to {high}",
+        "frequency": "from {low} to {high} Hz",
+    }
+    return "; ".join(
+        places[row["by"]].format(
+            record=row["record"], low=number(row["low"]), high=number(row["high"])
+        )
+        + f" ({number(row['concentration'], 2)} times the mean power)"
+        for row in location
+    )
+
+
+def next_steps(claims, not_it, location, verdict, faults, alpha):
+    """Return what to measure next, a list of sentences."""
+    steps = [
+        f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
+        for claim in claims
+        if claim["ambiguous_with"]
+    ]
+    misses = [
+        row
+        for row in not_it
+        if row["p_value"] >= alpha and row["change"] < -0.05 and row["claimed_instead"] is None
+    ]
+    for row in misses[:2]:
+        effect = EFFECTS.get(row["effect"])
+        steps.append(
+            f"{row['effect']} would make the error {number(-100.0 * row['change'], 2)} % smaller, "
+            f"which these records do not make certain (p = {number(row['p_value'], 2)}). To see "
+            f"whether it is there: {effect.experiment if effect else ''}".rstrip()
+        )
+    if verdict == "unexplained":
+        step = "Record more of what no effect explains"
+        where = looks(location)
+        steps.append(
+            f"{step}: it is strongest {where}."
+            if where
+            else f"{step}, and repeat one record exactly: what returns is structure, what does "
+            "not is noise."
+        )
+    if faults:
+        steps.append("Mend the faults of the recording listed under Data, and search again.")
+    return steps

@@ -1,25 +1,13 @@
-"""Words and numbers of a report: how a value, its error and a verdict are written."""
+"""How a report writes a value, its error and a change."""
 
 import math
 import re
 
-__all__ = [
-    "change",
-    "explain_units",
-    "folded",
-    "listed",
-    "looks",
-    "next_steps",
-    "number",
-    "percent",
-    "plus_minus",
-    "quantity",
-    "share",
-    "unit_of",
-    "verdict",
-]
+__all__ = ["change", "in_words", "listed", "number", "percent", "plus_minus", "share", "unit_of"]
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+def _powers(exponent):
+    return f" × 10{str(exponent).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
 def number(value, digits=3):
@@ -38,7 +26,7 @@ def number(value, digits=3):
     if -4 <= exponent < 7:
         return _signed(f"{value:.{max(digits - 1 - exponent, 0)}f}")
     mantissa, power = f"{value:.{digits - 1}e}".split("e")
-    return f"{_signed(mantissa)} × 10{str(int(power)).translate(_SUPERSCRIPT)}"
+    return f"{_signed(mantissa)}{_powers(int(power))}"
 
 
 def plus_minus(value, std):
@@ -60,7 +48,7 @@ def plus_minus(value, std):
     value, std = value / 10.0**scale, std / 10.0**scale
     decimals = min(max(0, 1 - math.floor(math.log10(std))), 12)
     text = f"{_signed(f'{value:.{decimals}f}')} ± {std:.{decimals}f}"
-    return f"({text}) × 10{str(scale).translate(_SUPERSCRIPT)}" if scale else text
+    return f"({text}){_powers(scale)}" if scale else text
 
 
 def _signed(text):
@@ -73,8 +61,8 @@ def share(value):
 
     Examples
     --------
-    >>> share(0.9234), share(0.0341), share(2e-9), share(0.0)
-    ('92 %', '3.4 %', '< 0.1 %', '< 0.1 %')
+    >>> share(0.9234), share(0.0341), share(2e-9)
+    ('92 %', '3.4 %', '< 0.1 %')
     """
     return f"{number(100.0 * value, 2)} %" if value >= 0.001 else "< 0.1 %"
 
@@ -95,10 +83,8 @@ def change(before, after):
 
     Examples
     --------
-    >>> change(2.0, 0.5), change(2.0, 2.1), change(2.0, 2.0001), change(2.0, 30.0)
-    ('−75.0 %', '+5.0 %', '0.0 %', '15 times')
-    >>> change(0.0, 1.0)
-    '–'
+    >>> change(2.0, 0.5), change(2.0, 2.1), change(2.0, 2.0001), change(2.0, 30.0), change(0.0, 1.0)
+    ('−75.0 %', '+5.0 %', '0.0 %', '15 times', '–')
     """
     if not before or not math.isfinite(after):
         return "–"
@@ -120,30 +106,17 @@ def unit_of(name):
     return found.group(1).strip() if found else ""
 
 
-def explain_units(unit, drive_unit, response_unit):
-    """Put the units of the columns into a unit given in terms of drive and response.
+def in_words(unit, drive, response):
+    """Put other words, where there are any, into a unit in terms of drive and response.
 
     Examples
     --------
-    >>> explain_units("response/drive", "V", "um"), explain_units("1/s", "", "")
-    ('um/V', '1/s')
+    >>> in_words("response/drive", "V", "um"), in_words("drive/s", "", "um")
+    ('um/V', 'drive/s')
     """
-    if drive_unit:
-        unit = re.sub(r"\bdrive\b", lambda _: drive_unit, unit)
-    if response_unit:
-        unit = re.sub(r"\bresponse\b", lambda _: response_unit, unit)
-    return unit
-
-
-def quantity(value, unit, whole):
-    """Write an error in its unit, with its percentage of the range.
-
-    Examples
-    --------
-    >>> quantity(0.0412, "um", 2.0)
-    '0.0412 um (2.06 % of the range)'
-    """
-    return f"{number(value)}{' ' + unit if unit else ''} ({percent(value, whole)} of the range)"
+    words = {"drive": drive, "response": response}
+    unit = re.sub(r"\b(drive|response)\b", lambda w: words[w.group()] or w.group(), unit)
+    return re.sub(r"^(\S+)/\1$", "", unit)
 
 
 def listed(names):
@@ -156,157 +129,3 @@ def listed(names):
     """
     names = [str(name) for name in names]
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
-
-
-def _with_others(claim):
-    """Return a claimed effect with the effects that fit as well."""
-    others = claim["ambiguous_with"]
-    told = f" (these data cannot tell it from {listed(others)})" if others else ""
-    return claim["effect"] + told
-
-
-def folded(rows):
-    """Join rows of parameters that stand next to each other in one vector, all 0 and at a bound.
-
-    Examples
-    --------
-    >>> rows = [{"name": f"weights[{k}]", "value": v, "std": s, "note": n}
-    ...         for k, (v, s, n) in enumerate([(2.0, 0.1, ""), (0.0, None, "at a bound"),
-    ...                                        (0.0, None, "at a bound")])]
-    >>> [row["name"] for row in folded(rows)]
-    ['weights[0]', 'weights[1–2]']
-    """
-    joined = []
-    for row in rows:
-        last = joined[-1] if joined else None
-        same = (
-            last is not None
-            and row["value"] == last["value"] == 0.0
-            and row["note"] == last["note"] != ""
-            and row["name"].partition("[")[0] == last["name"].partition("[")[0]
-            and "[" in row["name"]
-        )
-        if same:
-            first = last["name"].rstrip("]").partition("–")[0]
-            joined[-1] = {**row, "name": f"{first}–{row['name'].partition('[')[2]}"}
-        else:
-            joined.append(row)
-    return joined
-
-
-_PLACES = {
-    "record": "in record {record}",
-    "time": "from {low} to {high} s of record {record}",
-    "drive": "where the drive is from {low} to {high}",
-    "rate": "where the drive's rate is from {low} to {high}",
-    "frequency": "from {low} to {high} Hz",
-}
-_NEAR_MISSES = 2
-
-
-def looks(location):
-    """Say where a residual stands.
-
-    Examples
-    --------
-    >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "concentration": 4.0}
-    >>> looks([row]), looks([])
-    ('from 10.0 to 20.0 Hz (4.0 times the mean power)', '')
-    """
-    return "; ".join(
-        _PLACES[row["by"]].format(
-            record=row["record"], low=number(row["low"]), high=number(row["high"])
-        )
-        + f" ({number(row['concentration'], 2)} times the mean power)"
-        for row in location
-    )
-
-
-def next_steps(claims, not_it, location, verdict, faults, alpha, experiments):
-    """Return what to measure next, a list of sentences.
-
-    Parameters
-    ----------
-    claims, not_it, location, faults : list of dict
-        Of a report.
-    verdict : str
-    alpha : float
-    experiments : dict of str to str
-        The experiment that shows each effect best.
-    """
-    steps = []
-    for claim in claims:
-        others = claim["ambiguous_with"]
-        if others:
-            steps.append(f"To tell {claim['effect']} from {listed(others)}: {claim['experiment']}")
-    misses = [
-        row
-        for row in not_it
-        if row["p_value"] >= alpha and row["change"] < -0.05 and row["claimed_instead"] is None
-    ]
-    for row in misses[:_NEAR_MISSES]:
-        steps.append(
-            f"{row['effect']} would make the error {number(-100.0 * row['change'], 2)} % smaller, "
-            f"which these records do not make certain (p = {number(row['p_value'], 2)}). To see "
-            f"whether it is there: {experiments.get(row['effect'], '')}".rstrip()
-        )
-    if verdict == "unexplained":
-        where = looks(location)
-        steps.append(
-            "Record more of what no effect explains"
-            + (
-                f": it is strongest {where}."
-                if where
-                else ", and repeat one record exactly: what "
-                "returns is structure, what does not is noise."
-            )
-        )
-    if faults:
-        steps.append("Mend the faults of the recording listed under Data, and search again.")
-    return steps
-
-
-def verdict(report):
-    """Return the headline and the sentence that says what a search found.
-
-    Parameters
-    ----------
-    report : Report
-
-    Returns
-    -------
-    headline, sentence : str
-    """
-    unit = unit_of(report.response_name)
-    before, after, floor = (
-        quantity(value, unit, report.response_range)
-        for value in (report.error_before, report.error_after, report.noise_floor)
-    )
-    explained = report.verdict == "noise"
-    if report.effects:
-        found = listed(_with_others(claim) for claim in report.claims)
-        headline = f"Missing: {', '.join(report.effects)}"
-        sentence = (
-            f"The declared model {report.declared_model} lacks {found}: with "
-            f"{'it' if len(report.effects) == 1 else 'them'} the held-out error falls from "
-            f"{before} to {after}"
-        )
-        if explained:
-            return headline, f"{sentence}. What is left is noise; its floor is {floor}."
-        return (
-            f"{headline}; and something unexplained",
-            f"{sentence}. What is left is still above the noise floor of {floor}, and no effect "
-            "that was tried explains it.",
-        )
-    if explained:
-        return (
-            "Nothing is missing",
-            f"The declared model {report.declared_model} lacks none of the effects that were "
-            f"tried: its held-out error is {before}. What is left is noise; its floor is {floor}.",
-        )
-    return (
-        "Unexplained",
-        f"The declared model {report.declared_model} leaves structure that none of the effects "
-        f"that were tried explains: its held-out error is {before}, above the noise floor of "
-        f"{floor}. No effect is claimed.",
-    )

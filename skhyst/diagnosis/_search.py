@@ -291,7 +291,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 records,
                 first,
                 base,
-                getattr(self, "feature_names_in_", ()),
+                (getattr(self, "feature_names_in_", ()), self.response_name_),
             )
             for row in history
         }

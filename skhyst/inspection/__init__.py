@@ -10,6 +10,8 @@ from ._loop import HysteresisLoopDisplay
 from ._pole_zero import PoleZeroDisplay
 from ._ranking import EffectRankingDisplay
 from ._residual import ResidualDisplay
+from ._signals import binned_statistics, branch, spectrum
+from ._svg import svg_text
 
 __all__ = [
     "EffectRankingDisplay",
@@ -18,4 +20,8 @@ __all__ = [
     "HysteresisLoopDisplay",
     "PoleZeroDisplay",
     "ResidualDisplay",
+    "binned_statistics",
+    "branch",
+    "spectrum",
+    "svg_text",
 ]

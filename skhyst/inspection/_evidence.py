@@ -23,7 +23,8 @@ class EvidenceDisplay:
 
     Attributes
     ----------
-    ax_ : matplotlib Axes
+    ax_ : matplotlib Axes or ndarray of Axes of shape (2,)
+        Two where a second picture stands below, such as the phase below the gain.
     figure_ : matplotlib Figure
 
     Examples
@@ -85,8 +86,20 @@ class EvidenceDisplay:
         -------
         self
         """
-        picture = self.picture
-        axes = new_axes(ax, 1, 1, "EvidenceDisplay", size=(6.0, 4.0))[0, 0]
+        below = getattr(self.picture, "below", None)
+        pictures = [self.picture] if below is None else [self.picture, below]
+        size = (6.0, 4.0 if below is None else 5.6)
+        axes = new_axes(ax, len(pictures), 1, "EvidenceDisplay", size=size)[:, 0]
+        for panel, picture in zip(axes, pictures, strict=True):
+            self._draw(panel, picture, max_points)
+        if any(str(label) for label, *_ in self.picture.curves):
+            axes[0].legend(loc="best", fontsize="small", handlelength=1.6, framealpha=0.7)
+        self.ax_ = axes[0] if below is None else axes
+        self.figure_ = axes[0].figure
+        return self
+
+    @staticmethod
+    def _draw(axes, picture, max_points):
         styles = [style for *_, style in picture.curves]
         pairs = styles.count("points") > 1
         # points and the line that is to match them have one colour
@@ -108,7 +121,3 @@ class EvidenceDisplay:
         axes.set_xscale("log" if picture.x_log else "linear")
         axes.set_yscale("log" if picture.y_log else "linear")
         tidy(axes, title=picture.title, x_label=picture.x_label, y_label=picture.y_label)
-        if any(str(label) for label, *_ in picture.curves):
-            axes.legend(loc="best", fontsize="small", handlelength=1.6, framealpha=0.7)
-        self.ax_, self.figure_ = axes, axes.figure
-        return self

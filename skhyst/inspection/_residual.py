@@ -4,7 +4,7 @@ import numpy as np
 
 from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
-from ._signals import binned_statistics, branch, envelope, log_average, spectrum
+from ._signals import binned_statistics, branch, envelope, spectrum
 
 __all__ = ["ResidualDisplay"]
 
@@ -143,7 +143,7 @@ class ResidualDisplay(SignalDisplay):
         dt = self.records[0].dt
         low = high = None
         for name, values, color in self._colored():
-            frequency, density = log_average(*spectrum(values, self.spans, dt))
+            frequency, density = spectrum(values, self.spans, dt, per_decade=40)
             ax.loglog(frequency, density, color=color, linewidth=1.0, label=plain(name))
             if frequency.size:
                 low, high = frequency[0], frequency[-1]

@@ -45,7 +45,20 @@ def cycle_length(drive):
 def branch(drive):
     """Return +1 where the drive rises and -1 where it falls, past sensor noise.
 
-    The drive is smoothed over a fiftieth of a cycle first.
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+        It is smoothed over a fiftieth of a cycle first.
+
+    Returns
+    -------
+    ndarray of int of shape (n_samples,)
+
+    Examples
+    --------
+    >>> from skhyst.inspection import branch
+    >>> branch([0.0, 1.0, 2.0, 1.5, 1.0]).tolist()
+    [1, 1, 1, -1, -1]
     """
     width = max(1, int(cycle_length(drive) / 50))
     smooth = uniform_filter1d(np.asarray(drive, dtype=float), width, mode="nearest")
@@ -82,9 +95,27 @@ def loop_spans(drive, spans, max_cycles):
 
 
 def binned_statistics(x, values, n_bins=40, min_count=5):
-    """Return mean x, mean and scatter of ``values`` in bins of equal width along ``x``.
+    """Return the mean and the scatter of values in bins of equal width along a signal.
 
-    Only bins with at least ``min_count`` finite values.
+    Parameters
+    ----------
+    x, values : ndarray of shape (n_samples,)
+    n_bins : int, default=40
+    min_count : int, default=5
+        Fewest finite values of a bin that is returned.
+
+    Returns
+    -------
+    center, mean, std : ndarray of shape (n_found,)
+        Means of ``x`` and of ``values``, and the standard deviation of the latter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.inspection import binned_statistics
+    >>> x = np.linspace(0.0, 1.0, 100)
+    >>> binned_statistics(x, 2.0 * x, n_bins=2)[1].round(1).tolist()
+    [0.5, 1.5]
     """
     valid = np.isfinite(x) & np.isfinite(values)
     x, values = x[valid], values[valid]
@@ -118,13 +149,39 @@ def finite_runs(values, spans):
     return runs
 
 
-def spectrum(values, spans, dt, max_segment=8192):
-    """Return the amplitude spectral density of a signal with gaps (NaN), averaged over its runs.
+def spectrum(values, spans, dt, max_segment=8192, per_decade=None):
+    """Return the amplitude spectral density of a signal with gaps, averaged over its runs.
 
-    Welch's method (IEEE Transactions on Audio and Electroacoustics 15, 1967) with Hann windows of
-    ``max_segment`` samples at the most, every run weighted by its number of samples. A run that is
-    shorter than the window is one window, filled up with zeros to the same frequencies. In Hz,
-    without zero, and units of the signal per root Hz; empty where no run has 16 samples.
+    Welch's method (IEEE Transactions on Audio and Electroacoustics 15, 1967) with Hann windows,
+    every run weighted by its number of samples. A run that is shorter than the window is one
+    window, filled up with zeros to the same frequencies.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,)
+        NaN in the gaps.
+    spans : list of slice
+        The records.
+    dt : float
+        Sampling interval, s.
+    max_segment : int, default=8192
+        Samples of a window at the most.
+    per_decade : int, optional
+        Bands of equal width on a logarithmic axis over which the power is averaged.
+
+    Returns
+    -------
+    frequency, density : ndarray of shape (n_frequencies,)
+        Hz, without zero, and units of the signal per root Hz; empty where no run has 16 samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.inspection import spectrum
+    >>> signal = np.sin(2 * np.pi * 50.0 * np.arange(4000) * 1e-3)
+    >>> frequency, density = spectrum(signal, [slice(0, 4000)], 1e-3)
+    >>> float(frequency[density.argmax()])
+    50.0
     """
     runs = [run for run in finite_runs(values, spans) if run.stop - run.start >= 16]
     if not runs:
@@ -138,7 +195,8 @@ def spectrum(values, spans, dt, max_segment=8192):
         window = min(segment, length)
         frequency, density = welch(values[run], 1.0 / dt, nperseg=window, nfft=segment)
         power, weight = power + length * density, weight + length
-    return frequency[1:], np.sqrt(power[1:] / weight)
+    found = frequency[1:], np.sqrt(power[1:] / weight)
+    return found if per_decade is None else log_average(*found, per_decade)
 
 
 def log_average(frequency, density, per_decade=40):

@@ -302,14 +302,16 @@ def test_ranking_is_that_of_the_search(search):
 
 
 def test_evidence_is_that_of_the_search(search):
-    _, ax = pyplot.subplots()
+    """The mode's gain, and its phase below it, in the place of one Axes."""
+    figure, ax = pyplot.subplots()
     display = EvidenceDisplay.from_search(search, "resonance", ax=ax)
-    assert display.ax_ is ax
+    assert display.figure_ is figure
     picture = search.evidence_["resonance"].picture
-    assert ax.get_title(loc="left") == picture.title
-    assert ax.get_xscale() == ("log" if picture.x_log else "linear")
-    for (_, x, y, _), drawn in zip(picture.curves, curves(ax), strict=True):
-        np.testing.assert_array_equal(drawn, np.column_stack([x, y]))
+    for own, panel in zip((picture, picture.below), display.ax_, strict=True):
+        assert panel.get_title(loc="left") == own.title
+        assert panel.get_xscale() == ("log" if own.x_log else "linear")
+        for (_, x, y, _), drawn in zip(own.curves, curves(panel), strict=True):
+            np.testing.assert_array_equal(drawn, np.column_stack([x, y]))
 
 
 # ------------------------------------------------------------------------- without matplotlib

@@ -1,0 +1,245 @@
+"""A claimed effect in the augmented model, and the signals that its evidence is made of."""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..operators import SumOperator
+from ._characteristics import Seen
+
+__all__ = ["Claim"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claimed effect in the augmented model, and the records.
+
+    Attributes
+    ----------
+    effect : Effect
+    structure : Tree
+        The augmented model at its solution.
+    result : IdentificationResult
+        Of the augmented model, fitted on all records.
+    records : sequence of RecordData
+    columns : sequence of str
+        Names of the columns of X; empty where they have none.
+    """
+
+    effect: object
+    structure: object
+    result: object
+    records: tuple
+    columns: tuple = ()
+
+    @cached_property
+    def edits(self):
+        """What was done to the model for the effect."""
+        return self.structure.edits_of(self.effect.name)
+
+    @property
+    def kind(self):
+        """The way in which the effect entered."""
+        return self.edits[0].kind if len(self.edits) == 1 else "scheduled stage"
+
+    @cached_property
+    def at(self):
+        """The number of the stage that the effect is, or has changed."""
+        return self.structure.place(self.effect.name)
+
+    @cached_property
+    def label(self):
+        """The name of what was added for the effect."""
+        return self.structure.label(self.effect.name)
+
+    @cached_property
+    def is_part(self):
+        """Whether the effect is one part of a sum of forces."""
+        return self.structure.is_part(self.effect.name)
+
+    @cached_property
+    def operator(self):
+        """The operator that the effect is, or has become a part of; None if it is no part."""
+        structure = self.structure
+        if self.kind in ("modulation", "schedule", "scheduled stage"):
+            return None
+        if self.kind == "branch":
+            parts = zip(structure.operator.names, structure.operator.stages, strict=True)
+            return dict(parts)[self.label].operator
+        return structure.part(self.effect.name)
+
+    @property
+    def in_motion(self):
+        """Whether the operator is an equation of motion, of which forces are parts."""
+        return {"natural_frequency", "damping_ratio"} < set(self.operator.sizes())
+
+    @cached_property
+    def not_new(self):
+        """Parameters of the operator that do not belong to the effect."""
+        if self.kind == "branch":
+            return {"intercept"}
+        old = set()
+        if self.kind == "exchange":
+            before = self.structure.without(self.effect.name)
+            old = set(before.operators[before.names.index(self.edits[0].place)].sizes())
+        return {"gain", "intercept"} | old
+
+    @cached_property
+    def keys(self):
+        """Parameters of the operator that were identified: name -> name in the result."""
+        structure, place = self.structure, self.edits[0].place
+        mark = f"{self.label}__"
+        if place and not self.is_part:
+            mark = f"{place}__"
+        elif self.label in structure.beside_names:
+            mark = f"disturbance{structure.beside_names.index(self.label)}__"
+        marked = {key: re.split(f"(?:^|__){mark}", key, maxsplit=1) for key in self.result.params}
+        found = {parts[1]: key for key, parts in marked.items() if len(parts) == 2}
+        if not found and self.kind == "exchange":  # a single model has no names of stages
+            own = {key.removeprefix("model__"): key for key in self.result.params}
+            found = {short: key for short, key in own.items() if "__" not in short}
+        return found
+
+    @cached_property
+    def values(self):
+        """Those parameters: name -> (value, standard error)."""
+        params, std = self.result.params, self.result.params_std
+        return {short: (params[key], std[key]) for short, key in self.keys.items()}
+
+    def covariance(self, names):
+        """Return the covariance of some of those parameters."""
+        if self.result.covariance is None:
+            return np.diag([self.values[name][1] ** 2 for name in names])
+        at = [list(self.result.params).index(self.keys[name]) for name in names]
+        return self.result.covariance[np.ix_(at, at)]
+
+    @cached_property
+    def units(self):
+        """What goes into the operator and what comes out of it, by the unit that it has.
+
+        Stages before the one that carries the gain are in units of the drive, those behind it in
+        units of the response.
+        """
+        if self.kind == "branch":
+            return self.column_name, "response"
+        if self.kind == "beside":
+            return "drive", "response"
+        operators = self.structure.operators
+        owners = [i for i, o in enumerate(operators) if o.carries_scale]
+        owners = owners or [i for i, o in enumerate(operators) if o.gauge_entries().any()]
+        owner = max(owners, default=len(operators) - 1)
+        return tuple(
+            "drive" if before else "response" for before in (self.at <= owner, self.at < owner)
+        )
+
+    # ------------------------------------------------------------------ numbers of records
+
+    @cached_property
+    def column(self):
+        """The number of the column of X that drives, scales or schedules; or "amplitude"."""
+        edit = self.edits[-1]
+        return edit.by if self.kind.startswith("schedule") else edit.column
+
+    @property
+    def column_name(self):
+        """What that column, or the amplitude, is called."""
+        if self.column == "amplitude":
+            return "half range of the drive in a record"
+        return str(self.columns[self.column]) if len(self.columns) else f"column {self.column}"
+
+    def in_column(self):
+        """Return that column of each record."""
+        if self.column == "amplitude":
+            return [np.full(len(r.u), 0.5 * np.ptp(r.u)) for r in self.records]
+        return [record.auxiliary[:, self.column - 1] for record in self.records]
+
+    def stage_at(self, number):
+        """Return the stage as it is in a record with this number."""
+        return self.structure.stages_at(number)[self.at].operator
+
+    # ------------------------------------------------------------------ signals
+
+    @cached_property
+    def seen(self):
+        """What has come into the operator and out of it."""
+        dts = [record.dt for record in self.records]
+        if self.kind == "beside":
+            inputs = [record.u for record in self.records]
+            return Seen(inputs, self.measured, dts, self.coefficients(self.operator))
+        if self.kind == "branch":
+            return Seen(self.in_column(), self.measured, dts)
+        outputs = self.structure.run(self.records, last=self.at + 1)
+        return Seen(self.inputs(), self.measured if self.is_part else outputs, dts)
+
+    def coefficients(self, disturbance):
+        """Return what belongs to each record of a disturbance, (n_records, n_coefficients)."""
+        others = self.structure.disturbances
+        at = next(i for i, other in enumerate(others) if other is disturbance)
+        start = sum(np.size(other.coefficients) for other in others[:at])
+        size = np.size(disturbance.coefficients)
+        return self.result.record_coefficients[:, start : start + size]
+
+    def beside(self):
+        """Return what is left without a disturbance, and the disturbance."""
+        pairs = zip(self.records, self.coefficients(self.operator), strict=True)
+        own = [self.operator.basis(r.dt * np.arange(len(r.u))) @ c for r, c in pairs]
+        left = zip(self.measured, self.modelled, own, strict=True)
+        return [y - x + part for y, x, part in left], own
+
+    @cached_property
+    def measured(self):
+        """The response of each record without the disturbances."""
+        found = [np.array(record.y) for record in self.records]
+        for disturbance in self.structure.disturbances:
+            for y, record, own in zip(
+                found, self.records, self.coefficients(disturbance), strict=True
+            ):
+                y -= disturbance.basis(record.dt * np.arange(len(y))) @ own
+        return found
+
+    @cached_property
+    def modelled(self):
+        """The response of the driven part to each record."""
+        return self.structure.respond(self.records)
+
+    def inputs(self):
+        """Return what goes into the stage in each record."""
+        return self.structure.run(self.records, last=self.at)
+
+    @cached_property
+    def rest(self):
+        """The model without the stage, the part of a sum, or what depends on a column."""
+        structure = self.structure
+        if self.kind in ("branch", "modulation", "schedule"):
+            return structure.without(self.effect.name)
+        if self.is_part:
+            stage = structure.operators[self.at]
+            kept = [i for i, name in enumerate(stage.names) if name != self.label]
+            names, parts = ([own[i] for i in kept] for own in (stage.names, stage.stages))
+            return self.with_stage(SumOperator(tuple(names), tuple(parts)))
+        return structure.cut(structure.names[self.at])
+
+    def with_stage(self, operator):
+        """Return the model with another operator in the effect's place."""
+        return self.structure.with_stage(self.at, operator=operator)
+
+    def lacking(self, without):
+        """Return what a model lacks: of the measurement, and of the augmented model."""
+        return (
+            [y - x for y, x in zip(self.measured, without, strict=True)],
+            [y - x for y, x in zip(self.modelled, without, strict=True)],
+        )
+
+    def left_out(self):
+        """Return what the rest responds, and what it lacks; see :meth:`lacking`.
+
+        Where the effect carries the gain of the series, a straight line gives the rest its own.
+        """
+        without = self.rest.respond(self.records)
+        if self.structure.operators[self.at].carries_scale and not self.is_part:
+            x, y = np.concatenate(without), np.concatenate(self.measured)
+            slope, constant = np.polyfit(x, y, 1)
+            without = [slope * part + constant for part in without]
+        return without, *self.lacking(without)

@@ -1,0 +1,355 @@
+"""Pictures of what a model lacks: measured, and as identified."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ..compose import amplitude
+from ..inspection import binned_statistics, branch, spectrum
+from ..linear import frequency_response
+from ..records import stack_records
+
+__all__ = ["Picture", "changes_by_number", "draw"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Curves to draw: each is (label, x, y, style), style "line", "points" or "dashed".
+
+    ``below`` is a second picture that belongs under it, such as the phase under the gain.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple
+    x_log: bool = False
+    y_log: bool = False
+    below: "Picture | None" = None
+
+
+def draw(claim):
+    """Return the picture of a claim: that of the way in which the effect entered, or its own."""
+    title = claim.effect.name.replace("_", " ").capitalize()
+    own = claim.effect.picture or ("time" if claim.kind == "beside" else "curve")
+    return _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
+
+
+# ------------------------------------------------------------------ against a signal
+
+
+def _styled(x, measured, identified):
+    """Return curves measured and identified, of values at the same places."""
+    return ("measured", x, measured, "points"), ("identified", x, identified, "line")
+
+
+def _means(x, measured, identified, by_direction=False):
+    """Return curves of means against a signal; all are lists of one array a record."""
+    rising = np.concatenate([branch(signal) > 0 for signal in x])
+    sides = {", rising": rising, ", falling": ~rising} if by_direction else {"": slice(None)}
+    x, measured, identified = map(np.concatenate, (x, measured, identified))
+    return tuple(
+        (f"{source}{label}", *binned_statistics(x[side], values[side])[:2], style)
+        for source, values, style in (
+            ("measured", measured, "points"),
+            ("identified", identified, "line"),
+        )
+        for label, side in sides.items()
+        if x[side].size
+    )
+
+
+def _largest_loop(x, measured, identified):
+    """Return curves along the largest swing of a signal, with the swings beside it."""
+    swings = []
+    for number, signal in enumerate(x):
+        turns = [0, *np.flatnonzero(np.diff(branch(signal))), len(signal) - 1]
+        for i, (start, stop) in enumerate(pairwise(turns)):
+            rows = slice(turns[max(i - 1, 0)], turns[min(i + 2, len(turns) - 1)] + 1)
+            swings.append((abs(signal[stop] - signal[start]), number, rows))
+    _, number, rows = max(swings, key=lambda swing: swing[0])
+    return _styled(*(signals[number][rows] for signals in (x, measured, identified)))
+
+
+def _curve(title, claim, loop=False):
+    """Draw what a stage adds against what comes into it, by direction, or along a loop.
+
+    One that carries the gain of the series is drawn against the response without it.
+    """
+    without, measured, identified = claim.left_out()
+    x, x_label = claim.inputs(), f"what comes into it ({claim.units[0]})"
+    if claim.operator.carries_scale:
+        x, x_label = without, "response without it"
+    signals = x, measured, identified
+    curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=True)
+    return Picture(title, x_label, "what it adds (response)", curves)
+
+
+def _balance(claim, motions, reach):
+    """Return displacements, velocities, and what mass, damper and linear spring leave of the drive.
+
+    All are lists of one array a record: the response's unit, and forces in that of the drive. What
+    is faster than ``reach`` resonances is taken for noise.
+    """
+    operator, found = claim.operator, []
+    w, zeta, gain = operator.natural_frequency, operator.damping_ratio, operator.gain
+    preload = getattr(operator, "preload", 0.0)
+    for record, drive, motion in zip(claim.records, claim.seen.inputs, motions, strict=True):
+        # derivatives of the sine series between the ends
+        n, dt = len(motion), record.dt
+        ends = np.linspace(motion[0], motion[-1], n)
+        odd = np.concatenate([motion - ends, (ends - motion)[-2:0:-1]])
+        omega = 2.0 * np.pi * np.fft.rfftfreq(len(odd), dt)
+        series = np.fft.rfft(odd) * np.clip(2.0 - omega / (reach * w), 0.0, 1.0)
+        x, v, a = (np.fft.irfft((1j * omega) ** k * series, len(odd))[:n] for k in range(3))
+        x, v = x + ends - operator.intercept, v + (motion[-1] - motion[0]) / (dt * (n - 1))
+        force = drive - (a / w**2 + 2.0 * zeta * v / w + x) / gain + preload
+        cut = min(int(np.pi / (4.0 * w * dt)), n // 4)  # an eighth of a period at either end
+        found.append([signal[cut : n - cut] for signal in (x, v, force)])
+    return zip(*found, strict=True)
+
+
+def _force(title, claim, against="displacement", loop=False):
+    """Draw a force against displacement, by direction or along a loop, or against velocity."""
+    fast = against == "velocity"
+    if claim.in_motion:
+        y_label, unit = "force that the linear stage leaves (drive)", "response"
+        own = claim.seen.outputs
+        # behind further stages the motion is not measured: the model's, and what it leaves
+        left = zip(own, claim.measured, claim.modelled, strict=True)
+        x, _, measured = _balance(claim, [stage + y - model for stage, y, model in left], 4.0)
+        # against the model's velocity: the noise of a measured one would blur the jump
+        _, modelled, identified = _balance(claim, own, np.inf)
+        x = modelled if fast else x
+    elif claim.is_part:
+        y_label, unit = "force that the others leave (response)", claim.units[0]
+        x = claim.inputs()
+        if fast:
+            x = [np.gradient(u, r.dt) for u, r in zip(x, claim.records, strict=True)]
+        measured, identified = claim.lacking(claim.rest.respond(claim.records))
+    else:
+        return _curve(title, claim, loop)
+    signals = x, measured, identified
+    curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=not fast)
+    return Picture(title, f"{against} ({unit}{'/s' if fast else ''})", y_label, curves)
+
+
+def _rate(title, claim):
+    """Draw what rate-dependent plays add to slow ones against the rate of the drive."""
+    slow = claim.with_stage(replace(claim.operator, dilation=0.0, rate_weights=()))
+    x = [np.gradient(u, r.dt) for u, r in zip(claim.seen.inputs, claim.records, strict=True)]
+    curves = _means(x, *claim.lacking(slow.respond(claim.records)))
+    return Picture(title, "rate of the drive (drive/s)", "what it adds (response)", curves)
+
+
+# ------------------------------------------------------------------ against frequency
+
+
+def _measured_response(claim, numbers):
+    """Return frequency (Hz) and the measured response of the missing stage, where coherent.
+
+    Input is the model without the stage, output the measurement: what lies between them is what
+    the stage has to do. ``numbers`` are those of the records to take.
+    """
+    records = [claim.records[i] for i in numbers]
+    pairs = [
+        (x, claim.measured[i]) for i, x in zip(numbers, claim.rest.respond(records), strict=True)
+    ]
+    length = min(1024, *(len(record.u) for record in records))
+    found = frequency_response(
+        *stack_records(pairs, dt=records[0].dt),
+        method="h1",
+        segment_length=length,
+        detrend="linear",
+    )
+    edges = np.cumsum([0, *(len(x) for x, _ in pairs)])
+    spans = [slice(a, b) for a, b in pairwise(edges)]
+    frequency, density = spectrum(np.concatenate([x for x, _ in pairs]), spans, records[0].dt)
+    # 60 dB below the strongest, what comes in is what leaks through the window
+    excited = np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
+    kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0) & excited
+    return found.frequency[kept], np.ravel(found.response)[kept]
+
+
+def _own_response(operator, claim, highest):
+    """Return frequency (Hz) and the response of a linear operator to a pulse."""
+    dt, n_samples = claim.records[0].dt, max(len(r.u) for r in claim.records)
+    pulse = np.zeros(n_samples)
+    start = operator.init(0.0, "zero")
+    rest = operator.run(pulse, dt, start)[0]
+    pulse[1] = 1.0
+    transfer = np.fft.rfft(operator.run(pulse, dt, start)[0] - rest) / np.fft.rfft(pulse)
+    frequency = np.fft.rfftfreq(n_samples, dt)
+    kept = (frequency > 0.0) & (frequency <= max(2.0 * highest, 5.0 * frequency[1]))
+    return frequency[kept], transfer[kept]
+
+
+def _frequency(title, claim):
+    """Draw gain and phase of the missing stage, at both ends where the amplitude changes it."""
+    numbers, stages = range(len(claim.records)), [("identified", claim.operator, "line")]
+    if claim.operator is None:
+        schedule = claim.edits[-1]
+        middle = 0.5 * (schedule.low + schedule.high)
+        numbers = [i for i, r in enumerate(claim.records) if amplitude(r.u) > middle]
+        ends = ("large", schedule.high, "line"), ("small", schedule.low, "dashed")
+        stages = [(f"{label} amplitude", claim.stage_at(at), style) for label, at, style in ends]
+    frequency, response = _measured_response(claim, numbers)
+    highest = frequency.max(initial=0.0)
+    curves = [("measured", frequency, response, "points")]
+    curves += [(label, *_own_response(own, claim, highest), style) for label, own, style in stages]
+    phases = tuple((label, f, np.degrees(np.unwrap(np.angle(h))), s) for label, f, h, s in curves)
+    gains = tuple((label, f, np.abs(h), style) for label, f, h, style in curves)
+    below = Picture("", "frequency (Hz)", "phase (degrees)", phases, x_log=True)
+    return Picture(title, "", "gain of the missing stage", gains, True, True, below)
+
+
+def _relaxation(title, claim):
+    """Draw the response to a step over log time, and the gain."""
+    operator, record = claim.operator, max(claim.records, key=lambda r: len(r.u))
+    n = len(record.u)
+    late = np.unique(np.geomspace(1, n - 1, 300).astype(int))
+    step = operator.run(np.ones(n), record.dt, operator.init(0.0, "zero"))[0]
+    curve = ("identified", record.dt * late, step[late], "line")
+    gain = replace(_frequency("", claim), x_label="frequency (Hz)", y_log=False, below=None)
+    x_label, y_label = "time after a step (s)", "response to a step of one"
+    return Picture(title, x_label, y_label, (curve,), x_log=True, below=gain)
+
+
+# ------------------------------------------------------------------ over time
+
+
+def _spectra(title, claim):
+    """Draw the spectrum of what is left, with and without a disturbance."""
+    left, identified = map(np.concatenate, claim.beside())
+    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
+    spans = [slice(a, b) for a, b in pairwise(edges)]
+    curves = tuple(
+        (label, *spectrum(values, spans, claim.records[0].dt), "line")
+        for label, values in (("without it", left), ("with it", left - identified))
+    )
+    y_label = "residual (response / sqrt Hz)"
+    return Picture(title, "frequency (Hz)", y_label, curves, x_log=True, y_log=True)
+
+
+def _time(title, claim):
+    """Draw a disturbance in the first records, or a stage where it does most."""
+    if claim.kind != "beside":
+        without = claim.rest.respond(claim.records)
+        added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
+        number = int(np.argmax([part.max() for part in added]))
+        middle, n = int(np.argmax(added[number])), len(added[number])
+        rows = slice(max(middle - n // 16, 0), middle + n // 16)
+        time = claim.records[number].dt * np.arange(n)[rows]
+        signals = (own[number][rows] for own in (claim.measured, claim.modelled))
+        curves = (*_styled(time, *signals), ("without it", time, without[number][rows], "dashed"))
+        return Picture(title, "time (s)", "response", curves)
+    curves = []
+    for i, (record, left, own) in enumerate(zip(claim.records, *claim.beside(), strict=True)):
+        rows = slice(0, None, max(len(own) // 400, 1))
+        time = (record.dt * np.arange(len(own)))[rows]
+        curves += [(f"record {i}", time, left[rows], "points"), ("", time, own[rows], "line")]
+    x_label, y_label = "time since the record's start (s)", "residual (response)"
+    # of more than four records the colours repeat
+    return Picture(f"{title}, identified as lines", x_label, y_label, tuple(curves[:8]))
+
+
+# ------------------------------------------------------------------ against a number
+
+
+def _column(title, claim):
+    """Draw what the drive does not explain against a column, or what its dynamics make of it."""
+    measured, identified = claim.lacking(claim.rest.respond(claim.records))
+    x, x_label = claim.in_column(), claim.column_name
+    if "time_constant" in claim.values and claim.operator.gain:
+        x = [own / claim.operator.gain for own in identified]
+        x_label = f"{x_label}, behind the time constant"
+    curves = _means(x, measured, identified)
+    return Picture(title, x_label, "what the drive does not explain (response)", curves)
+
+
+def _by_number(title, claim):
+    """Draw gain and opening of the loop of records, or of bins of a column, against a number."""
+    number, gains, openings = _gains(claim)
+    below = Picture("", claim.column_name, "opening of the loop", _styled(number, *openings))
+    return Picture(title, "", "gain over the model's", _styled(number, *gains), below=below)
+
+
+def _gains(claim):
+    """Return a number, ascending, and two pairs of measured and identified gains at it.
+
+    They are slopes against what the model without that number responds: of all, and of what is not
+    in line with the drive, which opens the loop. One value a record, or a bin of a moving column.
+    """
+    column, drive = np.concatenate(claim.in_column()), np.concatenate([r.u for r in claim.records])
+    base = np.concatenate(claim.rest.respond(claim.records))
+    inputs = np.column_stack([base, np.ones_like(base), drive])
+    signals = np.column_stack([np.concatenate(y) for y in (claim.measured, claim.modelled)])
+    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
+    stretches = [np.arange(a, b) for a, b in pairwise(edges)]
+    if any(np.ptp(column[rows]) > 0.0 for rows in stretches):
+        stretches = np.array_split(np.argsort(column, kind="stable"), 24)
+    stretches.sort(key=lambda rows: column[rows].mean())
+    gains, openings = (
+        np.array([np.linalg.lstsq(inputs[r, :n], signals[r])[0][0] for r in stretches]).T
+        for n in (2, 3)
+    )
+    return np.array([column[rows].mean() for rows in stretches]), gains, openings
+
+
+def changes_by_number(claim):
+    """Return name -> (value, standard error, unit) of an effect that is no part of the model."""
+    if claim.kind == "scheduled stage":
+        return _moved_modes(claim)
+    number, *pairs = _gains(claim)
+    name, structure = claim.column_name, claim.structure
+    unit = "drive" if claim.column == "amplitude" else name
+    found = {
+        f"change of the {label}": (_change(gain[0], gain[-1]), np.nan, "%")
+        for label, (_, gain) in zip(("gain", "opening of the loop"), pairs, strict=True)
+    }
+    if claim.kind == "modulation":
+        own = structure.scaled_by.index(str(claim.column))
+        stds = [s for n, s in claim.result.params_std.items() if "sensitivity" in n.split("__")[-1]]
+        (sensitivity,) = structure.values["scaled by", str(claim.column)]
+        found["sensitivity of the gain"] = sensitivity, stds[own], f"1/{unit}"
+    else:
+        for (stage, entry), (low, high) in structure.lines.items():
+            if "[" not in entry and entry != "intercept":
+                label = f"{stage}: {entry}".replace("_", " ")
+                found[f"change of {label}"] = _change(low, high), np.nan, "%"
+    ends = {"smallest": number[0], "largest": number[-1]}
+    return found | {f"{label} {name}": (end, np.nan, unit) for label, end in ends.items()}
+
+
+def _change(low, high):
+    return 200.0 * (high - low) / (abs(low) + abs(high) or 1.0)
+
+
+def _moved_modes(claim):
+    stage, found = claim.stage_at(claim.edits[-1].high), {}
+    # the poles are those of large amplitudes; at small ones zeros cancel them
+    for label, roots in (("large", stage.poles()), ("small", stage.zeros())):
+        roots = np.asarray(roots, dtype=complex)
+        frequencies = np.sort(np.abs(roots[roots.imag > 0.0])) / (2.0 * np.pi)
+        for i, frequency in enumerate(frequencies, start=1):
+            found[f"mode {i}, {label} amplitude"] = frequency, np.nan, "Hz"
+    return found
+
+
+_PICTURES = {
+    "curve": _curve,
+    "loop": lambda title, claim: _force(title, claim, loop=True),
+    "displacement": _force,
+    "velocity": lambda title, claim: _force(title, claim, "velocity"),
+    "rate": _rate,
+    "frequency": _frequency,
+    "relaxation": _relaxation,
+    "spectrum": _spectra,
+    "time": _time,
+    # of effects that entered so
+    "branch": _column,
+    "modulation": _by_number,
+    "schedule": _by_number,
+    "scheduled stage": _frequency,
+}

@@ -1,0 +1,292 @@
+"""The text of a report: blocks that a template writes as HTML or as Markdown."""
+
+import math
+
+from ._report_data import looks
+from ._report_text import change, in_words, listed, number, percent, plus_minus, share, unit_of
+
+__all__ = ["page", "verdict"]
+
+_MANY = 24  # rows of a table that a page shows unfolded
+
+
+def verdict(report):
+    """Return the headline and the sentence that says what a search found."""
+    before, after, floor = (
+        _error(report, value)
+        for value in (report.error_before, report.error_after, report.noise_floor)
+    )
+    model, explained = f"The declared model {report.declared_model}", report.verdict == "noise"
+    noise = f"What is left is noise; its floor is {floor}."
+    if not report.effects and explained:
+        return "Nothing is missing", (
+            f"{model} lacks none of the effects that were tried: its held-out error is {before}. "
+            f"{noise}"
+        )
+    if not report.effects:
+        return "Unexplained", (
+            f"{model} leaves structure that none of the effects that were tried explains: its "
+            f"held-out error is {before}, above the noise floor of {floor}. No effect is claimed."
+        )
+    found = listed(
+        claim["effect"] + (f" ({_ambiguity(claim)})" if claim["ambiguous_with"] else "")
+        for claim in report.claims
+    )
+    them = "it" if len(report.effects) == 1 else "them"
+    rest = f"What is left is above the noise floor of {floor}, and no effect tried explains it."
+    return (
+        f"Missing: {', '.join(report.effects)}{'' if explained else '; and something unexplained'}",
+        f"{model} lacks {found}: with {them} the held-out error falls from {before} to {after}. "
+        f"{noise if explained else rest}",
+    )
+
+
+def page(report, figures=None):
+    """Return the blocks of a report, from top to bottom: dicts with a ``kind``.
+
+    Parameters
+    ----------
+    report : Report
+    figures : dict, optional
+        Of :func:`report_figures`; none in a text.
+    """
+    sections = _errors, _signals, _candidates, _claims, _left, _not_it, _next, _parameters
+    blocks = [list(section(report, figures)) for section in (*sections, _data, _origin)]
+    return [block for own in blocks for block in own]
+
+
+def _heading(text, level=2):
+    return {"kind": "heading", "text": text, "level": level}
+
+
+def _text(text, style=""):
+    return {"kind": "text", "text": text, "style": style}
+
+
+def _figure(svg, caption=""):
+    return {"kind": "figure", "svg": svg, "text": caption}
+
+
+def _table(head, align, rows, strong=()):
+    """Return a table; ``align`` has a letter a column, ``strong`` are numbers of rows."""
+    folded = f"{len(rows)} values" if len(rows) > _MANY else ""
+    parts = {"head": head, "align": align, "rows": rows, "strong": strong, "folded": folded}
+    return {"kind": "table", **parts}
+
+
+def _error(report, value, whole=None):
+    """Write an error in its unit, with its percentage of the range."""
+    part = percent(value, report.response_range if whole is None else whole)
+    return f"{f'{number(value)} {unit_of(report.response_name)}'.strip()} ({part} of the range)"
+
+
+def _fall(before, after):
+    return f"{number(after)} instead of {number(before)} ({change(before, after)})"
+
+
+def _ambiguity(claim):
+    return f"these data cannot tell it from {listed(claim['ambiguous_with'])}"
+
+
+def _errors(report, figures):
+    yield _text(report.sentence, "lead")
+    errors = {"declared model": report.error_before}
+    if report.effects:
+        errors["with what was found"] = report.error_after
+    errors["noise floor"] = report.noise_floor
+    unit, whole, top = unit_of(report.response_name), report.response_range, max(errors.values())
+    head = ["error (RMS, held out)", unit or "value", "of the range"]
+    rows = [[name, number(own), percent(own, whole)] for name, own in errors.items()]
+    widths = [100.0 * own / top if top > 0.0 else 0.0 for own in errors.values()]
+    yield {**_table(head, "lrr", rows), "kind": "bars", "widths": widths}
+    if report.held_out:
+        kept = report.held_out
+        whole, names = kept["response_range"], ("before", "after")[: 1 + bool(report.effects)]
+        own = [f"{_error(report, kept[f'error_{name}'], whole)} {name}" for name in names]
+        count = kept["n_samples"]
+        yield _text(f"On {count} samples kept from the search altogether: {', '.join(own)}.")
+
+
+def _signals(report, figures):
+    if figures:
+        yield _heading("Loops and residuals")
+        yield _figure(
+            figures["loops"],
+            "Measured response against drive, and as predicted for samples not seen in fitting. "
+            "Below, less the straight line through the measured points.",
+        )
+        yield _figure(
+            figures["residuals"],
+            "Measured minus predicted. Lines in the branch pictures are means, bands one standard "
+            "deviation; the dotted line is white noise of the size of the noise floor.",
+        )
+    if report.declared_location:
+        place = looks(report.declared_location)
+        yield _text(f"What the declared model leaves is strongest {place}.")
+
+
+def _candidates(report, figures):
+    yield _heading("Candidates")
+    for place, round in enumerate(report.rounds):
+        rows = [row for row in report.ranking if row["round"] == round]
+        strong = [i for i, row in enumerate(rows) if row["claimed"]]
+        claimed = ", ".join(rows[i]["effect"] for i in strong) or "nothing"
+        yield _heading(f"Round {round}: {claimed} claimed", 3)
+        if not any(math.isfinite(row["error_after"]) for row in rows):
+            yield _text("No candidate explains enough to be contested.")
+        elif figures:
+            yield _figure(figures["rankings"][place])
+        head = ["effect", "explains", "error", "change", "p", "parameters", ""]
+        yield _table(head, "lrrrrrl", [_candidate(row) for row in rows], strong)
+        if len(strong) > 1:
+            yield _text("Neither of the two qualifies alone; together they do.")
+    if report.rounds:
+        yield _text(
+            "“Explains” is the share of the residual's power that the effect removes when it is "
+            "put into the model and fitted briefly; only the best are contested on held-out data. "
+            "p is corrected for the number of candidates; an effect is claimed below "
+            f"{report.settings['alpha']}.",
+            "quiet",
+        )
+    else:
+        yield _text("No effect was tried: the declared model leaves nothing.")
+
+
+def _candidate(row):
+    before, after = row["error_before"], row["error_after"]
+    contested = math.isfinite(after)
+    return [
+        row["effect"],
+        share(row["screen"]),
+        number(after),
+        change(before, after),
+        number(row["p_value"], 2),
+        row["n_parameters"],
+        "claimed" if row["claimed"] else "" if contested else "not contested",
+    ]
+
+
+def _claims(report, figures):
+    yield _heading("What is missing, and why we say so")
+    for place, claim in enumerate(report.claims):
+        yield _heading(f"{place + 1}. {claim['effect']}", 3)
+        yield _text(claim["statement"])
+        fall = [_error(report, claim[f"error_{name}"]) for name in ("before", "after")]
+        p_value = number(claim["p_value"], 2)
+        yield _text(f"The held-out error goes from {' to '.join(fall)}, p = {p_value}.")
+        rows = [[r["name"], plus_minus(r["value"], r["std"]), r["unit"]] for r in claim["numbers"]]
+        yield _table(["number", "value ± standard error", "unit"], "lrl", rows)
+        if figures:
+            yield _figure(figures["evidence"][place])
+        told = claim["experiment"]
+        if claim["ambiguous_with"]:
+            told = f"{_ambiguity(claim).capitalize()}. The simplest is named. To tell: {told}"
+        if told:
+            yield _text(told, "note")
+    if not report.claims:
+        yield _text(
+            "Nothing is missing: no effect that was tried makes the held-out error significantly "
+            "smaller, and it is already at the noise floor."
+            if report.verdict == "noise"
+            else "No effect is claimed, though something is left: the error is above the noise "
+            "floor, and none of the effects that were tried makes it significantly smaller."
+        )
+
+
+def _left(report, figures):
+    if report.dropped:
+        was, it = ("was", "it") if len(report.dropped) == 1 else ("were", "them")
+        names = listed(report.dropped)
+        yield _text(f"{names} had been claimed first, and {was} dropped: later ones replace {it}.")
+    if report.verdict != "unexplained":
+        return
+    if report.claims:
+        yield _text("Something unexplained remains: no further effect explains it.", "note")
+    if report.location:
+        yield _text("What is left is strongest here:")
+        units = unit_of(report.drive_name), unit_of(report.response_name)
+        rows = [
+            [row["by"], row["record"] or "all", number(row["low"]), number(row["high"])]
+            + [in_words(row["unit"], *units), share(row["share"]), number(row["concentration"], 2)]
+            for row in report.location
+        ]
+        head = ["by", "record", "from", "to", "unit", "share of its power", "times the mean"]
+        yield _table(head, "llrrlrr", rows)
+
+
+def _not_it(report, figures):
+    yield _heading("What it was not")
+    if not report.not_it:
+        yield _text(
+            "Every effect that was tried was claimed, or fits as well as one that was."
+            if report.rounds
+            else "No effect was tried: the declared model leaves nothing."
+        )
+        return
+    rows = []
+    for row in report.not_it:
+        best = f"explains {share(row['screen'])} of the residual's power, not contested"
+        if math.isfinite(row["change"]):
+            best = f"error {_fall(row['error_before'], row['error_after'])} in round {row['round']}"
+        if math.isfinite(row["change"]) and row["claimed_instead"]:
+            best += f"; {row['claimed_instead']} reached {number(row['claimed_error'])}"
+        rows.append([row["effect"], best, number(row["p_value"], 2)])
+    yield _table(["effect", "at best", "p"], "llr", rows)
+
+
+def _next(report, figures):
+    if report.next_steps:
+        yield _heading("What to measure next")
+        yield {"kind": "list", "texts": report.next_steps}
+
+
+def _parameters(report, figures):
+    yield _heading("Parameters")
+    for title, name in (("With what was found", "augmented"), ("Declared model", "declared")):
+        if name == "augmented" and not report.effects:
+            continue
+        yield _heading(title, 3)
+        yield {"kind": "code", "text": getattr(report, f"{name}_model")}
+        values = report.parameters[name]
+        shown = [row for row in values if row["value"] or row["note"] != "at a bound"]
+        rows = [[row["name"], plus_minus(row["value"], row["std"]), row["note"]] for row in shown]
+        yield _table(["parameter", "value ± standard error", ""], "lrl", rows)
+        if len(shown) < len(values):
+            yield _text(f"{len(values) - len(shown)} more are zero, at a bound.", "quiet")
+
+
+def _data(report, figures):
+    data = report.data
+    yield _heading("Data")
+    yield _text(
+        f"{data['n_samples']} samples in {data['n_records']} records, one every "
+        f"{number(data['interval'])} s; {data['n_scored']} were scored while held out. "
+        f"Drive: {report.drive_name}. Response: {report.response_name}."
+    )
+    ends = ("duration", "drive_min", "drive_max", "response_min", "response_max")
+    rows = [
+        [row["label"], row["n_samples"], *(number(row[name]) for name in ends)]
+        for row in data["records"]
+    ]
+    head = ["record", "samples", "seconds", "drive from", "to", "response from", "to"]
+    yield _table(head, "lrrrrrr", rows)
+    faults = [
+        [row[name] for name in ("fault", "record", "n_samples")]
+        + [", ".join(map(str, row["rows"])), row["advice"]]
+        for row in data["faults"]
+    ]
+    if faults:
+        yield _text("The recording has faults that are no physics. They are in what was fitted:")
+        yield _table(["fault", "record", "samples", "first rows", ""], "llrll", faults)
+    else:
+        nothing = "No outliers, lost or stuck readings, clipping or clock jitter were found."
+        yield _text(nothing, "quiet")
+
+
+def _origin(report, figures):
+    yield _heading("How it was made")
+    if report.command:
+        yield {"kind": "code", "text": report.command}
+    seconds = {name: f"{number(value)} s" for name, value in report.seconds.items()}
+    rows = {**report.settings, **report.versions, **seconds}
+    yield _table(["", ""], "ll", [list(row) for row in rows.items()])

@@ -1,0 +1,77 @@
+"""Pictures as SVG text that stands inside a page."""
+
+import html
+import io
+import re
+import warnings
+
+from ._drawing import INK, import_matplotlib
+
+__all__ = ["svg_text"]
+
+_PAPER = "#fdfdfe"
+
+
+def svg_text(draw, size, label):
+    """Draw, and return the SVG element for a page, without identifiers of its own.
+
+    Ink, paper and font are those of the page (the CSS variables ``--ink``, ``--paper`` and
+    ``--sans``), so that a picture is readable on a dark page too.
+
+    Parameters
+    ----------
+    draw : callable
+        Called with an empty matplotlib Figure.
+    size : tuple of float
+        Width and height, inches.
+    label : str
+        What the picture is, for readers that do not see it.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ImportError
+        Where matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from skhyst.inspection import svg_text
+    >>> text = svg_text(lambda figure: figure.subplots().plot([0, 1]), (4.0, 3.0), "A line")
+    >>> text[:4], 'aria-label="A line"' in text
+    ('<svg', True)
+    """
+    matplotlib = import_matplotlib("pyplot", "The pictures of a report")
+    from matplotlib.figure import Figure
+
+    inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+    style = dict.fromkeys(inked, INK) | {
+        "svg.fonttype": "none",
+        "svg.hashsalt": label,
+        "font.size": 9.0,
+        "axes.facecolor": _PAPER,
+        "legend.facecolor": _PAPER,
+        "legend.edgecolor": "none",
+        "axes.unicode_minus": True,
+    }
+    with matplotlib.rc_context(style), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure)
+        text = io.StringIO()
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(text, format="svg", facecolor="none", metadata=nothing)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    opening = (
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+        f'viewBox="0 0 {72.0 * size[0]:g} {72.0 * size[1]:g}" role="img" '
+        f'aria-label="{html.escape(label)}">'
+    )
+    svg = opening + svg[svg.index(">") + 1 :]
+    svg = re.sub(r"(font:[^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1var(--sans)", svg)
+    return svg.replace(INK, "var(--ink)").replace(_PAPER, "var(--paper)")
