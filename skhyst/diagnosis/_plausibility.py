@@ -31,16 +31,16 @@ _WAY = 0.05  # before sliding, of the range of the motion: below it is friction,
 _STEP = 1e-4  # of a parameter, in differences of a margin
 
 
-def is_plausible(margin, before, candidate, records, alpha):
+def is_plausible(margin, candidate, before, records, alpha):
     """Tell whether the effect that a candidate has last may have its name.
 
     Parameters
     ----------
     margin : callable or None
         See :class:`Effect`.
+    candidate : Candidate
     before : Candidate
         The model without the effect.
-    candidate : Candidate
     records : list of RecordData
         That the candidate was fitted to.
     alpha : float

@@ -110,7 +110,7 @@ class Rounds:
         begin = time.perf_counter()
         fitted = self._fitted([base] * len(effects), screened, parallel)
         singles = self._held_out(base, fitted, parallel)
-        n_tried = len(effects)
+        n_tried = sum(map(len, screened[0]))
         tested = list(singles)
         if len(self.history) + 2 <= self.max_effects:
             n_tried += comb(len(effects), 2)
@@ -149,27 +149,36 @@ class Rounds:
         return *halve(groups, parallel), seen
 
     def _fitted(self, bases, screened, parallel):
-        """Return the best plausible candidate of each effect that stays, refitted to all samples.
+        """Return the best variant of each effect that stays, refitted to all samples.
 
-        ``bases`` are what the effects were put into.
+        A variant that follows the residual where it was fitted may foretell badly: of those that
+        are plausible the simplest that foretells as well as the best is taken. ``bases`` are what
+        the effects were put into.
         """
         variants, kept, seen = screened
         most = (1.0 - self.criterion.min_improvement) ** 2
-        best = []
-        for i in kept:
-            records, cost = seen[i]
-            plausible = (
-                c
-                for c in variants[i]
-                if c.cost < most * cost
-                and is_plausible(
-                    EFFECTS[c.effects[-1]].plausible, bases[i], c, records, self.criterion.alpha
-                )
-            )
-            best += [c for c in [next(plausible, None)] if c is not None]
+        jobs = [
+            (i, c)
+            for i in kept
+            for c in variants[i]
+            if c.cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
+        ]
         # of long records, what fits their first parts is near the solution
+        tried = parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
+        own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
+        best = [self._simplest(found)[0] for found in own.values()]
         budget = FACTOR if are_long(self.records) else FACTOR**3
         return parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
+
+    def _is_plausible(self, candidate, base, records):
+        margin = EFFECTS[candidate.effects[-1]].plausible
+        return is_plausible(margin, candidate, base, records, self.criterion.alpha)
+
+    def _simplest(self, candidates):
+        """Return the simplest of those that the data cannot tell from the best, and all those."""
+        best = min(candidates, key=lambda c: c.error)
+        same = [c for c in candidates if not self.criterion.is_told_apart(c, best)]
+        return min(same, key=lambda c: (len(c.effects), c.n_parameters, c.error)), same
 
     def _held_out(self, base, candidates, parallel):
         """Return the candidates held out."""
@@ -205,9 +214,7 @@ class Rounds:
                 claims.append(c)
         if not claims:
             return None
-        best = min(claims, key=lambda c: c.error)
-        same = [c for c in claims if not self.criterion.is_told_apart(c, best)]
-        chosen = min(same, key=lambda c: (len(c.effects), c.n_parameters, c.error))
+        chosen, same = self._simplest(claims)
         others = sorted((c for c in same if c is not chosen), key=lambda c: c.error)
         ambiguous = tuple(dict.fromkeys(n for c in others for n in c.effects))
         before = base
