@@ -193,6 +193,7 @@ _OF_CLASSES = {
         lambda o: o.weights @ o.thresholds, lambda o: np.sum(o.weights)
     ),
     fluid.TankChainOperator: (
+        ("power of the level", "", lambda o, s: o.exponents),
         (
             "response at the ceiling",
             "response",

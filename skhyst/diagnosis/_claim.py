@@ -8,6 +8,7 @@ import numpy as np
 
 from ..operators import SumOperator
 from ._characteristics import Seen
+from ._report_text import unit_of
 
 __all__ = ["Claim"]
 
@@ -123,7 +124,7 @@ class Claim:
         units of the response.
         """
         if self.kind == "branch":
-            return self.column_name, "response"
+            return self.column_unit, "response"
         if self.kind == "beside":
             return "drive", "response"
         operators = self.structure.operators
@@ -148,6 +149,12 @@ class Claim:
         if self.column == "amplitude":
             return "half range of the drive in a record"
         return str(self.columns[self.column]) if len(self.columns) else f"column {self.column}"
+
+    @property
+    def column_unit(self):
+        """The unit of that number: that in the column's name, or the name."""
+        amplitude = self.column == "amplitude"
+        return "drive" if amplitude else unit_of(self.column_name) or self.column_name
 
     def in_column(self):
         """Return that column of each record."""

@@ -8,18 +8,15 @@ converter's range from a saturation of the device, and a stuck sensor from a res
 import numpy as np
 import pandas as pd
 
-__all__ = ["FAULTS", "data_quality", "lost_readings"]
+__all__ = ["data_quality", "lost_readings"]
 
-FAULTS = ("outlier", "lost_reading", "stuck_sensor", "clipped_range", "clock_jitter")
-
-_SPIKE = 12.0  # robust standard deviations of the second difference that a spike stands out by
-_PART = 0.02  # and part of the response's range
-_RARE = 0.02  # part of the samples that spikes may take; more of them are the signal
-_LONGEST = 20  # samples of a gap in the readings
-_STUCK = 10  # equal readings in a row, at the least
-_MOVES = 0.03  # part of the drive's range by which it moves meanwhile
-_AT_THE_END = 5  # readings equal to the largest or smallest one, at the least, in runs of 3
-_JITTER = 0.05  # standard deviation of the interval over its mean; rounding by a tenth gives 0.04
+_ADVICE = {
+    "outlier": "take the rows out as missing readings, or use a robust loss",
+    "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
+    "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
+    "clipped_range": "choose a larger range of the converter, or leave these samples out",
+    "clock_jitter": "resample with skhyst.records.resample_records",
+}
 
 
 def data_quality(X, y, records):
@@ -66,7 +63,7 @@ def data_quality(X, y, records):
         for fault, rows, value in faults:
             found.append((fault, record.label, rows + record.rows.start, value))
         jitter = _jitter(X, record)
-        if jitter > _JITTER:
+        if jitter > 0.05:  # rounding of the interval by a tenth gives 0.04
             found.append(("clock_jitter", record.label, np.arange(record.n_samples), jitter))
     rows = [
         (fault, label, len(at), tuple(at[:5].tolist()), float(value), _ADVICE[fault])
@@ -97,15 +94,6 @@ def lost_readings(drive, y, records):
     return found
 
 
-_ADVICE = {
-    "outlier": "take the rows out as missing readings, or use a robust loss",
-    "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
-    "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
-    "clipped_range": "choose a larger range of the converter, or leave these samples out",
-    "clock_jitter": "resample with skhyst.records.resample_records",
-}
-
-
 def _runs(y):
     """Return starts and lengths of stretches of equal readings."""
     starts = np.flatnonzero(np.r_[True, np.diff(y) != 0.0])
@@ -118,18 +106,19 @@ def _spikes(u, y, starts, lengths):
         return
     bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
     center = np.median(bend)
-    least = max(_SPIKE * 1.4826 * np.median(np.abs(bend - center)), _PART * np.ptp(y))
+    # twelve robust standard deviations of the second difference, and 2 % of the range
+    least = max(12.0 * 1.4826 * np.median(np.abs(bend - center)), 0.02 * np.ptp(y))
     inner = slice(1, -1)
     before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
     into, back = value - before, value - after
     height = np.minimum(np.abs(into), np.abs(back))
-    off = (into * back > 0.0) & (height > least) & (lengths[inner] <= _LONGEST)
+    off = (into * back > 0.0) & (height > least) & (lengths[inner] <= 20)
     off &= np.abs(after - before) < 0.5 * height
     # a drive that jumps there and back explains it
     first, last = starts[inner], (starts + lengths)[inner]
     moved = np.minimum(np.abs(u[first] - u[first - 1]), np.abs(u[last] - u[last - 1]))
     off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
-    if not off.any() or lengths[inner][off].sum() > _RARE * len(y):
+    if not off.any() or lengths[inner][off].sum() > 0.02 * len(y):  # the signal is so
         return
     codes, index, count = np.unique(value[off], return_inverse=True, return_counts=True)
     longest = np.zeros(len(codes), dtype=int)
@@ -151,8 +140,8 @@ def _noisy(lengths):
 
 def _stuck(u, y, starts, lengths):
     """Yield stretches of one reading while the drive moves, away from the ends of the range."""
-    ends, least = (y.min(), y.max()), _MOVES * (np.ptp(u) or np.inf)
-    long = lengths >= _STUCK
+    ends, least = (y.min(), y.max()), 0.03 * (np.ptp(u) or np.inf)
+    long = lengths >= 10
     for start, length in zip(starts[long], lengths[long], strict=True):
         rows = np.arange(start, start + length)
         if y[start] not in ends and np.ptp(u[rows]) > least:
@@ -167,7 +156,7 @@ def _clipped(y, starts, lengths, codes):
     for end in (real.min(), real.max()):
         long = (y[starts] == end) & (lengths >= 3)
         rows = np.flatnonzero(y == end)
-        if long.any() and len(rows) >= _AT_THE_END:
+        if long.any() and len(rows) >= 5:
             yield "clipped_range", rows, end
 
 

@@ -7,7 +7,6 @@ import pandas as pd
 
 __all__ = ["locate"]
 
-_PARTS = 10  # of a record's duration, of the drive's and of its rate's range of quantiles
 _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 
 
@@ -45,13 +44,13 @@ def locate(records, residuals, labels):
     for label, record, keep, own in zip(labels, records, known, power, strict=True):
         time, last = record.dt * np.flatnonzero(keep), record.dt * (len(keep) - 1)
         rows.append(row("record", label, 0.0, last, "s", own.sum(), own.size))
-        parts = _parts(np.linspace(0.0, last, _PARTS + 1), time, own)
+        parts = _parts(np.linspace(0.0, last, 11), time, own)
         rows += [row("time", label, low, high, "s", *part) for low, high, *part in parts if part[1]]
     everything = np.concatenate(power)
     drives = [(r.u, np.gradient(r.u, r.dt)) for r in records]
     for i, (by, unit) in enumerate((("drive", "drive"), ("rate", "drive/s"))):
         values = np.concatenate([pair[i][k] for pair, k in zip(drives, known, strict=True)])
-        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _PARTS + 1)))
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, 11)))
         parts = _parts(edges, values, everything)
         rows += [row(by, None, low, high, unit, *part) for low, high, *part in parts]
     rows += [("frequency", None, *own[:2], "Hz", *own[2:]) for own in _octaves(records, residuals)]

@@ -269,14 +269,19 @@ def _column(title, claim):
 
 
 def _by_number(title, claim):
-    """Draw gain and opening of the loop of records, or of bins of a column, against a number."""
-    number, gains, openings = _gains(claim)
-    below = Picture("", claim.column_name, "opening of the loop", _styled(number, *openings))
-    return Picture(title, "", "gain over the model's", _styled(number, *gains), below=below)
+    """Draw gains of records, or of bins of a column, against their number."""
+    number, gains = _gains(claim)
+    below = None
+    for label, pair in reversed(gains.items()):
+        x_label = "" if below else claim.column_name
+        below = Picture(
+            "", x_label, f"{label}, over the model's", _styled(number, *pair), below=below
+        )
+    return replace(below, title=title)
 
 
 def _gains(claim):
-    """Return a number, ascending, and two pairs of measured and identified gains at it.
+    """Return a number, ascending, and label -> measured and identified gains at it.
 
     They are slopes against what the model without that number responds: of all, and of what is not
     in line with the drive, which opens the loop. One value a record, or a bin of a moving column.
@@ -290,23 +295,25 @@ def _gains(claim):
     if any(np.ptp(column[rows]) > 0.0 for rows in stretches):
         stretches = np.array_split(np.argsort(column, kind="stable"), 24)
     stretches.sort(key=lambda rows: column[rows].mean())
-    gains, openings = (
-        np.array([np.linalg.lstsq(inputs[r, :n], signals[r])[0][0] for r in stretches]).T
-        for n in (2, 3)
-    )
-    return np.array([column[rows].mean() for rows in stretches]), gains, openings
+    labels = {"gain": 2, "opening of the loop": 3}
+    if 1.0 - np.corrcoef(base, drive)[0, 1] ** 2 < 1e-6:  # there is no loop
+        del labels["opening of the loop"]
+    return np.array([column[rows].mean() for rows in stretches]), {
+        label: np.array([np.linalg.lstsq(inputs[r, :n], signals[r])[0][0] for r in stretches]).T
+        for label, n in labels.items()
+    }
 
 
 def changes_by_number(claim):
     """Return name -> (value, standard error, unit) of an effect that is no part of the model."""
     if claim.kind == "scheduled stage":
         return _moved_modes(claim)
-    number, *pairs = _gains(claim)
+    number, gains = _gains(claim)
     name, structure = claim.column_name, claim.structure
-    unit = "drive" if claim.column == "amplitude" else name
+    unit = claim.column_unit
     found = {
         f"change of the {label}": (_change(gain[0], gain[-1]), np.nan, "%")
-        for label, (_, gain) in zip(("gain", "opening of the loop"), pairs, strict=True)
+        for label, (_, gain) in gains.items()
     }
     if claim.kind == "modulation":
         own = structure.scaled_by.index(str(claim.column))

@@ -14,7 +14,7 @@ from ._report_text import listed, number
 
 __all__ = ["collect", "looks", "next_steps"]
 
-_CONCENTRATED = 1.5  # mean power over that of the whole, above which a place is named
+_NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 
 
 def collect(search, command, held_out):
@@ -25,11 +25,15 @@ def collect(search, command, held_out):
     predictions = {"declared model": search.prediction_before_}
     if search.effects_:
         predictions["with " + ", ".join(search.effects_)] = search.prediction_after_
-    ranking = _ranking(search.ranking_)
-    claims = [_claim(row, search.evidence_[row["effect"]]) for row in _rows(search.history_)]
+    ranking = search.ranking_.sort_values(
+        ["round", "error_after", "screen"],
+        ascending=[True, True, False],
+        na_position="last",
+        kind="stable",
+    ).to_dict("records")
+    claims = [_claim(row) for row in search.history_.to_dict("records")]
     not_it, data = _not_it(ranking, claims), _data(search, response)
     location = _location(search.residual_location_, search.records_)
-    options = search.get_params(deep=False)
     found = {
         "declared_model": " ".join(repr(search.declared_estimator_).split()),
         "augmented_model": " ".join(repr(search.best_estimator_).split()),
@@ -48,11 +52,9 @@ def collect(search, command, held_out):
         },
         "data": data,
         "settings": {
-            name: options[name]
-            if options[name] is None or np.isscalar(options[name])
-            else repr(options[name])
-            for name in options
-            if name not in ("estimator", "effects", "n_jobs", "verbose")
+            name: value if value is None or np.isscalar(value) else repr(value)
+            for name, value in search.get_params(deep=False).items()
+            if name not in _NO_SETTINGS
         },
         "held_out": _held_out(search, held_out),
         "versions": _versions(),
@@ -87,21 +89,16 @@ def _versions():
     return versions
 
 
-def _rows(table):
-    """Return the rows of a table as dicts of plain values."""
-    return table.to_dict("records")
-
-
-def _claim(row, evidence):
-    """Return one claim: a row of the history with its evidence."""
-    law = EFFECTS[row["effect"]].law if row["effect"] in EFFECTS else ""
+def _claim(row):
+    """Return one claim: a row of the history with its evidence as plain data."""
+    row, effect = dict(row), EFFECTS.get(row["effect"])
+    evidence = row.pop("evidence")
     numbers = [
         {"name": name, "value": value, "std": std, "unit": unit}
         for name, (value, std, unit) in evidence.numbers.items()
     ]
-    told = {"law": law, "statement": evidence.statement, "numbers": numbers}
-    row = {name: value for name, value in row.items() if name != "evidence"}
-    return {**row, **told, "picture": _picture(evidence.picture)}
+    own = {"law": effect.law if effect else "", "statement": evidence.statement}
+    return {**row, **own, "numbers": numbers, "picture": _picture(evidence.picture)}
 
 
 def _picture(picture):
@@ -112,18 +109,6 @@ def _picture(picture):
         for label, x, y, style in picture.curves
     ]
     return {**vars(picture), "curves": curves, "below": _picture(picture.below)}
-
-
-def _ranking(table):
-    """Return the rows of the ranking in the order of the rounds, best first."""
-    return _rows(
-        table.sort_values(
-            ["round", "error_after", "screen"],
-            ascending=[True, True, False],
-            na_position="last",
-            kind="stable",
-        )
-    )
 
 
 def _not_it(ranking, claims):
@@ -195,7 +180,7 @@ def _data(search, response):
         "n_inputs": int(search.n_features_in_),
         "interval": float(search.records_[0].dt),
         "records": records,
-        "faults": _rows(faults.assign(rows=faults["rows"].map(list))),
+        "faults": faults.assign(rows=faults["rows"].map(list)).to_dict("records"),
     }
 
 
@@ -222,8 +207,8 @@ def _of_declared(search):
 def _location(table, slices):
     """Return the strongest entry of each way to look at what is left."""
     labels = {s.label: str(s.label) for s in slices}  # the table holds 1 as 1.0
-    rows = _rows(table.groupby("by", sort=False).head(1))
-    rows = [row for row in rows if row["concentration"] > _CONCENTRATED]
+    strongest = table[table["concentration"] > 1.5].groupby("by", sort=False).head(1)
+    rows = strongest.to_dict("records")
     return [{**row, "record": labels.get(row["record"])} for row in rows]
 
 

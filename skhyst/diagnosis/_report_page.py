@@ -7,8 +7,6 @@ from ._report_text import change, in_words, listed, number, percent, plus_minus,
 
 __all__ = ["page", "verdict"]
 
-_MANY = 24  # rows of a table that a page shows unfolded
-
 
 def verdict(report):
     """Return the headline and the sentence that says what a search found."""
@@ -69,7 +67,7 @@ def _figure(svg, caption=""):
 
 def _table(head, align, rows, strong=()):
     """Return a table; ``align`` has a letter a column, ``strong`` are numbers of rows."""
-    folded = f"{len(rows)} values" if len(rows) > _MANY else ""
+    folded = f"{len(rows)} values" if len(rows) > 24 else ""
     parts = {"head": head, "align": align, "rows": rows, "strong": strong, "folded": folded}
     return {"kind": "table", **parts}
 

@@ -5,10 +5,7 @@ from scipy.ndimage import median_filter
 
 __all__ = ["huber_weights"]
 
-_WINDOW = 7  # samples of the running median: what lasts half as long is no outlier
 _BLOCK = 32  # samples that have a scale of their own
-_GROSS = 12.0  # standard deviations beyond which a sample is no reading
-_DEVIATION = 1.814  # of white normal noise, over the median size of what the running median leaves
 
 
 def huber_weights(residuals, threshold=1.345, *, lost=None):
@@ -73,15 +70,17 @@ def huber_weights(residuals, threshold=1.345, *, lost=None):
 
 def _weights(r, threshold):
     n = len(r)
-    if n < _WINDOW:
+    if n < 7:
         return np.ones(n)
-    off = np.abs(r - median_filter(r, _WINDOW, mode="nearest"))
-    scale = _DEVIATION * np.maximum(np.median(off), _nearby(off))
+    # what lasts half as long as the window of the running median is no outlier
+    off = np.abs(r - median_filter(r, 7, mode="nearest"))
+    # 1.814 is the deviation of white normal noise over the median size of what is left of it
+    scale = 1.814 * np.maximum(np.median(off), _nearby(off))
     # what equals its neighbours but for rounding cannot tell how far is far
     scale = np.maximum(scale, 1e-9 * np.max(np.abs(r)))
     times = off / np.where(scale > 0.0, scale, 1.0)
     weights = np.minimum(1.0, threshold / np.maximum(times, threshold))
-    return np.where(times > _GROSS, 0.0, weights)
+    return np.where(times > 12.0, 0.0, weights)
 
 
 def _nearby(off):
