@@ -12,8 +12,7 @@ import pytest
 from plants import make_recording
 from sklearn.base import clone
 
-from skhyst.diagnosis import EffectSearchCV, _report_figures
-from skhyst.diagnosis._report import Report
+from skhyst.diagnosis import EffectSearchCV, Report, _report_figures
 from skhyst.diagnosis._report_text import next_steps, number, plus_minus
 from skhyst.hysteresis import PrandtlIshlinskii
 
