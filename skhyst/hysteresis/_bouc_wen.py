@@ -1,6 +1,7 @@
-"""Bouc-Wen model: hysteresis with a smooth transition to a limit.
+"""Bouc-Wen model: hysteresis with a smooth transition to a limit, integrated exactly.
 
-Bouc-Wen operator in normalised form, integrated exactly.
+The law, with the limit D of its hysteretic part as the unit, stands with :class:`BoucWenOperator`,
+the curve that all its branches are pieces of in ``_bouc_wen_curve``.
 """
 
 import dataclasses
@@ -15,13 +16,9 @@ import numpy as np
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
-from ._bouc_wen_curve import GRID, N_BINS, build_curve, curve_run, curve_tangents
+from ._bouc_wen_curve import curve_run, curve_tangents, curves
 
-__all__ = [
-    "BoucWen",
-    "BoucWenOperator",
-    "BoucWenState",
-]
+__all__ = ["BoucWen", "BoucWenOperator", "BoucWenState"]
 
 
 class BoucWenState(NamedTuple):
@@ -41,7 +38,7 @@ class BoucWenState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class BoucWenOperator(Operator):
-    r"""Bouc-Wen hysteresis.
+    r"""Bouc-Wen hysteresis in normalised form.
 
     .. math::
 
@@ -133,7 +130,7 @@ class BoucWenOperator(Operator):
                     f"Got {getattr(self, name)!r} instead."
                 )
 
-    def __reduce__(self):
+    def __reduce__(self):  # without the tables
         fields = dataclasses.fields(self)
         return type(self), tuple(getattr(self, field.name) for field in fields)
 
@@ -186,8 +183,8 @@ class BoucWenOperator(Operator):
     def coefficients(self):
         """Return ``alpha, beta, gamma`` of the law as printed, see :meth:`from_coefficients`.
 
-        ``beta = (1 + r)/2 |alpha|^(1-n) D^-n``, ``gamma = sgn(alpha) (1 - r)/2 |alpha|^(1-n)
-        D^-n``; without the asymmetry. Both are infinite beyond the range of floating point, as for
+        Without the asymmetry; ``beta = (1 + r)/2 |alpha|^(1-n) D^-n`` and ``gamma = sgn(alpha)
+        (1 - r)/2 |alpha|^(1-n) D^-n`` are infinite beyond the range of floating point, as for
         ``alpha = 0``.
         """
         n, size = self.exponent, abs(self.alpha)
@@ -197,6 +194,10 @@ class BoucWenOperator(Operator):
         turned = np.sign(self.alpha) * 0.5 * (1.0 - self.ratio)
         gamma = turned * scale if turned != 0.0 else 0.0
         return float(self.alpha), float(0.5 * (1.0 + self.ratio) * scale), float(gamma)
+
+    def way_before_sliding(self):
+        """Return the way before the hysteretic part saturates, ``limit``, units of the drive."""
+        return float(self.limit)
 
     @cached_property
     def _sides(self):
@@ -208,23 +209,9 @@ class BoucWenOperator(Operator):
     @cached_property
     def _curves(self):
         """The curve of a rising drive, and that of a falling one if it is another."""
-        above, below = self._sides
-        *grid, _ = GRID
-        n_curves = 1 + (self.asymmetry != 0.0)
-        n_rows = n_curves * (len(grid[0]) + 1)
-        tables = (
-            np.empty(n_rows),
-            np.empty((n_rows, 9)),
-            np.empty((n_rows, 12)),
-            np.empty(n_curves * (N_BINS + 1), dtype=np.int16),
-            np.empty((n_curves, 3)),
-        )
-        for number in range(n_curves):
-            behind, ahead = (below, above) if number == 0 else (above, below)
-            build_curve(
-                *grid, float(self.exponent), behind[2], behind[1], ahead[1], number, *tables
-            )
-        return tables
+        above, below = ((ratio, limit) for _, limit, ratio, _ in self._sides)
+        pairs = [(below, above), (above, below)][: 1 + (self.asymmetry != 0.0)]
+        return curves(float(self.exponent), pairs)
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``, a :class:`BoucWenState`."""
@@ -238,22 +225,8 @@ class BoucWenOperator(Operator):
 
     def _follow(self, u, state, trace):
         y = np.empty(u.size)
-        places, curve, _, bins, scales = self._curves
-        z, last = curve_run(
-            u,
-            float(self.gain),
-            float(self.alpha),
-            float(self.intercept),
-            places,
-            curve,
-            bins,
-            scales,
-            GRID[-1],
-            float(state[0]),
-            float(state[1]),
-            y,
-            trace,
-        )
+        weights = float(self.gain), float(self.alpha), float(self.intercept)
+        z, last = curve_run(u, weights, self._curves, float(state[0]), float(state[1]), y, trace)
         return y, z, last
 
     def linearize(self, u, du, dt, initial_state="rest"):
@@ -272,17 +245,9 @@ class BoucWenOperator(Operator):
             )
             for sign, limit, _, f in self._sides
         ]
-        curve_tangents(
-            u,
-            du,
-            float(self.gain),
-            float(self.alpha),
-            *self._curves[:3],
-            np.array([side[1] for side in self._sides]),
-            np.array(chain),
-            trace,
-            dy,
-        )
+        limits = np.array([limit for _, limit, _, _ in self._sides])
+        weights = float(self.gain), float(self.alpha)
+        curve_tangents(u, du, weights, self._curves, limits, np.array(chain), trace, dy)
         return y, dy
 
 
@@ -361,8 +326,7 @@ class BoucWen(ParametricModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import BoucWen
-    >>> from skhyst.hysteresis import BoucWenOperator
+    >>> from skhyst.hysteresis import BoucWen, BoucWenOperator
     >>> drive = np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)
     >>> truth = BoucWenOperator.from_coefficients(alpha=2.0, beta=1.5, gamma=0.5, gain=0.7)
     >>> response, _ = truth.run(drive, dt=1.0)
@@ -428,12 +392,8 @@ class BoucWen(ParametricModel):
             # all limits have one curve: z / limit is a function of u / limit
             unit = BoucWenOperator(0.0, 1.0, 1.0, ratio, exponent)
             for limit in half_range * _LIMITS:
-                z = np.concatenate(
-                    [
-                        unit.run(u / limit, 1.0)[0][part]
-                        for u, part in zip(drives, rows, strict=True)
-                    ]
-                )
+                runs = [unit.run(u / limit, 1.0)[0] for u in drives]
+                z = np.concatenate([z[part] for z, part in zip(runs, rows, strict=True)])
                 own = z - basis @ (basis.T @ z)
                 power = own @ own
                 explained = (own @ rest) ** 2 / power if power > 1e-20 * (z @ z) else 0.0

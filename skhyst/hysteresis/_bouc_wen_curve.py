@@ -24,22 +24,17 @@ import numpy as np
 
 from .._jit import jit
 
-__all__ = [
-    "GRID",
-    "N_BINS",
-    "build_curve",
-    "curve_run",
-    "curve_tangents",
-]
+__all__ = ["curve_run", "curve_tangents", "curves"]
 
-N_BINS = 1024
+N_BINS = 1024  # of the way along a curve
 _VALUE_BINS = 256  # of an output from 0 to its limit
 
 
 def _make_grid(n_near=40, n_far=64, n_undone=32, order=6):
-    """Return nodes, their logarithms, the quadrature, the zero's number and bins of the nodes.
+    """Return the values of w between cells, ascending, and the cells that bins of w begin in.
 
-    The logarithms are exact close to 0 and 1.
+    With the values come their logarithms, exact close to 0 and 1, the quadrature, and the number
+    of the node ``w = 0``.
     """
     near = 0.5 * (np.arange(n_near + 1) / n_near) ** 4  # distance from 0
     far = 0.5 * (1.0 - np.arange(1, n_far) / n_far) ** 8  # distance from 1
@@ -61,60 +56,62 @@ def _make_grid(n_near=40, n_far=64, n_undone=32, order=6):
     zero = len(width)
     nodes = np.append(-nodes[:0:-1], onward[0])
     edges = np.arange(2 * _VALUE_BINS + 1) / _VALUE_BINS - 1.0
-    return (
+    grid = (
         nodes,
         np.append(logs[:0:-1], onward[1]),
         np.append(log_points[::-1], onward[2], axis=0),
         0.5 * np.append(width[::-1], onward[3])[:, None] * weight,
         zero,
-        np.searchsorted(nodes[:-1], edges, side="right") - 1,
     )
+    return grid, np.searchsorted(nodes[:-1], edges, side="right") - 1
 
 
-GRID = _make_grid()
+_GRID, _CELL_AT = _make_grid()
 
 
-@jit
-def build_curve(
-    nodes,
-    logs,
-    log_points,
-    measure,
-    zero,
-    exponent,
-    ratio,
-    behind,
-    ahead,
-    number,
-    places,
-    curve,
-    changes,
-    bins,
-    scales,
-):
-    """Tabulate one curve, in units of the input, as number ``number`` of the tables.
+def curves(exponent, pairs):
+    """Return the tables of one curve for each pair.
 
     Parameters
     ----------
-    nodes, logs, log_points, measure, zero
-        The first of ``GRID``: the values of w between cells, ascending, and ``zero``, the number of
-        the node ``w = 0``.
-    exponent, ratio : float
-    behind, ahead : float
-        Limits of the output for ``w < 0`` and ``w > 0``.
-    number : int
+    exponent : float
+    pairs : list of (behind, ahead)
+        Ratio and limit of the output for ``w < 0``, then for ``w > 0``.
+
+    Returns
+    -------
     places : ndarray of shape (n_curves * (n_cells + 2),)
-        Gets where the cells begin, the end of the last one, and infinity.
+        Where the cells begin, in units of the input, the end of the last one, and infinity.
     curve : ndarray of shape (n_curves * (n_cells + 2), 9)
-        Gets the reciprocal of a cell's width, and the coefficients of its polynomial in the part of
-        the width gone; behind the last cell, the constant at which the curve ends.
+        The reciprocal of a cell's width, and the coefficients of its polynomial in the part of the
+        width gone; behind the last cell, the constant at which the curve ends.
     changes : ndarray of shape (n_curves * (n_cells + 2), 12)
-        Gets the polynomials of the derivatives by ``exponent`` and ``ratio`` at constant limits.
+        The polynomials of the derivatives by ``exponent`` and ``ratio`` at constant limits.
     bins : ndarray of int of shape (n_curves * (N_BINS + 1),)
-        Gets the last cell that begins at or before the begin of each bin.
+        The last cell that begins at or before the begin of each bin.
     scales : ndarray of shape (n_curves, 3)
-        Gets the factors from a place to a bin, and from an output below and above 0 to ``w``.
+        The factors from a place to a bin, and from an output below and above 0 to ``w``.
+    cell_at : ndarray of int of shape (2 * 256 + 1,)
+        The first cell that may hold ``w``, from -1 to 1.
     """
+    n_curves, n_rows = len(pairs), len(pairs) * (len(_GRID[0]) + 1)
+    tables = (
+        np.empty(n_rows),
+        np.empty((n_rows, 9)),
+        np.empty((n_rows, 12)),
+        np.empty(n_curves * (N_BINS + 1), dtype=np.int16),
+        np.empty((n_curves, 3)),
+    )
+    for number, ((ratio, behind), (_, ahead)) in enumerate(pairs):
+        build_curve(_GRID, exponent, ratio, behind, ahead, number, tables)
+    return (*tables, _CELL_AT)
+
+
+@jit
+def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
+    """Write one curve as number ``number`` of the tables; ``behind`` and ``ahead`` are limits."""
+    nodes, logs, log_points, measure, zero = grid
+    places, curve, changes, bins, scales = tables
     n_cells = measure.shape[0]
     phi = np.zeros(n_cells + 1)
     # derivatives of w by way (1, 2, 3), then by exponent and ratio with their first and second
@@ -244,18 +241,18 @@ def slope_of(c, x):
 
 
 @jit
-def curve_run(
-    u, gain, alpha, intercept, places, curve, bins, scales, value_bins, z, last, y, trace
-):
+def curve_run(u, weights, tables, z, last, y, trace):
     """Write the response; return the hysteretic part and the input after the last sample.
 
-    The tables hold the curve of a rising input, then that of a falling one if it is another. They
-    are one behind the other and all is in one loop, because a view of a part of a table, or a call
-    with a table, costs more than the sample.
+    ``weights`` are gain, alpha and intercept. The tables hold the curve of a rising input, then
+    that of a falling one if it is another. They are one behind the other and all is in one loop,
+    because a view of a part of a table, or a call with a table, costs more than the sample.
 
     ``trace`` (n_samples, 5), or empty where it is not needed, gets direction, cell and part of the
     cell gone, then cell and part at which a branch began before the sample, a cell -1 if none did.
     """
+    gain, alpha, intercept = weights
+    places, curve, _, bins, scales, cell_at = tables
     n_curves = scales.shape[0]
     stride = places.size // n_curves
     is_traced = trace.size > 0
@@ -279,7 +276,7 @@ def curve_run(
                 origin = last - direction * places[end]
             else:
                 w = level * (scales[number, 1] if level < 0.0 else scales[number, 2])
-                cell = first + value_bins[int((1.0 + w) * _VALUE_BINS)]
+                cell = first + cell_at[int((1.0 + w) * _VALUE_BINS)]
                 while curve[cell + 1, 1] <= level:
                     cell += 1
                 c = curve[cell]
@@ -329,7 +326,7 @@ def change(c, k, x):
 
 
 @jit
-def curve_tangents(u, du, gain, alpha, places, curve, changes, limits, chain, trace, dy):
+def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
     """Write the tangents, shape (n_samples, m + 3 + p), of a run from the virgin state.
 
     ``limits`` (2,) and ``chain`` (2, 3, p): the limits above and below zero, and the derivatives
@@ -339,6 +336,8 @@ def curve_tangents(u, du, gain, alpha, places, curve, changes, limits, chain, tr
     On a branch ``z = direction Z(direction (u - origin))``, so that beside the input's own change
     only that of the origin and that of the curve Z count; the origin changes only at a reversal.
     """
+    gain, alpha = weights
+    places, curve, changes, _, _, _ = tables
     m = du.shape[1]
     p = chain.shape[2]
     origins = np.zeros(m + p)

@@ -1,7 +1,4 @@
-"""Mass, spring and damper with a Bouc-Wen force.
-
-Mass, spring and damper with a Bouc-Wen force.
-"""
+"""Mass, spring and damper with a Bouc-Wen force; the loops are in ``_bouc_wen_stage_loops``."""
 
 import math
 from dataclasses import dataclass
@@ -13,12 +10,10 @@ import numpy as np
 from .._sklearn import Interval
 from ..operators import parameter
 from ._bouc_wen_stage_loops import bouc_wen_run, bouc_wen_tangents, first_loading, follow
-from ._oscillator import LEVEL, OscillatorModel, OscillatorOperator
+from ._oscillator import OscillatorOperator
+from ._oscillator_model import LEVEL, OscillatorModel
 
-__all__ = [
-    "BoucWenStage",
-    "BoucWenStageOperator",
-]
+__all__ = ["BoucWenStage", "BoucWenStageOperator"]
 
 _LARGEST = 1e12  # displacement or force, of the drive and the level: no plant
 
@@ -34,8 +29,8 @@ class BoucWenStageOperator(OscillatorOperator):
         \dot f = \rho \left[\dot q - \left|\frac{f}{L}\right|^n
         (|\dot q| \operatorname{sgn} f + g \dot q)\right]
 
-    Displacement ``q`` and forces are in units of the drive: ``u`` moves the stage without
-    hysteretic force by ``q = u`` at rest.
+    The equations of :class:`BoucWenStage` divided by ``b``: displacement ``q`` and forces are in
+    units of the drive, and ``u`` moves the stage without hysteretic force by ``q = u`` at rest.
 
     Parameters
     ----------
@@ -47,8 +42,9 @@ class BoucWenStageOperator(OscillatorOperator):
         :math:`\rho = \alpha / k`: slope of the hysteretic force at ``f = 0``, relative to the
         spring.
     level : float
-        ``L``, units of the drive: force at which the law's two terms are as large as its first.
-        For ``g > -1`` the largest force is ``L (1 + g)^(-1/n)``.
+        :math:`L = (\alpha/\beta)^{1/n} / |b|`, units of the drive: force at which the law's two
+        terms are as large as its first. For ``g > -1`` the largest force is
+        ``L (1 + g)^(-1/n)``.
     shape : float, default=0.0
         :math:`g = \gamma / \beta`. From -1 to 1 the force is loaded along a curve that levels off
         and unloaded along a steeper one. Below -1 the loading branch grows steeper too and has no
@@ -69,10 +65,6 @@ class BoucWenStageOperator(OscillatorOperator):
 
     Notes
     -----
-    The equations are those of :math:`m \ddot x + d \dot x + k x + z = b u`,
-    :math:`\dot z = \alpha \dot x - \beta |\dot x| |z|^{n-1} z - \gamma \dot x |z|^n`,
-    ``x = y - c``, divided by ``b``; :math:`L = (\alpha/\beta)^{1/n} / |b|`. See :meth:`physical`.
-
     Each substep moves the oscillator exactly under the mean hysteretic force, and for ``n = 1``
     that force exactly along the way of the substep: second order, and never a source of energy at
     any step, since with :math:`\beta > 0` the law itself is none. For other exponents ``|f|^(n-1)``
@@ -86,10 +78,8 @@ class BoucWenStageOperator(OscillatorOperator):
 
     References
     ----------
-    R. Bouc, "Forced vibration of mechanical systems with hysteresis", 1967; Y.-K. Wen, "Method for
-    random vibration of hysteretic systems", J. Eng. Mech. Div. 102, 1976. Classes of the law by
-    the signs of its coefficients: F. Ikhouane, J. Rodellar, "Systems with Hysteresis", Wiley, 2007.
-    Averaged vector field: G. R. W. Quispel, D. I. McLaren, J. Phys. A 41, 2008.
+    Classes of the law by the signs of its coefficients: F. Ikhouane, J. Rodellar, "Systems with
+    Hysteresis", Wiley, 2007.
 
     Examples
     --------
@@ -113,6 +103,9 @@ class BoucWenStageOperator(OscillatorOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
 
+    _loop = staticmethod(bouc_wen_run)
+    _tangent_loop = staticmethod(bouc_wen_tangents)
+
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
@@ -128,34 +121,19 @@ class BoucWenStageOperator(OscillatorOperator):
             infinite beyond the range of floating point); displacements are in units of the
             response, and with the mass in kg and the response in m all is in SI units.
         """
-        stiffness = mass * self.natural_frequency**2
-        drive_gain = stiffness * self.gain
-        alpha = self.hysteresis_stiffness * stiffness
+        p = self._linear_physical(mass)
+        alpha, force = self.hysteresis_stiffness * p["stiffness"], abs(p["drive_gain"]) * self.level
         with np.errstate(all="ignore"):
-            beta = np.float64(alpha) * np.float64(abs(drive_gain) * self.level) ** -self.exponent
+            beta = np.float64(alpha) * np.float64(force) ** -self.exponent
             gamma = self.shape * beta
-        return {
-            "mass": float(mass),
-            "damping": 2.0 * self.damping_ratio * self.natural_frequency * mass,
-            "stiffness": stiffness,
-            "drive_gain": drive_gain,
-            "alpha": alpha,
-            "beta": float(beta),
-            "gamma": float(gamma),
-        }
-
-    def fastest_rate(self):
-        """Return the natural frequency of a small motion, rad/s."""
-        return float(self.natural_frequency * math.sqrt(1.0 + self.hysteresis_stiffness))
+        return p | {"alpha": alpha, "beta": float(beta), "gamma": float(gamma)}
 
     def _fed_back(self, s, shift):
         return {"hysteresis_stiffness": self.hysteresis_stiffness / s}
 
     def _rest(self, u0):
-        rho, level, shape, exponent, _ = self._law(np.empty(0))
-        own = np.empty(5)
-        force = first_loading(abs(u0), rho, level, shape, exponent, own)
-        sign = math.copysign(1.0, u0)
+        own, sign = np.empty(5), math.copysign(1.0, u0)
+        force = first_loading(abs(u0), *self._law(np.empty(0))[:4], own)
         by = np.zeros((2, 1 + self.n_parameters - 2))
         by[1, 0] = own[0]
         by[1, 3:] = sign * own[1:]
@@ -171,26 +149,6 @@ class BoucWenStageOperator(OscillatorOperator):
             float(self.shape),
             float(self.exponent),
             _LARGEST * largest,
-        )
-
-    def _run(self, mode, h, u, before, state, out):
-        return bouc_wen_run(mode, self._law(u), h, self.n_substeps, u, before, *state, out)
-
-    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
-        bouc_wen_tangents(
-            mode,
-            mode_by,
-            self._law(u),
-            h,
-            self.n_substeps,
-            u,
-            du,
-            before,
-            dbefore,
-            *state,
-            d,
-            out,
-            dout,
         )
 
 
@@ -264,8 +222,7 @@ class BoucWenStage(OscillatorModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import BoucWenStage
-    >>> from skhyst.hysteresis import BoucWenStageOperator
+    >>> from skhyst.hysteresis import BoucWenStage, BoucWenStageOperator
     >>> time = np.arange(1500) * 0.01
     >>> drive = np.sin(0.7 * time) + 0.8 * np.sin(2.9 * time) + 0.3 * np.sin(11.0 * time)
     >>> plant = BoucWenStageOperator(20.0, 0.5, 5.0, 0.3, 0.4, gain=3.0)
@@ -318,7 +275,7 @@ class BoucWenStage(OscillatorModel):
 
     def _stage(self, law, mode, scales, factors=None, level=LEVEL):
         way, shape, exponent = law
-        gain = mode.gain or scales.length / scales.swing
+        gain = mode.gain
         stiffness = level * scales.swing * abs(gain) / way if factors is None else factors[0] * gain
         if not stiffness > 0.0:
             return None

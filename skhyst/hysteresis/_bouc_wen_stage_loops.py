@@ -22,16 +22,19 @@ import math
 import numpy as np
 
 from .._jit import jit
-from ._friction_stage_loops import decay
-from ._oscillator_loops import FREE, carry, oscillator, oscillator_tangents
+from ._oscillator import (
+    FREE,
+    OWN,
+    F,
+    begin,
+    carry,
+    decay,
+    move_tangents,
+    oscillator,
+    solve_tangents,
+)
 
-__all__ = [
-    "bouc_wen_run",
-    "bouc_wen_tangents",
-    "branch",
-    "first_loading",
-    "follow",
-]
+__all__ = ["bouc_wen_run", "bouc_wen_tangents", "branch", "first_loading", "follow"]
 
 _TINY = 1e-100  # level: without hysteresis it may be 0
 _STEEPEST = 600.0  # exponent of a force that grows: far beyond what ends a run
@@ -42,8 +45,7 @@ _ITERATIONS = 60
 _CLOSE = 1e-8  # relative step of Newton's method behind which the square is rounding
 _PART, _FEWEST, _MOST = 0.05, 32, 100_000  # of a time constant of the first loading; steps
 _SETTLED = 1e-14
-_RHO, _LEVEL, _SHAPE, _EXPONENT = 2, 3, 4, 5  # place among the parameters
-_N_OWN = 6
+_RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the derivatives
 
 
 @jit
@@ -82,43 +84,46 @@ def branch(t, w, behind, ahead):
 
 
 @jit
-def branch_derivatives(t, w, behind, ahead):
-    """Return the derivatives of :func:`branch`'s end by (t, w, behind, ahead), and the mean's."""
-    c = behind if w < 0.0 else ahead
+def piece_tangents(t, w, c):
+    """Return the end and the mean over the way t, and the derivatives of each by (t, w, c)."""
+    end, mean, gone, phi, psi, chi, a = piece(t, w, c)
+    left = 1.0 - gone
+    by_end = left * (1.0 - c * w), left, t * (t * (psi - phi) - left * w)
+    bend = 2.0 * chi - psi
+    by_mean = c * w * (psi - phi) + psi + a * bend, phi, t * (w * (psi - phi) + t * bend)
+    return end, mean, by_end, by_mean
+
+
+@jit
+def branch_tangents(t, w, behind, ahead):
+    """Return w behind the way t, its mean, and their derivatives by (t, w, behind, ahead)."""
     if w < 0.0:
         first = crossing(w, behind)
         if t > first:
-            _, mean, gone, phi, psi, chi, _ = piece(first, w, behind)
-            # of w at the way ``first``, on which the way to zero depends with the opposite sign
-            left = 1.0 - gone
-            by_c = first * (first * (psi - phi) - left * w)
-            mean_c = first * (w * (psi - phi) + first * (2.0 * chi - psi))
             rest = t - first
-            end, rest_mean, gone2, phi2, psi2, chi2, _ = piece(rest, 0.0, ahead)
-            left2 = 1.0 - gone2
+            # of w at the way ``first``, on which the way to zero depends with the opposite sign
+            _, mean, (_, zero_w, zero_c), (_, mean_w, mean_c) = piece_tangents(first, w, behind)
+            end, rest_mean, by_end, by_mean = piece_tangents(rest, 0.0, ahead)
             mean = (first * mean + rest * rest_mean) / t
             return (
-                (left2, left2 * left, left2 * by_c, rest * rest * (psi2 - phi2)),
+                end,
+                mean,
+                (by_end[0], by_end[0] * zero_w, by_end[0] * zero_c, by_end[2]),
                 (
                     (end - mean) / t,
-                    (first * phi + end * left) / t,
-                    (first * mean_c + end * by_c) / t,
-                    rest * (rest * (rest * (2.0 * chi2 - psi2))) / t,
+                    (first * mean_w + end * zero_w) / t,
+                    (first * mean_c + end * zero_c) / t,
+                    rest * by_mean[2] / t,
                 ),
             )
-    _, _, gone, phi, psi, chi, a = piece(t, w, c)
-    left = 1.0 - gone
-    by_c = t * (t * (psi - phi) - left * w)
-    mean_c = t * (w * (psi - phi) + t * (2.0 * chi - psi))
-    is_behind = 1.0 if w < 0.0 else 0.0
+        end, mean, by_end, by_mean = piece_tangents(t, w, behind)
+        return end, mean, (*by_end, 0.0), (*by_mean, 0.0)
+    end, mean, by_end, by_mean = piece_tangents(t, w, ahead)
     return (
-        (left * (1.0 - c * w), left, is_behind * by_c, (1.0 - is_behind) * by_c),
-        (
-            c * w * (psi - phi) + psi + a * (2.0 * chi - psi),
-            phi,
-            is_behind * mean_c,
-            (1.0 - is_behind) * mean_c,
-        ),
+        end,
+        mean,
+        (by_end[0], by_end[1], 0.0, by_end[2]),
+        (by_mean[0], by_mean[1], 0.0, by_mean[2]),
     )
 
 
@@ -210,132 +215,96 @@ def bouc_wen_run(mode, law, h, n_substeps, u, before, q, p, f, out):
 
 
 @jit
-def force_derivatives(x, w, rho, level, shape, sigma):
-    """Return the derivatives of the end and of the mean of the force, in the direction of D.
-
-    These are by (|D|, force before, rho, level, shape, sigma), (6,) each.
-    """
-    rate = rho / level
-    t = min(rate * x, _LONGEST)
-    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
-    end, mean, _ = branch(t, w, behind, ahead)
-    by_end, by_mean = branch_derivatives(t, w, behind, ahead)
-    return (
-        (
-            by_end[0] * rho,
-            by_end[1],
-            by_end[0] * x,
-            end - by_end[0] * t - by_end[1] * w,
-            level * sigma * (by_end[3] - by_end[2]),
-            level * ((1.0 - shape) * by_end[2] + (1.0 + shape) * by_end[3]),
-        ),
-        (
-            by_mean[0] * rho,
-            by_mean[1],
-            by_mean[0] * x,
-            mean - by_mean[0] * t - by_mean[1] * w,
-            level * sigma * (by_mean[3] - by_mean[2]),
-            level * ((1.0 - shape) * by_mean[2] + (1.0 + shape) * by_mean[3]),
-        ),
-    )
+def sharpness_tangents(w, side, shape, exponent, level, by, dsigma):
+    """Return sigma and write its derivatives; ``by[1]`` are those of the force ``side w level``."""
+    sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
+    share = side * by_w / level
+    for j in range(dsigma.size):
+        dsigma[j] = share * by[1, j]
+    dsigma[_LEVEL] -= by_w * w / level
+    dsigma[_SHAPE] += by_shape
+    dsigma[_EXPONENT] += by_exponent
+    return sigma
 
 
 @jit
-def way_tangents(by, side, b, force, mode_by, dreach, df, dsigma, dx, dforce):
-    """Write the tangents of ``|D|`` and of the mean force in its direction, (n_columns,) each.
+def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
+    """Write the derivatives of D, of the mean force and of the new force to ``by``.
 
-    ``by`` are the derivatives of the mean force, ``force`` its value, ``df`` the tangents of the
-    force before, all but ``by`` and ``force`` in the direction of the drive.
+    ``x``, ``w`` and ``sigma`` are as in :func:`way`, ``side`` is the direction of D.
     """
-    one = 1.0 / (1.0 + b * by[0])
-    for j in range(dx.size):
-        dforce[j] = side * by[1] * df[j] + by[5] * dsigma[j]
-    for i in range(3):
-        dforce[FREE + _RHO + i] += by[2 + i]
-    for j in range(dx.size):
-        dx[j] = one * (side * dreach[j] - b * dforce[j])
-    for i in range(2):
-        dx[FREE + i] -= one * mode_by[i, 2] * force
-    for j in range(dx.size):
-        dforce[j] += by[0] * dx[j]
+    t = min(rho / level * x, _LONGEST)
+    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
+    end, mean, by_end, by_mean = branch_tangents(t, w, behind, ahead)
+    force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by, 1)
+    solve_tangents(b, by_mean[0] * rho, side * level * mean, by)
+    force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by, 2)
+    for j in range(by.shape[1]):
+        by[2, j] += by_end[0] * rho * by[0, j]
+
+
+@jit
+def force_tangents(side, force, x, t, w, rho, level, shape, sigma, by_branch, dsigma, by, i):
+    """Write the derivatives of ``side force``, behind a given way, to ``by[i]``.
+
+    ``by_branch`` are those of the result of :func:`branch` that is ``force / level``.
+    """
+    by_t, by_w, by_behind, by_ahead = by_branch
+    by_sigma = side * level * ((1.0 - shape) * by_behind + (1.0 + shape) * by_ahead)
+    for j in range(by.shape[1]):
+        by[i, j] = by_sigma * dsigma[j]
+    by[i, F] += by_w
+    by[i, _RHO] += side * by_t * x
+    by[i, _LEVEL] += side * (force / level - by_t * t - by_w * w)
+    by[i, _SHAPE] += side * level * sigma * (by_ahead - by_behind)
 
 
 @jit
 def bouc_wen_tangents(
     mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
 ):
-    """Write q (n,) and its tangents (n, m + 6).
-
-    The columns are those of ``du`` (n, m), then the derivatives by w, zeta, rho, level, shape and
-    exponent. ``dbefore`` (m,) and ``d`` (3, m + 6) are the tangents of the drive and of the state
-    before the first sample; ``law`` as in :func:`bouc_wen_run`.
-    """
+    """Write q and its tangents, the parameters being w, zeta, rho, level, shape and exponent."""
     rho, level, shape, exponent, bound = law
     size = max(level, _TINY)
     rate = rho / size
     b, bp = mode[2], mode[3]
-    n_columns = FREE + _N_OWN
-    step = np.empty((3, n_columns))
-    dreach, dspeed, dsigma, dx, dforce = np.empty((5, n_columns))
+    step = np.empty((3, FREE + 6))
+    by = np.zeros((3, OWN + 6))
+    dsigma = np.zeros(OWN + 6)
     for k in range(u.size):
         u0 = before
-        step[:] = 0.0
-        step[0, 0] = step[1, 1] = step[2, 2] = 1.0
+        begin(step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
             reach, speed = oscillator(mode, q, p, u0, u1)
-            oscillator_tangents(mode, mode_by, q, p, u0, u1, start, stop, step, dreach, dspeed)
             side = 1.0 if reach >= b * f else -1.0
             w = side * f / size
             sigma = 1.0
             if exponent != 1.0:
-                sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
-                for j in range(n_columns):
-                    dsigma[j] = by_w * side * step[2, j] / size
-                dsigma[FREE + _LEVEL] -= by_w * w / size
-                dsigma[FREE + _SHAPE] += by_shape
-                dsigma[FREE + _EXPONENT] += by_exponent
+                for j in range(by.shape[1]):
+                    by[1, j] = 1.0 if j == F else 0.0
+                sigma = sharpness_tangents(w, side, shape, exponent, size, by, dsigma)
                 x, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
-                _, by_mean = force_derivatives(x, w, rho, size, shape, sigma)
-                way_tangents(
-                    by_mean, side, b, size * mean, mode_by, dreach, step[2], dsigma, dx, dforce
-                )
-                sigma, by_w, by_shape, by_exponent = sharpness(mean, shape, exponent)
-                for j in range(n_columns):
-                    dsigma[j] = by_w * dforce[j] / size
-                dsigma[FREE + _LEVEL] -= by_w * mean / size
-                dsigma[FREE + _SHAPE] += by_shape
-                dsigma[FREE + _EXPONENT] += by_exponent
-                x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
-            else:
-                x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
-                dsigma[:] = 0.0
-                dsigma[FREE + _EXPONENT] = sharpness(mean, shape, exponent)[3]
-            by_end, by_mean = force_derivatives(x, w, rho, size, shape, sigma)
-            force = size * mean
-            way_tangents(by_mean, side, b, force, mode_by, dreach, step[2], dsigma, dx, dforce)
-            for j in range(n_columns):
-                step[0, j] += side * dx[j]
-                step[1, j] = dspeed[j] - bp * side * dforce[j]
-                hidden = by_end[0] * dx[j] + by_end[5] * dsigma[j]
-                step[2, j] = side * hidden + by_end[1] * step[2, j]
-            for j in range(3):
-                step[2, FREE + _RHO + j] += side * by_end[2 + j]
-            step[1, FREE] -= mode_by[0, 3] * side * force
-            step[1, FREE + 1] -= mode_by[1, 3] * side * force
+                way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
+                sigma = sharpness_tangents(mean, side, shape, exponent, size, by, dsigma)
+            x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+            if exponent == 1.0:
+                dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
+            way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
+            force = side * size * mean
+            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += side * x
-            p = speed - bp * side * force
+            p = speed - bp * force
             f = side * size * end
             u0 = u1
         if not (abs(q) <= bound and abs(f) <= bound):
             out[k:] = np.nan
             dout[k:] = np.nan
             return
-        carry(step, dbefore if k == 0 else du[k - 1], du[k], d)
+        carry(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
-        dout[k] = d[0]
         largest = 0.0
         for i in range(3):
             for j in range(d.shape[1]):
@@ -389,8 +358,7 @@ def first_loading(load, rho, level, shape, exponent, by):
     h = load / n
     f = 0.0
     weights = (0.0, 0.5, 0.5, 1.0)
-    values, change = np.zeros(5), np.zeros(5)
-    moved = np.empty(5)
+    values, change = np.zeros((2, 5))
     for _ in range(n):
         total, last = 0.0, 0.0
         change[:] = 0.0
@@ -401,13 +369,11 @@ def first_loading(load, rho, level, shape, exponent, by):
             last = k / (1.0 + k)
             # of the rate, by the force and directly
             inner = 1.0 / ((1.0 + k) * (1.0 + k))
-            for j in range(1, 5):
-                moved[j] = inner * (slopes[j] + slopes[0] * (values[j] + part * rates[j]))
             share = (1.0 if stage == 0 or stage == 3 else 2.0) / 6.0
             total += share * last
             for j in range(1, 5):
-                rates[j] = moved[j]
-                change[j] += share * moved[j]
+                rates[j] = inner * (slopes[j] + slopes[0] * (values[j] + part * rates[j]))
+                change[j] += share * rates[j]
         f += h * total
         for j in range(1, 5):
             values[j] += h * change[j]

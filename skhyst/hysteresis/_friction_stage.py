@@ -1,6 +1,20 @@
-"""Mass, spring and damper with LuGre friction.
+r"""Mass, spring and damper with LuGre friction.
 
-Mass, spring and damper with LuGre friction.
+In units of the drive, with ``v = q'`` and ``f = rho z``,
+
+    q''/w^2 + 2 zeta q'/w + q + F = u,   F = f + (2 zeta_b / w) z',
+    z' = v (1 - sgn(v) f / g(v)),        g(v) = Fs (c + (1 - c) exp(-(v / vs)^2))
+
+(C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, "A new model for control of systems with
+friction", IEEE Trans. Automatic Control 40(3), 1995). Along the way D of a substep h (see
+``_oscillator``) f decays towards ``sgn(D) g``: with the exponent ``a = rho |D| / g``,
+``E = exp(-a)``, ``phi = (1 - E) / a`` and ``psi = (1 - phi) / a``
+
+    f1 = E f0 + rho phi D,   mean f = phi f0 + rho psi D,   mean z' = (f1 - f0) / (rho h),
+
+which is linear in D while a is held. Twice in a row D is solved for: with the exponent of the speed
+at the start of the substep, then with the exponent of the D found. That makes the second order;
+any exponent keeps the energy balance, because f1 and the mean belong together.
 """
 
 import math
@@ -9,15 +23,160 @@ from itertools import product
 
 import numpy as np
 
+from .._jit import jit
 from ..operators import parameter
-from ._friction_stage_loops import friction_run, friction_tangents
 from ._lugre import LuGreOperator
-from ._oscillator import LEVEL, OscillatorModel, OscillatorOperator
+from ._oscillator import (
+    FREE,
+    OWN,
+    REACH,
+    B,
+    F,
+    OscillatorOperator,
+    P,
+    begin,
+    carry,
+    decay,
+    move_tangents,
+    oscillator,
+    solve_tangents,
+)
+from ._oscillator_model import LEVEL, OscillatorModel
 
-__all__ = [
-    "FrictionStage",
-    "FrictionStageOperator",
-]
+__all__ = ["FrictionStage", "FrictionStageOperator"]
+
+_TINY = 1e-100  # level: without friction g = 0
+_LARGEST = 1e100  # exponent
+_W, _, _FS, _RATIO, _VS, _RHO, _BRISTLE = range(OWN, OWN + 7)  # columns of the derivatives
+_SEEN = np.array([REACH, P, F, B, _W, _FS, _RATIO, _VS, _RHO, _BRISTLE])  # those that are not zero
+
+
+@jit
+def exponent(guess, law):
+    """Return the exponent a for the way ``guess``, ``1 / g`` and the bell of the Stribeck curve."""
+    fs, ratio, inverse, rho, _ = law
+    x = guess * inverse
+    bell = math.exp(-min(x * x, 700.0))
+    share = 1.0 / max(fs * (ratio + (1.0 - ratio) * bell), _TINY)
+    return min(rho * abs(guess) * share, _LARGEST), share, bell
+
+
+@jit
+def way(guess, reach, b, f, law):
+    """Return D where the exponent is that of ``guess``; the mean force F and f behind it.
+
+    ``reach`` is the way without friction, b the factor of F in it, ``law`` the tuple
+    (Fs, c, 1 / (h vs), rho, eta) with ``eta = 2 zeta_b / (w h)``.
+    """
+    rho, eta = law[3], law[4]
+    a, _, _ = exponent(guess, law)
+    gone, phi, psi, _ = decay(a)
+    by_f = phi - eta / rho * gone
+    by_delta = rho * psi + eta * phi
+    delta = (reach - b * by_f * f) / (1.0 + b * by_delta)
+    return delta, by_f * f + by_delta * delta, f - gone * f + rho * phi * delta
+
+
+@jit
+def way_tangents(guess, reach, b, f, law, vs, eta_w, eta_bristle, by):
+    """Return what :func:`way` does; write the derivatives of all three to ``by``.
+
+    ``by[0]`` comes as the derivatives of the guess; ``eta_w`` and ``eta_bristle`` are those of eta.
+    """
+    fs, ratio, inverse, rho, eta = law
+    a, share, bell = exponent(guess, law)
+    gone, phi, psi, chi = decay(a)
+    lag = eta / rho
+    force_f = phi - lag * gone
+    force_delta = rho * psi + eta * phi
+    delta = (reach - b * force_f * f) / (1.0 + b * force_delta)
+    force = force_f * f + force_delta * delta
+    # of the exponent; at rest the mean of both directions
+    sign = 0.0 if guess == 0.0 else math.copysign(1.0, guess)
+    x = guess * inverse
+    bump = 2.0 * fs * (1.0 - ratio) * bell * x
+    a_level = -a * share
+    a_guess = rho * sign * share - a_level * bump * inverse
+    for j in _SEEN:
+        by[2, j] = a_guess * by[0, j]
+    by[2, _FS] += a_level * (ratio + (1.0 - ratio) * bell)
+    by[2, _RATIO] += a_level * fs * (1.0 - bell)
+    by[2, _VS] += a_level * bump * x * (1.0 / vs)
+    by[2, _RHO] += abs(guess) * share
+    # of F at this D, then of D
+    force_a = (psi - phi - lag * (1.0 - gone)) * f
+    force_a += (rho * (2.0 * chi - psi) + eta * (psi - phi)) * delta
+    force_eta = phi * delta - gone * f * (1.0 / rho)
+    for j in _SEEN:
+        by[1, j] = force_a * by[2, j]
+    by[1, F] += force_f
+    by[1, _W] += force_eta * eta_w
+    by[1, _RHO] += psi * delta + lag / rho * gone * f
+    by[1, _BRISTLE] += force_eta * eta_bristle
+    solve_tangents(b, force_delta, force, by)
+    # of the new f
+    new_a = rho * (psi - phi) * delta - (1.0 - gone) * f
+    for j in _SEEN:
+        by[2, j] = rho * phi * by[0, j] + new_a * by[2, j]
+    by[2, F] += 1.0 - gone
+    by[2, _RHO] += phi * delta
+    return delta, force, f - gone * f + rho * phi * delta
+
+
+@jit
+def friction_run(mode, law, h, n_substeps, u, before, q, p, f, out):
+    """Write q and return the last q, p and f; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
+    w, fs, ratio, vs, rho, bristle = law
+    own = fs, ratio, 1.0 / (h * vs), rho, 2.0 * bristle / (w * h)
+    for k in range(u.size):
+        u0 = before
+        for i in range(n_substeps):
+            u1 = before + (u[k] - before) * ((i + 1) / n_substeps)
+            reach, speed = oscillator(mode, q, p, u0, u1)
+            delta, _, _ = way(h * w * p, reach, mode[2], f, own)
+            delta, force, f = way(delta, reach, mode[2], f, own)
+            q += delta
+            p = speed - mode[3] * force
+            u0 = u1
+        before = u[k]
+        out[k] = q
+    return q, p, f
+
+
+@jit
+def friction_tangents(
+    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
+):
+    """Write q and its tangents, the parameters being w, zeta, Fs, c, vs, rho and zeta_b."""
+    w, fs, ratio, vs, rho, bristle = law
+    eta_bristle = 2.0 / (w * h)
+    eta = bristle * eta_bristle
+    own = fs, ratio, 1.0 / (h * vs), rho, eta
+    step = np.empty((3, FREE + 7))
+    by = np.zeros((3, OWN + 7))
+    for k in range(u.size):
+        u0 = before
+        begin(step)
+        for i in range(n_substeps):
+            start, stop = i / n_substeps, (i + 1) / n_substeps
+            u1 = before + (u[k] - before) * stop
+            reach, speed = oscillator(mode, q, p, u0, u1)
+            delta, new = h * w * p, f
+            for j in _SEEN:
+                by[0, j] = 0.0
+            by[0, P], by[0, _W] = h * w, h * p
+            for _ in range(2):
+                delta, force, new = way_tangents(
+                    delta, reach, mode[2], f, own, vs, -eta / w, eta_bristle, by
+                )
+            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            q += delta
+            p = speed - mode[3] * force
+            f = new
+            u0 = u1
+        carry(step, k, du, dbefore, d, dout)
+        before = u[k]
+        out[k] = q
 
 
 @dataclass(frozen=True)
@@ -32,8 +191,8 @@ class FrictionStageOperator(OscillatorOperator):
         \dot z = v - \frac{|v|}{g(v)} f, \quad f = \rho z, \quad v = \dot q, \quad
         g(v) = F_s \left(r + (1 - r) e^{-(v / v_s)^2}\right)
 
-    Displacement ``q`` and forces are in units of the drive: ``u`` moves the stage without friction
-    by ``q = u`` at rest. Only what the response to a drive can tell appears; see Notes.
+    The equations of :class:`FrictionStage` divided by ``b``: displacement ``q`` and forces are in
+    units of the drive, and ``u`` moves the stage without friction by ``q = u`` at rest.
 
     Parameters
     ----------
@@ -66,12 +225,6 @@ class FrictionStageOperator(OscillatorOperator):
 
     Notes
     -----
-    The equations are those of :math:`m \ddot x + d \dot x + k x + \sigma_0 z + \sigma_1 \dot z +
-    \sigma_2 \dot x = b u`, ``x = y - c``, divided by ``b``. For a known mass ``m``:
-    :math:`k = m \omega^2`, :math:`d + \sigma_2 = 2 \zeta \omega m` (only the sum can be told),
-    ``b = k G``, :math:`\sigma_0 = \rho k`, :math:`\sigma_1 = 2 \zeta_b \omega m`, forces are
-    ``|b|`` times the levels; see :meth:`physical`.
-
     Each substep moves the oscillator exactly under the mean friction force, and the friction force
     exactly along the way of the substep: second order, exact without friction, and never a source
     of energy, however stiff the bristles are (``bristle_damping`` apart, with which the LuGre model
@@ -80,13 +233,6 @@ class FrictionStageOperator(OscillatorOperator):
 
     The state is the tuple ``(q, q' / w, f, last drive)``. In ``"rest"`` the stage has been loaded
     slowly from zero, with ``g = F_s``.
-
-    References
-    ----------
-    NARMAX-LuGre paper, (1) to (4), with ``z'`` and the Stribeck curve functions of the velocity; C.
-    Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, "A new model for control of systems with
-    friction", IEEE Trans. Automatic Control 40(3), 1995. Averaged vector field: G. R. W. Quispel,
-    D. I. McLaren, J. Phys. A 41, 2008.
 
     Examples
     --------
@@ -112,6 +258,10 @@ class FrictionStageOperator(OscillatorOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
 
+    _force = ("static_level", "bristle_stiffness")
+    _loop = staticmethod(friction_run)
+    _tangent_loop = staticmethod(friction_tangents)
+
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
@@ -127,23 +277,15 @@ class FrictionStageOperator(OscillatorOperator):
             ``bristle_stiffness``, ``bristle_damping``; displacements are in units of the response,
             and with the mass in kg and the response in m all is in SI units.
         """
-        stiffness = mass * self.natural_frequency**2
-        drive_gain = stiffness * self.gain
-        return {
-            "mass": float(mass),
-            "damping": 2.0 * self.damping_ratio * self.natural_frequency * mass,
-            "stiffness": stiffness,
-            "drive_gain": drive_gain,
-            "coulomb_force": abs(drive_gain) * self.static_level * self.coulomb_ratio,
-            "static_force": abs(drive_gain) * self.static_level,
+        p = self._linear_physical(mass)
+        static_force = abs(p["drive_gain"]) * self.static_level
+        return p | {
+            "coulomb_force": static_force * self.coulomb_ratio,
+            "static_force": static_force,
             "stribeck_velocity": abs(self.gain) * self.stribeck_velocity,
-            "bristle_stiffness": self.bristle_stiffness * stiffness,
+            "bristle_stiffness": self.bristle_stiffness * p["stiffness"],
             "bristle_damping": 2.0 * self.bristle_damping * self.natural_frequency * mass,
         }
-
-    def fastest_rate(self):
-        """Return the natural frequency before sliding, rad/s."""
-        return float(self.natural_frequency * math.sqrt(1.0 + self.bristle_stiffness))
 
     def _fed_back(self, s, shift):
         return {
@@ -169,46 +311,23 @@ class FrictionStageOperator(OscillatorOperator):
         left = math.exp(-exponent)
         sign = math.copysign(1.0, u0)
         spent = exponent * left if left else 0.0
-        by_level, by_rho = sign * (1.0 - left - spent), sign * q * left
         share = 1.0 / (1.0 + rho * left)
         by = np.zeros((2, 1 + self.n_parameters - 2))
-        by[:, 0] = share, rho * left * share
-        for column, slope in ((3, by_level), (6, by_rho)):
-            by[:, column] = -slope * share, slope * share
+        by[1, 0] = rho * left * share
+        by[1, 3] = sign * (1.0 - left - spent) * share
+        by[1, 6] = sign * q * left * share
+        by[0] = -by[1]
+        by[0, 0] = share
         return sign * q, sign * (target - q), by
 
-    def _law(self):
+    def _law(self, u):
         return (
+            float(self.natural_frequency),
             float(self.static_level),
             float(self.coulomb_ratio),
             float(self.stribeck_velocity),
             float(self.bristle_stiffness),
-        )
-
-    def _run(self, mode, h, u, before, state, out):
-        w, bristle = float(self.natural_frequency), float(self.bristle_damping)
-        return friction_run(
-            mode, w, self._law(), bristle, h, self.n_substeps, u, before, *state, out
-        )
-
-    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
-        w, bristle = float(self.natural_frequency), float(self.bristle_damping)
-        friction_tangents(
-            mode,
-            mode_by,
-            w,
-            self._law(),
-            bristle,
-            h,
-            self.n_substeps,
-            u,
-            du,
-            before,
-            dbefore,
-            *state,
-            d,
-            out,
-            dout,
+            float(self.bristle_damping),
         )
 
 
@@ -234,8 +353,8 @@ class FrictionStage(OscillatorModel):
         g(v) = F_c + (F_s - F_c) e^{-(v/v_s)^2}, \quad v = \dot x
 
     The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
-    ``b``, since a response to a drive does not tell the mass; :math:`\sigma_2` is part of ``d``,
-    since only their sum can be told. Friction levels are then in units of the drive.
+    ``b``, since a response to a drive does not tell the mass, which leaves friction levels in units
+    of the drive; :math:`\sigma_2` is part of ``d``, since only their sum can be told.
 
     Parameters
     ----------
@@ -292,8 +411,7 @@ class FrictionStage(OscillatorModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import FrictionStage
-    >>> from skhyst.hysteresis import FrictionStageOperator
+    >>> from skhyst.hysteresis import FrictionStage, FrictionStageOperator
     >>> time = np.arange(1500) * 0.01
     >>> drive = np.sin(0.7 * time) + 0.8 * np.sin(2.9 * time) + 0.3 * np.sin(11.0 * time)
     >>> plant = FrictionStageOperator(20.0, 0.5, 0.4, 0.7, 1.5, 10.0, gain=3.0)
@@ -348,7 +466,7 @@ class FrictionStage(OscillatorModel):
 
     def _stage(self, law, mode, scales, factors=None, level=LEVEL):
         way, speed, ratio = law
-        gain = mode.gain or scales.length / scales.swing
+        gain = mode.gain
         level = level * scales.swing if factors is None else np.sign(gain) * float(factors[0])
         if not level > 0.0:
             return None

@@ -1,28 +1,173 @@
-"""What the stages share that have hysteresis inside their equation of motion.
+r"""Stages with hysteresis in their equation of motion: the oscillator that moves under any force.
 
-Base of the stages that have hysteresis inside their equation of motion.
+With the displacement q in units of the drive, the velocity ``p = q'/w`` and a force F that depends
+on both and on a hysteretic force f,
+
+    q''/w^2 + 2 zeta q'/w + q + F = u.
+
+Over a substep h the drive is a straight line and F is replaced by its mean, under which the
+oscillator moves exactly:
+
+    D = q1 - q0 = A p0 + B (u0 - q0 - F) + R (u1 - u0),
+    p1 = A' p0 + B' (u0 - q0 - F) + R' (u1 - u0).
+
+F is the mean along the straight way from q0 to q1, on which f is known in closed form, so D is the
+root of a scalar equation that is solved exactly: this is the averaged vector field method in
+exponential form (G. R. W. Quispel, D. I. McLaren, J. Phys. A 41, 2008). It is of second order,
+exact where F = 0, and it inherits the energy balance: the work ``F D`` that goes into the
+hysteresis is what f stores and dissipates, at any substep.
+
+A sample is a map of the state (q, p, f) and of the drive before and now. Its Jacobian, together
+with the derivatives by the parameters, is accumulated over the substeps (:func:`move_tangents`) and
+applied once a sample to the tangents carried through (:func:`carry`). A law gives the derivatives
+of D, of the mean F and of the new f by what it sees of the oscillator (``REACH``: D without F,
+``SPEED``: p1 without F, then q, p, f, B and B'), and by the parameters themselves.
 """
 
 import dataclasses
 import math
 from abc import abstractmethod
 from functools import cached_property
-from numbers import Integral, Real
-from typing import NamedTuple
 
 import numpy as np
 
-from .._sklearn import Interval
-from ..base import ParametricModel
-from ..linear import SecondOrderMode, SecondOrderModeOperator
+from .._jit import jit
+from ..linear import SecondOrderModeOperator
 from ..operators import Operator, as_signal
-from ..optimize import VariableProjection, identify
 
-__all__ = [
-    "LEVEL",
-    "OscillatorModel",
-    "OscillatorOperator",
-]
+__all__ = ["OscillatorOperator"]
+
+REACH, SPEED, Q, P, F, B, SLOPE_B, OWN = range(8)  # columns of a law's derivatives
+FREE = 5  # first parameter's column in a sample's Jacobian, behind the state and both drives
+_SERIES = 0.1  # below, the quotients lose digits and the series is short
+_C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = (1.0 / math.factorial(k) for k in range(3, 11))
+
+
+@jit
+def decay(a):
+    """Return ``1 - exp(-a)``, its quotient phi by a, ``(1 - phi) / a`` and ``(1/2 - psi) / a``."""
+    if abs(a) < _SERIES:
+        # sum of (-a)^k / (k + 3)!
+        chi = _C3 - a * (_C4 - a * (_C5 - a * (_C6 - a * (_C7 - a * (_C8 - a * (_C9 - a * _C10))))))
+        psi = 0.5 - a * chi
+        phi = 1.0 - a * psi
+        return a * phi, phi, psi, chi
+    gone, inverse = 1.0 - math.exp(-a), 1.0 / a
+    phi = gone * inverse
+    psi = (1.0 - phi) * inverse
+    return gone, phi, psi, (0.5 - psi) * inverse
+
+
+@jit
+def oscillator(mode, q, p, u0, u1):
+    """Return the way D and the velocity p1 without a force F; ``mode`` is A, A', B, B', R, R'."""
+    pull, slope = u0 - q, u1 - u0
+    return (
+        mode[0] * p + mode[2] * pull + mode[4] * slope,
+        mode[1] * p + mode[3] * pull + mode[5] * slope,
+    )
+
+
+@jit
+def solve_tangents(b, slope, force, by):
+    """Write the derivatives of the D that solves ``D = reach - b F`` to ``by[0]``.
+
+    ``by[1]`` has those of F at this D, and gets those of F; ``slope`` is the one by D.
+    """
+    one = 1.0 / (1.0 + b * slope)
+    for j in range(by.shape[1]):
+        change = one * by[1, j]
+        by[0, j] = -b * change
+        by[1, j] = change
+    by[0, REACH] += one
+    by[1, REACH] += slope * one
+    by[0, B] -= one * force
+    by[1, B] -= slope * one * force
+
+
+@jit
+def by_state(mode, by, i):
+    """Return the derivatives of what row i of ``by`` is about by q, p and f, the drive held."""
+    reach, speed = by[i, REACH], by[i, SPEED]
+    return (
+        by[i, Q] - mode[2] * reach - mode[3] * speed,
+        by[i, P] + mode[0] * reach + mode[1] * speed,
+        by[i, F],
+    )
+
+
+@jit
+def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
+    """Move the Jacobian ``step`` (3, 5 + n) of a sample over a substep that begins at q and p.
+
+    ``by`` (3, 7 + n) are the derivatives of D, of the mean F (``force``) and of the new f by
+    ``REACH``, ... and by the n parameters, ``mode_by`` (2, 6) those of ``mode`` by the first two;
+    the substep goes from the part ``start`` of the sample's interval to ``stop``.
+    """
+    bp = mode[3]
+    a, b, c = by_state(mode, by, 0)
+    e, f, g = by_state(mode, by, 1)
+    x, y, z = by_state(mode, by, 2)
+    a, e, f, g = 1.0 + a, -bp - bp * e, mode[1] - bp * f, -bp * g
+    for j in range(step.shape[1]):
+        dq, dp, df = step[0, j], step[1, j], step[2, j]
+        step[0, j] = a * dq + b * dp + c * df
+        step[1, j] = e * dq + f * dp + g * df
+        step[2, j] = x * dq + y * dp + z * df
+    # by the drive before the sample and at it, then by the first two parameters
+    pull, slope = u0 - q, u1 - u0
+    for i in range(4):
+        db = dbp = 0.0
+        if i < 2:
+            share = start if i else 1.0 - start
+            length = stop - start if i else start - stop
+            reach, speed = mode[2] * share + mode[4] * length, mode[3] * share + mode[5] * length
+        else:
+            m = mode_by[i - 2]
+            db, dbp = m[2], m[3]
+            reach = m[0] * p + db * pull + m[4] * slope
+            speed = m[1] * p + dbp * pull + m[5] * slope
+        for k in range(3):
+            value = by[k, REACH] * reach + by[k, SPEED] * speed
+            value += by[k, B] * db + by[k, SLOPE_B] * dbp
+            if k == 1:
+                value = speed - dbp * force - bp * value
+            step[k, 3 + i] += value
+    for j in range(by.shape[1] - OWN):
+        step[0, FREE + j] += by[0, OWN + j]
+        step[1, FREE + j] -= bp * by[1, OWN + j]
+        step[2, FREE + j] += by[2, OWN + j]
+
+
+@jit
+def begin(step):
+    """Write the Jacobian of a sample before its first substep."""
+    for i in range(3):
+        for j in range(step.shape[1]):
+            step[i, j] = 1.0 if i == j else 0.0
+
+
+@jit
+def carry(step, k, du, dbefore, d, dout):
+    """Move the tangents ``d`` (3, m + n) over sample k and write those of q to ``dout[k]``.
+
+    The first m are carried through, ``du`` (n_samples, m) are those of the drive, ``dbefore`` (m,)
+    those before the first sample; ``step`` (3, 5 + n) is the sample's Jacobian.
+    """
+    m = du.shape[1]
+    for j in range(m):
+        a, b, c = d[0, j], d[1, j], d[2, j]
+        old = du[k - 1, j] if k else dbefore[j]
+        for i in range(3):
+            value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
+            d[i, j] = value + step[i, 3] * old + step[i, 4] * du[k, j]
+        dout[k, j] = d[0, j]
+    for j in range(m, d.shape[1]):
+        a, b, c = d[0, j], d[1, j], d[2, j]
+        for i in range(3):
+            value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
+            d[i, j] = value + step[i, FREE + j - m]
+        dout[k, j] = d[0, j]
 
 
 class OscillatorOperator(Operator):
@@ -30,11 +175,12 @@ class OscillatorOperator(Operator):
 
     The first two parameters are ``natural_frequency`` and ``damping_ratio``, the last two ``gain``
     and ``intercept``. The state is the tuple (q, q'/w, hysteretic force, last drive), all in units
-    of the drive. A subclass gives the state at rest and the loops.
+    of the drive. A subclass gives the state at rest, the loops and what they need of the law.
     """
 
     carries_scale = True
     rank = 10
+    _force = ("level", "hysteresis_stiffness")  # where the hysteretic force levels off, its slope
 
     def __post_init__(self):
         n = self.n_substeps
@@ -52,12 +198,25 @@ class OscillatorOperator(Operator):
         """
 
     @abstractmethod
-    def _run(self, mode, h, u, before, state, out):
-        """Write q (n,) and return the last (q, p, f)."""
+    def _law(self, u):
+        """Return the tuple that both loops take as their law, for a drive (n_samples,)."""
 
+    @staticmethod
     @abstractmethod
-    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
-        """Write q (n,) and its tangents (n, m + n_own)."""
+    def _loop(mode, law, h, n_substeps, u, before, q, p, f, out):
+        """Write q (n,) and return the last (q, p, f); compiled."""
+
+    @staticmethod
+    @abstractmethod
+    def _tangent_loop(
+        mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
+    ):
+        """Write q (n,) and its tangents (n, m + n_own); compiled.
+
+        The columns are those of ``du`` (n, m), then the derivatives by all parameters but the last
+        two. ``dbefore`` (m,) and ``d`` (3, m + n_own) are the tangents of the drive and of the
+        state before the first sample.
+        """
 
     @abstractmethod
     def _fed_back(self, s, shift):
@@ -65,6 +224,45 @@ class OscillatorOperator(Operator):
 
         ``shift`` is what the feedback makes of the intercept, in units of the drive.
         """
+
+    def linear_mode(self):
+        """Return what is left when all other forces are taken away.
+
+        Returns
+        -------
+        SecondOrderModeOperator
+            With the same natural frequency, damping ratio, gain and intercept.
+        """
+        return SecondOrderModeOperator(
+            float(self.natural_frequency), float(self.damping_ratio), self.gain, self.intercept
+        )
+
+    def way_before_sliding(self):
+        """Return the way before the hysteretic force saturates.
+
+        Returns
+        -------
+        float or None
+            Units of the response; None without a hysteretic force.
+        """
+        level, stiffness = (getattr(self, name) for name in self._force)
+        return float(abs(self.gain) * level / stiffness) if stiffness else None
+
+    def fastest_rate(self):
+        """Return the natural frequency of a small motion, before sliding, rad/s."""
+        stiffness = getattr(self, self._force[1])
+        return float(self.natural_frequency * math.sqrt(1.0 + stiffness))
+
+    def _linear_physical(self, mass):
+        """Return the quantities of mass, damper, spring and drive, as ``physical`` names them."""
+        w = self.natural_frequency
+        stiffness = mass * w**2
+        return {
+            "mass": float(mass),
+            "damping": 2.0 * self.damping_ratio * w * mass,
+            "stiffness": stiffness,
+            "drive_gain": stiffness * self.gain,
+        }
 
     def with_feedback(self, feedback, origin=0.0):
         """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
@@ -93,17 +291,17 @@ class OscillatorOperator(Operator):
 
     @cached_property
     def _mode(self):
-        return SecondOrderModeOperator(float(self.natural_frequency), float(self.damping_ratio))
+        return self.linear_mode()  # which remembers its discrete forms
 
     def _substep(self, dt):
-        """Return the length of a substep and what moves the oscillator over it, (6,)."""
+        """Return what moves the oscillator over a substep, (6,), and the substep's length."""
         h = float(dt) / self.n_substeps
         ad, b0, b1, _, _ = self._mode._discrete(h)
-        return h, np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1])
+        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1]), h
 
-    def _substep_tangents(self, dt):
+    def _substep_tangents(self, h):
         """Return the derivatives of the oscillator's step, (2, 6)."""
-        ad, b0, b1, _, _, _ = self._mode._discrete_tangents(float(dt) / self.n_substeps)
+        ad, b0, b1, _, _, _ = self._mode._discrete_tangents(h)
         return np.column_stack([ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]])
 
     def init(self, u0, initial_state="rest"):
@@ -118,8 +316,8 @@ class OscillatorOperator(Operator):
             state = self.init(u[0] if u.size else 0.0)
         *state, before = state
         q = np.empty(u.size)
-        h, mode = self._substep(dt)
-        state = self._run(mode, h, u, before, state, q)
+        mode, h = self._substep(dt)
+        state = self._loop(mode, self._law(u), h, self.n_substeps, u, before, *state, q)
         return self.gain * q + self.intercept, (*state, float(u[-1]) if u.size else before)
 
     def linearize(self, u, du, dt, initial_state="rest"):
@@ -134,315 +332,11 @@ class OscillatorOperator(Operator):
             d[::2, :m] = np.outer(by[:, 0], dbefore)
             d[::2, m:] = by[:, 1:]
         q, dq = np.empty(u.size), np.empty((u.size, m + n_own))
-        h, mode = self._substep(dt)
-        mode_by = self._substep_tangents(dt)
-        self._tangents(mode, mode_by, h, u, du, before, as_signal(dbefore), state, d, q, dq)
+        mode, h = self._substep(dt)
+        head = mode, self._substep_tangents(h), self._law(u), h, self.n_substeps
+        self._tangent_loop(*head, u, du, before, as_signal(dbefore), *state, d, q, dq)
         dy = np.empty((u.size, m + n_own + 2))
         dy[:, :-2] = self.gain * dq
         dy[:, -2] = q
         dy[:, -1] = 1.0
         return self.gain * q + self.intercept, dy
-
-
-_COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
-_MOST_COARSE, _MOST_FINE = 16, 64
-_WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
-_SMOOTH = 4  # half length of that which smooths the response for the law
-_FEWEST = 100  # equations
-_MOST = 30_000  # samples that starting values are taken from
-LEVEL = 0.1  # hysteretic force, part of the drive's half range, where the data give none
-_QUIET = 0.01  # the same of a stage that is almost its linear part
-_N_STARTS = 12
-_LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
-_COUPLINGS = (1.0, 3.0, 10.0)
-_ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
-_LAST_EVALUATIONS = 20
-
-
-class Scales(NamedTuple):
-    """Half range and middle of the response, half range of the drive."""
-
-    length: float
-    middle: float
-    swing: float
-
-
-class OscillatorModel(ParametricModel):
-    """Base of the stages: mass, substeps, intercept, and starting values in three steps.
-
-    *Balance of forces.* For a given law the hysteretic force follows from the measured displacement
-    up to factors, and with it the equation of motion is linear in everything else. It is weighted
-    with a modulating function, whose derivatives take the place of those of the response (Shinbrot,
-    Trans. ASME 79, 1957), and solved by least squares over a grid of laws.
-
-    *Coupling.* The sum of squares of a free run has many minima, since the stage sticks and slips
-    at moments of its own. A stage that a spring ties to the measured response does so less: it is
-    the same stage driven by ``u + feedback y``, so its parameters follow exactly (Abarbanel,
-    Creveling, Farsian, Kostuk, SIAM J. Appl. Dyn. Syst. 8, 2009).
-
-    *Free run*, from all of these.
-    """
-
-    _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
-        "fit_intercept": ["boolean"],
-        "mass": [Interval(Real, 0, None, closed="neither")],
-        "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
-    }
-
-    series_rank = 10
-    _complete = {}  # constructor parameters with which all of the law is fitted
-
-    @abstractmethod
-    def _laws(self, length, speed):
-        """Return lists of laws, one a kind, for the half range and the speed of the response."""
-
-    @abstractmethod
-    def _forces(self, law, y, dt, length):
-        """Return the forces of a response (n_samples,), centred, as columns up to their factors."""
-
-    @abstractmethod
-    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
-        """Return the operator, or None where there is none.
-
-        ``mode`` is the linear part, ``factors`` belong to the columns of :meth:`_forces`; where
-        they are unknown, the hysteretic force is the part ``level`` of the drive's half range.
-        """
-
-    def _retries(self, stage, stages):
-        """Return those of the stages to follow to the end, because the one found is degenerate."""
-        return []
-
-    def starting_values(self, records, mode=None):
-        """Return a dozen at most, with substeps that need not be made finer.
-
-        One of them is almost linear: ``mode``, where the linear part is known already.
-        """
-        return [
-            (self._divided(stage, records, _FINE, _MOST_COARSE), ())
-            for stage in self._stages(records, mode)
-        ]
-
-    def _stages(self, records, mode=None):
-        """Return operators with coarse substeps, best first, among them an almost linear one."""
-        swing = 0.5 * max(float(np.ptp(r.u)) for r in records) or 1.0
-        low, high = min(float(r.y.min()) for r in records), max(float(r.y.max()) for r in records)
-        length, middle = 0.5 * (high - low) or 1.0, 0.5 * (high + low)
-        if not self.fit_intercept:
-            middle = 0.0
-        scales = Scales(length, middle, swing)
-        records, washout = _loudest(records, middle)
-        kinds = []
-        for window in _WINDOWS:
-            usable = [r for r in records if len(r.u) > 2 * window]
-            if sum(len(r.u) - 2 * window for r in usable) < _FEWEST:
-                break
-            kinds += self._balanced(usable, window, scales)
-        if mode is None:
-            linear = SecondOrderMode(
-                fit_intercept=self.fit_intercept,
-                initial_state=self._free_run_state(),
-                method=self._roughly(),
-            )
-            mode = linear._identify(records).operator
-        laws = self._laws(length, mode.natural_frequency * length)
-        if not kinds:
-            kinds = [
-                (kind, self._stage(law, mode, scales))
-                for kind, group in enumerate(laws)
-                for law in group
-            ]
-        middle = laws[len(laws) // 2]
-        law = middle[len(middle) // 2]
-        kinds.append((len(laws), self._stage(law, mode, scales, level=_QUIET)))
-        ranked = []
-        for kind, stage in kinds:
-            stage = self._divided(stage, records, _COARSE, _MOST_COARSE)
-            ranked.append((self._error(stage, records, washout), kind, stage))
-        ranked.sort(key=lambda entry: entry[0])
-        # the first of each kind, then the second of each, ...
-        turns = {}
-        for i, (_, kind, _) in enumerate(ranked):
-            turns[i] = sum(earlier == kind for _, earlier, _ in ranked[:i])
-        order = sorted(turns, key=lambda i: turns[i])[:_N_STARTS]
-        return [ranked[i][2] for i in sorted(order)]
-
-    def _balanced(self, records, window, scales):
-        """Return (kind, stage) of the law of each kind that balances the forces best."""
-        length, middle, _ = scales
-        motion = np.concatenate(
-            [
-                np.stack([_weigh(r.y - middle, r.dt, window, order) for order in (2, 1, 0)], axis=1)
-                for r in records
-            ]
-        )
-        drive = np.concatenate([_weigh(r.u, r.dt, window) for r in records])
-        speed = float(np.sqrt(np.mean(motion[:, 1] ** 2))) or length / records[0].dt
-        smooth = [
-            _weigh(np.pad(r.y - middle, _SMOOTH, mode="edge"), r.dt, _SMOOTH) for r in records
-        ]
-        linear = [motion, np.ones(len(drive))] if self.fit_intercept else [motion]
-        n_linear = 3 + self.fit_intercept
-        found = []
-        for kind, laws in enumerate(self._laws(length, speed)):
-            stages = []
-            for law in laws:
-                forces = [
-                    np.apply_along_axis(_weigh, 0, self._forces(law, y, r.dt, length), r.dt, window)
-                    for y, r in zip(smooth, records, strict=True)
-                ]
-                columns = np.column_stack([*linear, np.concatenate(forces)])
-                if not np.isfinite(columns).all():
-                    continue
-                factors, error = _least_squares(columns, drive)
-                mass, damping, stiffness = factors[:3].tolist()
-                if not mass * stiffness > 0.0:
-                    continue
-                frequency = float(np.sqrt(stiffness / mass))
-                ratio = 0.5 * damping * frequency / stiffness
-                mode = SecondOrderModeOperator(
-                    frequency,
-                    float(np.clip(ratio, _LEAST_DAMPING, _MOST_DAMPING)),
-                    1.0 / stiffness,
-                    middle - float(factors[3]) / stiffness if self.fit_intercept else 0.0,
-                )
-                stage = self._stage(law, mode, scales, factors=factors[n_linear:])
-                if stage is not None:
-                    stages.append((error, stage))
-            if stages:
-                found.append((kind, min(stages, key=lambda entry: entry[0])[1]))
-        return found
-
-    def _error(self, stage, records, washout=0):
-        """Return the sum of squares of the free run, gain and intercept solved.
-
-        The first ``washout`` samples of each record do not count.
-        """
-        gram = np.zeros((3, 3))
-        for r in records:
-            y = stage.run(r.u, r.dt, stage.init(r.u[0], self._free_run_state()))[0]
-            columns = np.stack([y, np.full(y.size, float(self.fit_intercept)), r.y])[:, washout:]
-            gram += columns @ columns.T
-        if not np.isfinite(gram).all():
-            return np.inf
-        best = np.linalg.lstsq(gram[:2, :2], gram[:2, 2], rcond=None)[0]
-        return float(gram[2, 2] - best @ gram[:2, 2])
-
-    def _coupled(self, stages, records, coupling):
-        """Return the stage that fits best while it is tied to the response, [] without one."""
-        feedback, origin = coupling / stages[0].gain, stages[0].intercept
-        tied = [
-            (stage.with_feedback(feedback, origin), ())
-            for stage in stages
-            if feedback * stage.gain > -0.5
-        ]
-        driven = [
-            dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
-        ]
-        stage = identify(
-            tied,
-            driven,
-            fixed=self.held_parameters(),
-            initial_state=self._free_run_state(),
-            method=self._roughly(),
-        )
-        share = feedback * stage.operator.gain
-        if not share < 1.0:
-            return [], stage.n_evaluations
-        # what is held, a preload for one, has not followed the intercept of the tied stage
-        held = {name: getattr(stages[0], name) for name in self.held_parameters()}
-        free = dataclasses.replace(stage.operator.with_feedback(-feedback, origin), **held)
-        return [self._divided(free, records, _COARSE, _MOST_COARSE)], stage.n_evaluations
-
-    def _divided(self, stage, records, part, most):
-        """Return the stage with substeps that resolve its fastest motion."""
-        n = self.n_substeps
-        if n is None:
-            longest = max(record.dt for record in records)
-            n = np.clip(np.ceil(longest * stage.fastest_rate() / part), 1, most)
-        return dataclasses.replace(stage, n_substeps=int(n))
-
-    def _identify(self, data):
-        """Identify with coarse substeps, then once more with those that the result asks for."""
-        options = {"fixed": self.held_parameters(), "initial_state": self._free_run_state()}
-        stages = self._stages(data)
-        starts, evaluations = [], 0
-        if stages[0].gain:
-            for coupling in _COUPLINGS:
-                found, n = self._coupled(stages, data, coupling)
-                starts += found
-                evaluations += n
-        starts = [(stage, ()) for stage in [*starts, *stages]]
-        result = identify(starts, data, **options, method=self.method)
-        evaluations += result.n_evaluations
-        bounds = getattr(self.method, "bounds", None)
-        for stage in self._retries(result.operator, stages):
-            method = VariableProjection(bounds=bounds)
-            other = identify([(stage, ())], data, **options, method=method)
-            evaluations += other.n_evaluations
-            result = other if other.error < result.error else result
-        stage = self._divided(result.operator, data, _FINE, _MOST_FINE)
-        if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
-            method = VariableProjection(bounds=bounds, max_evaluations=_LAST_EVALUATIONS)
-            result = identify([(stage, ())], data, **options, method=method)
-            evaluations += result.n_evaluations
-        return dataclasses.replace(result, n_evaluations=evaluations)
-
-    def _roughly(self):
-        """Return how starting values are identified: no longer than the result is."""
-        most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
-        return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})
-
-    def _adopt(self, result):
-        super()._adopt(result)
-        self.physical_ = result.operator.physical(self.mass)
-        return self
-
-
-def _loudest(records, middle):
-    """Return a part of each long record, around its largest response, and samples to leave out.
-
-    Before such a part the stage was not at rest.
-    """
-    n_samples = sum(len(r.u) for r in records)
-    if n_samples <= _MOST:
-        return records, 0
-    parts = []
-    for r in records:
-        n = max(int(len(r.u) * _MOST / n_samples), 2)
-        start = int(np.argmax(np.abs(r.y - middle))) - n // 2
-        start = min(max(start, 0), len(r.u) - n)
-        part = slice(start, start + n)
-        parts.append(dataclasses.replace(r, u=r.u[part], y=r.y[part], segments=(), before=None))
-    return parts, min(len(r.u) for r in parts) // 4
-
-
-def _least_squares(columns, right):
-    """Return the coefficients of the columns (n_samples, n) and the sum of squares left."""
-    gram, moments = columns.T @ columns, columns.T @ right
-    scale = np.sqrt(np.diag(gram))
-    scale[scale == 0.0] = 1.0
-    factors = np.linalg.lstsq(gram / np.outer(scale, scale), moments / scale, rcond=None)[0]
-    factors /= scale
-    return factors, float(right @ right - moments @ factors)
-
-
-def _weigh(values, dt, window, order=0):
-    """Return a derivative of a signal, (n - 2 window,), averaged with the weights (1 - x^2)^3."""
-    k = np.arange(-window, window + 1)
-    x = k / (window + 1.0)
-    bell = 1.0 - x * x
-    if order == 0:
-        weights = bell**3
-        weights /= weights.sum()
-    elif order == 1:
-        weights = -x * bell**2
-        weights /= -dt * (weights @ k)  # a ramp has its slope
-    else:
-        weights = bell * (5.0 * x * x - 1.0)
-        weights -= weights.mean()
-        weights /= 0.5 * dt * dt * (weights @ k**2)  # and a parabola its curvature
-    return np.convolve(values, weights, mode="valid")

@@ -1,6 +1,6 @@
 """Mass with polynomial spring and damper and a bilinear hysteretic force.
 
-Mass with polynomial spring and damper and a bilinear hysteretic force.
+The loops are in ``_restoring_force_loops``.
 """
 
 import math
@@ -13,14 +13,12 @@ from scipy.optimize import brentq
 
 from .._sklearn import Interval
 from ..operators import as_signal, parameter
-from ._oscillator import LEVEL, OscillatorModel, OscillatorOperator
+from ._oscillator import OscillatorOperator
+from ._oscillator_model import LEVEL, OscillatorModel
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 from ._restoring_force_loops import restoring_run, restoring_tangents
 
-__all__ = [
-    "RestoringForce",
-    "RestoringForceOperator",
-]
+__all__ = ["RestoringForce", "RestoringForceOperator"]
 
 _POLISH = 3  # Newton steps behind the bracketing root finder
 _GROWTH, _BRACKETS = 1.5, 200
@@ -39,7 +37,9 @@ class RestoringForceOperator(OscillatorOperator):
 
         \dot z = k_s \dot q \text{ while } |z| < z_s \text{ or } z \dot q < 0, \text{ else } 0
 
-    Displacement ``q`` and forces are in units of the drive.
+    The equations of :class:`RestoringForce` divided by ``b``: displacement ``q`` and forces are in
+    units of the drive. The polynomials are centred a static displacement ``x_0`` away from the rest
+    position, and the preload is the force that causes it.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ class RestoringForceOperator(OscillatorOperator):
     slip_level : float
         ``z_s``: largest hysteretic force, units of the drive.
     preload : float, default=0.0
-        ``u_0``: constant force, units of the drive; see Notes.
+        ``u_0``: constant force, units of the drive. With linear spring and damper it cannot be told
+        from the intercept.
     gain : float, default=1.0
         ``G`` in response/drive.
     intercept : float, default=0.0
@@ -74,25 +75,11 @@ class RestoringForceOperator(OscillatorOperator):
 
     Notes
     -----
-    The paper's ``x + x_0`` is ``y - c`` here: the polynomials are centred a static displacement
-    ``x_0`` away from the rest position, and the preload is the force that causes it. With linear
-    spring and damper the preload cannot be told from the intercept. Physical quantities for a known
-    mass: see :meth:`physical`.
-
-    As printed, ``z' = (alpha_s / 2) (1 + sgn(z_s - |z|)) x'`` never leaves its limit, since the
-    bracket is zero there for either direction. Meant is the elastic, ideally plastic element above,
-    which yields at the limit and is elastic again as soon as the motion turns round.
-
     Each substep moves the linear oscillator exactly under the mean of the other forces, and the
     hysteretic force exactly along the way of the substep: second order, exact without these forces.
     With negative coefficients the spring loses its stiffness, or the damper feeds energy in, at
     large amplitude, and a simulation may diverge. The state is the tuple ``(q, p, z, last drive)``;
     in ``"rest"`` the stage, preloaded with ``z = 0``, has been loaded slowly from zero.
-
-    References
-    ----------
-    NARMAX-LuGre paper, (6) to (8); six coefficients are announced there, so the damper's last
-    degree is 5, not 9.
 
     Examples
     --------
@@ -116,6 +103,10 @@ class RestoringForceOperator(OscillatorOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     scale: float = 1.0
     n_substeps: int = 8
+
+    _force = ("slip_level", "hysteresis_stiffness")
+    _loop = staticmethod(restoring_run)
+    _tangent_loop = staticmethod(restoring_tangents)
 
     def __post_init__(self):
         super().__post_init__()
@@ -142,27 +133,22 @@ class RestoringForceOperator(OscillatorOperator):
             without hysteretic force) and ``preload`` (a force); displacements are in units of the
             response, and with the mass in kg and the response in m all is in SI units.
         """
-        w, stiffness = self.natural_frequency, mass * self.natural_frequency**2
-        drive_gain = stiffness * self.gain
+        p, w = self._linear_physical(mass), self.natural_frequency
+        stiffness, drive_gain = p["stiffness"], p["drive_gain"]
         length = abs(self.gain) * self.scale
-        found = {"mass": float(mass), "drive_gain": drive_gain, "alpha_1": stiffness}
+        found = {"mass": p["mass"], "drive_gain": drive_gain, "alpha_1": stiffness}
         for i, value in enumerate(self.stiffness_coefficients.tolist(), 1):
             found[f"alpha_{2 * i + 1}"] = stiffness * value / length ** (2 * i)
-        found["lambda_1"] = 2.0 * self.damping_ratio * stiffness / w
+        found["lambda_1"] = p["damping"]
         for i, value in enumerate(self.damping_coefficients.tolist(), 1):
             found[f"lambda_{2 * i + 1}"] = stiffness / w * value / (w * length) ** (2 * i)
-        hysteretic = self.hysteresis_stiffness
-        way = abs(self.gain) * self.slip_level / hysteretic if hysteretic else math.nan
+        way = self.way_before_sliding()
         return found | {
             "alpha_s": stiffness * self.hysteresis_stiffness,
             "z_s": abs(drive_gain) * self.slip_level,
-            "x_s": way,
+            "x_s": math.nan if way is None else way,
             "preload": drive_gain * self.preload,
         }
-
-    def fastest_rate(self):
-        """Return the natural frequency of a small motion without slip, rad/s."""
-        return float(self.natural_frequency * math.sqrt(1.0 + self.hysteresis_stiffness))
 
     def _fed_back(self, s, shift):
         springs = np.arange(1, self.stiffness_coefficients.size + 1)
@@ -233,32 +219,8 @@ class RestoringForceOperator(OscillatorOperator):
             float(self.preload),
             float(self.scale),
             _LARGEST * (float(self.scale) + float(np.abs(u).max(initial=0.0))),
-        )
-
-    def _coefficients(self):
-        return as_signal(self.stiffness_coefficients), as_signal(self.damping_coefficients)
-
-    def _run(self, mode, h, u, before, state, out):
-        return restoring_run(
-            mode, self._law(u), *self._coefficients(), h, self.n_substeps, u, before, *state, out
-        )
-
-    def _tangents(self, mode, mode_by, h, u, du, before, dbefore, state, d, out, dout):
-        restoring_tangents(
-            mode,
-            mode_by,
-            self._law(u),
-            *self._coefficients(),
-            h,
-            self.n_substeps,
-            u,
-            du,
-            before,
-            dbefore,
-            *state,
-            d,
-            out,
-            dout,
+            as_signal(self.stiffness_coefficients),
+            as_signal(self.damping_coefficients),
         )
 
 
@@ -365,8 +327,7 @@ class RestoringForce(OscillatorModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import RestoringForce
-    >>> from skhyst.hysteresis import RestoringForceOperator
+    >>> from skhyst.hysteresis import RestoringForce, RestoringForceOperator
     >>> time = np.arange(1500) * 0.01
     >>> drive = np.sin(0.7 * time) + 0.8 * np.sin(2.9 * time) + 0.3 * np.sin(11.0 * time)
     >>> plant = RestoringForceOperator(20.0, 0.5, [], [], 5.0, 0.3, gain=3.0)
@@ -430,7 +391,7 @@ class RestoringForce(OscillatorModel):
     def _stage(self, law, mode, scales, factors=None, level=LEVEL):
         if not self.fit_hysteresis:
             return self._polynomial_stage(law, mode, scales, factors)
-        gain = mode.gain or scales.length / scales.swing
+        gain = mode.gain
         stiffness = level * scales.swing * abs(gain) / law if factors is None else factors[0] * gain
         if not stiffness > 0.0:
             return None
@@ -448,7 +409,7 @@ class RestoringForce(OscillatorModel):
 
     def _polynomial_stage(self, speed, mode, scales, factors):
         """Return the stage whose spring is odd about the place at which its curve has no bend."""
-        gain = mode.gain or scales.length / scales.swing
+        gain = mode.gain
         odd, center, preload, intercept = _odd(self.stiffness_degree), 0.0, 0.0, mode.intercept
         stiffness = 1.0 / gain
         spring, dampers = np.zeros(len(odd)), np.zeros(len(_odd(self.damping_degree)))

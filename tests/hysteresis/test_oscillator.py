@@ -1,0 +1,475 @@
+"""What holds for every stage with hysteresis in its equation of motion."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from skhyst.hysteresis import (
+    BoucWenStage,
+    BoucWenStageOperator,
+    FrictionStage,
+    FrictionStageOperator,
+    RestoringForce,
+    RestoringForceOperator,
+)
+from skhyst.hysteresis._oscillator import decay
+from skhyst.linear import SecondOrderModeOperator
+from skhyst.optimize import RecordData
+
+W, ZETA = 60.0, 0.3
+FRICTION = FrictionStageOperator(W, ZETA, 0.3, 0.65, 4.0, 10.0, 0.2)
+BOUC_WEN = BoucWenStageOperator(W, ZETA, 4.0, 0.3, 0.3)
+BILINEAR = RestoringForceOperator(W, ZETA, [0.3, 0.1], [0.2], 4.0, 0.2)
+
+
+def walk(n, seed=0):
+    u = 0.3 * np.cumsum(np.random.default_rng(seed).normal(size=n))
+    return u - u[0]
+
+
+def of_bouc_wen(shape, exponent):
+    return dataclasses.replace(BOUC_WEN, shape=shape, exponent=exponent)
+
+
+@pytest.mark.parametrize("a", [0.0, 1e-12, 1e-3, 0.0999999, 0.1, 0.3, 1.0, 30.0, 1e4, 1e100])
+def test_decay(a):
+    """Against the power series, or the closed form where that keeps its digits."""
+    expected = [-math.expm1(-a)]
+    if a < 1.0:
+        expected += [sum((-a) ** j / math.factorial(j + k) for j in range(30)) for k in (1, 2, 3)]
+    else:
+        phi = expected[0] / a
+        psi = (1.0 - phi) / a
+        expected += [phi, psi, (0.5 - psi) / a]
+    np.testing.assert_allclose(decay(a), expected, rtol=1e-11)
+
+
+# ------------------------------------------------------------------------- the equation of motion
+
+
+def friction(p, stage):
+    def force(v, z):
+        fall = p["static_force"] - p["coulomb_force"]
+        g = p["coulomb_force"] + fall * np.exp(-((v / p["stribeck_velocity"]) ** 2))
+        slip = v - p["bristle_stiffness"] * abs(v) / g * z
+        return p["bristle_stiffness"] * z + p["bristle_damping"] * slip, slip
+
+    return lambda x, v: p["stiffness"] * x + p["damping"] * v, force
+
+
+def bouc_wen(p, stage):
+    def force(v, z):
+        n = stage.exponent
+        slip = p["beta"] * abs(v) * abs(z) ** n * np.sign(z) + p["gamma"] * v * abs(z) ** n
+        return z, p["alpha"] * v - slip
+
+    return lambda x, v: p["stiffness"] * x + p["damping"] * v, force
+
+
+def bilinear(p, stage):
+    def spring(x, v):
+        curve = p["alpha_1"] * x + p["alpha_3"] * x**3 + p["alpha_5"] * x**5
+        return curve + p["lambda_1"] * v + p["lambda_3"] * v**3 - p["preload"]
+
+    def force(v, z):
+        return z, 0.0 if abs(z) >= p["z_s"] and z * v > 0.0 else p["alpha_s"] * v
+
+    return spring, force
+
+
+def reference(law, stage, u, dt, **options):
+    """Integrate the equation of motion in its physical quantities, from sample to sample."""
+    p = stage.physical(mass=3.0)
+    spring, force = law(p, stage)
+
+    def motion(t, s, start, end, t0):
+        x, v, z = s
+        friction, rate = force(v, z)
+        drive = p["drive_gain"] * (start + (end - start) * (t - t0) / dt)
+        return [v, (drive - spring(x, v) - friction) / p["mass"], rate]
+
+    x, _, z, _ = stage.init(u[0])
+    s, found = [stage.gain * x, 0.0, p["drive_gain"] * z], [stage.gain * x]
+    for k in range(1, len(u)):
+        t0 = dt * (k - 1)
+        arguments = u[k - 1], u[k], t0
+        s = solve_ivp(motion, (t0, t0 + dt), s, args=arguments, **options).y[:, -1]
+        if "z_s" in p:
+            s[2] = np.clip(s[2], -p["z_s"], p["z_s"])
+        found.append(s[0])
+    return stage.intercept + np.array(found)
+
+
+STIFF = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-12}
+SMOOTH = {"method": "LSODA", "rtol": 1e-9, "atol": 1e-10, "max_step": 0.0025}
+KINKED = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10, "max_step": 0.001}
+
+
+@pytest.mark.parametrize(
+    ("law", "stage", "u", "dt", "options", "coarsest", "bounds"),
+    [
+        (friction, FRICTION, walk(50), 0.02, STIFF, 8, (1.8, 2.3, 3e-5)),
+        (bouc_wen, BOUC_WEN, 0.6 * walk(60), 0.01, SMOOTH, 4, (1.7, 2.4, 1e-3)),
+        (bouc_wen, of_bouc_wen(1.6, 2.0), 0.6 * walk(60), 0.01, SMOOTH, 4, (1.7, 2.4, 1e-3)),
+        (bouc_wen, of_bouc_wen(-1.2, 1.0), 0.6 * walk(60), 0.01, SMOOTH, 4, (1.7, 2.4, 1e-3)),
+        (
+            bilinear,
+            dataclasses.replace(BILINEAR, preload=0.1, scale=0.8),
+            walk(40),
+            0.02,
+            KINKED,
+            4,
+            (1.7, 2.4, 3e-4),
+        ),
+    ],
+)
+def test_order_of_convergence(law, stage, u, dt, options, coarsest, bounds):
+    """To an integration of the equations as printed, for a drive that pulls the other way."""
+    stage = dataclasses.replace(stage, gain=-2.0, intercept=1.0)
+    expected = reference(law, stage, u, dt, **options)
+    substeps = coarsest * 2 ** np.arange(4)
+    runs = [dataclasses.replace(stage, n_substeps=int(n)).run(u, dt)[0] for n in substeps]
+    errors = [np.sqrt(np.mean((y - expected) ** 2)) for y in runs]
+    low, high, part = bounds
+    assert low < -np.polyfit(np.log(substeps), np.log(errors), 1)[0] < high
+    assert errors[-1] < part * np.std(expected)
+
+
+@pytest.mark.parametrize(("damping_ratio", "n_substeps"), [(0.05, 1), (3.0, 7)])
+@pytest.mark.parametrize(
+    "stage",
+    [
+        dataclasses.replace(FRICTION, static_level=0.0, bristle_damping=0.0),
+        dataclasses.replace(BOUC_WEN, level=0.0),
+        dataclasses.replace(BOUC_WEN, hysteresis_stiffness=1e-12),
+        RestoringForceOperator(W, ZETA, [0.0], [0.0], 4.0, 0.0),
+    ],
+)
+def test_without_other_forces_it_is_the_linear_mode(stage, damping_ratio, n_substeps):
+    stage = dataclasses.replace(
+        stage, damping_ratio=damping_ratio, gain=2.0, intercept=0.3, n_substeps=n_substeps
+    )
+    assert stage.linear_mode() == SecondOrderModeOperator(W, damping_ratio, 2.0, 0.3)
+    u = 0.5 + walk(80)
+    expected = stage.linear_mode().run(u, 0.02)[0]
+    np.testing.assert_allclose(stage.run(u, 0.02)[0], expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("stage", "stiffness", "damping"),
+    [
+        (dataclasses.replace(FRICTION, static_level=1e7), 10.0, 0.5),
+        (dataclasses.replace(BOUC_WEN, level=1e7), 4.0, 0.3),
+        (RestoringForceOperator(W, ZETA, [], [], 4.0, 1e3), 4.0, 0.3),
+    ],
+)
+def test_small_motion_is_that_of_a_stiffer_linear_mode(stage, stiffness, damping):
+    """Far below its limit the hysteretic force is a spring, and a damper where bristles are."""
+    w = W * np.sqrt(1.0 + stiffness)
+    assert stage.fastest_rate() == pytest.approx(w)
+    u = walk(60)
+    expected = SecondOrderModeOperator(w, damping * W / w, 1.0 / (1.0 + stiffness)).run(u, 0.01)[0]
+    found, _ = dataclasses.replace(stage, n_substeps=64).run(u, 0.01)
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("stage", [FRICTION, BOUC_WEN, BILINEAR])
+def test_way_before_sliding(stage):
+    """On it the force would reach its level if it kept its first slope."""
+    level = 0.2 if stage is BILINEAR else 0.3
+    moved = dataclasses.replace(stage, gain=-2.0)
+    q, _, force, _ = moved.init(1e-7)
+    assert moved.way_before_sliding() == pytest.approx(2.0 * level * q / force, rel=1e-5)
+
+
+def test_no_way_without_hysteretic_force():
+    assert RestoringForceOperator(W, ZETA, [0.1], [], 0.0, 0.5).way_before_sliding() is None
+
+
+def some_friction(w, damping, rho, level, speed, part, exponent):
+    return FrictionStageOperator(w, damping, level, 0.5 * (1.0 + part), speed, rho, n_substeps=1)
+
+
+def some_bouc_wen(w, damping, rho, level, speed, part, exponent):
+    return BoucWenStageOperator(w, damping, rho, level, part, exponent, n_substeps=1)
+
+
+def some_bilinear(w, damping, rho, level, speed, part, exponent):
+    return RestoringForceOperator(w, damping, [], [], rho, level, n_substeps=1)
+
+
+@pytest.mark.parametrize("make", [some_friction, some_bouc_wen, some_bilinear])
+@given(
+    logs=st.tuples(*(st.floats(-2.0, 3.0) for _ in range(4))),
+    part=st.floats(-1.0, 1.0),
+    exponent=st.sampled_from([1.0, 1.5, 2.0, 6.0]),
+    damping=st.floats(1e-3, 3.0),
+    seed=st.integers(0, 1000),
+    dt=st.sampled_from([1e-4, 1e-2, 1.0]),
+)
+@settings(deadline=None, max_examples=40)
+def test_energy_is_dissipated_at_any_step(make, logs, part, exponent, damping, seed, dt):
+    """While the drive rests, kinetic, spring's and hysteresis' energy does not grow.
+
+    It holds for one step as for a thousand, however stiff the stage and coarse the step are.
+    """
+    w, rho, level, speed = 10.0 ** np.array(logs)
+    stage = make(w, damping, rho, level, speed, part, exponent)
+    limit = level
+    if make is some_bouc_wen:
+        limit *= min((1.0 + part) ** (-1.0 / exponent) if part > -1.0 else np.inf, 1e3)
+    rng = np.random.default_rng(seed)
+    drive = rng.normal()
+    state = (*rng.normal(size=2), limit * rng.uniform(-1.0, 1.0), drive)
+    energies = []
+    for _ in range(50):
+        q, p, f, _ = state
+        assert make is not some_bilinear or abs(f) <= level
+        energies.append(0.5 * (p * p + (q - drive) ** 2 + f * f / rho))
+        state, _ = stage.step(state, drive, dt)
+    assert np.all(np.diff(energies) <= 1e-12 * energies[0])
+
+
+@pytest.mark.parametrize(
+    "stage",
+    [
+        FRICTION,
+        *(of_bouc_wen(*law) for law in ((0.3, 1.0), (-0.4, 4.0), (-1.5, 2.0), (2.0, 1.0))),
+        dataclasses.replace(BILINEAR, preload=0.3),
+    ],
+)
+def test_rest_is_reached_by_a_slow_first_loading(stage):
+    stage = dataclasses.replace(stage, gain=-2.0, intercept=1.0)
+    for end in (0.05, 1.3, -0.8):
+        _, state = stage.run(np.linspace(0.0, end, 20001), 0.01, stage.init(0.0))
+        np.testing.assert_allclose(state, stage.init(end), atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("stage", "part"),
+    [(FRICTION, 2e-4), (BOUC_WEN, 2e-4), (dataclasses.replace(BILINEAR, scale=0.7), 5e-4)],
+)
+def test_feedback_is_undone_by_its_opposite(stage, part):
+    stage = dataclasses.replace(stage, gain=-2.0, intercept=1.0, n_substeps=64)
+    tied = stage.with_feedback(-1.5, 0.7)
+    again = tied.with_feedback(1.5, 0.7).pack()
+    np.testing.assert_allclose(again, stage.pack(), rtol=1e-12, atol=1e-15)
+    u = walk(200)
+    y, _ = stage.run(u, 1e-3)
+    again, _ = stage.with_feedback(-1.5, 1.0).run(u - 1.5 * (y - 1.0), 1e-3)
+    np.testing.assert_allclose(again, y, atol=part * np.ptp(y))
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+@pytest.mark.parametrize(
+    ("stage", "names"),
+    [
+        (FRICTION, ("static_level", "stribeck_velocity")),
+        (BOUC_WEN, ("level",)),
+        (BILINEAR, ("slip_level", "scale")),
+    ],
+)
+def test_unit_of_the_drive(stage, names, unit):
+    u = walk(60)
+    changes = {name: unit * getattr(stage, name) for name in names}
+    scaled = dataclasses.replace(stage, gain=1.0 / unit, **changes)
+    np.testing.assert_allclose(scaled.run(unit * u, 0.02)[0], stage.run(u, 0.02)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("stage", "u", "dt"),
+    [
+        # a force that hardens without limit, then a spring and a damper that soften
+        (
+            BoucWenStageOperator(W, 0.01, 4.0, 1e-3, -2.0, 3.0),
+            50.0 * np.sin(0.5 * np.arange(400)),
+            0.05,
+        ),
+        (
+            RestoringForceOperator(W, ZETA, [-0.5], [-1.0], 4.0, 0.2),
+            5.0 * np.sin(0.05 * np.arange(400)),
+            0.01,
+        ),
+    ],
+)
+def test_lost_stage_ends_quietly(stage, u, dt):
+    y, _ = stage.run(u, dt)
+    same, dy = stage.linearize(u, np.ones((400, 1)), dt)
+    np.testing.assert_array_equal(y, same)
+    assert np.nanmax(np.abs(y)) < 1e14
+    assert np.isnan(y).any()
+    assert np.isnan(dy[np.isnan(y), 0]).all()
+    assert not np.isinf(dy).any()
+
+
+@pytest.mark.parametrize("stage", [FRICTION, BOUC_WEN, BILINEAR])
+@pytest.mark.parametrize("n", [0, -1, 2.0, True, None])
+def test_wrong_number_of_substeps(stage, n):
+    with pytest.raises(ValueError, match=f"'n_substeps' parameter of {type(stage).__name__}"):
+        dataclasses.replace(stage, n_substeps=n)
+
+
+# ----------------------------------------------------------------------------------- estimators
+
+DT = 0.01
+TIME = DT * np.arange(1500)
+U = np.sin(0.7 * TIME) + 0.8 * np.sin(2.9 * TIME) + 0.3 * np.sin(11.0 * TIME)
+PLANTS = {
+    "friction": (
+        FrictionStageOperator(20.0, 0.5, 0.4, 0.7, 1.5, 10.0, 0.1, 3.0, 0.5, n_substeps=7),
+        FrictionStage(dt=DT),
+        1e-5,
+    ),
+    "Bouc-Wen": (
+        BoucWenStageOperator(20.0, 0.3, 4.0, 0.3, 0.4, 1.0, 3.0, 0.5, n_substeps=5),
+        BoucWenStage(dt=DT),
+        1e-4,
+    ),
+    "Bouc-Wen without limit": (
+        BoucWenStageOperator(20.0, 0.3, 4.0, 0.3, -1.2, 1.0, 3.0, 0.5, n_substeps=5),
+        BoucWenStage(dt=DT),
+        1e-4,
+    ),
+    "Bouc-Wen, exponent": (
+        BoucWenStageOperator(20.0, 0.3, 4.0, 0.3, 0.4, 2.0, 3.0, 0.5, n_substeps=5),
+        BoucWenStage(fit_exponent=True, dt=DT),
+        1e-4,
+    ),
+    "bilinear": (
+        RestoringForceOperator(
+            20.0, 0.3, [0.4], [0.3], 4.0, 0.3, 0.2, 3.0, 0.5, scale=0.5 * np.ptp(U), n_substeps=5
+        ),
+        RestoringForce(3, damping_degree=3, dt=DT),
+        1e-4,
+    ),
+}
+THREE = ("friction", "Bouc-Wen", "bilinear")
+
+
+@pytest.mark.parametrize("case", PLANTS)
+def test_all_parameters_come_back_and_the_mass_scales_them(case):
+    plant, model, rtol = PLANTS[case]
+    y, _ = plant.run(U, DT)
+    model.set_params(n_substeps=plant.n_substeps, mass=2.0).fit(U[:, None], y)
+    np.testing.assert_allclose(model.operator_.pack(), plant.pack(), rtol=rtol)
+    assert model.operator_.n_substeps == plant.n_substeps
+    assert model.physical_ == pytest.approx(plant.physical(2.0), rel=10.0 * rtol)
+
+
+@pytest.mark.parametrize(("drive", "response", "time"), [(1e3, 1e-9, 1.0), (1e-6, 1e6, 1e-4)])
+@pytest.mark.parametrize(
+    ("case", "make"),
+    [
+        ("friction", lambda dt: FrictionStage(fit_bristle_damping=False, dt=dt)),
+        ("Bouc-Wen", lambda dt: BoucWenStage(dt=dt)),
+        ("bilinear", lambda dt: RestoringForce(3, damping_degree=1, dt=dt)),
+    ],
+)
+def test_units(case, make, drive, response, time):
+    y, _ = PLANTS[case][0].run(U, DT)
+    y = y + 0.01 * np.random.default_rng(0).normal(size=len(y))
+    plain = make(DT).fit(U[:, None], y)
+    other = make(time * DT).fit(drive * U[:, None], response * y)
+    found = other.predict(drive * U[:, None]) / response
+    np.testing.assert_allclose(found, plain.predict(U[:, None]), atol=1e-4)
+    ways = [model.operator_.way_before_sliding() for model in (plain, other)]
+    assert ways[1] / response == pytest.approx(ways[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("case", ["friction", "Bouc-Wen"])
+def test_several_records_and_zero_state(case):
+    plant, model, _ = PLANTS[case]
+    index = pd.MultiIndex.from_product([["a", "b"], DT * np.arange(750)], names=["record", "time"])
+    X = pd.DataFrame({"drive": U}, index)
+    halves = np.split(U, 2)
+    y = np.concatenate([plant.run(u, DT, plant.init(u[0], "zero"))[0] for u in halves])
+    model = type(model)(n_substeps=plant.n_substeps, initial_state="zero").fit(X, y)
+    np.testing.assert_allclose(model.operator_.pack(), plant.pack(), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value"),
+    [
+        (FrictionStage, "mass", 0.0),
+        (FrictionStage, "n_substeps", 0),
+        (FrictionStage, "stribeck", 2),
+        (FrictionStage, "fit_intercept", "no"),
+        (BoucWenStage, "exponent", 0.5),
+        (BoucWenStage, "fit_exponent", 2),
+        (RestoringForce, "stiffness_degree", 0),
+        (RestoringForce, "damping_degree", 1.5),
+        (RestoringForce, "fit_preload", 2),
+        (RestoringForce, "fit_hysteresis", 2),
+    ],
+)
+def test_wrong_parameters(model, name, value):
+    with pytest.raises(ValueError, match=f"The '{name}' parameter of {model.__name__}"):
+        model(**{name: value}).fit(U[:, None], U)
+
+
+# --------------------------------------------------------------------------------------- starts
+
+SLOW, LIGHT = 150.0, 0.1
+STARTS = {
+    "friction": (FrictionStageOperator(SLOW, LIGHT, 0.2, 0.7, 20.0, 10.0, 0.05), FrictionStage()),
+    "Bouc-Wen": (BoucWenStageOperator(SLOW, LIGHT, 1.0, 0.1, 0.3), BoucWenStage()),
+    "bilinear": (
+        RestoringForceOperator(SLOW, LIGHT, [], [], 2.0, 0.1),
+        RestoringForce(1, damping_degree=1),
+    ),
+    "Duffing": (
+        RestoringForceOperator(SLOW, LIGHT, [1.5], [], 0.0, 0.0, 0.1),
+        RestoringForce(3, damping_degree=1, fit_hysteresis=False),
+    ),
+    "Duffing, degree 5": (
+        RestoringForceOperator(SLOW, LIGHT, [0.5, 1.0], [0.5], 0.0, 0.0),
+        RestoringForce(5, damping_degree=3, fit_hysteresis=False),
+    ),
+}
+
+
+def records(operator, n, dt=1e-3):
+    rng = np.random.default_rng(0)
+    time, found = dt * np.arange(n), []
+    for amplitude in (0.4, 1.0):
+        u = sum(
+            np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.28))
+            for f in np.geomspace(0.5, 40, 16)
+        )
+        u -= u[0]
+        u *= amplitude / np.abs(u).max()
+        y, _ = operator.run(u, dt)
+        found.append(RecordData(u, 2.0 * y + 0.3 + 0.002 * rng.normal(size=n), dt))
+    return found
+
+
+def error(operator, data):
+    """Return the root mean square of the free run, part of the response's deviation."""
+    rest = np.concatenate([operator.run(r.u, r.dt)[0] - r.y for r in data])
+    return np.std(rest) / np.std(np.concatenate([r.y for r in data]))
+
+
+@pytest.mark.parametrize("case", STARTS)
+@pytest.mark.parametrize("n", [4000, 25_000])
+def test_starts(case, n):
+    """Few, one nearly right, one nearly linear; also where only parts of the records are seen."""
+    plant, model = STARTS[case]
+    data = records(plant, n)
+    starts = model.starting_values(data)
+    assert 1 < len(starts) <= 12
+    assert all(disturbances == () for _, disturbances in starts)
+    operators = [operator for operator, _ in starts]
+    linear = min(error(operator.linear_mode(), data) for operator in operators)
+    assert min(error(operator, data) for operator in operators) < 0.7 * linear
+    last = data[-1]
+    gaps = [
+        np.std(o.run(last.u, last.dt)[0] - o.linear_mode().run(last.u, last.dt)[0])
+        for o in operators
+    ]
+    assert min(gaps) < 0.05 * np.std(last.y)
