@@ -172,9 +172,8 @@ def imported_modules(module, modules):
     """Return the modules that one imports when it is imported itself."""
     found = set()
     for source, name in module.imports():
-        below = f"{source}.{name}"
-        found.add(below if below in modules else source)
-    return sorted(found - {module.name})
+        found |= {f"{source}.{name}" if f"{source}.{name}" in modules else source}
+    return sorted(found & set(modules) - {module.name})
 
 
 def circles(modules):

@@ -15,7 +15,7 @@ from pathlib import Path
 import joblib
 import numpy as np
 
-from . import __version__
+from .__init__ import __version__
 from ._demo import make_demo_recording
 from .base import ParametricModel
 from .compose import Cascade

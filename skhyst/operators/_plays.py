@@ -135,12 +135,18 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
 
 
 def play_sum_table(thresholds, weights):
-    """Return ``table``, ``bins`` and their scale of a sum of plays, for :func:`play_sum_run`.
+    """Tabulate the branches of a sum of plays, for :func:`play_sum_run`.
 
     Parameters
     ----------
     thresholds, weights : ndarray of shape (n_plays,)
-        Ascending thresholds.
+        Ascending thresholds in units of the drive; response/drive.
+
+    Returns
+    -------
+    table : ndarray of shape (n_plays + 1, 4)
+    bins : ndarray of shape (16 * n_plays + 2,)
+    scale : float
     """
     table = np.empty((thresholds.size + 1, 4))
     bins = np.empty(16 * thresholds.size + 2, dtype=np.int32)
@@ -148,12 +154,14 @@ def play_sum_table(thresholds, weights):
 
 
 def play_sum_run(u, offset, intercept, tables, turning_points, last):
-    """Return ``intercept + sum_k w_k F_k[u - offset]`` and the memory that is left.
+    """Run ``y = intercept + sum_k w_k F_k[u - offset]``, whatever the number of plays.
 
     Parameters
     ----------
     u : ndarray of shape (n_samples,)
+        Drive.
     offset, intercept : float
+        Units of the drive; of the response.
     tables : tuple
         What :func:`play_sum_table` returned.
     turning_points : ndarray of shape (n_points,)
@@ -164,8 +172,18 @@ def play_sum_run(u, offset, intercept, tables, turning_points, last):
     Returns
     -------
     y : ndarray of shape (n_samples,)
-    turning_points : ndarray
+        Response.
+    turning_points : ndarray of shape (n_points_left,)
     last : float
+        The memory after the last sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.operators import play_sum_run, play_sum_table
+    >>> tables = play_sum_table(np.array([0.0, 1.0]), np.array([1.0, 0.5]))
+    >>> play_sum_run(np.array([0.0, 4.0, 0.0]), 0.0, 0.0, tables, np.empty(0), 0.0)
+    (array([0. , 5.5, 0.5]), array([4.]), 0.0)
     """
     size = 4 * tables[0].shape[0] + 12
     if turning_points.size > size - 2:
@@ -347,14 +365,21 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
 
 
 def as_constant(values):
-    """Return a read-only copy: kernels are compiled once for each kind of array."""
+    """Return a read-only copy of numbers, at least one-dimensional.
+
+    Loops are compiled once for each kind of array, and a read-only one is a kind of its own.
+    """
     constant = np.array(values, dtype=float, ndmin=1)
     constant.flags.writeable = False
     return constant
 
 
 class Superposition(Operator):
-    """Base of the sums: array fields are read-only, and weights free unless ``non_negative``."""
+    """Base of the weighted sums of plays, stops, relays or ramps.
+
+    Fields that are arrays are read-only. Weights, the linear parameters with a lower bound of zero,
+    have that bound only where the field ``non_negative`` is true.
+    """
 
     carries_scale = True
     rank = 10
