@@ -13,7 +13,6 @@ from ._differences import latest, samples_before, slopes
 from ._one_state import OneStateOperator
 from ._plays import (
     Superposition,
-    as_constant,
     clip_play,
     play_basis,
     play_sum_run,
@@ -23,7 +22,7 @@ from ._plays import (
     stop_basis,
     turning_points,
 )
-from ._protocol import Operator, ParameterSpec, as_signal, parameter
+from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
 
 __all__ = [
     "FrozenOperator",

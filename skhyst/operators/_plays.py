@@ -26,11 +26,10 @@ import dataclasses
 import numpy as np
 
 from .._jit import jit
-from ._protocol import Operator, as_signal
+from ._protocol import Operator, as_constant, as_signal
 
 __all__ = [
     "Superposition",
-    "as_constant",
     "clip_play",
     "play_basis",
     "play_sum_run",
@@ -362,16 +361,6 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
         last = value
         y[i] = output + intercept
     return np.int64(depth), last
-
-
-def as_constant(values):
-    """Return a read-only copy of numbers, at least one-dimensional.
-
-    Loops are compiled once for each kind of array, and a read-only one is a kind of its own.
-    """
-    constant = np.array(values, dtype=float, ndmin=1)
-    constant.flags.writeable = False
-    return constant
 
 
 class Superposition(Operator):
