@@ -314,15 +314,6 @@ def test_undetermined_parameters_are_reported():
     assert np.isfinite(model.params_std_["weights[0]"])
 
 
-def test_constructors_assign_and_nothing_else():
-    thresholds = [3.0, 1.0, "x"]
-    model = PrandtlIshlinskii("many", thresholds=thresholds, dt=-1.0)
-    assert model.thresholds is thresholds
-    assert model.n_operators == "many"
-    with pytest.raises(ValueError, match="parameter of PrandtlIshlinskii must be"):
-        model.fit(X, Y)
-
-
 def test_a_model_of_ones_own():
     """A subclass gives the starting values and nothing else."""
 

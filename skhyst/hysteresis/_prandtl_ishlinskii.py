@@ -5,9 +5,9 @@ r"""Prandtl-Ishlinskii model: a weighted sum of plays or of stops, with an exact
 (thesis on Prandtl-Ishlinskii cascades, equations (3.1) to (3.5), where a_0 is the weight of the
 threshold zero here). In the stop form E_k[v] = v - F_k[v], springs that yield at r_k, take the
 place of the plays: that is a sum of plays with the gain sum_k w_k and the weights -w_k, and is
-evaluated as such, see ``_prandtl_ishlinskii_loops``. The first loading is a piecewise straight
-curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes
-1 / s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
+evaluated as such, by its turning points (:func:`skhyst.operators.play_sum_run`). The first loading
+is a piecewise straight curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its
+mirror image: slopes 1 / s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
 """
 
 import dataclasses
@@ -19,9 +19,17 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, read_data, run_records
-from ..operators import as_signal, parameter, play_basis, play_tangents, play_thresholds
-from ._prandtl_ishlinskii_loops import build_table, restore_stack, stack_size, turning_point_run
-from ._superposition import Superposition, as_constant
+from ..operators import (
+    Superposition,
+    as_constant,
+    as_signal,
+    parameter,
+    play_basis,
+    play_sum_run,
+    play_sum_table,
+    play_tangents,
+    play_thresholds,
+)
 
 __all__ = [
     "InvertibleModel",
@@ -141,9 +149,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
     @cached_property
     def _tables(self):
         thresholds, weights, _ = self._play_form
-        table = np.empty((thresholds.size + 1, 4))
-        bins = np.empty(16 * thresholds.size + 2, dtype=np.int32)
-        return table, bins, build_table(thresholds, weights, table, bins)
+        return play_sum_table(thresholds, weights)
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
@@ -153,18 +159,12 @@ class PrandtlIshlinskiiOperator(PlaySum):
     def run(self, u, dt, state=None):
         """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        y = np.empty(u.size)
         if state is None:
             state = self.init(u[0] if u.size else self.drive_offset)
-        tables = self._tables
-        size = stack_size(tables[0].shape[0] - 1)
-        if state.turning_points.size > size - 2:
-            size += state.turning_points.size
-        stack = tuple(np.empty((2, size)))
-        top = restore_stack(as_signal(state.turning_points), *stack, *tables)
         constants = float(self.drive_offset), float(self.intercept)
-        top, last = turning_point_run(u, *constants, *tables, *stack, top, float(state.last), y)
-        return y, PlayMemory(stack[0][1 : top + 1].copy(), last)
+        memory = state.turning_points, float(state.last)
+        y, turning_points, last = play_sum_run(u, *constants, self._tables, *memory)
+        return y, PlayMemory(turning_points, last)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`.

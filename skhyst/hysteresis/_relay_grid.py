@@ -27,9 +27,8 @@ from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import as_signal
+from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
-from ._superposition import Superposition
 
 __all__ = ["RelayGridModel", "RelayGridOperator", "cell_indices"]
 

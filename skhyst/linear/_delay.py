@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..operators import Operator, parameter
-from ._base import LinearModel, log_grid, time_span
+from ._linear import LinearModel, log_grid, time_span
 
 __all__ = ["Delay", "DelayOperator"]
 

@@ -9,7 +9,6 @@ from sklearn.utils import check_X_y
 from .._sklearn import Interval, StrOptions, validate_params
 from ..exceptions import RecordError
 from ..records import record_slices
-from ._base import chosen_columns
 from ._frequency_response import FrequencyResponse
 from ._periodic import find_period, period_mismatch, periodic_estimate
 from ._spectra import effective_averages, welch_estimate
@@ -275,3 +274,21 @@ def _periodic(records, period, transient, min_excitation):
             f"Got {count} instead; choose inputs by 'inputs', or method='h1'."
         )
     return lines, estimate
+
+
+def chosen_columns(inputs, names, count, caller):
+    """Return the positions of the columns of X that are chosen by position or name."""
+    names, found = list(names), []
+    for wanted in inputs:
+        if isinstance(wanted, str):
+            found.append(names.index(wanted) if wanted in names else None)
+        else:
+            inside = isinstance(wanted, Integral) and -count <= wanted < count
+            found.append(int(wanted) % count if inside else None)
+    if not found or None in found or len(set(found)) < len(found):
+        named = f" or name ({names})" if names else ""
+        raise ValueError(
+            f"The 'inputs' parameter of {caller} must be 'all', or at least one column of X and "
+            f"none twice, by position (below {count}){named}. Got {inputs!r} instead."
+        )
+    return found

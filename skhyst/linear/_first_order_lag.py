@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..operators import parameter
-from ._base import LinearModel, log_grid, time_span
-from ._linear import LinearOperator
+from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
 __all__ = ["FirstOrderLag", "FirstOrderLagOperator"]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..operators import Operator, as_signal, parameter
-from ._base import LinearModel, slope
+from ._linear import LinearModel
 
 __all__ = ["Gain", "GainOperator"]
 
@@ -102,3 +102,12 @@ class Gain(LinearModel):
 
     def starting_values(self, records):
         return [GainOperator(slope(records) if self.fit_gain else 1.0)]
+
+
+def slope(records):
+    """Return the least-squares slope of the response over the drive, 1 for a constant drive."""
+    u = np.concatenate([record.u for record in records])
+    y = np.concatenate([record.y for record in records])
+    u, y = u - u.mean(), y - y.mean()
+    power = u @ u
+    return float(u @ y / power) if power > 0.0 else 1.0

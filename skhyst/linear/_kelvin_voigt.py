@@ -14,9 +14,9 @@ from ..disturbance import DriftOperator
 from ..exceptions import ConvergenceWarning
 from ..operators import SumOperator, parameter
 from ..optimize import OperatorProblem
-from ._base import LinearModel, log_grid, slope, time_span
 from ._first_order_lag import FirstOrderLagOperator
-from ._linear import LinearOperator
+from ._gain import slope
+from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
 __all__ = ["KelvinVoigt", "KelvinVoigtOperator"]
 

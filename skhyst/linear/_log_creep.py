@@ -19,7 +19,8 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..operators import Operator, parameter
-from ._base import LinearModel, log_grid, slope, time_span
+from ._gain import slope
+from ._linear import LinearModel, log_grid, time_span
 
 __all__ = ["LogCreep", "LogCreepOperator"]
 

@@ -24,7 +24,7 @@ from ..records import record_slices
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
-from ._state_space import state_space_run_many
+from ._rational import state_space_run_many
 
 __all__ = ["ModalModel", "SampledStateSpace"]
 

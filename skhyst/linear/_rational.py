@@ -18,18 +18,54 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eig
 
+from .._jit import jit
 from ..operators import parameter
 from ..optimize import sections
 from ._conversion import poles_and_response, scipy_system
 from ._delay import DelayOperator
 from ._linear import DiscretizedOperator, LinearOperator, discretize
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
-from ._state_space import state_space_run_many
 
-__all__ = ["MultiInputTransferFunctionOperator", "TransferFunctionOperator"]
+__all__ = [
+    "MultiInputTransferFunctionOperator",
+    "TransferFunctionOperator",
+    "state_space_run_many",
+]
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
 _POINTS = 8  # on the frequency axis, a pole
+
+
+@jit
+def state_space_run_many(ad, b0, b1, c, d, u, x, u_previous):
+    """Return the outputs (n, p) for inputs ``u`` (n, m), and the last state.
+
+    ``b0`` and ``b1`` are (n_states, m), ``c`` is (p, n_states), ``d`` (p, m), ``u_previous`` (m,);
+    the state ``x`` is left as it was.
+    """
+    n_states, m = b0.shape
+    p = c.shape[0]
+    old = x.copy()
+    new = np.empty(n_states)
+    y = np.empty((u.shape[0], p))
+    for k in range(u.shape[0]):
+        for i in range(n_states):
+            value = 0.0
+            for j in range(m):
+                last = u_previous[j] if k == 0 else u[k - 1, j]
+                value += b0[i, j] * last + b1[i, j] * u[k, j]
+            for j in range(n_states):
+                value += ad[i, j] * old[j]
+            new[i] = value
+        for i in range(p):
+            output = 0.0
+            for j in range(m):
+                output += d[i, j] * u[k, j]
+            for j in range(n_states):
+                output += c[i, j] * new[j]
+            y[k, i] = output
+        old, new = new, old
+    return y, old
 
 
 @dataclass(frozen=True)

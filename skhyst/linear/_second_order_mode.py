@@ -6,8 +6,7 @@ import numpy as np
 
 from ..operators import parameter
 from ..optimize import pole_starts, sections
-from ._base import LinearModel, log_grid, time_span
-from ._linear import LinearOperator
+from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
 __all__ = ["SecondOrderMode", "SecondOrderModeOperator", "count_ringing", "rates_of_sections"]
 

@@ -15,8 +15,9 @@ from ..base import one_thread, run_records
 from ..exceptions import DivergenceWarning
 from ..optimize import identify
 from ..records import record_slices
-from ._base import LinearModel, chosen_columns
 from ._conversion import control_system, scipy_system
+from ._estimate_response import chosen_columns
+from ._linear import LinearModel
 from ._modes import ModesMixin, section_poles
 from ._rational import TransferFunctionOperator
 from ._transfer_function_fit import choose_orders, fit_response, held_names, record_starts

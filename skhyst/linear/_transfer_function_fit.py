@@ -14,8 +14,8 @@ from ..optimize import (
     sections,
     vector_fit,
 )
-from ._base import log_grid, time_span
 from ._delay import DelayOperator
+from ._linear import log_grid, time_span
 from ._rational import MultiInputTransferFunctionOperator, TransferFunctionOperator
 
 __all__ = ["choose_orders", "fit_response", "held_names", "record_starts"]

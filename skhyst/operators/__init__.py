@@ -12,14 +12,17 @@ from ._composition import (
 from ._differences import latest, samples_before, slopes
 from ._one_state import OneStateOperator
 from ._plays import (
+    Superposition,
     clip_play,
     play_basis,
+    play_sum_run,
+    play_sum_table,
     play_tangents,
     play_thresholds,
     stop_basis,
     turning_points,
 )
-from ._protocol import Operator, ParameterSpec, as_signal, parameter
+from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
 
 __all__ = [
     "FrozenOperator",
@@ -28,13 +31,17 @@ __all__ = [
     "ParameterSpec",
     "SeriesOperator",
     "SumOperator",
+    "Superposition",
     "WrappedOperator",
+    "as_constant",
     "as_signal",
     "check_operator",
     "clip_play",
     "latest",
     "parameter",
     "play_basis",
+    "play_sum_run",
+    "play_sum_table",
     "play_tangents",
     "play_thresholds",
     "put_beside",

@@ -1,17 +1,39 @@
-"""Play operators: loops over them, and where to put their thresholds.
+"""Play operators and weighted sums of them: loops, tangents, and where to put the thresholds.
 
 A play of threshold ``r`` follows its input once the slack is used up::
 
     F[k] = max(u[k] - r, min(u[k] + r, F[k - 1]))
+
+The sum ``y = sum_k w_k F_k[v]`` remembers only the nested turning points ``e_1, e_2, ...`` of its
+input (wiping-out). From the last of them the output follows one fixed curve (Madelung, Everett),
+
+    y = y(e) + 2 Phi((v - e) / 2),    Phi(x) = sign(x) sum_k w_k max(|x| - r_k, 0),
+
+and from the virgin state ``y = Phi(v)``. Phi is piecewise straight, so a sample costs one table
+look-up, whatever the number of plays. The excursion ``D = |v - e|`` is looked up directly: row
+``s`` of ``table`` holds ``[2 r_{s-1}, 2 Phi(r_{s-1}), slope, 2 r_s]``, where the slope is
+``w_0 + ... + w_{s-1}``; ``bins`` leads from ``D * scale`` to the first row that may apply.
+
+Of three successive excursions that end between the same two thresholds, the middle two turning
+points are invisible to every play and can go: that bounds the stack by two entries a threshold.
+
+The stack is ``points[1..top]`` with outputs ``values[1..top]``; ``points[0]`` mirrors the first
+turning point, since beyond it the memory is virgin again (``top = 0``).
 """
+
+import dataclasses
 
 import numpy as np
 
 from .._jit import jit
+from ._protocol import Operator, as_constant, as_signal
 
 __all__ = [
+    "Superposition",
     "clip_play",
     "play_basis",
+    "play_sum_run",
+    "play_sum_table",
     "play_tangents",
     "play_thresholds",
     "stop_basis",
@@ -109,6 +131,265 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
         total = cumulative[edge[top]]
         for j in range(m):
             row[j] = held[top, j] + total * moved[top, j]
+
+
+def play_sum_table(thresholds, weights):
+    """Tabulate the branches of a sum of plays, for :func:`play_sum_run`.
+
+    Parameters
+    ----------
+    thresholds, weights : ndarray of shape (n_plays,)
+        Ascending thresholds in units of the drive; response/drive.
+
+    Returns
+    -------
+    table : ndarray of shape (n_plays + 1, 4)
+    bins : ndarray of shape (16 * n_plays + 2,)
+    scale : float
+    """
+    table = np.empty((thresholds.size + 1, 4))
+    bins = np.empty(16 * thresholds.size + 2, dtype=np.int32)
+    return table, bins, _fill_table(thresholds, weights, table, bins)
+
+
+def play_sum_run(u, offset, intercept, tables, turning_points, last):
+    """Run ``y = intercept + sum_k w_k F_k[u - offset]``, whatever the number of plays.
+
+    Parameters
+    ----------
+    u : ndarray of shape (n_samples,)
+        Drive.
+    offset, intercept : float
+        Units of the drive; of the response.
+    tables : tuple
+        What :func:`play_sum_table` returned.
+    turning_points : ndarray of shape (n_points,)
+        Nested turning points of ``u - offset`` so far, the oldest and largest first.
+    last : float
+        Last value of ``u - offset``.
+
+    Returns
+    -------
+    y : ndarray of shape (n_samples,)
+        Response.
+    turning_points : ndarray of shape (n_points_left,)
+    last : float
+        The memory after the last sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.operators import play_sum_run, play_sum_table
+    >>> tables = play_sum_table(np.array([0.0, 1.0]), np.array([1.0, 0.5]))
+    >>> play_sum_run(np.array([0.0, 4.0, 0.0]), 0.0, 0.0, tables, np.empty(0), 0.0)
+    (array([0. , 5.5, 0.5]), array([4.]), 0.0)
+    """
+    size = 4 * tables[0].shape[0] + 12
+    if turning_points.size > size - 2:
+        size += turning_points.size
+    points, values = np.empty((2, size))
+    top = _restore_stack(as_signal(turning_points), points, values, *tables)
+    y = np.empty(u.size)
+    top, last = _run(u, offset, intercept, *tables, points, values, top, last, y)
+    return y, points[1 : top + 1].copy(), last
+
+
+@jit
+def _fill_table(thresholds, weights, table, bins):
+    """Fill ``table`` (K + 1, 4) and ``bins`` (B + 2,); return the scale from D to a bin."""
+    n_plays = thresholds.size
+    n_bins = bins.size - 2
+    slope = 0.0
+    ordinate = 0.0
+    knot = 0.0
+    for k in range(n_plays):
+        table[k, 0] = knot
+        table[k, 1] = ordinate
+        table[k, 2] = slope
+        table[k, 3] = 2.0 * thresholds[k]
+        ordinate += slope * (2.0 * thresholds[k] - knot)
+        knot = 2.0 * thresholds[k]
+        slope += weights[k]
+    table[n_plays, 0] = knot
+    table[n_plays, 1] = ordinate
+    table[n_plays, 2] = slope
+    table[n_plays, 3] = np.inf
+    scale = n_bins / knot if knot > 1e-290 else 0.0
+    row = 0
+    for b in range(bins.size):
+        while row < n_plays and int(2.0 * thresholds[row] * scale) < b:
+            row += 1
+        bins[b] = row
+    return scale
+
+
+@jit
+def _find_row(distance, table, bins, scale):
+    """Return the number of doubled thresholds below ``distance``."""
+    last = table.shape[0] - 1
+    if not distance <= table[last, 0]:
+        return last
+    b = int(distance * scale)
+    row = bins[b]
+    if distance > table[row, 3]:
+        end = bins[b + 1]
+        row += 1
+        while end - row > 4:
+            middle = (row + end) // 2
+            if distance > table[middle, 3]:
+                row = middle + 1
+            else:
+                end = middle
+        while distance > table[row, 3]:
+            row += 1
+    return row
+
+
+@jit
+def _branch(distance, table, bins, scale):
+    """Return ``2 Phi(distance / 2)``."""
+    row = _find_row(distance, table, bins, scale)
+    return table[row, 1] + table[row, 2] * (distance - table[row, 0])
+
+
+@jit
+def _virgin(value, table, bins, scale):
+    """Return ``Phi(value)``."""
+    half = 0.5 * _branch(2.0 * abs(value), table, bins, scale)
+    return half if value > 0.0 else -half
+
+
+@jit
+def _restore_stack(turning_points, points, values, table, bins, scale):
+    """Load turning points into the stack and recompute their outputs; return ``top``."""
+    top = turning_points.size
+    if top == 0:
+        return 0
+    points[0] = -turning_points[0]
+    points[1] = turning_points[0]
+    values[1] = _virgin(points[1], table, bins, scale)
+    for i in range(2, top + 1):
+        points[i] = turning_points[i - 1]
+        step = points[i] - points[i - 1]
+        if step * (points[i] - points[i - 2]) > 0.0:  # not nested: a broken state
+            return i - 1
+        part = _branch(abs(step), table, bins, scale)
+        values[i] = values[i - 1] + (part if step > 0.0 else -part)
+    return top
+
+
+@jit
+def _compress_stack(points, values, top, table, bins, scale):
+    """Drop the turning points that no play sees; return the new ``top``."""
+    end = 1
+    for i in range(2, top + 1):
+        end += 1
+        points[end] = points[i]
+        while end >= 4:
+            a = _find_row(abs(points[end] - points[end - 1]), table, bins, scale)
+            b = _find_row(abs(points[end - 1] - points[end - 2]), table, bins, scale)
+            c = _find_row(abs(points[end - 2] - points[end - 3]), table, bins, scale)
+            if a != b or b != c:
+                break
+            end -= 2
+            points[end] = points[end + 2]
+    return _restore_stack(points[1 : end + 1].copy(), points, values, table, bins, scale)
+
+
+@jit
+def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y):
+    """Write ``intercept + sum_k w_k F_k[u - offset]`` to ``y``; return ``top`` and the last input.
+
+    ``points`` and ``values`` hold the stack (see :func:`_restore_stack`), ``last`` the previous
+    input less the offset.
+    """
+    one, two = np.uint64(1), np.uint64(2)  # unsigned: spares a test for negative indices
+    room = np.uint64(points.size - 2)
+    last_bin = float(bins.size - 1)
+    depth = np.uint64(top)
+    base = limit = start = 0.0
+    if top == 0:
+        sign = 1.0
+        output = _virgin(last, table, bins, scale)
+    else:
+        base, limit, start = points[top], points[top - 1], values[top]
+        sign = 1.0 if base < limit else -1.0
+        output = start + sign * _branch(abs(last - base), table, bins, scale)
+    for i in range(u.size):
+        value = u[i] - offset
+        if depth > 0:
+            if sign * (value - last) < 0.0:
+                depth += one
+                points[depth] = last
+                values[depth] = output
+                base, limit, start = last, base, output
+                sign = -sign
+                if depth > room:
+                    top = _compress_stack(points, values, np.int64(depth), table, bins, scale)
+                    depth = np.uint64(top)
+                    base, limit, start = points[top], points[top - 1], values[top]
+            if sign * (value - limit) >= 0.0:
+                while depth > two:
+                    depth -= two
+                    limit = points[depth - one]
+                    if sign * (value - limit) < 0.0:
+                        break
+                else:
+                    depth -= depth
+                base, start = points[depth], values[depth]
+        elif abs(value) < abs(last):
+            depth = one
+            base, limit, start = last, -last, output
+            points[0], points[1], values[1] = limit, base, start
+            sign = 1.0 if last < 0.0 else -1.0
+        if depth > 0:
+            distance = abs(value - base)
+            factor = sign
+        else:
+            distance = 2.0 * abs(value)
+            start = 0.0
+            factor = 0.5 if value > 0.0 else -0.5
+        # _find_row, written out: a call that hands over arrays would take longer than the rest.
+        scaled = distance * scale
+        b = np.uint32(scaled if scaled < last_bin else last_bin)
+        row = np.uint64(bins[b])
+        if distance > table[row, 3]:
+            row += one
+            if distance > table[row, 3]:
+                row = np.uint64(_find_row(distance, table, bins, scale))
+        output = start + factor * (table[row, 1] + table[row, 2] * (distance - table[row, 0]))
+        last = value
+        y[i] = output + intercept
+    return np.int64(depth), last
+
+
+class Superposition(Operator):
+    """Base of the weighted sums of plays, stops, relays or ramps.
+
+    Fields that are arrays are read-only. Weights, the linear parameters with a lower bound of zero,
+    have that bound only where the field ``non_negative`` is true.
+    """
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            if field.type is np.ndarray:
+                object.__setattr__(self, field.name, as_constant(getattr(self, field.name)))
+
+    def __reduce__(self):  # without the tables that are derived from the fields
+        fields = dataclasses.fields(self)
+        return type(self), tuple(getattr(self, field.name) for field in fields)
+
+    def parameter_specs(self):
+        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
+        specs = super().parameter_specs()
+        if not self.non_negative:
+            for name, spec in specs.items():
+                if spec.linear and spec.lower == 0.0:
+                    specs[name] = dataclasses.replace(spec, lower=-np.inf)
+        return specs
 
 
 def turning_points(drive):

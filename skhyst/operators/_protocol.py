@@ -26,6 +26,7 @@ import numpy as np
 __all__ = [
     "Operator",
     "ParameterSpec",
+    "as_constant",
     "as_signal",
     "parameter",
 ]
@@ -40,6 +41,13 @@ def as_signal(values):
     signal = np.ascontiguousarray(values, dtype=float).view()
     signal.flags.writeable = False
     return signal
+
+
+def as_constant(values):
+    """Return a read-only copy of numbers, at least one-dimensional, as :func:`as_signal` does."""
+    constant = np.array(values, dtype=float, ndmin=1)
+    constant.flags.writeable = False
+    return constant
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._index import record_slices, refuse_interval
-from ._stamps import time_level, time_stamps
+from ._index import record_slices, refuse_interval, time_level, time_stamps
 
 
 def iter_records(X, y=None, *, dt=1.0):

@@ -9,8 +9,8 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._columns import load_column, numbers
 from ._formats import file_variables, reading
+from ._index import time_stamps
 from ._missing import fill, missing_rows
-from ._stamps import time_stamps
 
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _POLICIES = ("raise", "drop", "interpolate")

@@ -9,8 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ..exceptions import RecordError
 from ._frames import as_frame, as_series, refuse_lengths
-from ._index import refuse_interval
-from ._stamps import GAP, describe_rows, time_stamps
+from ._index import GAP, describe_rows, refuse_interval, time_stamps
 
 FILTER_ORDER = 8
 PASSED = 0.8  # part of the new Nyquist frequency that the anti-alias filter passes

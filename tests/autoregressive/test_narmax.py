@@ -6,7 +6,6 @@ import narmax_structure as study
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.model_selection import GridSearchCV
 
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.autoregressive._problems import FreeRunProblem, InnovationProblem
@@ -286,12 +285,6 @@ def test_features_carry_the_direction():
     own = NARMAXRegressor(1, features=[PlayOperators(thresholds=[0.1, 0.4])], **options)
     own.fit(u[:, None], y)
     assert own.lag_names_[1:3] == ["PlayOperators0(k-1)", "PlayOperators1(k-1)"]
-
-
-def test_grid_search():
-    X, y = quadratic(noise=0.1)
-    search = GridSearchCV(NARMAXRegressor(**LAGS), {"degree": [1, 2]}, cv=3, error_score="raise")
-    assert search.fit(X, y).best_params_ == {"degree": 2}
 
 
 @pytest.mark.parametrize(

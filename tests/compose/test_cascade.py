@@ -23,7 +23,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import SeriesOperator
 from skhyst.optimize import RecordData
-from skhyst.static import DeadZoneOperator, DeadZones, Saturation
+from skhyst.static import DeadZoneOperator, DeadZones, Saturation, SaturationOperator
 
 DT = 0.005
 THRESHOLDS = (0.0, 0.3, 0.8)
@@ -105,8 +105,17 @@ PLAYS = {
                 "lag__time_constant": 0.02,
             },
         ),
+        (
+            (HYSTERESIS, LAG, SaturationOperator(upper=1.4)),
+            [
+                ("plays", plays()),
+                ("lag", FirstOrderLag()),
+                ("limit", Saturation(sides="upper")),
+            ],
+            {"limit__upper": 1.4, "lag__time_constant": 0.02},
+        ),
     ],
-    ids=["resonance", "creep and lag", "delay and lag", "asymmetry and lag"],
+    ids=["resonance", "creep and lag", "delay and lag", "asymmetry and lag", "lag and limit"],
 )
 def test_joint_fit_recovers_the_plant(operators, steps, truth):
     X, y = measure(*operators)
@@ -347,13 +356,3 @@ def test_wrong_steps(steps, error, message):
     X, y = measure(HYSTERESIS, n=60)
     with pytest.raises(error, match=message):
         Cascade(steps).fit(X, y)
-
-
-def test_saturation_of_the_sensor_is_found_behind_the_dynamics():
-    X, y = measure(HYSTERESIS, LAG, noise=0.0)
-    y = np.minimum(y, 1.4) + NOISE * np.random.default_rng(1).normal(size=len(y))
-    steps = [("plays", plays()), ("lag", FirstOrderLag()), ("limit", Saturation(sides="upper"))]
-    model = Cascade(steps, dt=DT).fit(X, y)
-    assert model.params_["limit__upper"] == pytest.approx(1.4, abs=0.002)
-    assert model.params_["lag__time_constant"] == pytest.approx(0.02, rel=0.02)
-    assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)

@@ -72,15 +72,6 @@ def test_a_column_scales_the_response_beside_an_offset(X):
     assert slope == pytest.approx(0.2, rel=1e-6)
 
 
-def test_the_amplitude_scales_the_response(X):
-    amplitude = X["drive"].groupby(level="record").transform(np.ptp) / 2
-    y = by_record(X, lambda part: plays(part["drive"].to_numpy())) * (1.0 + 0.3 * amplitude)
-    model = Modulated(thresholds(), "amplitude").fit(X, y)
-    np.testing.assert_allclose(model.predict(X), y, atol=1e-8)
-    one = X.loc[[2]]
-    np.testing.assert_allclose(model.predict(one), y.loc[[2]], atol=1e-8)
-
-
 def test_the_amplitude_and_a_column_scale_the_response(X):
     amplitude = X["drive"].groupby(level="record").transform(np.ptp) / 2
     factor = (1.0 + 0.3 * amplitude) * (1.0 - 0.2 * X["load"])

@@ -67,14 +67,6 @@ def test_drift_and_offset_beside_hysteresis():
     assert np.sqrt(np.mean((error - expected) ** 2)) == pytest.approx(NOISE, rel=0.1)
 
 
-def test_offset_of_each_record():
-    X, y = measure(lambda u: HYSTERESIS.run(u, DT)[0], lambda i: [3.0, -1.0, 0.5][i])
-    model = Sum([("plays", plays()), ("offset", Offset())]).fit(X, y)
-    total = model.record_coefficients_[:, 0] + model.operators_["plays"].intercept
-    np.testing.assert_allclose(total, [3.0, -1.0, 0.5], atol=0.005)
-    assert set(model.operators_) == {"plays", "offset"}
-
-
 @pytest.mark.parametrize("initial_state", ["rest", "zero", "estimate"])
 def test_intercept_beside_an_offset_is_held(initial_state):
     X, y = measure(lambda u: HYSTERESIS.run(u, DT)[0], lambda i: [3.0, -1.0, 0.5][i])

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import chirp, sawtooth
 
-from skhyst import datasets
 from skhyst.datasets import (
     band_limited_noise,
     decaying_sine,
@@ -267,8 +266,3 @@ def test_reversal_curves_turn_where_they_should(n_curves, amplitude, share, both
 def test_refusals(call, parameter):
     with pytest.raises(ValueError, match=rf"The '{parameter}' parameter of \w+ must be .* Got "):
         call()
-
-
-def test_all_are_exported():
-    names = "triangle sine swept_sine decaying_sine multisine band_limited_noise steps"
-    assert {*names.split(), "first_order_reversal_curves"} <= set(datasets.__all__)

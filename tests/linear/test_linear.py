@@ -73,37 +73,6 @@ def test_finer_sampling_of_the_same_drive_changes_nothing(held, u, factor):
     np.testing.assert_allclose(y[::factor], expected, rtol=0, atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize(("hold", "order"), [("foh", 2.0), ("zoh", 1.0)])
-@pytest.mark.parametrize("name", ["lag", "mode", "overdamped mode", "creep", "transfer function"])
-def test_order_for_a_smooth_drive(name, hold, order):
-    operator = dataclasses.replace(OPERATORS[name], hold=hold)
-    f, duration, errors = 2.0, 3.0, []
-    counts = 2 ** np.arange(9, 14)
-    for n in counts:
-        time = duration / n * np.arange(n + 1)
-        y, _ = operator.run(np.sin(2 * np.pi * f * time), duration / n)
-        fine = np.linspace(0, duration, 2**16 + 1)
-        reference, _ = dataclasses.replace(operator, hold="foh").run(
-            np.sin(2 * np.pi * f * fine), fine[1]
-        )
-        errors.append(np.abs(y - reference[:: 2**16 // n]).max())
-    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert slope == pytest.approx(-order, abs=0.12)
-
-
-@pytest.mark.parametrize("name", ["lag", "mode", "overdamped mode", "transfer function"])
-def test_steady_state_of_a_sine_has_the_complex_gain(name):
-    operator, f = OPERATORS[name], 3.0
-    slowest = 1.0 / np.abs(operator.poles().real).min()
-    n = int(np.ceil(30 * slowest * f)) + 3
-    time = np.arange(n * 1000) / (1000 * f)
-    drive = np.cos(2 * np.pi * f * time)
-    y, _ = operator.run(drive, time[1])
-    last = slice(-1000, None)
-    gain = 2 * np.mean((y[last] - operator.intercept) * np.exp(-2j * np.pi * f * time[last]))
-    assert gain == pytest.approx(complex(operator.frequency_response(f)), rel=2e-5)
-
-
 def test_static_gain_and_rest(operator):
     gain = float(np.real(operator.frequency_response(0.0)))
     y, _ = operator.run(np.full(5, 2.0), DT)
@@ -126,37 +95,12 @@ def test_transfer_functions_by_their_formulas():
     )
 
 
-def test_step_responses_by_their_formulas():
-    """The drive steps from 0 to 1 at the first sample and is held."""
-    time = DT * np.arange(1, 200)
-    drive = np.r_[0.0, np.ones(199)]
-
-    def response(operator):
-        held = dataclasses.replace(operator, hold="zoh", intercept=0.0)
-        return held.run(drive, DT, held.init(0.0))[0][2:]
-
-    np.testing.assert_allclose(response(LAG), 1.4 * (1 - np.exp(-time[:-1] / 0.03)), rtol=1e-9)
-    w, zeta = 90.0, 0.15
-    damped = w * np.sqrt(1 - zeta**2)
-    decay = np.exp(-zeta * w * time[:-1])
-    ring = np.cos(damped * time[:-1]) + zeta * w / damped * np.sin(damped * time[:-1])
-    np.testing.assert_allclose(response(OPERATORS["mode"]), 0.8 * (1 - decay * ring), rtol=1e-9)
-    creep = 1.5 * (1.3 - 0.2 * np.exp(-time / 0.02) - 0.1 * np.exp(-time / 30.0))
-    np.testing.assert_allclose(response(OPERATORS["creep"]), creep[:-1], rtol=1e-9)
-
-
 def test_poles():
     np.testing.assert_allclose(LAG.poles(), [-1 / 0.03])
     found = np.sort_complex(OPERATORS["mode"].poles())
     imaginary = 90.0 * np.sqrt(1 - 0.15**2)
     np.testing.assert_allclose(found, -13.5 + 1j * np.array([-imaginary, imaginary]))
     assert (OPERATORS["transfer function"].poles().real < 0).all()
-
-
-def test_other_unit_of_time(u):
-    """A lag of 0.03 s sampled every 0.01 s is one of 30 ms sampled every 10 ms."""
-    slow = dataclasses.replace(LAG, time_constant=30.0)
-    np.testing.assert_allclose(slow.run(u, 10.0)[0], LAG.run(u, 0.01)[0], rtol=1e-12)
 
 
 def test_one_operator_serves_several_intervals(operator, u):

@@ -50,25 +50,6 @@ def test_ramp_response_is_the_superposition_of_steps():
     np.testing.assert_allclose(operator.run(u, dt)[0] - 0.4, expected, rtol=1e-4)
 
 
-def test_rest_has_no_creep_and_zero_has():
-    operator = LogCreepOperator(0.2, 0.1, 2.0, 0.5)
-    held = np.full(100, 3.0)
-    np.testing.assert_array_equal(operator.run(held, 0.1)[0], 6.5)
-    y = operator.run(held, 0.1, operator.init(3.0, "zero"))[0]
-    assert (np.diff(y) > 0).all()
-
-
-def test_creep_starts_at_the_time_of_each_step():
-    """A step back leaves what the two creeps have not in common, and that dies away."""
-    operator = LogCreepOperator(0.2, 0.1, hold="zoh")
-    u = np.r_[0.0, np.ones(100), np.zeros(2000)]
-    y = operator.run(u, 0.1)[0]
-    time = 0.1 * np.arange(len(u))
-    expected = (time > 0.05) * law(time - 0.1, 0.2, 0.1)
-    expected -= (time > 10.05) * law(time - 10.1, 0.2, 0.1)
-    np.testing.assert_allclose(y, expected, atol=1e-4)
-
-
 def test_frequency_response_of_a_steady_multisine():
     operator = LogCreepOperator(0.3, 0.02, 1.7, shortest=0.01, longest=1.0)
     u = multisine(500, band=(2.0, 100.0), n_periods=200, random_state=0, dt=1e-3)["drive"]
@@ -132,16 +113,6 @@ def test_where_nothing_creeps_the_standard_errors_say_so():
     assert not model.params_std_["creep"] < model.params_["creep"]
     u = np.r_[0.0, np.ones(500)]
     np.testing.assert_allclose(model.operator_.run(u, 0.1)[0][1:], 1.7, atol=1e-4)
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1e4])
-def test_unit_of_time(unit):
-    X, y = recording(1)
-    slow = X.set_axis(X.index.set_levels(X.index.levels[1] * unit, level="time"))
-    model = LogCreep(hold="zoh").fit(X, y)
-    other = LogCreep(hold="zoh").fit(slow, y.set_axis(slow.index))
-    for name, factor in {"time_constant": unit, "creep": 1.0}.items():
-        assert other.params_[name] == pytest.approx(factor * model.params_[name], rel=1e-4)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, "free"])

@@ -1,7 +1,6 @@
 """Transfer functions: several inputs, frequency responses, orders, standard errors, conversion."""
 
 import dataclasses
-import pickle
 import sys
 
 import numpy as np
@@ -9,7 +8,6 @@ import pandas as pd
 import pytest
 from scipy import signal
 from scipy.linalg import block_diag
-from sklearn.base import clone
 
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Drift
@@ -231,17 +229,6 @@ def test_wrong_parameters(options, message):
     u, y = recording(two_inputs(), 0, n=100)
     with pytest.raises(ValueError, match=message):
         TransferFunction(dt=DT, **options).fit(u, y)
-
-
-def test_cloned_pickled_and_checked_for_its_columns():
-    u, y = recording(two_inputs(), 0, n=200)
-    frame = pd.DataFrame(u, columns=["a", "b"])
-    model = clone(TransferFunction(2, inputs=["b", "a"], dt=DT)).fit(frame, y)
-    assert list(model.feature_names_in_) == ["a", "b"]
-    again = pickle.loads(pickle.dumps(model))
-    np.testing.assert_array_equal(again.predict(frame), model.predict(frame))
-    with pytest.raises(ValueError, match="feature names"):
-        model.predict(frame[["a"]])
 
 
 # ------------------------------------------------------------------------------ frequency response

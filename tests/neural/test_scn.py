@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.special import expit
 from sklearn.base import clone
-from sklearn.model_selection import GridSearchCV
 
 from skhyst.autoregressive import NARXRegressor
 from skhyst.exceptions import ConvergenceWarning
@@ -268,15 +267,6 @@ def test_wrong_parameters(name, value):
 def test_penalty_needs_global_least_squares():
     with pytest.raises(ValueError, match="The 'alpha' parameter of SCNRegressor must be 0"):
         SCNRegressor(algorithm="SC-I", alpha=1.0).fit(*surface())
-
-
-def test_grid_search():
-    X, y = surface(8)
-    search = GridSearchCV(
-        SCNRegressor(30, random_state=0), {"activation": ACTIVATIONS, "max_nodes": [2, 30]}, cv=3
-    ).fit(X, y[:, 1])
-    assert search.best_params_["max_nodes"] == 30
-    assert search.best_score_ > 0.9
 
 
 # ------------------------------------------------------------------- hysteresis, in a NARX model

@@ -41,10 +41,6 @@ def test_infinite_level_is_no_parameter(operator, names):
     assert curve(operator.unpack(operator.pack())) == pytest.approx(curve(operator))
 
 
-def test_no_coefficient_is_the_identity():
-    np.testing.assert_array_equal(curve(PolynomialCurveOperator(np.zeros(3), 0.3, 1.1)), V)
-
-
 @settings(deadline=None, max_examples=25)
 @given(
     coefficients=st.lists(st.floats(-1, 1), min_size=1, max_size=4),
