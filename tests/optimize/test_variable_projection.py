@@ -286,9 +286,12 @@ def test_predictions_do_not_see_what_they_predict():
 # ------------------------------------------------------------------------------------- the solver
 
 
-def test_linear_problem_is_solved_at_once():
+@pytest.mark.parametrize("value", [0.0, 10.0])
+def test_linear_problem_is_solved_at_once(value):
     plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.array([1.0, 0.5]), 0.2)
-    start = plays.unpack(np.zeros(4))
+    start = dataclasses.replace(
+        plays, weights=np.full(2, value), intercept=-value, drive_offset=0.0
+    )
     problem = OperatorProblem(start, records(plays), fixed=("drive_offset",))
     solution = variable_projection(problem, problem.x0)
     assert solution.converged
@@ -310,6 +313,23 @@ def test_bounds_hold_at_every_step():
     slope, intercept = np.polyfit(u, y, 1)
     assert x[0] == pytest.approx(slope, rel=1e-6)
     assert x[2] == pytest.approx(intercept, abs=1e-6)
+
+
+def test_a_positive_parameter_moves_by_a_bounded_factor_a_step():
+    """Far from the solution the gradient tells a direction, but no distance."""
+    truth, _ = CASES["mode"]
+    problem = OperatorProblem(SecondOrderModeOperator(1.0, 0.9), records(truth))
+    visited, evaluate = [], problem.evaluate
+
+    def remembered(x, **options):
+        visited.append(np.array(x)[problem.log])
+        return evaluate(x, **options)
+
+    problem.evaluate = remembered
+    variable_projection(problem, problem.x0, max_evaluations=20)
+    assert len(visited) > 5
+    for i, x in enumerate(visited[1:], 1):
+        assert np.abs(x - visited[:i]).max(axis=1).min() <= 1.5 + 1e-9
 
 
 def test_history_and_callback_go_down():
@@ -382,6 +402,17 @@ def test_single_step_towards_the_minimum_of_a_fold():
     x = single_step(problem, best.x, blocks, train)
     way = np.abs(there.x - best.x)
     assert np.all(np.abs(x - there.x) <= 0.05 * way.max())
+
+
+@pytest.mark.parametrize("frequency", [2.0, 20.0, 70.0, 300.0])
+def test_single_step_never_makes_the_fit_worse(frequency):
+    """Far from the minimum the full step overshoots."""
+    problem = OperatorProblem(SecondOrderModeOperator(frequency, 0.02), records(CASES["mode"][0]))
+    select = np.array([True, False])
+    blocks = problem.evaluate(problem.x0)
+    x = single_step(problem, problem.x0, blocks, select)
+    reached = problem.total(problem.evaluate(x), select)[-1, -1]
+    assert reached <= problem.total(blocks, select)[-1, -1]
 
 
 def test_single_step_that_leads_nowhere_is_not_taken():
