@@ -30,8 +30,8 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("preprocessing",),
     ("autoregressive", "disturbance", "fluid", "hysteresis", "linear", "neural", "static"),
     ("compose",),
+    ("inspection",),  # the report of a diagnosis is drawn
     ("diagnosis",),
-    ("inspection",),
     ("__main__", "_demo", "cli", "discovery"),
 )
 SHARED = ("skhyst._jit", "skhyst._sklearn")  # underscored, and there for every package
@@ -230,15 +230,12 @@ def upward_imports(modules):
 
 def tests_of_private(modules, tests):
     """Return the imports of private modules in tests for names that a package exports."""
-    public = {}
-    for module in modules.values():
-        if not any(part.startswith("_") for part in module.name.split(".")):
-            public |= dict.fromkeys(module.public, module.name)
     return [
-        f"{test.name}: {source}.{name}, public in {public[name]}"
+        f"{test.name}: {source}.{name}, public in {package}"
         for test in tests.values()
         for source, name in test.imports(everywhere=True)
-        if "._" in source and name in public
+        for package in [source.partition("._")[0]]
+        if package != source and package in modules and name in modules[package].public
     ]
 
 

@@ -15,12 +15,11 @@ from pathlib import Path
 import joblib
 import numpy as np
 
-from .__init__ import __version__
+from . import __version__
 from ._demo import make_demo_recording
 from .base import ParametricModel
 from .compose import Cascade, snake_case
-from .diagnosis import EffectSearchCV, Report, effect_names
-from .diagnosis._effects import EFFECTS
+from .diagnosis import EFFECTS, EffectSearchCV, Report, effect_names
 from .discovery import all_estimators
 from .records import read_records, record_slices
 

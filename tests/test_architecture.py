@@ -6,6 +6,10 @@ from architecture import figures
 KEPT = (
     "circles of imports",
     "functions of complexity above 15",
+    "functions of more than 60 lines",
+    "imports of another package's private module",
+    "imports upwards through the layers",
+    "lines of the largest module",
     "private imports in tests of what is public",
 )
 FAULTS = {

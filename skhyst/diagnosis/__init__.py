@@ -1,13 +1,14 @@
 """Find the physical effect that a model lacks."""
 
 from ._data_quality import data_quality
-from ._effects import Effect, effect_names, register_effect, unregister_effect
+from ._effects import EFFECTS, Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence
 from ._pictures import Picture
 from ._report import Report
 from ._search import EffectSearchCV
 
 __all__ = [
+    "EFFECTS",
     "Effect",
     "EffectSearchCV",
     "Evidence",

@@ -81,6 +81,14 @@ class Criterion:
         """Whether one contestant is better than another, among so many that were tried."""
         return self.matters(worse, better) and self.p_value(worse, better, n_tried) < self.alpha
 
+    def is_needed(self, without, contestant):
+        """Whether a contestant foretells better than the same without one of its effects.
+
+        That the effect shows in the fit was asked when it was claimed.
+        """
+        lower = contestant.error < (1.0 - self.min_improvement) * without.error
+        return bool(lower) and self.p_value(without, contestant) < self.alpha
+
     def p_value(self, worse, better, n_tried=1):
         """Return the p-value against a contestant that foretells better, corrected."""
         p = paired_p_value(worse.residuals, better.residuals, better.weights)

@@ -24,6 +24,7 @@ __all__ = [
 ]
 
 _AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
+_PEAK = 0.05  # of the gain, relative to that at rest and that of fast motion
 _FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
 _REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
 _HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
@@ -110,7 +111,8 @@ def rings(operator, motion, records):
     gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND)))
     rest, fast, near = gain[0], gain[-1], gain[1:-1]
     # a peak, or a notch
-    return min(overshoots, max(near.max() - max(rest, fast), min(rest, fast) - near.min()))
+    shows = max(near.max() - max(rest, fast), min(rest, fast) - near.min())
+    return min(overshoots, shows - np.log1p(_PEAK))
 
 
 def levels_off(operator, motion, records):

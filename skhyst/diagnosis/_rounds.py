@@ -281,7 +281,7 @@ class Rounds:
                     reduced = held_out(reduced, self.records, self.folds)
                 else:
                     reduced = self.renew(reduced, base, self.records)
-                if not self.criterion.is_better(reduced, base):
+                if not self.criterion.is_needed(reduced, base):
                     needless.append((reduced.error, effect, reduced))
             if not needless:
                 break

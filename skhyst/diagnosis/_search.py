@@ -32,6 +32,10 @@ __all__ = ["EffectSearchCV"]
 
 _REWEIGHTED = 2  # times, before the first round
 _NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
+_HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
+_HISTORY += ["experiment", "evidence"]
+_RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
+_RANKING += ["n_parameters", "claimed"]
 
 
 class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -264,9 +268,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         for _ in range(_REWEIGHTED if rounds.lost else 0):
             base = first = rounds.weighed(base)
         base = rounds.run(base)
-        records = rounds.records
-        history, self.dropped_ = rounds.history, rounds.dropped
         self.seconds_ |= rounds.seconds
+        self._declared_structure = structure
+        self._conclude(declared, slices, rounds, first, base)
+
+    def _conclude(self, declared, slices, rounds, first, base):
+        """Store what was found between the first and the last candidate."""
+        records, history, self.dropped_ = rounds.records, rounds.history, rounds.dropped
         begin = time.perf_counter()
         self.error_before_, self.error_after_ = first.error, base.error
         self.effects_ = [row["effect"] for row in history]
@@ -282,7 +290,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self._structure = base.structure
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
-        self._declared_structure = structure
         self.evidence_ = {
             row["effect"]: gather_evidence(
                 EFFECTS[row["effect"]],
@@ -297,27 +304,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         }
         for row in history:
             row["evidence"] = self.evidence_[row["effect"]]
-        columns = [
-            "effect",
-            "error_before",
-            "error_after",
-            "p_value",
-            "ambiguous_with",
-            "experiment",
-            "evidence",
-        ]
-        self.history_ = pd.DataFrame(history, columns=columns)
-        columns = [
-            "round",
-            "effect",
-            "screen",
-            "error_before",
-            "error_after",
-            "p_value",
-            "n_parameters",
-            "claimed",
-        ]
-        self.ranking_ = pd.DataFrame(rounds.ranking, columns=columns)
+        self.history_ = pd.DataFrame(history, columns=_HISTORY)
+        self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
     def _judge(self, measured, base, records):

@@ -197,7 +197,7 @@ class SeriesOperator(_Composition):
                 best, masks[i] = i, mask
             if not self.stages[i].signal_linear:
                 break
-        return np.concatenate(masks)
+        return np.concatenate([np.empty(0, bool), *masks])
 
     def gauge_entries(self):
         return self._masks("gauge_entries")

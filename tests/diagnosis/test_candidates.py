@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from joblib import Parallel
 
-from skhyst.diagnosis import effect_names
+from skhyst.diagnosis import EFFECTS, effect_names
 from skhyst.diagnosis._candidates import Candidate, halve, held_out, predicted, refitted
 from skhyst.diagnosis._edits import Beside
-from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii

@@ -25,7 +25,7 @@ from skhyst.diagnosis import (
     unregister_effect,
 )
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import SecondOrderMode, TransferFunction
+from skhyst.linear import TransferFunction
 from skhyst.operators import parameter
 from skhyst.records import read_records
 from skhyst.static import StaticOperator
@@ -334,47 +334,3 @@ def test_measured_piezo_scanner_lacks_a_curve():
 
 
 # ------------------------------------------------------------------------------------ going back
-
-
-def test_a_later_claim_shows_that_an_earlier_one_was_simpler():
-    recording = make_recording(("offset", "creep"), "prandtl_ishlinskii", 200416, n_samples=3000)
-    search = search_of(effects=["offset", "drift", "creep", "output_saturation"])
-    search.fit(recording.X_train, recording.y_train)
-    assert sorted(search.effects_) == ["creep", "offset"]
-    error = search.held_out_error(recording.X_test, recording.y_test)
-    assert error < 1.10 * recording.noise_std
-
-
-def test_a_first_claim_that_stood_for_two_is_given_up():
-    """Each of the two foretells badly as long as the other is missing."""
-    hidden = ("rate_dependence", "resonance")
-    recording = make_recording(hidden, "prandtl_ishlinskii", 200640, n_samples=4000)
-    search = search_of(effects=[*hidden, "lag", "asymmetry"])
-    search.fit(recording.X_train, recording.y_train)
-    assert sorted(search.effects_) == sorted(hidden)
-    error = search.held_out_error(recording.X_test, recording.y_test)
-    assert error < 0.2 * search.held_out_error(recording.X_test, recording.y_test, declared=True)
-    claimed = search.ranking_.loc[search.ranking_["claimed"], "effect"]
-    assert list(claimed) == search.effects_
-    assert (search.history_["p_value"] < search.alpha).all()
-
-
-def test_dynamics_that_had_made_up_for_an_effect_start_anew():
-    hidden = ("drift", "slew_limit")
-    recording = make_recording(hidden, "second_order", 200057, n_samples=3000)
-    effects = [*hidden, "resonance", "creep"]
-    search = EffectSearchCV(SecondOrderMode(), effects=effects, random_state=0)
-    search.fit(recording.X_train, recording.y_train)
-    assert sorted(search.effects_) == sorted(hidden)
-    error = search.held_out_error(recording.X_test, recording.y_test)
-    assert error < 1.10 * recording.noise_std
-
-
-def test_a_stage_that_oscillates_is_identified_from_nothing():
-    recording = make_recording("friction", "second_order", 18050, noise=0.0005, n_samples=3000)
-    search = EffectSearchCV(SecondOrderMode(), effects=["friction", "backlash"], random_state=0)
-    search.fit(recording.X_train, recording.y_train)
-    assert search.effects_ == ["friction"]
-    assert search.verdict_ == "noise"
-    error = search.held_out_error(recording.X_test, recording.y_test)
-    assert error < 1.10 * recording.noise_std

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from plants import make_recording
 from sklearn.base import clone
 
-from skhyst.diagnosis import EffectSearchCV, _report
-from skhyst.diagnosis._report import Report
+from skhyst.diagnosis import EffectSearchCV, Report, _report
 from skhyst.diagnosis._report_data import next_steps
 from skhyst.diagnosis._report_text import number, plus_minus
 from skhyst.hysteresis import PrandtlIshlinskii

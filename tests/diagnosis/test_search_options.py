@@ -10,6 +10,7 @@ from sklearn.preprocessing import StandardScaler
 
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.model_selection import BlockedTimeSeriesSplit
 from skhyst.records import stack_records
 
 SEED = 9000
@@ -184,7 +185,8 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
         found.append((u, u + 0.05 * u**2 + 0.005 * rng.standard_normal(600)))
     X, y = stack_records(found, dt=0.01)
     effects = ["static_nonlinearity", "lag", "drift"]
-    search = few(estimator=PrandtlIshlinskii(3), folds="blocks", effects=effects).fit(X, y)
+    cv = BlockedTimeSeriesSplit(staggered=True)
+    search = few(estimator=PrandtlIshlinskii(3), cv=cv, effects=effects).fit(X, y)
     assert search.effects_ == ["static_nonlinearity"]
     assert search.error_after_ < 0.006
     scored = np.isfinite(search.residual_after_)
@@ -239,7 +241,7 @@ def test_an_improvement_of_no_practical_size_is_not_claimed():
         ({"estimator": StandardScaler()}, ValueError, r"'estimator' parameter of EffectSearchCV"),
         ({"estimator": 3}, ValueError, r"'estimator' parameter of EffectSearchCV"),
         ({"cv": 1}, ValueError, r"'cv' parameter of EffectSearchCV"),
-        ({"folds": "rows"}, ValueError, r"'folds' parameter of EffectSearchCV"),
+        ({"cv": "rows"}, ValueError, r"'cv' parameter must be an int, a splitter or an iterable"),
         ({"alpha": 0.0}, ValueError, r"'alpha' parameter of EffectSearchCV"),
         ({"max_effects": -1}, ValueError, r"'max_effects' parameter of EffectSearchCV"),
         ({"min_improvement": 1.0}, ValueError, r"'min_improvement' parameter of EffectSearchCV"),

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from plants import make_recording
 
-from skhyst.diagnosis import EffectSearchCV, _shortened
+from skhyst.diagnosis import EFFECTS, EffectSearchCV, _shortened
 from skhyst.diagnosis._candidates import Candidate, held_out, refitted
 from skhyst.diagnosis._edits import Beside, Modulate
-from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._shortened import are_long, shortened, suffices
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import PeriodicDisturbance

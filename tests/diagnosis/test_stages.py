@@ -78,6 +78,7 @@ def test_core_is_found_behind_its_hysteresis():
     u = np.cumsum(rng.normal(size=2500)) / 15
     plays, _ = PrandtlIshlinskiiOperator([0.0, 0.2, 0.5], [0.7, 0.4, 0.3]).run(u, 1.0)
     y = plays / (1 + np.abs(plays / 1.5)) + 0.004 * rng.normal(size=len(u))
-    found = search(u.reshape(-1, 1), y, PrandtlIshlinskii(5), [*NAMES, "asymmetry"])
+    declared = PrandtlIshlinskii(thresholds=[0.0, 0.2, 0.5])
+    found = search(u.reshape(-1, 1), y, declared, [*NAMES, "asymmetry"])
     (claim,) = found.history_.itertuples()
     assert "output_saturation" in {claim.effect, *claim.ambiguous_with}

@@ -7,15 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skhyst.inspection import binned_statistics, branch, spectrum
 from skhyst.inspection._signals import (
-    binned_statistics,
-    branch,
     cycle_length,
     envelope,
     finite_runs,
     log_average,
     loop_spans,
-    spectrum,
 )
 
 
