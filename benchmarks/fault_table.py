@@ -1,0 +1,719 @@
+"""Faults as people make them: what the code says, what it would wrongly say, which tests must fail.
+
+A fault is found by its text, in whatever file that stands. Faults of the diagnosis with a
+``version`` belong to one way of deciding between candidates, and are found in that one alone.
+"""
+
+from dataclasses import dataclass
+
+__all__ = ["FAULTS", "Fault"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault that some test must notice.
+
+    Attributes
+    ----------
+    name : str
+    area : str
+        ``models``, ``composition``, ``optimisation`` or ``diagnosis``.
+    original, faulty : str
+        The code, which stands in the package once, and what takes its place.
+    tests : str
+        Arguments of pytest. Paths are patterns; those that match nothing are left out.
+    version : str
+        Of the code that it belongs to; empty for all.
+    """
+
+    name: str
+    area: str
+    original: str
+    faulty: str
+    tests: str
+    version: str = ""
+
+
+def _of(area, version="", tests="", faults=()):
+    return [
+        Fault(name, area, original, faulty, own or tests, version)
+        for name, original, faulty, own in faults
+    ]
+
+
+_TANGENTS = "tests/operators/test_acceptance.py -k 'central_differences and ({})'".format
+
+_MODELS = [
+    (
+        "play: a tangent is taken over on falling branches alone",
+        "count += (play == low) | (play == high)",
+        "count += play == high",
+        "tests/**/test_play*.py",
+    ),
+    (
+        "plays: the first loading is left by a fall, whatever the sign of the drive",
+        "elif abs(value) < abs(last):",
+        "elif value < last:",
+        "tests/**/test_prandtl_ishlinskii*.py -k 'equals_the_sum or definition'",
+    ),
+    (
+        "plays: turning points that a play still sees are dropped",
+        "if a != b or b != c:",
+        "if a != b:",
+        "tests/**/test_prandtl_ishlinskii*.py -k 'bounded or definition or equals_the_sum'",
+    ),
+    (
+        "thresholds: a branch counts with its whole length",
+        "half_spans = 0.5 * np.abs(np.diff(turning_points(record)))",
+        "half_spans = np.abs(np.diff(turning_points(record)))",
+        "tests/operators/test_plays.py tests/operators/test_thresholds.py",
+    ),
+    (
+        "rate-dependent plays: the rate does not widen the lower end of the slack",
+        "play = value - slack\n                sign = -1.0",
+        "play = value - thresholds[k]\n                sign = -1.0",
+        "tests/operators/test_acceptance.py -k 'differences and rate-dependent'",
+    ),
+    (
+        "rate-dependent inverse: a play that moves down moves its threshold up",
+        "rest += weight * (plays[k] + sign * slack)",
+        "rest += weight * (plays[k] + slack)",
+        "tests/**/test_rate_dependent*.py -k inverse_at_known_rates",
+    ),
+    (
+        "Preisach: the triangle at the end of a branch has the wrong sign",
+        "bend = diagonal[i, 0] * s * (1.0 - s) + diagonal[j, 0] * t * (1.0 - t)",
+        "bend = diagonal[i, 0] * s * (1.0 - s) - diagonal[j, 0] * t * (1.0 - t)",
+        "tests/**/test_preisach*.py tests/**/test_superpositions.py -k 'not recovery'",
+    ),
+    (
+        "Preisach: a turning point is wiped out too late",
+        "while depth > 0 and sign * (value - points[depth - 1]) >= 0.0:",
+        "while depth > 1 and sign * (value - points[depth - 2]) >= 0.0:",
+        "tests/**/test_preisach*.py tests/**/test_superpositions.py -k 'not recovery'",
+    ),
+    (
+        "ramps: the slope of a kernel misses a factor of two",
+        "slope = 2.0 / (high - low) if low < value < high else 0.0",
+        "slope = 1.0 / (high - low) if low < value < high else 0.0",
+        _TANGENTS("ramps"),
+    ),
+    (
+        "Dahl: the tangent of the length on the way back",
+        "by_x_c = -sign * slope * way / x_c",
+        "by_x_c = -slope * way / x_c",
+        _TANGENTS("Dahl"),
+    ),
+    (
+        "Dahl: the gap decays with the length of a sample, not of the way",
+        "way = min(abs(change) / x_c, _LONGEST)",
+        "way = min(change * change / x_c, _LONGEST)",
+        "tests/**/test_dahl*.py -k 'closed_form or exact or rate_independent'",
+    ),
+    (
+        "LuGre: the Stribeck tangent misses a factor of two",
+        "steep = 2.0 * (1.0 - ratio) * bell * square",
+        "steep = (1.0 - ratio) * bell * square",
+        _TANGENTS("LuGre"),
+    ),
+    (
+        "LuGre: the bristles' rate is that at the start of a sample",
+        "slip = speed * gap * by_w / gamma",
+        "slip = speed * gap / gamma",
+        "tests/**/test_lugre*.py -k 'not recovery and not come_back'",
+    ),
+    (
+        "Duhem: a power of the drive is differentiated without its exponent",
+        "by_end += j * change / scale * moments[1, j - 1]",
+        "by_end += change / scale * moments[1, j - 1]",
+        _TANGENTS("Duhem"),
+    ),
+    (
+        "Duhem: the series of the middle range ends too early",
+        "_SMALL, _MIDDLE, _LARGE = (0.02, 8), (0.25, 12), (1.0, 18)",
+        "_SMALL, _MIDDLE, _LARGE = (0.02, 8), (0.25, 6), (1.0, 18)",
+        "tests/**/test_duhem*.py -k 'not come_back'",
+    ),
+    (
+        "Bouc-Wen: the asymmetry acts on the ratio with the wrong sign",
+        "(0.0, 1.0 / f, 0.0, -sign * r / f**2),",
+        "(0.0, 1.0 / f, 0.0, sign * r / f**2),",
+        _TANGENTS("Bouc-Wen and not stage"),
+    ),
+    (
+        "Bouc-Wen: gamma without its half",
+        "turned = np.sign(self.alpha) * 0.5 * (1.0 - self.ratio)",
+        "turned = np.sign(self.alpha) * (1.0 - self.ratio)",
+        "tests/**/test_bouc_wen*.py -k 'printed or coefficients or stage'",
+    ),
+    (
+        "Jiles-Atherton: the third slope starts from the first",
+        "k3 = increment(add(s, 0.5, k2)",
+        "k3 = increment(add(s, 0.5, k1)",
+        "tests/**/test_jiles_atherton*.py -k order_four",
+    ),
+    (
+        "Jiles-Atherton: the field does not feed back on the reversible part",
+        "inverse = 1.0 / (1.0 - 3.0 * b * c * slope)",
+        "inverse = 1.0 / (1.0 - 3.0 * b * slope)",
+        "tests/**/test_jiles_atherton*.py -k 'textbook or anhysteretic or derivatives'",
+    ),
+    (
+        "tanh: the rate without the interval",
+        "rate = (u1 - u0) / dt",
+        "rate = u1 - u0",
+        "tests/**/test_tanh*.py -k 'not recovery'",
+    ),
+    (
+        "restoring force: the polynomials stand at the start of a substep alone",
+        "force = 0.5 * (force0 + force)",
+        "force = force0",
+        "tests/**/test_restoring_force*.py tests/**/test_oscillator.py"
+        " -k 'order or independent or integration or solve_ivp or substep'",
+    ),
+    (
+        "hold: the straight line and the constant are swapped",
+        'return (ad, g1 - g2, g2) if hold == "foh" else',
+        'return (ad, g1 - g2, g2) if hold == "zoh" else',
+        "tests/linear/test_linear.py tests/operators/test_linear.py",
+    ),
+    (
+        "linear blocks: what is left over starts from the wrong sample",
+        "x, float(u[len(y) - 1]))",
+        "x, float(u[len(y)]))",
+        "tests/linear/test_linear.py tests/operators/test_linear.py -k blocks",
+    ),
+    (
+        "linear tangents: the state at rest does not move with the parameters",
+        "dx[:, m:] = u0 * rest_steps.T",
+        "dx[:, m:] = 0.0 * rest_steps.T",
+        _TANGENTS("creep or lag or mode"),
+    ),
+    (
+        "delay: the slope per sample is taken for one per second",
+        "np.concatenate([du, -slope[:, None] / dt], axis=1)",
+        "np.concatenate([du, -slope[:, None]], axis=1)",
+        _TANGENTS("delay"),
+    ),
+    (
+        "delay: the part of a sample is taken from the wrong side",
+        "return history[left] + part * slope, slope",
+        "return history[left + 1] + part * slope, slope",
+        "tests/**/test_delay.py",
+    ),
+    (
+        "creep in logarithmic time: the slowest unit does not stand for slower ones",
+        "both[:, -1] *= 1.0 + 1.0 / np.expm1(_SPACING)",
+        "both[:, -1] *= 1.0",
+        "tests/**/test_log_creep.py -k 'law or superposition'",
+    ),
+    (
+        "creep: the gain at rest of a model without its units",
+        'by["model__gain"] = 1.0 + np.sum(operator.compliances)',
+        'by["model__gain"] = 1.0',
+        "tests/**/test_kelvin_voigt.py",
+    ),
+    (
+        "soft saturation: the knee's tangent misses its logarithm",
+        "knee = value * (rest + np.maximum(size, 0.0) - full * size) / n",
+        "knee = value * (rest + np.maximum(size, 0.0)) / n",
+        _TANGENTS("soft"),
+    ),
+    (
+        "dead zones: the inverse keeps the thresholds of the drive",
+        "slopes=1.0 / np.asarray(self.slopes), thresholds=thresholds)",
+        "slopes=1.0 / np.asarray(self.slopes))",
+        "tests/**/test_*dead_zones.py",
+    ),
+    (
+        "tanks: what flows over is the part of the substep before the ceiling",
+        "over = max(q - outflow(ceiling[j], p[j])[0], 0.0) * (1.0 - room / move)",
+        "over = max(q - outflow(ceiling[j], p[j])[0], 0.0) * (room / move)",
+        "tests/fluid/test_tank_chain.py -k overflow",
+    ),
+    (
+        "drift: the polynomial goes on beyond the duration",
+        "z = np.clip(2.0 * time / self.duration - 1.0, -1.0, 1.0)",
+        "z = 2.0 * time / self.duration - 1.0",
+        "tests/**/test_disturbance.py",
+    ),
+    (
+        "sinusoid: the frequency's tangent turns the wrong way",
+        "(sine * np.cos(phase) - cosine * np.sin(phase))",
+        "(sine * np.cos(phase) + cosine * np.sin(phase))",
+        _TANGENTS("sinusoid"),
+    ),
+]
+
+_COMPOSITION = [
+    (
+        "series: both of two hystereses keep their gain",
+        "if stage.carries_scale][:1]",
+        "if stage.carries_scale]",
+        "tests/operators/test_compose.py",
+    ),
+    (
+        "series: the first stage carries the gain where there is no hysteresis",
+        "if gauge.any()][-1:]",
+        "if gauge.any()][:1]",
+        "tests/operators/test_compose.py tests/compose/test_cascade.py -k gain",
+    ),
+    (
+        "series: parameters before a curve count as linear",
+        "if not self.stages[i].signal_linear:\n                break",
+        "if not self.stages[i].signal_linear:\n                continue",
+        "tests/operators/test_acceptance.py -k 'linear_all_at_once and series'",
+    ),
+    (
+        "series: every stage rests at the drive",
+        "u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]",
+        "stage.run(np.array([u0], dtype=float), 1.0, state)",
+        "tests/operators/test_compose.py -k rest",
+    ),
+    (
+        "sum: every branch keeps its intercept",
+        "masks.append(mask | (intercept & taken))",
+        "masks.append(mask)",
+        "tests/operators/test_compose.py -k 'intercept or independent'",
+    ),
+    (
+        "sum: the gain of any branch can be taken out",
+        "stage.gauge_entries() & (_is_intercept(stage) | (i == 0))",
+        "stage.gauge_entries()",
+        "tests/operators/test_compose.py -k 'gain or independent'",
+    ),
+    (
+        "sum: beside an offset the intercept is left free",
+        "any(disturbance.has_constant for disturbance in disturbances)",
+        "any(False for disturbance in disturbances)",
+        "tests/compose/test_sum.py -k intercept",
+    ),
+    (
+        "schedule: Bernstein coefficients in reverse",
+        "comb(d, k) * t**k * (1.0 - t) ** (d - k) for k",
+        "comb(d, k) * t ** (d - k) * (1.0 - t) ** k for k",
+        "tests/compose/test_scheduled_parameters.py -k 'between or polynomial'",
+    ),
+    (
+        "schedule: beyond its range a parameter passes its bounds",
+        "np.clip(values, [spec.lower for spec in specs], [spec.upper for spec in specs])",
+        "values",
+        "tests/compose/test_scheduled_parameters.py -k 'between or polynomial or non_negative'",
+    ),
+    (
+        "modulation: the sensitivity is that to the column, not to its change",
+        "own = y * (_one(u, self.column) - self.reference)",
+        "own = y * _one(u, self.column)",
+        "tests/compose/test_column*.py tests/operators/test_multi_input.py"
+        " tests/operators/test_columns.py -k derivatives",
+    ),
+    (
+        "backfitting: the fold's mask is inverted",
+        "residual = np.where(self._fold[s.rows] != k, record.y - output, 0.0)",
+        "residual = np.where(self._fold[s.rows] == k, record.y - output, 0.0)",
+        "tests/compose/test_corrected.py -k 'fold or lag'",
+    ),
+    (
+        "backfitting: the clone of a fold learns from the fold",
+        "rows = np.flatnonzero(self._fold != k)",
+        "rows = np.flatnonzero(self._fold >= 0)",
+        "tests/compose/test_corrected.py -k fold",
+    ),
+    (
+        "backfitting: no damping in the gradient",
+        "gradient = back(rest) - _DAMPING * change",
+        "gradient = back(rest)",
+        "tests/compose/test_corrected.py -k damped",
+    ),
+    (
+        "thinned records keep the interval",
+        "dt=step * record.dt,",
+        "dt=record.dt,",
+        "tests/compose/test_cascade.py -k thin",
+    ),
+    (
+        "a warm start keeps the gain in every stage",
+        "values = np.where(scaled, values / gain, values)",
+        "values = np.where(scaled, values, values)",
+        "tests/compose/test_cascade.py -k 'warm or held or carries'",
+    ),
+    (
+        "the free run starts from rest although zero was asked for",
+        'return "zero" if self.initial_state == "zero" else "rest"',
+        'return "rest"',
+        "tests/test_base.py tests/test_common.py -k 'state or zero or rest'",
+    ),
+]
+
+_OPTIMISATION = [
+    (
+        "bounded step: a bound is released by the wrong sign of its multiplier",
+        "wrong = np.where(s <= low, -slope, slope)",
+        "wrong = np.where(s <= low, slope, -slope)",
+        "tests/optimize/test_bounded.py",
+    ),
+    (
+        "bounded step: the way to the lower bound is that to the upper",
+        "room = np.where(move < 0.0, (low[free] - s[free]) / move, room)",
+        "room = np.where(move < 0.0, (s[free] - high[free]) / move, room)",
+        "tests/optimize/test_bounded.py",
+    ),
+    (
+        "non-negative: an unknown at zero is freed by a rising slope",
+        "wrong |= ~free & (slope < -_TOLERANCE",
+        "wrong |= ~free & (slope > _TOLERANCE",
+        "tests/optimize/test_bounded.py tests/optimize/test_nonnegative.py",
+    ),
+    (
+        "linear part: bounds of the value, not of its change",
+        "(problem.lower - x)[index],",
+        "problem.lower[index],",
+        "tests/optimize/test_variable_projection.py -k 'bounds or recovers'",
+    ),
+    (
+        "clipped step: a positive parameter may change by any factor",
+        "reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)",
+        "reach = np.full(len(x), np.inf)",
+        "tests/optimize/test_variable_projection.py",
+    ),
+    (
+        "the step promises half of its slope",
+        "return step, -(2.0 * gradient @ step + step @ hessian @ step)",
+        "return step, -(gradient @ step + step @ hessian @ step)",
+        "tests/optimize/test_variable_projection.py -k 'predicted or single_step'",
+    ),
+    (
+        "a step that does not reduce the sum of squares is taken",
+        "if problem.total(reached, select)[-1, -1] <= gram[-1, -1]:",
+        "if np.isfinite(problem.total(reached, select)[-1, -1]):",
+        "tests/optimize/test_variable_projection.py -k single_step",
+    ),
+    (
+        "weights are not applied to the residual",
+        "columns, last = columns * root[:, None], last * root",
+        "columns = columns * root[:, None]",
+        "tests/optimize/test_weights.py",
+    ),
+    (
+        "weights are applied to rows, not their squares",
+        "columns *= np.sqrt(record.weights)[:, None]",
+        "columns *= record.weights[:, None]",
+        "tests/optimize/test_weights.py -k 'twice or generalised or cut'",
+    ),
+    (
+        "logarithms: the Jacobian is that by the parameter itself",
+        "blocks *= np.outer(chain, chain)",
+        "blocks *= 1.0",
+        "tests/optimize/test_variable_projection.py -k 'gram or recovers'",
+    ),
+    (
+        "covariance without the chain rule",
+        "*= np.outer(chain[index] / scale, chain[index] / scale)",
+        "*= np.outer(1.0 / scale, 1.0 / scale)",
+        "tests/optimize/test_identify.py -k standard_errors",
+    ),
+    (
+        "standard errors without the chain rule",
+        "std *= np.abs(chain)",
+        "std *= 1.0",
+        "tests/optimize/test_identify.py -k standard_errors",
+    ),
+    (
+        "the coefficients of disturbances cost no degrees of freedom",
+        "problem, solution, n_samples - coefficients.size, problem.powers(blocks)",
+        "problem, solution, n_samples, problem.powers(blocks)",
+        "tests/optimize/test_identify.py -k 'standard_errors or disturbance'",
+    ),
+    (
+        "a disturbance's coefficients come from the half that they predict",
+        "even_rows = basis @ _calibrate(basis, rest, record, odd)",
+        "even_rows = basis @ _calibrate(basis, rest, record, ~odd)",
+        "tests/optimize/test_variable_projection.py -k predictions",
+    ),
+    (
+        "disturbances are eliminated over all records at once",
+        "rows = select & (self.segment_record == number)",
+        "rows = select & (self.segment_record >= number)",
+        "tests/optimize/test_variable_projection.py -k eliminated",
+    ),
+    (
+        "the history before a record is the worst one",
+        "before=float(trials[np.argmin(errors)])",
+        "before=float(trials[np.argmax(errors)])",
+        "tests/optimize/test_identify.py -k history",
+    ),
+    (
+        "bounds of the user widen those of the model",
+        "= max(problem.lower[i], low), min(problem.upper[i], high)",
+        "= low, high",
+        "tests/optimize/test_methods.py -k bounds",
+    ),
+    (
+        "random starts are forgotten",
+        "best = min(found, other, key=lambda pair: pair[1].cost)",
+        "best = found",
+        "tests/optimize/test_methods.py -k far_start",
+    ),
+    (
+        "Levenberg-Marquardt: the damping rises after a good step",
+        "self.value = max(self.value * self.decrease, np.finfo(float).tiny)",
+        "self.value = max(self.value / self.decrease, np.finfo(float).tiny)",
+        "tests/optimize/test_methods.py -k levenberg",
+    ),
+    (
+        "cuckoo search: Mantegna's scale without its exponent",
+        "2.0 ** (0.5 * (_LEVY - 1.0)))\n) ** (1.0 / _LEVY)",
+        "2.0 ** (0.5 * (_LEVY - 1.0)))\n)",
+        "tests/optimize/test_methods.py -k 'flight or alone or schedules'",
+    ),
+    (
+        "cuckoo search: the flight without its exponent",
+        "np.abs(rng.normal(size=shape)) ** (1 / _LEVY)",
+        "np.abs(rng.normal(size=shape))",
+        "tests/optimize/test_methods.py -k 'flight or alone or schedules'",
+    ),
+    (
+        "cuckoo search: the nests that are kept are left, and the others kept",
+        "discovered = rng.random(shape) < discovery",
+        "discovered = rng.random(shape) > discovery",
+        "tests/optimize/test_methods.py -k 'discover or alone or schedules'",
+    ),
+    (
+        "vector fitting: unstable poles are kept",
+        "real = np.minimum(-np.abs(poles.real), -_SLOWEST * np.abs(poles))",
+        "real = poles.real",
+        "tests/optimize/test_vector_fitting.py",
+    ),
+    (
+        "vector fitting: the weights of the equations are squared",
+        "target = _real(block.weight * block.target)",
+        "target = _real(block.weight**2 * block.target)",
+        "tests/optimize/test_vector_fitting.py",
+    ),
+]
+
+_DIAGNOSIS = [
+    (
+        "a resonance without a peak is let through",
+        "return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))",
+        "return rings",
+        "tests/diagnosis/test_effects.py -k peak",
+    ),
+    (
+        "what is held out is predicted from a fit that has seen it",
+        "x = _fold_solution(problem, train, blocks, long)",
+        "x = problem.x0",
+        "tests/diagnosis/test_contest.py tests/diagnosis/test_candidates.py"
+        " tests/diagnosis/test_held_out.py -k 'segment or fold or sample'",
+    ),
+    (
+        "a fold is predicted with the coefficients of its own samples",
+        "parts = problem.predictions(x, train, wanted)",
+        "parts = problem.predictions(x, test, wanted)",
+        "tests/diagnosis/test_contest.py tests/diagnosis/test_candidates.py"
+        " tests/diagnosis/test_held_out.py -k 'segment or fold or sample'",
+    ),
+    (
+        "Schwarz's criterion counts every sample as evidence",
+        "effective = max(effective, trace * n / cost)",
+        "effective = max(effective, 0.0 * trace)",
+        "tests/diagnosis/test_contest.py tests/diagnosis/test_candidates.py"
+        " -k 'simplest or criterion or schwarz'",
+    ),
+    (
+        "the black box learns from what it is tested on",
+        "train = np.flatnonzero(~test)",
+        "train = np.flatnonzero(test | True)",
+        "tests/diagnosis/test_noise.py -k 'white_noise or noise_is_noise'",
+    ),
+    (
+        "the difference of two repetitions is taken for the noise of one",
+        "power += 0.5 * own",
+        "power += own",
+        "tests/diagnosis/test_noise.py -k repeated",
+    ),
+    (
+        "the first period of a record counts as a repetition",
+        "yield i, slice(2 * period, n), i, slice(period, n - period)",
+        "yield i, slice(period, n), i, slice(0, n - period)",
+        "tests/diagnosis/test_noise.py -k period",
+    ),
+    (
+        "robust loss: lost readings count in full",
+        "weights[lost[number]] = 0.0",
+        "weights[lost[number]] = 1.0",
+        "tests/diagnosis/test_robust.py -k lost",
+    ),
+    (
+        "robust loss: the scale is that of the quiet parts alone",
+        "np.maximum(np.median(off), _nearby(off))",
+        "np.median(off)",
+        "tests/diagnosis/test_robust.py -k structure",
+    ),
+    (
+        "a first part is cut although it shows less than the record",
+        "while stop < n and power[stop - 1] < least * known[stop - 1]:",
+        "while stop < n and power[stop - 1] < 0.0:",
+        "tests/diagnosis/test_shortened.py -k first_part",
+    ),
+    (
+        "a stage more: the intercepts before it are lost",
+        "[i].gain * intercept +",
+        "[i].gain * 0.0 * intercept +",
+        "tests/diagnosis/test_structure.py tests/diagnosis/test_tree.py -k gain",
+    ),
+    (
+        "a schedule by a column reads the column before it",
+        "by - 1].mean()",
+        "by - 2].mean()",
+        "tests/diagnosis/test_structure.py tests/diagnosis/test_tree.py"
+        " tests/diagnosis/test_declared_models.py -k 'schedule or column'",
+    ),
+    (
+        "the place of the residual: shares are not related to their size",
+        "return by, record, float(low), float(high), unit, share, share * count / max(size, 1)",
+        "return by, record, float(low), float(high), unit, share, share",
+        "tests/diagnosis/test_location.py",
+    ),
+    (
+        "spikes: a drive that jumps there and back is no excuse",
+        "off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)",
+        "off &= height > 0.0",
+        "tests/diagnosis/test_data_quality.py -k physics",
+    ),
+    (
+        "a mode in the place of another counts as a further one",
+        "if structure.label(name) not in structure.names or not",
+        "if structure.label(name) in structure.names or not",
+        "tests/diagnosis/test_rounds.py",
+    ),
+    (
+        "dropped claims are tried again",
+        "| set(self.dropped)",
+        "| set()",
+        "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k 'drop or tried'",
+    ),
+]
+
+_CONTEST = [
+    (
+        "no correction for many candidates",
+        "factor = max(n_candidates * independent_share(gains), 1.0)",
+        "factor = 1.0",
+        "tests/diagnosis/test_rounds.py",
+    ),
+    (
+        "candidates that remove the same count as many",
+        "return float(np.sum((values >= 1.0) + values % 1.0) / len(gains))",
+        "return 1.0",
+        "",
+    ),
+    (
+        "the terms of Newey and West are dropped",
+        "variance += 2.0 * (1.0 - lag / (lags + 1.0)) * _covariance(own, groups, lag)[0]",
+        "variance += 0.0 * _covariance(own, groups, lag)[0]",
+        "",
+    ),
+    (
+        "segments count about the mean of all records",
+        "own = gain - means[record]",
+        "own = gain - gain.mean()",
+        "",
+    ),
+    (
+        "the threshold of structure times ten",
+        "_UNEXPLAINED = 0.03",
+        "_UNEXPLAINED = 0.3",
+        "tests/diagnosis/test_noise.py -k structure",
+    ),
+]
+
+_CRITERION = [
+    (
+        "blocks have the length one always",
+        "length = min(max(length, 1), longest)\n    return",
+        "length = 1\n    return",
+        "",
+    ),
+    (
+        "the variance that blocks miss is not put back",
+        "spread = np.sqrt(sums @ sums / (1.0 - missing))",
+        "spread = np.sqrt(sums @ sums)",
+        "",
+    ),
+    (
+        "the gain is not halved",
+        "return block_p_value(0.5 * gain, chances)",
+        "return block_p_value(gain, chances)",
+        "",
+    ),
+    (
+        "min_improvement is ignored",
+        "factor = 1.0 - self.min_improvement",
+        "factor = 1.0",
+        "",
+    ),
+    (
+        "a fall of the error in the fit is not asked for",
+        "return bool(lower and better.cost < factor**2 * worse.cost)",
+        "return bool(lower)",
+        "",
+    ),
+    (
+        "no correction for many candidates that were tried",
+        "return min(1.0, n_tried * p)",
+        "return min(1.0, p)",
+        "",
+    ),
+    (
+        "chance is told by the residuals of the worse model",
+        "chances.append(w * (a - b) * b)",
+        "chances.append(w * (a - b) * a)",
+        "",
+    ),
+    (
+        "weights have no part in the gain",
+        "gain += np.sum(w * (a - b) * (a + b))",
+        "gain += np.sum((a - b) * (a + b))",
+        "",
+    ),
+    (
+        "as many degrees of freedom as samples",
+        "float(student.sf(total / spread, len(sums)))",
+        "float(student.sf(total / spread, sum(map(len, chances))))",
+        "",
+    ),
+    (
+        "models that describe equally well are told apart",
+        "return not close and self.p_value(worse, better) < self.alpha",
+        "return not close",
+        "",
+    ),
+    (
+        "the threshold of structure times ten, in parts of the error",
+        "left <= (1.0 - criterion.min_improvement) ** 2 * power",
+        "left <= (1.0 - 10.0 * criterion.min_improvement) ** 2 * power",
+        "tests/diagnosis/test_noise.py -k structure",
+    ),
+    (
+        "pairs are not counted among what was tried",
+        "n_tried += comb(len(effects), 2)",
+        "n_tried += 0",
+        "tests/diagnosis/test_rounds.py",
+    ),
+    (
+        "a pair is claimed that is no better than a part of it",
+        "if all(self.criterion.is_better(part, c, n_tried) for part in parts):",
+        "if parts is not None:",
+        "tests/diagnosis/test_rounds.py",
+    ),
+]
+
+FAULTS = (
+    *_of("models", faults=_MODELS),
+    *_of("composition", faults=_COMPOSITION),
+    *_of("optimisation", faults=_OPTIMISATION),
+    *_of("diagnosis", faults=_DIAGNOSIS),
+    *_of("diagnosis", "contest", "tests/diagnosis/test_contest.py", _CONTEST),
+    *_of("diagnosis", "criterion", "tests/diagnosis/test_criterion.py", _CRITERION),
+)
