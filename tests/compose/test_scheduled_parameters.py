@@ -16,6 +16,7 @@ from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
+    KelvinVoigtOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
 )
@@ -189,6 +190,19 @@ def test_a_parameter_stays_between_its_coefficients_and_follows_its_polynomial(
     assert polynomial(schedule) == pytest.approx(value, rel=1e-9, abs=1e-9)
     assert operator.at(2.0).operator.time_constant == pytest.approx(coefficients[0])
     assert operator.at(7.0).operator.time_constant == pytest.approx(coefficients[2])
+
+
+@pytest.mark.parametrize("schedule", [0.0, 3.5, 12.0])
+def test_beyond_the_range_a_parameter_follows_its_polynomial_up_to_its_bound(schedule):
+    operator = ScheduledOperator(
+        KelvinVoigtOperator(np.array([0.1]), np.array([0.5])),
+        (1, 0, 0, 0),
+        np.array([0.3, 0.2, 0.5, 1.0, 0.0]),
+        2.0,
+        4.0,
+    )
+    [value] = operator.at(schedule).operator.compliances
+    assert value == pytest.approx(max(0.3 - 0.05 * (schedule - 2.0), 0.0))
 
 
 def test_derivatives_and_pieces():

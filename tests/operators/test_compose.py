@@ -93,6 +93,7 @@ def test_hysteresis_carries_the_gain_and_the_intercept():
     assert held(chain) == {"lag__gain", "lag__intercept", "mode__gain", "mode__intercept"}
     assert linear(chain) == {"plays__weights[0]", "plays__weights[1]", "plays__intercept"}
     assert held(series(lag=LAG, plays=PLAYS)) == {"lag__gain", "lag__intercept"}
+    assert held(series(first=PLAYS, second=PLAYS)) == {"second__intercept"}
 
 
 def test_last_stage_that_can_carries_the_gain_where_there_is_no_hysteresis():

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.stats import ks_2samp
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold
 
@@ -206,6 +207,39 @@ def test_schedules_of_the_modified_search():
     np.testing.assert_allclose(schedule(0.0), (1.0, 2.0))
     np.testing.assert_allclose(schedule(1.0), (np.exp(-5.0), 0.5))
     np.testing.assert_allclose(schedule(0.5), (np.exp(-0.625), 1.0))
+
+
+@pytest.fixture(scope="module")
+def cuckoos():
+    """Return the nests and, where none is better, where they fly and what is discovered."""
+    seen = []
+
+    def flat(candidates):
+        seen.append(candidates.copy())
+        return np.zeros(len(candidates))
+
+    ends = np.full(50, -1.0), np.full(50, 1.0)
+    method = CuckooSearch(population=20_000, max_iterations=1, discovery=0.3)
+    method._search(flat, *ends, np.random.default_rng(0))
+    return seen
+
+
+def test_flights_are_those_of_levy(cuckoos):
+    """Mantegna's quotient for the exponent 1.5, whose scale is 0.6966 (Yang and Deb 2009)."""
+    nests, flown, _ = cuckoos
+    best = nests[0]
+    # short steps from the middle, which the ends of the box do not cut off
+    short = (np.abs(nests - best) < 0.02) & (np.abs(nests) < 0.5) & (nests != best)
+    steps = np.clip((flown - nests)[short] / (nests - best)[short], -25.0, 25.0)
+    u, v = np.random.default_rng(1).normal(size=(2, 200_000))
+    expected = np.clip(0.6966 * u / np.abs(v) ** (2.0 / 3.0), -25.0, 25.0)
+    assert len(steps) > 3000
+    assert ks_2samp(steps, expected).pvalue > 1e-3
+
+
+def test_a_coordinate_is_discovered_with_its_probability(cuckoos):
+    nests, _, discovered = cuckoos
+    assert np.mean(discovered != nests) == pytest.approx(0.3, abs=0.005)
 
 
 def test_methods_are_values():

@@ -286,9 +286,12 @@ def test_predictions_do_not_see_what_they_predict():
 # ------------------------------------------------------------------------------------- the solver
 
 
-def test_linear_problem_is_solved_at_once():
+@pytest.mark.parametrize("value", [0.0, 10.0])
+def test_linear_problem_is_solved_at_once(value):
     plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.array([1.0, 0.5]), 0.2)
-    start = plays.unpack(np.zeros(4))
+    start = dataclasses.replace(
+        plays, weights=np.full(2, value), intercept=-value, drive_offset=0.0
+    )
     problem = OperatorProblem(start, records(plays), fixed=("drive_offset",))
     solution = variable_projection(problem, problem.x0)
     assert solution.converged
@@ -310,6 +313,23 @@ def test_bounds_hold_at_every_step():
     slope, intercept = np.polyfit(u, y, 1)
     assert x[0] == pytest.approx(slope, rel=1e-6)
     assert x[2] == pytest.approx(intercept, abs=1e-6)
+
+
+def test_a_positive_parameter_moves_by_a_bounded_factor_a_step():
+    """Far from the solution the gradient tells a direction, but no distance."""
+    truth, _ = CASES["mode"]
+    problem = OperatorProblem(SecondOrderModeOperator(1.0, 0.9), records(truth))
+    visited, evaluate = [], problem.evaluate
+
+    def remembered(x, **options):
+        visited.append(np.array(x)[problem.log])
+        return evaluate(x, **options)
+
+    problem.evaluate = remembered
+    variable_projection(problem, problem.x0, max_evaluations=20)
+    assert len(visited) > 5
+    for i, x in enumerate(visited[1:], 1):
+        assert np.abs(x - visited[:i]).max(axis=1).min() <= 1.5 + 1e-9
 
 
 def test_history_and_callback_go_down():
