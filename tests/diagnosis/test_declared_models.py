@@ -151,7 +151,7 @@ def test_a_model_scheduled_by_a_column_is_declared_beside_an_offset(by):
     records = []
     for k in range(4):
         u = np.cumsum(np.random.default_rng(k).normal(size=N)) / 5
-        frame = pd.DataFrame({"drive": u, "load": float(k)})
+        frame = pd.DataFrame({"drive": u, "load": float(k), "other": (3.0, 1.0, 0.0, 2.0)[k]})
         records.append((frame, u * (1.0 + 0.2 * k) + 0.3 * k))
     X, y = stack_records(records, dt=DT)
     y += 0.01 * np.random.default_rng(9).normal(size=len(y))
