@@ -332,10 +332,10 @@ _COMPOSITION = [
         "tests/compose/test_cascade.py -k thin",
     ),
     (
-        "a warm start keeps the gain in every stage",
+        "a stage gives up its gain, but not that of its other terms",
         "values = np.where(scaled, values / gain, values)",
         "values = np.where(scaled, values, values)",
-        "tests/compose/test_cascade.py -k 'warm or held or carries'",
+        "tests/compose/test_fit_from.py -k gain",
     ),
     (
         "the free run starts from rest although zero was asked for",
@@ -392,7 +392,7 @@ _OPTIMISATION = [
         "weights are not applied to the residual",
         "columns, last = columns * root[:, None], last * root",
         "columns = columns * root[:, None]",
-        "tests/optimize/test_weights.py",
+        "tests/optimize/test_weights.py -k long_record",
     ),
     (
         "weights are applied to rows, not their squares",
@@ -410,7 +410,7 @@ _OPTIMISATION = [
         "covariance without the chain rule",
         "*= np.outer(chain[index] / scale, chain[index] / scale)",
         "*= np.outer(1.0 / scale, 1.0 / scale)",
-        "tests/optimize/test_identify.py -k standard_errors",
+        "tests/optimize/test_identify.py -k 'covariance or straight_line'",
     ),
     (
         "standard errors without the chain rule",

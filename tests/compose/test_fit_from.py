@@ -9,9 +9,17 @@ from sklearn.frozen import FrozenEstimator
 from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
-from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, KelvinVoigt, SecondOrderMode
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    KelvinVoigt,
+    SecondOrderMode,
+    TransferFunction,
+    TransferFunctionOperator,
+)
 from skhyst.operators import SeriesOperator, take_apart
-from skhyst.optimize import RecordData
+from skhyst.optimize import RecordData, VariableProjection
 
 DT, N = 0.01, 300
 PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.4])
@@ -122,3 +130,17 @@ def test_a_named_column_is_known_within_a_composition(model):
     np.testing.assert_allclose(named.predict(X), numbered.predict(X), atol=1e-9)
     with pytest.raises(ValueError, match="a column of X: drive, load"):
         model("lead").fit(X, Y)
+
+
+def test_a_cascade_takes_the_gain_out_of_an_operator_and_nothing_else():
+    """One evaluation, so that what is not linear stays where it starts."""
+    stage = TransferFunctionOperator([], [30.0], [0.2], [0.5, -2.0], gain=4.0)
+    plays = PrandtlIshlinskiiOperator([0.0, 0.2, 0.4, 0.6], [1.0, 0.4, 0.3, 0.2])
+    plant = SeriesOperator(("plays", "stage"), (plays, stage))
+    u = X["drive"].to_numpy()[:N]
+    hysteresis = PrandtlIshlinskii(thresholds=plays.thresholds)
+    model = Cascade([("plays", hysteresis), ("stage", TransferFunction(2))], dt=DT)
+    method = VariableProjection(max_evaluations=1)
+    model.fit_from(plant, u.reshape(-1, 1), plant.run(u, DT)[0], method=method)
+    assert model.operators_["stage"].gain == 1.0
+    assert model.fit_error_ < 1e-9

@@ -11,7 +11,12 @@ from sklearn.model_selection import GridSearchCV, KFold
 
 from skhyst.disturbance import OffsetOperator
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
-from skhyst.linear import FirstOrderLagOperator, SecondOrderMode, SecondOrderModeOperator
+from skhyst.linear import (
+    FirstOrderLagOperator,
+    KelvinVoigtOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+)
 from skhyst.optimize import (
     METHODS,
     CuckooSearch,
@@ -149,6 +154,14 @@ def test_bounds_hold(kind):
 def test_wrong_bounds_are_refused(bounds, message):
     with pytest.raises(ValueError, match=message):
         identify([start()], [record()], method=VariableProjection(bounds=bounds))
+
+
+def test_bounds_narrow_those_of_the_model():
+    creep = KelvinVoigtOperator(np.array([0.2]), np.array([0.1]))
+    problem = OperatorProblem(creep, [record()])
+    restrict(problem, {"compliances[0]": (-1.0, 0.5), "time_constants[0]": (-1.0, 10.0)})
+    assert (problem.lower[0], problem.upper[0]) == (0.0, 0.5)
+    assert (problem.lower[1], problem.upper[1]) == (-np.inf, np.log(10.0))
 
 
 def test_a_far_start_needs_random_ones():

@@ -404,6 +404,17 @@ def test_single_step_towards_the_minimum_of_a_fold():
     assert np.all(np.abs(x - there.x) <= 0.05 * way.max())
 
 
+@pytest.mark.parametrize("frequency", [2.0, 20.0, 70.0, 300.0])
+def test_single_step_never_makes_the_fit_worse(frequency):
+    """Far from the minimum the full step overshoots."""
+    problem = OperatorProblem(SecondOrderModeOperator(frequency, 0.02), records(CASES["mode"][0]))
+    select = np.array([True, False])
+    blocks = problem.evaluate(problem.x0)
+    x = single_step(problem, problem.x0, blocks, select)
+    reached = problem.total(problem.evaluate(x), select)[-1, -1]
+    assert reached <= problem.total(blocks, select)[-1, -1]
+
+
 def test_single_step_that_leads_nowhere_is_not_taken():
     truth, start = CASES["mode"]
     problem = OperatorProblem(start, records(truth))

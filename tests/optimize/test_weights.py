@@ -65,6 +65,17 @@ def test_zero_and_one_cut_segments(kind, before):
         np.testing.assert_allclose(a.record_coefficients, b.record_coefficients, rtol=1e-6)
 
 
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_long_record_is_the_sum_of_its_segments(weighted):
+    n = 70_000
+    rng = np.random.default_rng(0)
+    whole = RecordData(
+        *rng.normal(size=(2, n)), DT, weights=rng.uniform(size=n) if weighted else None
+    )
+    cut = dataclasses.replace(whole, segments=tuple((i, i + 2) for i in range(0, n, 2)))
+    np.testing.assert_allclose(total([whole], "none"), total([cut], "none"), rtol=1e-9, atol=1e-6)
+
+
 @pytest.mark.parametrize("kind", ["none", "offset"])
 def test_two_is_there_twice(kind):
     once = record()
