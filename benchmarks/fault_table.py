@@ -84,7 +84,7 @@ _MODELS = [
         "Preisach: the triangle at the end of a branch has the wrong sign",
         "bend = diagonal[i, 0] * s * (1.0 - s) + diagonal[j, 0] * t * (1.0 - t)",
         "bend = diagonal[i, 0] * s * (1.0 - s) - diagonal[j, 0] * t * (1.0 - t)",
-        "tests/**/test_preisach*.py tests/**/test_superpositions.py -k 'not recovery'",
+        _TANGENTS("relays"),
     ),
     (
         "Preisach: a turning point is wiped out too late",
@@ -517,8 +517,7 @@ _DIAGNOSIS = [
         "Schwarz's criterion counts every sample as evidence",
         "effective = max(effective, trace * n / cost)",
         "effective = max(effective, 0.0 * trace)",
-        "tests/diagnosis/test_contest.py tests/diagnosis/test_candidates.py"
-        " -k 'simplest or criterion or schwarz'",
+        "tests/diagnosis/test_contest.py tests/diagnosis/test_candidates.py -k simplest",
     ),
     (
         "the black box learns from what it is tested on",
@@ -579,7 +578,7 @@ _DIAGNOSIS = [
         "spikes: a drive that jumps there and back is no excuse",
         "off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)",
         "off &= height > 0.0",
-        "tests/diagnosis/test_data_quality.py -k physics",
+        "tests/diagnosis/test_data_quality.py -k 'physics or pulse'",
     ),
     (
         "a mode in the place of another counts as a further one",
@@ -591,7 +590,7 @@ _DIAGNOSIS = [
         "dropped claims are tried again",
         "| set(self.dropped)",
         "| set()",
-        "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k 'drop or tried'",
+        "tests/diagnosis/test_effect_search.py -k 'later_claim or first_claim'",
     ),
 ]
 

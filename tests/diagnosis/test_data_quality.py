@@ -95,6 +95,16 @@ def test_physics_is_no_fault(effect):
     assert data_quality(X, y, record_slices(X)).empty
 
 
+def test_a_pulse_of_the_drive_explains_a_pulse_of_the_response(signals):
+    drive, y = (signal.copy() for signal in signals)
+    y[300] += 2.0 * np.ptp(y)
+    X = drive.reshape(-1, 1)
+    assert data_quality(X, y, record_slices(X))["rows"].tolist() == [(300,)]
+    drive[300] += 2.0 * np.ptp(drive)
+    X = drive.reshape(-1, 1)
+    assert data_quality(X, y, record_slices(X)).empty
+
+
 def test_record_and_rows_of_several_records(signals):
     drive, y = signals
     spiked = y.copy()

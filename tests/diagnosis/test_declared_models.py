@@ -160,4 +160,5 @@ def test_a_model_scheduled_by_a_column_is_declared_beside_an_offset(by):
         search = EffectSearchCV(model, effects=["lag"], cv=2, max_effects=1).fit(X, y)
         assert search.effects_ == []
         model = search.best_estimator_
+        assert search.error_after_ == pytest.approx(0.01, rel=0.2)
         assert model.fit_error_ == pytest.approx(0.01, rel=0.1)

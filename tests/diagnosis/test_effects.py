@@ -146,6 +146,7 @@ def test_a_mode_has_a_peak_or_a_notch():
     assert not rings(of(0.9, np.array([0.3, 0.3])), 1.0, [])
     assert rings(of(0.5, np.array([9.0, 0.0])), 1.0, [])
     assert not rings(of(0.9, np.array([9.0, 0.0])), 1.0, [])
+    assert not rings(of(0.3, np.array([0.01, 1.0])), 1.0, [])  # its zeros are about its poles
     assert rings(SecondOrderModeOperator(100.0, 0.5), 1.0, [])
     assert not rings(SecondOrderModeOperator(100.0, 0.8), 1.0, [])
 

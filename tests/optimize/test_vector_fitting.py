@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skhyst.optimize import RationalBlock, modal_start, record_poles, vector_fit, warp
+from skhyst.optimize import (
+    RationalBlock,
+    modal_start,
+    rational_residues,
+    record_poles,
+    vector_fit,
+    warp,
+)
 
 
 def rational(s, poles, residues, d=0.0):
@@ -46,6 +53,22 @@ def test_poles_of_exact_data(n, unit):
     poles, cost = vector_fit(unit * s, blocks, n)
     np.testing.assert_allclose(np.sort_complex(poles) / unit, all_of(POLES[n]), rtol=1e-6)
     assert cost < 1e-12 * sum(np.sum(np.abs(block.target) ** 2) for block in blocks)
+
+
+def test_residues_are_those_of_weighted_least_squares():
+    rng = np.random.default_rng(0)
+    s = 1j * np.geomspace(0.1, 300.0, 60)
+    poles = np.array([-3.0 + 0.0j, -1.0 + 40.0j, -1.0 - 40.0j])
+    target = rational(s, poles[:2], [2.0, 1.0 - 3.0j], 0.3)
+    target += 0.1 * (rng.normal(size=60) + 1j * rng.normal(size=60))
+    weight = rng.uniform(0.1, 2.0, 60)
+    _, cost = rational_residues(s, [RationalBlock(target, np.ones((60, 1)), weight)], poles)
+    # complex residues of conjugate poles are two real unknowns
+    pair = 1.0 / (s - poles[1]), 1.0 / (s - poles[2])
+    columns = np.stack([1.0 / (s - poles[0]), sum(pair), 1j * (pair[0] - pair[1]), s**0], axis=1)
+    rows, right = weight[:, None] * columns, weight * target
+    rows, right = np.r_[rows.real, rows.imag], np.r_[right.real, right.imag]
+    assert cost == pytest.approx(np.linalg.lstsq(rows, right, rcond=None)[1][0])
 
 
 def test_unstable_poles_are_kept_or_mirrored():
