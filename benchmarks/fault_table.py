@@ -84,7 +84,7 @@ _MODELS = [
         "Preisach: the triangle at the end of a branch has the wrong sign",
         "bend = diagonal[i, 0] * s * (1.0 - s) + diagonal[j, 0] * t * (1.0 - t)",
         "bend = diagonal[i, 0] * s * (1.0 - s) - diagonal[j, 0] * t * (1.0 - t)",
-        _TANGENTS("relays"),
+        "tests/operators/test_acceptance.py -k 'cut_signal and relays'",
     ),
     (
         "Preisach: a turning point is wiped out too late",
