@@ -187,7 +187,7 @@ _MODELS = [
         "linear tangents: the state at rest does not move with the parameters",
         "dx[:, m:] = u0 * rest_steps.T",
         "dx[:, m:] = 0.0 * rest_steps.T",
-        _TANGENTS("creep or lag or mode"),
+        "tests/linear/test_linear.py tests/operators/test_linear.py -k rest_moves",
     ),
     (
         "delay: the slope per sample is taken for one per second",
@@ -211,7 +211,7 @@ _MODELS = [
         "creep: the gain at rest of a model without its units",
         'by["model__gain"] = 1.0 + np.sum(operator.compliances)',
         'by["model__gain"] = 1.0',
-        "tests/**/test_kelvin_voigt.py",
+        "tests/**/test_kelvin_voigt.py -k static_gain",
     ),
     (
         "soft saturation: the knee's tangent misses its logarithm",
