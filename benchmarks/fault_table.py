@@ -84,7 +84,7 @@ _MODELS = [
         "Preisach: the triangle at the end of a branch has the wrong sign",
         "bend = diagonal[i, 0] * s * (1.0 - s) + diagonal[j, 0] * t * (1.0 - t)",
         "bend = diagonal[i, 0] * s * (1.0 - s) - diagonal[j, 0] * t * (1.0 - t)",
-        _TANGENTS("relays"),
+        "tests/operators/test_acceptance.py -k 'cut_signal and relays'",
     ),
     (
         "Preisach: a turning point is wiped out too late",
@@ -187,7 +187,7 @@ _MODELS = [
         "linear tangents: the state at rest does not move with the parameters",
         "dx[:, m:] = u0 * rest_steps.T",
         "dx[:, m:] = 0.0 * rest_steps.T",
-        _TANGENTS("creep or lag or mode"),
+        "tests/linear/test_linear.py tests/operators/test_linear.py -k rest_moves",
     ),
     (
         "delay: the slope per sample is taken for one per second",
@@ -211,7 +211,7 @@ _MODELS = [
         "creep: the gain at rest of a model without its units",
         'by["model__gain"] = 1.0 + np.sum(operator.compliances)',
         'by["model__gain"] = 1.0',
-        "tests/**/test_kelvin_voigt.py",
+        "tests/**/test_kelvin_voigt.py -k static_gain",
     ),
     (
         "soft saturation: the knee's tangent misses its logarithm",
@@ -494,12 +494,6 @@ _OPTIMISATION = [
 
 _DIAGNOSIS = [
     (
-        "a resonance without a peak is let through",
-        "return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))",
-        "return rings",
-        "tests/diagnosis/test_effects.py -k peak",
-    ),
-    (
         "what is held out is predicted from a fit that has seen it",
         "x = _fold_solution(problem, train, blocks, long)",
         "x = problem.x0",
@@ -581,12 +575,6 @@ _DIAGNOSIS = [
         "tests/diagnosis/test_data_quality.py -k 'physics or pulse'",
     ),
     (
-        "a mode in the place of another counts as a further one",
-        "if structure.label(name) not in structure.names or not",
-        "if structure.label(name) in structure.names or not",
-        "tests/diagnosis/test_rounds.py",
-    ),
-    (
         "dropped claims are tried again",
         "| set(self.dropped)",
         "| set()",
@@ -595,6 +583,18 @@ _DIAGNOSIS = [
 ]
 
 _CONTEST = [
+    (
+        "a resonance without a peak is let through",
+        "return bool(max(near) > _PEAK * max(rest, fast) or _PEAK * min(near) < min(rest, fast))",
+        "return rings",
+        "tests/diagnosis/test_effects.py -k peak",
+    ),
+    (
+        "a mode in the place of another counts as a further one",
+        "if structure.label(name) not in structure.names or not",
+        "if structure.label(name) in structure.names or not",
+        "tests/diagnosis/test_rounds.py",
+    ),
     (
         "no correction for many candidates",
         "factor = max(n_candidates * independent_share(gains), 1.0)",
@@ -628,6 +628,18 @@ _CONTEST = [
 ]
 
 _CRITERION = [
+    (
+        "a resonance without a peak is let through, whatever its margin",
+        "return min(overshoots, max(near.max() - max(rest, fast), min(rest, fast) - near.min()))",
+        "return overshoots",
+        "tests/diagnosis/test_effects.py tests/diagnosis/test_plausibility.py -k peak",
+    ),
+    (
+        "a mode that has become another counts as a further one",
+        "return ringing[0] <= ringing[1]",
+        "return ringing[0] < ringing[1]",
+        "tests/diagnosis/test_plausibility.py -k place",
+    ),
     (
         "blocks have the length one always",
         "length = min(max(length, 1), longest)\n    return",
@@ -698,13 +710,13 @@ _CRITERION = [
         "pairs are not counted among what was tried",
         "n_tried += comb(len(effects), 2)",
         "n_tried += 0",
-        "tests/diagnosis/test_rounds.py",
+        "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k pairs",
     ),
     (
         "a pair is claimed that is no better than a part of it",
         "if all(self.criterion.is_better(part, c, n_tried) for part in parts):",
         "if parts is not None:",
-        "tests/diagnosis/test_rounds.py",
+        "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k two",
     ),
 ]
 

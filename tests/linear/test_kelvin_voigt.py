@@ -5,7 +5,9 @@ import pytest
 
 from skhyst.datasets import multisine, sine, steps
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.linear import KelvinVoigt
+from skhyst.linear import FirstOrderLagOperator, KelvinVoigt, KelvinVoigtOperator
+from skhyst.operators import SumOperator
+from skhyst.optimize import RecordData, identify
 
 GAIN, COMPLIANCES, CONSTANTS = 1.3, (0.1, 0.15), (0.01, 30.0)
 STATIC = GAIN * (1.0 + sum(COMPLIANCES))
@@ -80,6 +82,25 @@ def test_a_start_from_zero_is_known():
     with pytest.warns(ConvergenceWarning):
         model = KelvinVoigt(1, **options).fit(u, y)
     assert model.static_gain_std_ == np.inf
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+def test_the_standard_error_of_the_static_gain_is_that_beside_a_slow_unit():
+    """Fitted together, the chain and the unit have a covariance, and the gain a gradient."""
+    dt, n, rng = 0.02, 600, np.random.default_rng(0)
+    u = np.repeat(rng.normal(size=10), 60)
+    truth = KelvinVoigtOperator(np.array([1.5]), np.array([0.5]), 2.0)
+    y = truth.run(u, dt, truth.init(0.0, "zero"))[0] + 0.01 * rng.normal(size=n)
+    model = KelvinVoigt(1, fit_intercept=False, initial_state="zero", dt=dt)
+    found = model.fit(u.reshape(-1, 1), y).operator_
+    both = SumOperator(("chain", "slow"), (found, FirstOrderLagOperator(10 * n * dt, gain=0.0)))
+    held = {"chain__intercept", "slow__intercept", "slow__time_constant"}
+    result = identify([both], [RecordData(u, y, dt)], fixed=held, initial_state="zero")
+    by = {"chain__compliances[0]": found.gain, "slow__gain": 1.0}
+    by["chain__gain"] = 1.0 + found.compliances[0]
+    gradient = np.array([by.get(name, 0.0) for name in result.params])
+    expected = np.sqrt(gradient @ result.covariance @ gradient)
+    assert model.static_gain_std_ * np.sqrt(n / (n - 4)) == pytest.approx(expected, rel=3e-3)
 
 
 def test_a_gain_that_is_not_fitted_is_one():

@@ -404,7 +404,7 @@ def test_single_step_towards_the_minimum_of_a_fold():
     assert np.all(np.abs(x - there.x) <= 0.05 * way.max())
 
 
-@pytest.mark.parametrize("frequency", [2.0, 20.0, 70.0, 300.0])
+@pytest.mark.parametrize("frequency", [2.0, 50.0, 300.0])
 def test_single_step_never_makes_the_fit_worse(frequency):
     """Far from the minimum the full step overshoots."""
     problem = OperatorProblem(SecondOrderModeOperator(frequency, 0.02), records(CASES["mode"][0]))
