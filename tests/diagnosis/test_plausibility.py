@@ -1,0 +1,81 @@
+"""A name is refused where the data say that it is wrong, and stays where they leave it open."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from skhyst.diagnosis._candidates import Candidate, refitted
+from skhyst.diagnosis._edits import Insert
+from skhyst.diagnosis._plausibility import is_plausible
+from skhyst.diagnosis._tree import Tree
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    GainOperator,
+    KelvinVoigt,
+    KelvinVoigtOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+)
+from skhyst.optimize import RecordData
+
+MODE = SecondOrderModeOperator(30.0, 0.05)
+
+
+def candidate(tree, *effects):
+    return Candidate(effects, tree, 1.0, 4, np.empty(0))
+
+
+@pytest.mark.parametrize(("damping", "changed"), [(0.05, False), (0.5, False), (3.0, True)])
+def test_a_mode_in_the_place_of_another_is_no_further_mode(damping, changed):
+    """An overdamped mode creeps: what was added is then the declared mode, not the missing one."""
+    declared = Tree(SecondOrderMode(), MODE)
+    bent = declared.with_stage(0, operator=replace(MODE, damping_ratio=damping))
+    found = bent.edited("resonance", Insert(SecondOrderMode(), MODE))
+    plausible = is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
+    assert plausible != changed
+    creep = Insert(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
+    found = bent.edited("creep", creep)
+    assert is_plausible(None, candidate(found, "creep"), candidate(declared), [], 0.01)
+
+
+def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
+    declared = Tree(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
+    found = declared.edited("resonance", Insert(SecondOrderMode(), MODE))
+    assert is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
+
+
+def test_a_margin_below_zero_is_refused_beyond_its_standard_error():
+    rng = np.random.default_rng(9000)
+    dt, tau, noise = 0.01, 0.05, 0.05
+    segments = tuple(pairwise(range(0, 2001, 250)))
+    records, estimates = [], []
+    for seed in range(20):
+        u = np.cumsum(rng.standard_normal(2000)) / 10.0
+        y = FirstOrderLagOperator(tau).run(u, dt)[0] + noise * rng.standard_normal(2000)
+        records = [RecordData(u, y, dt, segments=segments)]
+        declared = Tree(Gain(dt=dt), GainOperator(1.0))
+        tree = declared.edited("lag", Insert(FirstOrderLag(dt=dt), FirstOrderLagOperator(tau)))
+        fitted = refitted(candidate(tree, "lag"), tree, records)
+        found = fitted.structure.part("lag").time_constant
+        estimates.append(found)
+
+        def stays(distance, found=found, fitted=fitted, declared=declared, records=records):
+            def margin(operator, motion, seen):
+                return operator.time_constant - found - distance
+
+            return is_plausible(margin, fitted, candidate(declared), records, 0.01)
+
+        assert stays(-1.0)  # above zero
+        assert stays(0.0)
+        low, high = 0.0, 1.0  # where the name begins to be refused: 2.33 standard errors
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if stays(middle) else (low, middle)
+        if seed == 0:
+            reach = low
+    # the standard error is that of repeated estimates, of which twenty are known to a sixth
+    assert reach == pytest.approx(2.33 * np.std(estimates, ddof=1), rel=0.5)
