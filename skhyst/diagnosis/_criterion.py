@@ -173,8 +173,8 @@ def block_length(series):
     # the smallest lag behind which a window of correlations is within chance
     within = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
     window = max(5, int(np.ceil(np.sqrt(np.log10(n)))))
-    runs = np.convolve(within, np.ones(window), mode="valid") >= window
-    m = int(np.argmax(runs)) if runs.any() else int(np.flatnonzero(~within)[-1]) + 1
+    within = np.append(within, np.ones(window, dtype=bool))  # what lies beyond the longest lag
+    m = int(np.argmax(np.convolve(within, np.ones(window), mode="valid") >= window))
     lags = np.arange(min(2 * m, size) + 1)
     taper = np.clip(2.0 * (1.0 - lags / max(2 * m, 1)), 0.0, 1.0)  # flat, then falling to zero
     own = taper * rho[: len(lags)]

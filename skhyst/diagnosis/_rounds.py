@@ -152,8 +152,8 @@ class Rounds:
         """Return the best variant of each effect that stays, refitted to all samples.
 
         A variant that follows the residual where it was fitted may foretell badly: of those that
-        are plausible the simplest that foretells as well as the best is taken. ``bases`` are what
-        the effects were put into.
+        are plausible the simplest that foretells as well as the best is taken: its error is hardly
+        larger, and not told apart. ``bases`` are what the effects were put into.
         """
         variants, kept, seen = screened
         most = (1.0 - self.criterion.min_improvement) ** 2
@@ -166,13 +166,18 @@ class Rounds:
         # of long records, what fits their first parts is near the solution
         tried = parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
-        best = [self._simplest(found)[0] for found in own.values()]
+        best = [self._simplest(self._near_best(found))[0] for found in own.values()]
         budget = FACTOR if are_long(self.records) else FACTOR**3
         return parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
 
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible
         return is_plausible(margin, candidate, base, records, self.criterion.alpha)
+
+    def _near_best(self, variants):
+        """Return the variants whose held-out error is not larger than the least by what matters."""
+        least = min(c.error for c in variants)
+        return [c for c in variants if (1.0 - self.criterion.min_improvement) * c.error <= least]
 
     def _simplest(self, candidates):
         """Return the simplest of those that the data cannot tell from the best, and all those."""

@@ -373,7 +373,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         driver = self.declared_estimator_ if declared else self._driver
         inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
-            start = min(self.washout or 0, s.n_samples - 1)
+            # of a single record the past is unknown, as it was in the search
+            unknown = int(0.05 * s.n_samples) if len(self.records_) == 1 else 0
+            start = min(unknown if self.washout is None else self.washout, s.n_samples - 1)
             segments = stretches(start, s.n_samples)
             records.append(_record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
