@@ -3,9 +3,9 @@
 Successive halving (Jamieson and Talwalkar, AISTATS 2016) spends about the same number of
 simulations on each rung. Every starting value is simulated once, and the step from there is
 predicted. The best one of each variant is refitted with three simulations, the variants of the best
-third of the effects with nine; of these effects the best variant that still is what its name says
-is refitted with 27, and held out. Three effects at least stay to the end, so that it is seen what
-else explains the data.
+third of the effects with nine. Those that still are what their name says are held out; of each
+effect the simplest that foretells as well as its best is refitted with 27, and held out again.
+Three effects at least stay to the end, so that it is seen what else explains the data.
 """
 
 from dataclasses import dataclass, replace

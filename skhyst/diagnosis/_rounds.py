@@ -163,10 +163,10 @@ class Rounds:
             for c in variants[i]
             if c.cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
         ]
-        # of long records, what fits their first parts is near the solution
         tried = parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
         best = [self._simplest(self._near_best(found))[0] for found in own.values()]
+        # of long records, what fits their first parts is near the solution
         budget = FACTOR if are_long(self.records) else FACTOR**3
         return parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
 
