@@ -112,7 +112,7 @@ def halve(groups, parallel):
     Returns
     -------
     variants : list of list of Candidate
-        Of each effect, best first: by Schwarz's criterion where it stays, else by their cost.
+        Of each effect, best first.
     kept : list of int
         The numbers of the effects that stay.
     """
@@ -120,15 +120,12 @@ def halve(groups, parallel):
     best = sorted(
         (min(c.cost for c in own) / groups[i][2], i) for i, own in enumerate(found) if own
     )
-    for _, i in best[_last(len(best)) :]:
-        found[i].sort(key=lambda c: c.cost)
     kept = [i for _, i in best[: _last(len(best))]]
     refined = _rung([found[i] for i in kept], [groups[i] for i in kept], 2, parallel)
-    jobs = [(c, groups[i][1]) for i, own in zip(kept, refined, strict=True) for c in own]
-    judged = iter(parallel(delayed(_criterion)(c, records) for c, records in jobs))
     for i, own in zip(kept, refined, strict=True):
-        order = sorted((next(judged), number) for number in range(len(own)))
-        found[i] = [own[number] for _, number in order]
+        found[i] = own
+    for own in found:
+        own.sort(key=lambda c: c.cost)
     return found, kept
 
 
@@ -143,32 +140,6 @@ def _rung(found, groups, rung, parallel):
 def _last(count):
     """Return how many of so many effects stay."""
     return max(-(-count // FACTOR), FACTOR)
-
-
-def _criterion(candidate, records):
-    """Return Schwarz's criterion with the number of parameters that a dependent residual has.
-
-    With independent errors of one variance the trace below is that variance times the number of
-    parameters. Where the residual of a stretch hangs together it is larger (Takeuchi 1976), and
-    counting every sample as evidence would prefer curves that only follow the residual.
-    """
-    problem = candidate.structure.problem(records)
-    n = float(problem.segment_weight.sum())
-    cost = max(candidate.cost, np.finfo(float).tiny)
-    n_parameters = candidate.structure.n_coefficients() * len(records)
-    x = candidate.x
-    inside = np.flatnonzero((x > problem.lower) & (x < problem.upper))
-    effective = float(len(inside))
-    if not n_parameters:  # else a stretch's gradient depends on its record's coefficients
-        blocks = problem.evaluate(x)
-        slopes = blocks[:, inside, -1]
-        hessian = blocks[:, inside][:, :, inside].sum(axis=0)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
-        slopes = slopes * scale
-        spread = slopes.T @ slopes
-        trace = np.trace(np.linalg.pinv(hessian * np.outer(scale, scale), 1e-10) @ spread)
-        effective = max(effective, trace * n / cost)
-    return n * np.log(cost / n) + (effective + n_parameters) * np.log(n)
 
 
 def held_out(candidate, records, folds):

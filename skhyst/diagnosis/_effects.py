@@ -103,6 +103,7 @@ _BUILT_IN = (
         lambda: [
             InMotion(RestoringForce(1, damping_degree=1)),
             InMotion(BoucWenStage()),
+            InMotion(BoucWenStage(fit_exponent=True)),
             BesideForce(Dahl(fit_damping=False, fit_intercept=False)),
             BesideForce(BoucWen(fit_gain=False, fit_intercept=False)),
             BesideForce(MaxwellSlip(10)),
@@ -188,6 +189,7 @@ _BUILT_IN = (
         lambda: [
             InMotion(FrictionStage(stribeck=False, fit_bristle_damping=False)),
             InMotion(FrictionStage(fit_bristle_damping=False)),
+            InMotion(FrictionStage()),
             BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
         ],

@@ -232,8 +232,6 @@ class BoucWenStage(OscillatorModel):
     0.30 5.0
     """
 
-    _complete = {"fit_exponent": True}
-
     _parameter_constraints = {
         **OscillatorModel._parameter_constraints,
         "exponent": [Interval(Real, 1.0, 20.0, closed="both")],

@@ -424,8 +424,6 @@ class FrictionStage(OscillatorModel):
     800
     """
 
-    _complete = {"stribeck": True, "fit_bristle_damping": True}
-
     _parameter_constraints = {
         **OscillatorModel._parameter_constraints,
         "stribeck": ["boolean"],

@@ -62,7 +62,6 @@ class OscillatorModel(ParametricModel):
     }
 
     series_rank = OscillatorOperator.rank
-    _complete = {}  # constructor parameters with which all of the law is fitted
 
     @abstractmethod
     def _laws(self, length, speed):
