@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import ThreadpoolController
 
+from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from .operators import Operator, put_beside, take_apart
@@ -77,14 +78,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     """Base of the models whose free run is that of an operator.
 
     A subclass gives :meth:`starting_values`, ``operator_class``, from which its place in a series
-    follows, and, where some of its parameters are held, :meth:`held_parameters`. A constructor of
-    its own assigns ``initial_state`` and ``dt`` too.
+    follows, and, where parameters are held for another reason than a flag ``fit_<name>``,
+    :meth:`held_parameters`. A constructor of its own assigns ``initial_state`` and ``dt`` too. What
+    its docstring does not say of a parameter or an attribute is taken from that of its base.
 
     Parameters
     ----------
     initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; "estimate" seeks the drive at which the device had
-        rested before each record of the fit.
+        State before each record's first sample: at rest after a first loading from zero; all zero;
+        or after a rest at a drive value that is fitted for each record.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
     method : str or Method, default="variable_projection"
@@ -92,10 +94,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     Attributes
     ----------
-    operator_class : type
-        Of the operators that it identifies, or a base of them.
-    series_rank : int
-        Where it stands in a series, see :class:`~skhyst.operators.Operator`.
     operator_ : Operator
         The identified operator: ``init``, ``step``, ``run``.
     params_, params_std_ : dict of str to float
@@ -123,6 +121,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     _one_interval = False  # an operator runs at the interval of each record
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
+
     def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.initial_state = initial_state
         self.dt = dt
@@ -142,8 +144,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
 
     def held_parameters(self):
-        """Return the names of entries that are held at their starting values."""
-        return frozenset()
+        """Return the names of entries that are held at their starting values.
+
+        Those are by default the ones whose flag ``fit_<name>`` is False.
+        """
+        flags = self.get_params(deep=False).items()
+        return frozenset(name[4:] for name, fit in flags if name[:4] == "fit_" and fit is False)
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y):

@@ -76,8 +76,6 @@ class NARXRegressor(AutoregressiveRegressor):
         Magnitude at which outputs are cut off: the largest in the fit and 100 times their range.
     output_range_ : tuple of (float, float)
         Range of the response in the fit.
-    records_ : tuple of RecordSlice
-        The records of the fit.
     n_features_in_ : int
         Number of columns of ``X``.
 

@@ -180,8 +180,6 @@ class Cascade(Composition):
         State before each record's first sample; that of the steps is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the steps is not used.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
     warm_start : bool, default=False
         Whether a further ``fit`` starts from the parameters found before, where the steps still
         have the same names and parameters.

@@ -226,14 +226,10 @@ class OnColumn(_ColumnModel):
         State before each record's first sample; that of the model is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the model is not used.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : ColumnOperator
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Examples
     --------
@@ -277,15 +273,11 @@ class Modulated(_ColumnModel):
         State before each record's first sample; that of the model is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the model is not used.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : ModulatedOperator
         ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Examples
     --------

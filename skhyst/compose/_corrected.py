@@ -53,8 +53,6 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Root mean square of the residual with predictions out of fold, units of the response.
     n_iter_ : int
         Times that the two were fitted, one more than turns that have lowered the error.
-    records_ : tuple of RecordSlice
-        The records of the fit.
     n_features_in_ : int
         Number of columns of ``X``.
 

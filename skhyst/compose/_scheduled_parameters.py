@@ -174,8 +174,6 @@ class ScheduledParameters(ParametricModel):
         State before each record's first sample; that of the model is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the model is not used.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------

@@ -27,8 +27,6 @@ class Sum(Composition):
         State before each record's first sample; that of the steps is not used.
     dt : float, default=1.0
         Sampling interval in s of data without a time index; that of the steps is not used.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------

@@ -292,18 +292,12 @@ class TankChain(ParametricModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample. A recording that begins under way asks for
         ``"estimate"``: the drive at which the chain had rested before each record of the fit.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : TankChainOperator
         ``time_constants`` (s), ``exponents``, ``ceilings``, ``shares``, ``drive_offset`` (drive),
         ``gain`` and ``intercept`` (response), ``scale`` (drive).
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     References
     ----------

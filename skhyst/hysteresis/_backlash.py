@@ -71,12 +71,8 @@ class Backlash(ParametricModel):
     rank : {"drive", "sensor"}, default="drive"
         Where it stands when an effect search has to find its place in a series: before everything
         else, or behind it.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample.
     dt : float, default=1.0
         Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------

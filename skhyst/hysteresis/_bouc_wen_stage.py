@@ -185,13 +185,6 @@ class BoucWenStage(OscillatorModel):
     n_substeps : int or None, default=None
         Integration steps in a sampling interval. None: as many as the stage that was found needs, a
         tenth of a radian of its fastest motion each, 64 at most.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a slow first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -199,8 +192,6 @@ class BoucWenStage(OscillatorModel):
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``hysteresis_stiffness`` (relative to the
         spring), ``level`` (units of the drive), ``shape`` (:math:`\gamma / \beta`), ``exponent``,
         ``gain``, ``intercept``.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
     physical_ : dict
         The quantities of the equation above for the given mass, see
         :meth:`BoucWenStageOperator.physical <skhyst.hysteresis.BoucWenStageOperator.physical>`.

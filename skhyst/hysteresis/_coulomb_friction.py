@@ -166,10 +166,6 @@ class CoulombFriction(FrictionModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest there; all zero; or after a rest at a drive
         value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -177,8 +173,6 @@ class CoulombFriction(FrictionModel):
         ``transition_velocity`` and ``stribeck_velocity`` in drive/s; ``coulomb_force``,
         ``stribeck_force`` F_d, ``asymmetry`` a and ``intercept`` in units of the response;
         ``stiffness`` in response/drive, ``damping`` in response s/drive.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Notes
     -----

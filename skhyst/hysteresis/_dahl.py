@@ -131,21 +131,12 @@ class Dahl(FrictionModel):
         Whether a spring ``k`` is fitted (0 otherwise).
     fit_intercept : bool, default=True
         Whether the response has a constant (a force offset).
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : DahlOperator
         ``presliding_displacement`` in units of the drive, ``coulomb_force`` and ``intercept`` in
         units of the response, ``stiffness`` in response/drive, ``damping`` in response s/drive.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Notes
     -----

@@ -271,13 +271,8 @@ class Duhem(ParametricModel):
         line, and make the branches differ.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
     dt : float, default=1.0
         Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -285,8 +280,6 @@ class Duhem(ParametricModel):
         ``alpha`` in 1/drive, ``curve`` a_i and ``slope`` b_j in response/drive, ``intercept`` in
         units of the response. At degree 1 ``t = u``; else ``t`` runs from -1 to 1 over the range of
         the drive in the records of the fit (``center``, ``scale``).
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     References
     ----------

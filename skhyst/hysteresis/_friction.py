@@ -30,14 +30,6 @@ class FrictionModel(ParametricModel):
 
     series_rank = 10
 
-    def held_parameters(self):
-        free = {
-            "damping": self.fit_damping,
-            "stiffness": self.fit_stiffness,
-            "intercept": self.fit_intercept,
-        }
-        return frozenset(name for name, is_free in free.items() if not is_free)
-
 
 def swing(records):
     """Return the largest peak-to-peak drive of the records, 1 where the drive never moves."""

@@ -370,13 +370,6 @@ class FrictionStage(OscillatorModel):
     n_substeps : int or None, default=None
         Integration steps in a sampling interval. None: as many as the stage that was found needs, a
         tenth of a radian of its fastest motion each, 64 at most.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a slow first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -384,8 +377,6 @@ class FrictionStage(OscillatorModel):
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``static_level`` (units of the drive),
         ``coulomb_ratio``, ``stribeck_velocity`` (drive/s), ``bristle_stiffness`` (relative to the
         spring), ``bristle_damping`` (a damping ratio), ``gain``, ``intercept``.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
     physical_ : dict
         The quantities of the equation above for the given mass, see
         :meth:`FrictionStageOperator.physical <skhyst.hysteresis.FrictionStageOperator.physical>`.

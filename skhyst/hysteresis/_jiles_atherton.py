@@ -305,8 +305,6 @@ class JilesAtherton(ParametricModel):
         fitted for each record.
     dt : float, default=1.0
         Sampling interval in s of data without a time index. The model does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -314,8 +312,6 @@ class JilesAtherton(ParametricModel):
         ``saturation`` (:math:`J_s = \mu_0 M_s`) in units of the response, ``shape`` (a) and
         ``pinning`` (k) in units of the drive, ``coupling`` (:math:`\alpha M_s / (3 a)`, from 0 to
         below 1), ``reversibility`` (c, from 0 to 1), ``gain`` in response/drive.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Notes
     -----

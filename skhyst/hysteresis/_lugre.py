@@ -176,13 +176,6 @@ class LuGre(FrictionModel):
         Whether a spring ``k`` beside the friction is fitted (0 otherwise).
     fit_intercept : bool, default=True
         Whether the response has a constant (a force offset).
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a slow first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -191,8 +184,6 @@ class LuGre(FrictionModel):
         ``coulomb_ratio`` F_c/F_s, ``static_force`` F_s in units of the response,
         ``bristle_damping`` sigma_1 and ``damping`` sigma_2 in response s/drive;
         ``bristle_stiffness`` sigma_0 and ``coulomb_force`` F_c follow.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Notes
     -----

@@ -185,13 +185,6 @@ class MaxwellSlip(FrictionModel):
         Whether a spring ``k`` that never slides is fitted (0 otherwise).
     fit_intercept : bool, default=True
         Whether the response has a constant (a force offset).
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -205,8 +198,6 @@ class MaxwellSlip(FrictionModel):
         Units of the response.
     operator_ : MaxwellSlipOperator
         The model as frozen numbers, to run sample by sample.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     References
     ----------

@@ -53,9 +53,6 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
         Drive at which the virgin device stands, units of the drive.
     fit_intercept : bool, default=True
         Whether the superposition of plays has a constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
     dt, method
         As for every model; the model does not depend on ``dt``.
 

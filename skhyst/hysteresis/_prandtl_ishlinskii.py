@@ -311,9 +311,6 @@ class PrandtlIshlinskii(InvertibleModel):
         Drive at which the virgin device stands, units of the drive.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
     dt, method
         As for every model; the model does not depend on ``dt``.
 
@@ -325,8 +322,6 @@ class PrandtlIshlinskii(InvertibleModel):
         Units of the response.
     operator_ : PrandtlIshlinskiiOperator
         The model as frozen numbers, to run sample by sample.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     References
     ----------

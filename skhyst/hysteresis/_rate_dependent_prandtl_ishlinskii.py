@@ -338,9 +338,6 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
         Weights at rest are not negative; free otherwise.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
     dt, method
         As for every model.
 
@@ -355,8 +352,6 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     intercept_ : float
         Units of the response.
     operator_ : RateDependentPrandtlIshlinskiiOperator
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     References
     ----------

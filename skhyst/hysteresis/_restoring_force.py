@@ -287,13 +287,6 @@ class RestoringForce(OscillatorModel):
     n_substeps : int or None, default=None
         Integration steps in a sampling interval. None: as many as the stage that was found needs, a
         tenth of a radian of its fastest motion each, 64 at most.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a slow first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -302,8 +295,6 @@ class RestoringForce(OscillatorModel):
         ``damping_coefficients`` (relative to the linear spring force at ``scale``, half the largest
         swing of the drive), ``hysteresis_stiffness`` (relative to the spring), ``slip_level`` and
         ``preload`` (units of the drive), ``gain``, ``intercept``.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
     physical_ : dict
         The quantities of the equation above for the given mass, see
         :meth:`RestoringForceOperator.physical <skhyst.hysteresis.RestoringForceOperator.physical>`.

@@ -75,15 +75,6 @@ class SlewLimit(ParametricModel):
     as of an amplifier that charges a capacitance with a limited current. It has no gain: put a
     model that has one behind it in a :class:`~skhyst.compose.Cascade`.
 
-    Parameters
-    ----------
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
-
     Attributes
     ----------
     operator_ : SlewLimitOperator

@@ -268,21 +268,14 @@ class SystemLevelHysteresis(ParametricModel):
         in place of integrating, so it jumps where the drive turns.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from zero; all
-        zero; or after a rest at a drive value that is fitted for each record.
     dt : float, default=1.0
         Sampling interval in s of data without a time index. The integral does not depend on it.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : SystemLevelOperator
         ``slope`` p in response/drive, ``curvature`` kappa in response/drive^2, ``decay`` lambda in
         1/drive and, as printed, ``rate_gain`` h_s in response s/drive.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Notes
     -----
@@ -341,6 +334,3 @@ class SystemLevelHysteresis(ParametricModel):
         return [
             SystemLevelOperator(0.0, 1.0, decay / span, variant=self.variant) for decay in _DECAYS
         ]
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})

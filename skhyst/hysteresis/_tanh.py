@@ -96,18 +96,12 @@ class TanhHysteresis(ParametricModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest there, so that the rate begins at zero;
         the drive was zero; or after a rest at a drive value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : TanhHysteresisOperator
         ``k0`` in response/drive, ``alpha`` in response s/drive, ``beta`` in units of the response,
         ``gamma`` in 1/drive.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
     identifiability_ : dict
         ``undetermined`` names ``gamma`` where the data do not reject (at 5 %) that the tangent is
         a step, which any large ``gamma`` gives.

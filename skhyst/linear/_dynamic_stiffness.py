@@ -149,10 +149,6 @@ class DynamicStiffness(ParametricModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest there; all zero; or after a rest at a drive
         value that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -160,8 +156,6 @@ class DynamicStiffness(ParametricModel):
         ``mass`` in response s^2/drive, ``damping`` in response s/drive, ``stiffness`` in
         response/drive, ``intercept`` in units of the response. Of a velocity, ``mass`` is in
         response s/drive and ``damping`` in response/drive.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Notes
     -----
@@ -227,7 +221,3 @@ class DynamicStiffness(ParametricModel):
 
     def starting_values(self, records):
         return [DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing))]
-
-    def held_parameters(self):
-        names = ("mass", "damping", "stiffness", "intercept")
-        return frozenset(name for name in names if not getattr(self, f"fit_{name}"))

@@ -72,8 +72,6 @@ class Gain(LinearModel):
     ----------
     operator_ : GainOperator
         ``gain`` in response units over drive units, ``intercept`` in units of the response.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Examples
     --------

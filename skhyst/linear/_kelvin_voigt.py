@@ -80,19 +80,11 @@ class KelvinVoigt(LinearModel):
         Whether the prompt gain (1 otherwise) and a constant response (0 otherwise) are fitted.
     hold : {"foh", "zoh"}, default="foh"
         Drive between samples: a straight line, or constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : KelvinVoigtOperator
         ``compliances`` (n_units,), ``time_constants`` (n_units,) in s, ``gain``.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
     static_gain_, static_gain_std_ : float
         Gain at rest and its standard error, units of the response over those of the drive.
 

@@ -482,9 +482,6 @@ class LinearModel(ParametricModel):
     def _any_interval(self):
         return getattr(self, "hold", "foh") == "foh"  # a delay has none
 
-    def held_parameters(self):
-        return frozenset(n for n in ("gain", "intercept") if not getattr(self, f"fit_{n}", True))
-
 
 def time_span(records):
     """Return the shortest interval and the longest record's duration, in s."""

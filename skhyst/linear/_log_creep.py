@@ -165,20 +165,12 @@ class LogCreep(LinearModel):
         Whether the prompt gain (1 otherwise) and a constant response (0 otherwise) are fitted.
     hold : {"foh", "zoh"}, default="foh"
         Drive between samples: a straight line, or constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : LogCreepOperator
         ``creep`` (:math:`\gamma`, the part a decade), ``time_constant`` in s, ``gain``. It follows
         the law to 3e-4 of the creep, for ten times the longest record of the fit.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     References
     ----------

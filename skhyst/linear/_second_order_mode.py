@@ -73,19 +73,11 @@ class SecondOrderMode(LinearModel):
         Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
     hold : {"foh", "zoh"}, default="foh"
         Drive between samples: a straight line, or constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
     operator_ : SecondOrderModeOperator
         ``natural_frequency`` in rad/s, ``damping_ratio``, ``gain``.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
 
     Examples
     --------

@@ -61,10 +61,6 @@ class TransferFunction(ModesMixin, LinearModel):
         Inputs between samples: a straight line, or constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample; ``"estimate"`` is for the drive alone.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
-    method : str or Method, default="variable_projection"
-        How the parameters are identified, see :mod:`skhyst.optimize`.
 
     Attributes
     ----------
@@ -72,8 +68,6 @@ class TransferFunction(ModesMixin, LinearModel):
         ``time_constants`` (s), ``natural_frequencies`` (rad/s), ``damping_ratios``, ``numerator``,
         ``gain``, ``intercept``; ``poles()``, ``frequency_response(frequency)``. With ``inputs``
         other than "drive" a MultiInputTransferFunctionOperator.
-    params_, params_std_ : dict
-        Parameters and their standard errors.
     poles_ : ndarray of shape (n_poles,), complex
         rad/s, slowest first.
     poles_covariance_ : ndarray of shape (n_poles, 2, 2)

@@ -58,8 +58,6 @@ class GrayBoxHysteresis(ParametricModel):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all
         zero; or after a rest at a drive value that is fitted for each record, with all weights.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
     method : str or Method, default="levenberg_marquardt"
         How the weights are trained, see :mod:`skhyst.optimize`.
 
@@ -183,9 +181,6 @@ class GrayBoxHysteresis(ParametricModel):
             )
             y = np.clip(y, -self.bound_, self.bound_)
         return y
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def starting_values(self, records):
         return [self._identify(records).operator]

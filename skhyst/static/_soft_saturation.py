@@ -144,9 +144,6 @@ class SoftSaturation(SaturationModel):
         self.dt = dt
         self.method = method
 
-    def held_parameters(self):
-        return frozenset() if self.fit_center else frozenset({"center"})
-
     def starting_values(self, records):
         low, high = range_of_drive(records)
         center = 0.5 * (low + high) if self.fit_center else 0.0
