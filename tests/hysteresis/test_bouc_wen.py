@@ -311,16 +311,6 @@ def test_tangents_are_central_differences(operator, seed):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
-    [("limit", 0.0), ("ratio", -0.1), ("exponent", 0.0), ("asymmetry", 1.0), ("limit", np.nan)],
-)
-def test_wrong_parameters(field, value):
-    values = {"gain": 1.0, "alpha": 1.0, "limit": 1.0} | {field: value}
-    with pytest.raises(ValueError, match=f"The '{field}' parameter of BoucWenOperator must be"):
-        BoucWenOperator(**values)
-
-
-@pytest.mark.parametrize(
     ("alpha", "beta", "gamma"), [(1.0, 0.3, 0.4), (1.0, 0.3, -0.3), (-1.0, 0.3, 0.3), (1.0, 0, 0)]
 )
 def test_laws_that_are_not_bounded_or_do_not_dissipate(alpha, beta, gamma):
@@ -460,11 +450,3 @@ def test_parameters_that_do_not_matter_are_named():
         model = BoucWen("fit").fit(np.ones((50, 1)), np.ones(50))
     assert model.identifiability_["undetermined"]
     assert np.isfinite(model.predict(u[:, None])).all()
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("exponent", 0.1), ("exponent", "free"), ("asymmetry", 2)]
-)
-def test_wrong_parameters_of_the_model(name, value):
-    with pytest.raises(ValueError, match=f"The '{name}' parameter of BoucWen"):
-        BoucWen(**{name: value}).fit(drive()[:, None], drive())

@@ -195,15 +195,6 @@ def test_default_step_is_kept_by_copies():
     assert operator.unpack(1.5 * operator.pack()).max_step == operator.max_step
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("shape", 0.0), ("pinning", -1.0), ("coupling", 1.0), ("reversibility", 1.1), ("max_step", 0)],
-)
-def test_wrong_fields(field, value):
-    with pytest.raises(ValueError, match=f"The '{field}' parameter of JilesAthertonOperator"):
-        dataclasses.replace(OPERATOR, **{field: value})
-
-
 def test_an_absurd_drive_comes_to_an_end():
     operator = dataclasses.replace(OPERATOR, max_step=1e-300)
     assert abs(operator.run([1e300], 1.0)[0][0]) <= 1.0
@@ -329,11 +320,6 @@ def test_drive_that_rests():
         warnings.simplefilter("ignore")
         model.fit(np.zeros((20, 1)), np.arange(20.0))
     assert np.isfinite(model.predict(np.ones((5, 1)))).all()
-
-
-def test_wrong_gain():
-    with pytest.raises(ValueError, match="The 'gain' parameter of JilesAtherton"):
-        JilesAtherton("other").fit(np.ones((5, 1)), np.ones(5))
 
 
 def measured(folder, name):

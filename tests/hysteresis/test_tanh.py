@@ -1,6 +1,5 @@
 """The hyperbolic tangent model: its laws, and its identification with the tables of the paper."""
 
-import dataclasses
 import warnings
 
 import numpy as np
@@ -34,12 +33,6 @@ def test_area_is_in_proportion_to_the_frequency():
 def test_slow_drive_has_no_memory():
     u, y = loop(1e-9)
     np.testing.assert_allclose(y, 0.2 + 0.12 * u + 0.4 * np.tanh(0.3 * u), atol=1e-9)
-
-
-def test_odd_symmetry():
-    odd = dataclasses.replace(OPERATOR, intercept=0.0)
-    u = np.random.default_rng(0).normal(size=100)
-    np.testing.assert_array_equal(odd.run(-u, 0.01)[0], -odd.run(u, 0.01)[0])
 
 
 def test_memory_is_one_sample():
