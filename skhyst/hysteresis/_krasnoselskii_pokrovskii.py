@@ -36,8 +36,11 @@ def move(value, levels, ramps, kernels):
 
 
 @jit
-def ramp_run(u, levels, weights, kernels, y):
-    """Write the weighted sum of the kernels to ``y``; ``kernels`` (K,) is updated."""
+def ramp_run(u, levels, weights, kernels, y, rows):
+    """Write the weighted sum of the kernels to ``y``; ``kernels`` (K,) is updated.
+
+    The kernels go to ``rows[:, :K]``, if it has rows.
+    """
     ramps = np.empty(levels.size - 1)
     for k in range(u.size):
         move(u[k], levels, ramps, kernels)
@@ -45,15 +48,8 @@ def ramp_run(u, levels, weights, kernels, y):
         for c in range(kernels.size):
             total += weights[c] * kernels[c]
         y[k] = total
-
-
-@jit
-def ramp_basis(u, levels, kernels, out):
-    """Write the kernels to ``out[:, :K]``; ``kernels`` (K,) is updated."""
-    ramps = np.empty(levels.size - 1)
-    for k in range(u.size):
-        move(u[k], levels, ramps, kernels)
-        out[k, : kernels.size] = kernels
+        if rows.size > 0:
+            rows[k, : kernels.size] = kernels
 
 
 @jit
@@ -142,21 +138,22 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         distance[np.abs(distance) < 1e-9 * np.ptp(self.levels)] = 0.0
         kernels = np.sign(distance)
         path = [self._center, float(u0)] if initial_state == "rest" else [self._center]
-        ramp_basis(as_signal(path), self.levels, kernels, np.empty((len(path), kernels.size)))
-        return kernels
+        return self._follow(path, kernels)[1]
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
-        kernels = self._before(u) if state is None else state.copy()
-        y = np.empty(u.size)
-        ramp_run(u, self.levels, self.weights, kernels, y)
-        y += self.intercept
-        return y, kernels
+        y, kernels = self._follow(u, self._before(u) if state is None else state)
+        return y + self.intercept, kernels
 
     def _fill(self, u, state, rows):
-        kernels = state.copy()
-        ramp_basis(u, self.levels, kernels, rows)
-        return kernels
+        return self._follow(u, state, rows)[1]
+
+    def _follow(self, u, state, rows=None):
+        u, kernels = as_signal(u), state.copy()
+        y = np.empty(u.size)
+        rows = np.empty((0, 0)) if rows is None else rows
+        ramp_run(u, self.levels, self.weights, kernels, y, rows)
+        return y, kernels
 
     def _carry(self, u, du, state, out):
         ramp_tangents(u, du, self.levels, self.weights, state.copy(), out)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from skhyst.hysteresis import Dahl, DahlOperator
+from skhyst.hysteresis import DahlOperator
 
 
 def test_loop_loses_four_coulomb_forces_times_the_amplitude():
@@ -57,11 +57,3 @@ def test_extreme_steps_are_finite(exponent, w, change, x_c):
 
 DT = 0.01
 U = np.sin(np.linspace(0, 20, 800)) * np.linspace(0, 1, 800)
-
-
-def test_first_loading_before_the_record_is_estimated():
-    y, _ = DahlOperator(0.12, 3.0).run(np.r_[0.9, U], DT)
-    known = {"fit_damping": False, "dt": DT}
-    rest = Dahl(**known).fit(U[:, None], y[1:])
-    estimated = Dahl(initial_state="estimate", **known).fit(U[:, None], y[1:])
-    assert estimated.fit_error_ < 0.1 * rest.fit_error_

@@ -271,18 +271,6 @@ def test_inverse_with_negative_weights():
     close(run(operator.inverse(), run(operator, u)), u)
 
 
-def test_analytic_inverse_agrees_with_bisection():
-    operator, target = example(), 1.9
-    history = np.array([0.0, 2.0, -1.0, 0.5])
-    low, high = -10.0, 10.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        below = run(operator, np.append(history, middle))[-1] < target
-        low, high = (middle, high) if below else (low, middle)
-    response = np.append(run(operator, history), target)
-    assert run(operator.inverse(), response)[-1] == pytest.approx(middle, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("form", "thresholds", "weights"),
     [

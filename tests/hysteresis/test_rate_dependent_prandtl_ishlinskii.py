@@ -83,15 +83,6 @@ def test_width_of_a_loop_grows_with_the_rate(rate):
     assert up - down == pytest.approx(2.0 * (0.4 + 4e-3 * rate), rel=1e-9)
 
 
-def test_area_of_a_loop_grows_with_the_rate():
-    areas = []
-    for rate in (1.0, 10.0, 50.0):
-        u, dt = triangle(rate)
-        y, _ = make("threshold").run(u, dt)
-        areas.append(np.trapezoid(u[-4001:], y[-4001:]))
-    assert 0.0 < areas[0] < areas[1] < areas[2]
-
-
 @settings(deadline=None, max_examples=40)
 @given(u=signals, speed=st.floats(1e-2, 1e3))
 def test_dissipation(u, speed):

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import (
     BoucWen,
     BoucWenOperator,
+    CoulombFriction,
     Dahl,
     DahlOperator,
     Duhem,
@@ -29,6 +31,7 @@ from skhyst.hysteresis import (
     PreisachOperator,
     RateDependentPrandtlIshlinskii,
     RateDependentPrandtlIshlinskiiOperator,
+    TanhHysteresis,
     TanhHysteresisOperator,
 )
 from skhyst.operators import SeriesOperator, check_operator
@@ -297,6 +300,28 @@ def test_odd_symmetry(operator):
 
 
 # ----------------------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        BoucWen("fit"),
+        CoulombFriction(fit_damping=False, fit_intercept=False),
+        JilesAtherton(fit_intercept=False),
+        KrasnoselskiiPokrovskii(4),
+        Preisach(4),
+        TanhHysteresis(),
+    ],
+)
+def test_parameters_that_a_drive_at_rest_does_not_show_are_named(model):
+    X = np.full((20, 1), 3.0)
+    with pytest.warns(ConvergenceWarning, match="do not determine"):
+        model.fit(X, np.full(20, 5.0))
+    assert model.identifiability_["undetermined"]
+    assert np.isfinite(model.predict(np.linspace(-1.0, 3.0, 20)[:, None])).all()
+    if isinstance(model, (KrasnoselskiiPokrovskii, Preisach)):
+        np.testing.assert_allclose(model.predict(X), 5.0)
+
 
 GRIDS = PreisachOperator, KrasnoselskiiPokrovskiiOperator
 PLAYS = PrandtlIshlinskiiOperator, RateDependentPrandtlIshlinskiiOperator
