@@ -1,7 +1,5 @@
 """Plays, then dead zones: recovery, inverse, units."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -55,18 +53,6 @@ def test_recovery_of_random_plants(assert_recovered):
     # the parameters of one plant are covered or missed together
     evaluations = assert_recovered(ModifiedPrandtlIshlinskii(thresholds=R), map(plant, range(60)))
     assert np.median(evaluations) < 40
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_inverse_after_pickling(seed):
-    plant = Plant(seed)
-    model = pickle.loads(pickle.dumps(plant.model().fit(plant.X, plant.y + plant.noise)))
-    response = model.predict(plant.X).reshape(-1, 1)
-    drive_again = model.inverse_predict(response)
-    np.testing.assert_allclose(drive_again, plant.u, rtol=0, atol=1e-12 * np.ptp(plant.u))
-    wanted = response[::-1]
-    again = model.predict(model.inverse_predict(wanted).reshape(-1, 1))
-    np.testing.assert_allclose(again, wanted[:, 0], rtol=0, atol=1e-12 * np.ptp(wanted))
 
 
 def test_asymmetry_and_saturation_that_plays_alone_cannot_have():

@@ -1,6 +1,5 @@
 """Plays and stops: definition, memory, work, inverse, recovery of plants."""
 
-import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -351,11 +350,3 @@ def test_a_force_needs_stops(force):
     X, y = force
     error = {form: PrandtlIshlinskii(form=form).fit(X, y).fit_error_ for form in ("play", "stop")}
     assert error["stop"] < 0.03 * error["play"]
-
-
-def test_inverse_predict_after_pickling(force):
-    X, y = force
-    model = PrandtlIshlinskii(thresholds=THESE, form="stop").fit(X, y)
-    model = pickle.loads(pickle.dumps(model))
-    response = model.predict(X).reshape(-1, 1)
-    close(model.inverse_predict(response), X[:, 0], 11.0 * np.ptp(X))

@@ -1,7 +1,5 @@
 """Plays that follow the rate of the drive: definition, loops, inverse, recovery of plants."""
 
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -206,17 +204,6 @@ def test_better_than_the_plain_model(variant):
     assert errors[0] < 0.1 * errors[1]
 
 
-@VARIANTS
-def test_inverse_after_pickling(variant):
-    plant = Plant(1, variant)
-    model = RateDependentPrandtlIshlinskii(thresholds=R, variant=variant, dt=DT)
-    model.fit(plant.X, plant.y + plant.noise)
-    model = pickle.loads(pickle.dumps(model))
-    wanted = model.predict(plant.X)
-    again = model.predict(model.inverse_predict(wanted.reshape(-1, 1)).reshape(-1, 1))
-    assert np.sqrt(np.mean((again - wanted) ** 2)) < 1e-3 * np.ptp(wanted)
-
-
 def test_records_are_inverted_one_by_one():
     plant = Plant(2, "threshold")
     model = RateDependentPrandtlIshlinskii(thresholds=R, dt=DT).fit(plant.X, plant.y)
@@ -247,15 +234,3 @@ def test_units_of_the_model(variant, drive, response, time, assert_unit_free):
     model = RateDependentPrandtlIshlinskii(6, variant=variant, dt=DT)
     noisy = plant.y + plant.noise
     assert_unit_free(model, plant.u, noisy, drive, response, 1e-5, dt=DT * time)
-
-
-def test_attributes():
-    plant = Plant(5, "slope")
-    model = RateDependentPrandtlIshlinskii(thresholds=R, variant="slope", dt=DT)
-    model.fit(plant.X, plant.y)
-    np.testing.assert_allclose(model.weights_, plant.weights, atol=1e-9)
-    np.testing.assert_allclose(model.rate_weights_, plant.rate_weights, atol=1e-11)
-    assert model.dilation_ == 0.0
-    assert model.intercept_ == pytest.approx(plant.intercept)
-    held = RateDependentPrandtlIshlinskii(thresholds=R, fit_intercept=False, dt=DT)
-    assert held.fit(plant.X, plant.y).intercept_ == 0.0

@@ -1,6 +1,7 @@
 """Theorems of the weighted sums of plays, stops, relays and ramps; what is refused."""
 
 import dataclasses
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -50,6 +51,11 @@ def make_plays(draw, **options):
     return PrandtlIshlinskiiOperator(np.cumsum(gaps), weights, *constants, **options)
 
 
+def make_slips(draw):
+    plays = make_plays(draw)
+    return MaxwellSlipOperator(plays.thresholds + 0.1, plays.weights, draw(st.floats(0, 3)))
+
+
 def make_grid(draw, kind):
     n = draw(st.integers(2, 8))
     levels = np.cumsum(draw(arrays(float, n, elements=st.floats(0.1, 5)))) - draw(st.floats(0, 20))
@@ -64,6 +70,7 @@ def make_grid(draw, kind):
 MAKERS = {
     "plays": make_plays,
     "stops": lambda draw: make_plays(draw, form="stop"),
+    "slip elements": make_slips,
     "plays, then zones": lambda draw: SeriesOperator(("p", "z"), (make_plays(draw), ZONES)),
     "relays": lambda draw: make_grid(draw, PreisachOperator),
     "ramps": lambda draw: make_grid(draw, KrasnoselskiiPokrovskiiOperator),
@@ -133,7 +140,7 @@ def test_monotone_branches(kind, data, u):
     assert np.all(np.diff(y) * np.sign(np.diff(u)) >= -1e-10)
 
 
-@every("stops")
+@every("stops", "slip elements")
 @settings(deadline=None, max_examples=40)
 @given(st.data(), signals)
 def test_order_is_preserved(kind, data, u):
@@ -145,11 +152,12 @@ def test_order_is_preserved(kind, data, u):
 @settings(deadline=None, max_examples=30)
 @given(st.data(), signals)
 def test_dissipation(kind, data, u):
-    """The work of a closed loop is not negative; that of stops is done by a force."""
+    """The work of a closed loop is not negative; that of stops and slips is done by a force."""
     operator = data.draw(operators(kind))
     path = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(np.append(u, u[0]))])
     y = run(operator, np.concatenate((path, path)))[-path.size :]
-    work = np.trapezoid(y, path) if kind == "stops" else np.trapezoid(path, y)
+    force = kind in {"stops", "slip elements"}
+    work = np.trapezoid(y, path) if force else np.trapezoid(path, y)
     assert work >= -1e-3 * np.ptp(path) * (np.ptp(y) + 1e-9)
 
 
@@ -297,6 +305,43 @@ def test_odd_symmetry(operator):
     superposed = hasattr(operator, "weights")
     close(run(operator, -u), -run(operator, u), 1e-12 if superposed else 1e-14)
     assert run(operator, [0.0])[0] == pytest.approx(0.0, abs=1e-14)
+
+
+# ------------------------------------------------------------------------------------- models
+
+R, ZONED = np.array([0.0, 0.4, 0.9, 1.6]), [-2.0, -1.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("model", "tolerance"),
+    [
+        (PrandtlIshlinskii(thresholds=R), 1e-12),
+        (PrandtlIshlinskii(thresholds=R, form="stop"), 1e-11),
+        (ModifiedPrandtlIshlinskii(thresholds=R, dead_zone_thresholds=ZONED), 1e-12),
+        (RateDependentPrandtlIshlinskii(thresholds=R, dt=1e-3), 1e-3),
+        (RateDependentPrandtlIshlinskii(thresholds=R, variant="slope", dt=1e-3), 1e-3),
+    ],
+)
+def test_inverse_and_attributes_after_pickling(model, tolerance):
+    time = 1e-3 * np.arange(2500)
+    u = 4.0 * np.sin(2 * np.pi * time * (1.0 + 1.5 * time)) * (0.5 + 0.5 * np.cos(0.7 * time) ** 2)
+    rates = 1e-3 * np.array([3.0, -2.0, 1.0, 2.0]) * (getattr(model, "variant", "") == "slope")
+    weights = (
+        [1.0, -0.3, -0.2, -0.1] if getattr(model, "form", "") == "stop" else [1, 0.5, 0.4, 0.3]
+    )
+    y, _ = RateDependentPrandtlIshlinskiiOperator(R, weights, rates, 0.3, 4e-3).run(u, 1e-3)
+    model = pickle.loads(pickle.dumps(model.fit(u[:, None], y)))
+    plays = model.operator_.stages[0] if hasattr(model.operator_, "stages") else model.operator_
+    for name in ("thresholds", "weights", "rate_weights", "dilation", "intercept"):
+        if hasattr(plays, name):
+            np.testing.assert_array_equal(getattr(model, f"{name}_"), getattr(plays, name))
+    wanted = model.predict(u[:, None])
+    again = model.predict(model.inverse_predict(wanted[:, None])[:, None])
+    assert np.std(again - wanted) < tolerance * np.ptp(wanted)
+    if tolerance < 1e-6:  # the inverse is exact
+        close(model.inverse_predict(wanted[:, None]), u, tolerance * np.ptp(u))
+        again = model.predict(model.inverse_predict(wanted[::-1, None])[:, None])
+        close(again, wanted[::-1], tolerance * np.ptp(wanted))
 
 
 # ----------------------------------------------------------------------------- what is refused
