@@ -16,7 +16,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._bouc_wen_curve import curve_run, curve_tangents, curves
-from ._common import show
+from ._common import require, show
 
 __all__ = ["BoucWen", "BoucWenOperator"]
 
@@ -92,17 +92,10 @@ class BoucWenOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        for name, valid, requirement in (
-            ("limit", self.limit > 0.0, "positive"),
-            ("ratio", self.ratio >= 0.0, "at least 0"),
-            ("exponent", self.exponent > 0.0, "positive"),
-            ("asymmetry", -1.0 < self.asymmetry < 1.0, "between -1 and 1"),
-        ):
-            if not valid:
-                raise ValueError(
-                    f"The '{name}' parameter of BoucWenOperator must be {requirement}. "
-                    f"Got {getattr(self, name)!r} instead."
-                )
+        require(self, "limit", self.limit > 0.0, "be positive")
+        require(self, "ratio", self.ratio >= 0.0, "be at least 0")
+        require(self, "exponent", self.exponent > 0.0, "be positive")
+        require(self, "asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
 
     def __reduce__(self):  # without the tables
         fields = dataclasses.fields(self)

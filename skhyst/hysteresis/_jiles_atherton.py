@@ -28,7 +28,7 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
-from ._common import largest_drive
+from ._common import largest_drive, require
 
 __all__ = ["JilesAtherton", "JilesAthertonOperator"]
 
@@ -254,19 +254,10 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     def __post_init__(self):
         if self.max_step is None:
             object.__setattr__(self, "max_step", _RESOLUTION * min(self.shape, self.pinning))
-        ranges = {
-            "shape": (self.shape > 0.0, "positive"),
-            "pinning": (self.pinning > 0.0, "positive"),
-            "coupling": (0.0 <= self.coupling < 1.0, "in [0, 1)"),
-            "reversibility": (0.0 <= self.reversibility <= 1.0, "in [0, 1]"),
-            "max_step": (self.max_step > 0.0, "positive"),
-        }
-        for name, (valid, wanted) in ranges.items():
-            if not valid:
-                raise ValueError(
-                    f"The '{name}' parameter of JilesAthertonOperator must be {wanted}. "
-                    f"Got {getattr(self, name)!r} instead."
-                )
+        for name in ("shape", "pinning", "max_step"):
+            require(self, name, getattr(self, name) > 0.0, "be positive")
+        require(self, "coupling", 0.0 <= self.coupling < 1.0, "be in [0, 1)")
+        require(self, "reversibility", 0.0 <= self.reversibility <= 1.0, "be in [0, 1]")
 
 
 _SHAPES = (0.3, 1.0, 3.0)  # starts: shape over the coercive field,

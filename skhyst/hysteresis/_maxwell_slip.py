@@ -8,7 +8,7 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..operators import as_signal, parameter
-from ._common import FrictionModel, show
+from ._common import FrictionModel, require, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
 __all__ = ["MaxwellSlip", "MaxwellSlipOperator"]
@@ -65,11 +65,7 @@ class MaxwellSlipOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        if not self.thresholds[0] > 0.0:
-            raise ValueError(
-                "The 'thresholds' parameter of MaxwellSlipOperator must be positive. "
-                f"Got {self.thresholds!r} instead."
-            )
+        require(self, "thresholds", self.thresholds[0] > 0.0, "be positive")
 
     @cached_property
     def _plays(self):

@@ -30,7 +30,7 @@ from ..operators import (
     play_tangents,
     play_thresholds,
 )
-from ._common import show
+from ._common import require, show
 
 __all__ = ["PlayModel", "PlaySum", "PrandtlIshlinskii", "PrandtlIshlinskiiOperator"]
 
@@ -40,17 +40,11 @@ class PlaySum(Superposition):
 
     def __post_init__(self):
         super().__post_init__()
-        kind, r = type(self).__name__, self.thresholds
-        if r.ndim != 1 or r.size == 0 or not (r[0] >= 0.0 and np.all(r[1:] >= r[:-1])):
-            raise ValueError(
-                f"The 'thresholds' parameter of {kind} must be a list of ascending values that "
-                f"are not negative. Got {r!r} instead."
-            )
-        if self.weights.shape != r.shape:
-            raise ValueError(
-                f"The 'weights' parameter of {kind} must have one value for each of the {r.size} "
-                f"thresholds. Got shape {self.weights.shape} instead."
-            )
+        r = self.thresholds
+        ascending = r.ndim == 1 and r.size and r[0] >= 0.0 and np.all(r[1:] >= r[:-1])
+        require(self, "thresholds", ascending, "be a list of ascending values, none negative")
+        matching = self.weights.shape == r.shape
+        require(self, "weights", matching, f"have one value for each of the {r.size} thresholds")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,11 +99,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.form not in ("play", "stop"):
-            raise ValueError(
-                "The 'form' parameter of PrandtlIshlinskiiOperator must be 'play' or 'stop'. "
-                f"Got {self.form!r} instead."
-            )
+        require(self, "form", self.form in ("play", "stop"), "be 'play' or 'stop'")
 
     @cached_property
     def _play_form(self):

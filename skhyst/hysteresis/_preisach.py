@@ -2,10 +2,9 @@ r"""Preisach model: relays with a density on the half plane of their thresholds.
 
     y = c + integral of mu(alpha, beta) gamma[u] over alpha >= beta + sum_k g_k s_k(u)
 
-A relay gamma is +1 once ``u`` has reached alpha, -1 once it has fallen to beta. The density mu is
-constant in the cells of a grid, see ``_relay_grid``; the last sum is the density on the line
-alpha = beta, where ``s_k`` rises from -1 to 1 between levels ``k`` and ``k + 1``. The response is
-evaluated from the turning points of the drive, see ``_preisach_loops``.
+with relays gamma, and ``s_k`` that rise from -1 to 1 between levels ``k`` and ``k + 1``. The
+density mu is constant in the cells of a grid, see ``_relay_grid``; the response is evaluated from
+the turning points of the drive, see ``_preisach_loops``.
 """
 
 import dataclasses
@@ -14,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..operators import as_signal, parameter
-from ._common import show
+from ._common import require, show
 from ._preisach_loops import (
     build_bins,
     everett_run,
@@ -86,12 +85,9 @@ class PreisachOperator(RelayGridOperator):
 
     def __post_init__(self):
         super().__post_init__()
-        size = self.reversible.size
-        if size not in (0, self.levels.size - 1):
-            raise ValueError(
-                "The 'reversible' parameter of PreisachOperator must be empty or have one value "
-                f"for each of the {self.levels.size - 1} intervals. Got {size} instead."
-            )
+        n = self.levels.size - 1
+        wanted = f"be empty or have one value for each of the {n} intervals"
+        require(self, "reversible", self.reversible.size in (0, n), wanted)
 
     @cached_property
     def _bins(self):

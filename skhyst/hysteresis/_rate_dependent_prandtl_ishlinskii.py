@@ -17,7 +17,7 @@ from scipy.ndimage import uniform_filter1d
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..operators import as_signal, clip_play, parameter
-from ._common import fastest_change, show, swing
+from ._common import fastest_change, require, show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
 __all__ = ["RateDependentPrandtlIshlinskii", "RateDependentPrandtlIshlinskiiOperator"]
@@ -163,12 +163,10 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.rate_weights.size and self.rate_weights.shape != self.thresholds.shape:
-            raise ValueError(
-                "The 'rate_weights' parameter of RateDependentPrandtlIshlinskiiOperator must have "
-                f"one value for each of the {self.thresholds.size} thresholds, or none. Got shape "
-                f"{self.rate_weights.shape} instead."
-            )
+        size = self.thresholds.size
+        matching = self.rate_weights.shape in {(0,), (size,)}
+        wanted = f"have one value for each of the {size} thresholds, or none"
+        require(self, "rate_weights", matching, wanted)
 
     def parameter_specs(self):
         """Return the identifiable fields; without ``dilation`` where it is zero."""

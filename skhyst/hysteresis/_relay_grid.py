@@ -28,7 +28,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
-from ._common import show
+from ._common import require, show
 
 __all__ = ["RelayGridModel", "RelayGridOperator", "cell_indices"]
 
@@ -54,18 +54,12 @@ class RelayGridOperator(Superposition):
 
     def __post_init__(self):
         super().__post_init__()
-        kind, levels, weights = type(self).__name__, self.levels, self.weights
-        if levels.ndim != 1 or levels.size < 2 or not np.all(levels[1:] > levels[:-1]):
-            raise ValueError(
-                f"The 'levels' parameter of {kind} must be a list of two or more ascending values. "
-                f"Got {levels!r} instead."
-            )
-        n_cells = levels.size * (levels.size - 1) // 2
-        if weights.shape != (n_cells,):
-            raise ValueError(
-                f"The 'weights' parameter of {kind} must have one value for each of the {n_cells} "
-                f"cells between {levels.size} levels. Got shape {weights.shape} instead."
-            )
+        n, levels = self.levels.size, self.levels
+        ascending = levels.ndim == 1 and n > 1 and np.all(levels[1:] > levels[:-1])
+        require(self, "levels", ascending, "be a list of two or more ascending values")
+        n_cells = n * (n - 1) // 2
+        wanted = f"have one value for each of the {n_cells} cells between {n} levels"
+        require(self, "weights", self.weights.shape == (n_cells,), wanted)
 
     @property
     def _center(self):

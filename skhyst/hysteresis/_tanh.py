@@ -33,9 +33,6 @@ def tanh_step(nothing, u0, u1, dt, values):
 class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
     """Static curve plus a term in the drive's rate: the law of :class:`TanhHysteresis`.
 
-    The rate is the slope of the straight line that leads to a sample, the backward difference
-    ``(u[k] - u[k-1]) / dt``: it needs no future sample.
-
     Parameters
     ----------
     k0 : float
@@ -52,8 +49,7 @@ class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
     Notes
     -----
     The state is ``(0, last drive)``. ``"rest"`` has the last drive at the first sample, so that the
-    rate begins at zero; ``"zero"`` at zero. The model has no other memory: its loop closes through
-    ``alpha`` alone, and has an area in proportion to the frequency.
+    rate begins at zero; ``"zero"`` at zero.
 
     Examples
     --------
@@ -87,7 +83,7 @@ class TanhHysteresis(ParametricModel):
 
     (equation (3) of the paper, plus a constant that is zero by default). The rate is the causal
     backward difference ``(u[k] - u[k-1]) / dt``. The model has no rate-independent memory: its
-    loop closes only through ``alpha``, and its area vanishes at low frequency.
+    loop closes only through ``alpha``, and has an area in proportion to the frequency.
 
     Parameters
     ----------
