@@ -260,8 +260,15 @@ def test_any_history_is_forgotten_at_the_limit():
 @settings(deadline=None, max_examples=25)
 @given(operators(), st.integers(0, 1000))
 def test_run_in_pieces_and_tangents(operator, seed):
+    u = np.cumsum(np.random.default_rng(seed).normal(size=50))
     operator = dataclasses.replace(operator, limit=1.0, ratio=max(operator.ratio, 0.01))
-    check_operator(operator, np.cumsum(np.random.default_rng(seed).normal(size=50)), 1.0)
+    check_operator(operator, u, 1.0)
+    at_bound, beside = (
+        dataclasses.replace(operator, ratio=ratio).linearize(u, u[:, None], 1.0)[1]
+        for ratio in (0.0, 1e-9)
+    )
+    scale = max(np.abs(beside).max(), 1.0)
+    np.testing.assert_allclose(at_bound, beside, rtol=0, atol=1e-6 * scale)
 
 
 # -------------------------------------------------------------------------------- parameters

@@ -53,7 +53,3 @@ def test_extreme_steps_are_finite(exponent, w, change, x_c):
     operator = DahlOperator(x_c, 1.0, exponent=exponent)
     assert abs(operator.run([change], 1.0, (w, 0.0))[0][0]) <= 1.0
     assert np.isfinite(operator.linearize([change], np.ones((1, 1)), 1.0, "zero")[1]).all()
-
-
-DT = 0.01
-U = np.sin(np.linspace(0, 20, 800)) * np.linspace(0, 1, 800)

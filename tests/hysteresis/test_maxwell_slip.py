@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from skhyst.hysteresis import MaxwellSlip, MaxwellSlipOperator
 from skhyst.operators import play_thresholds
 
 R, K = np.array([0.5, 1.3, 4.0, 20.0]), np.array([2.0, 0.7, 0.2, 0.05])
-
-
-drives = arrays(float, st.integers(2, 60), elements=st.floats(-50, 50, allow_subnormal=False))
 
 
 def test_every_element_follows_its_definition():

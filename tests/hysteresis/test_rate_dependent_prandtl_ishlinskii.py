@@ -1,6 +1,7 @@
 """Plays that follow the rate of the drive: definition, loops, inverse, recovery of plants."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -206,14 +207,11 @@ def test_better_than_the_plain_model(variant):
 
 def test_records_are_inverted_one_by_one():
     plant = Plant(2, "threshold")
-    model = RateDependentPrandtlIshlinskii(thresholds=R, dt=DT).fit(plant.X, plant.y)
-    one = model.inverse_predict(plant.y[:600].reshape(-1, 1))
-    pd = pytest.importorskip("pandas")
+    model = RateDependentPrandtlIshlinskii(thresholds=R, dt=DT)
+    model.fit(pd.DataFrame({"y": plant.u}), plant.y)
+    one = model.inverse_predict(pd.DataFrame({"y": plant.y[:600]}))
     index = pd.MultiIndex.from_product([["a", "b"], DT * np.arange(600)], names=["record", "time"])
     frame = pd.DataFrame({"y": np.tile(plant.y[:600], 2)}, index)
-    model = RateDependentPrandtlIshlinskii(thresholds=R, dt=DT).fit(
-        pd.DataFrame({"y": plant.u}), plant.y
-    )
     np.testing.assert_allclose(model.inverse_predict(frame), np.tile(one, 2), atol=1e-9)
 
 
