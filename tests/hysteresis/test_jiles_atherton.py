@@ -18,11 +18,7 @@ from skhyst.hysteresis._jiles_atherton import langevin
 from skhyst.operators import check_operator
 
 OPERATOR = JilesAthertonOperator(1.0, 1.0, 1.3, 0.6, 0.2, max_step=0.02)
-
-
 SIGNALS = st.lists(st.floats(-8, 8).map(lambda v: round(v, 3)), min_size=1, max_size=8)
-
-
 PLANTS = st.builds(
     JilesAthertonOperator,
     st.just(1.0),
@@ -201,8 +197,6 @@ def test_an_absurd_drive_comes_to_an_end():
 
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
-
-
 SMALL = [1e-300, 1e-12, 1e-5, 1e-2, 0.3, 0.4999, 0.5001, 0.8]
 
 

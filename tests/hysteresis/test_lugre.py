@@ -10,8 +10,6 @@ from scipy.integrate import solve_ivp
 from skhyst.hysteresis import LuGre, LuGreOperator
 
 drives = arrays(float, st.integers(2, 40), elements=st.floats(-50, 50, allow_subnormal=False))
-
-
 FRICTION = LuGreOperator(0.02, 0.3, 0.6, 5.0, bristle_damping=0.2, damping=0.7, intercept=-1.0)
 
 

@@ -56,8 +56,6 @@ def test_step_has_no_derivative_by_its_steepness():
 
 
 DT = 0.000128  # s, of the paper
-
-
 TABLES = {
     20: [
         (10, 0.1276, -4.5e-05, 0.1228, 47918),
@@ -167,6 +165,14 @@ def test_intercept_and_height_of_a_step_cannot_be_told_apart():
         model = TanhHysteresis(fit_intercept=True, dt=DT).fit(u[:, None], y)
     assert set(model.identifiability_["undetermined"]) == {"beta", "gamma", "intercept"}
     np.testing.assert_allclose(model.predict(u[:, None]), y, atol=1e-6)
+
+
+def test_voltage_dependence_of_the_paper():
+    """Means over frequency, then a line over the voltage: k0(E) = 0.105 + 9.787e-4 E (Table 7)."""
+    means = [np.mean([row[1] for row in rows]) for rows in TABLES.values()]
+    slope, constant = np.polyfit(list(TABLES), means, 1)
+    assert slope == pytest.approx(9.787e-4, abs=5e-7)
+    assert constant == pytest.approx(0.105, abs=5e-4)
 
 
 def plant(seed, n=1500, dt=1e-3):
