@@ -56,7 +56,25 @@ class HeldStep(ParametricModel):
 
 
 class Composition(ParametricModel, BaseComposition):
-    """Base of the compositions: named steps, whose parameters are ``name__parameter``."""
+    """Base of the compositions: named steps, whose parameters are ``name__parameter``.
+
+    Parameters
+    ----------
+    steps : list of (str, estimator)
+        Names and models; fitted models in a FrozenEstimator are held.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; that of the steps is not used.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index; that of the steps is not used.
+
+    Attributes
+    ----------
+    operators_ : dict of str to Operator
+        The identified operator of each step.
+    params_, params_std_ : dict
+        Parameters, named ``step__parameter``, and their standard errors; those of steps that are
+        held are not among them.
+    """
 
     _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
 
@@ -174,12 +192,6 @@ class Cascade(Composition):
 
     Parameters
     ----------
-    steps : list of (str, estimator)
-        Names and models, in the order of the signal; fitted models in a FrozenEstimator are held.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the steps is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the steps is not used.
     warm_start : bool, default=False
         Whether a further ``fit`` starts from the parameters found before, where the steps still
         have the same names and parameters.
@@ -187,11 +199,6 @@ class Cascade(Composition):
     Attributes
     ----------
     operator_ : SeriesOperator
-    operators_ : dict of str to Operator
-        The identified operator of each step.
-    params_, params_std_ : dict
-        Parameters, named ``step__parameter``, and their standard errors; those of steps that are
-        held are not among them.
 
     Raises
     ------
@@ -401,13 +408,7 @@ def _thin(record, step):
         change = np.sqrt(np.mean(np.square(record.u[:covered] - lines)))
         if len(kept) > 1 and change <= _CHANGE * record.u.std():
             weights = None if record.weights is None else record.weights[::step]
-            return replace(
-                record,
-                u=kept,
-                y=record.y[::step],
-                dt=step * record.dt,
-                segments=(),
-                weights=weights,
-            )
+            own = {"u": kept, "y": record.y[::step], "dt": step * record.dt, "weights": weights}
+            return replace(record, segments=(), **own)
         step //= 2
     return record

@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
 from ..base import ParametricModel, one_thread, read_data, run_records
 from ..linear import Gain
@@ -100,19 +101,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return tags
 
     @fit_context(prefer_skip_nested_validation=False)
+    @documented_like(ParametricModel.fit)
     def fit(self, X, y):
         """Fit the regressor and the effects in turn.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            The index carries records and time.
-        y : array-like of shape (n_samples,)
-            Response.
-
-        Returns
-        -------
-        self
 
         Raises
         ------
@@ -191,17 +182,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Standard errors of the parameters of the effects."""
         return self.effects_.params_std_
 
+    @documented_like(ParametricModel.predict)
     def predict(self, X):
-        """Return the response, shape (n_samples,), each record from its own start.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """Return the response, each record from its own start."""
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=self.dt)
         p = np.ravel(self.estimator_.predict(X)).astype(float)

@@ -68,14 +68,10 @@ def play_basis(u, thresholds, plays, out):
 @jit
 def stop_basis(u, thresholds, plays, out):
     """Write the stops ``u - play`` to ``out``, shape (n, K); ``plays`` (K,) is updated."""
-    n_plays = thresholds.size
+    play_basis(u, thresholds, plays, out)
     for i in range(u.size):
-        value = u[i]
-        row = out[i]
-        for k in range(n_plays):
-            play = clip_play(plays[k], value - thresholds[k], value + thresholds[k])
-            plays[k] = play
-            row[k] = value - play
+        for k in range(thresholds.size):
+            out[i, k] = u[i] - out[i, k]
 
 
 @jit

@@ -38,8 +38,8 @@ class LevenbergMarquardt(Method):
         Factors after a step that reduces the error and after one that does not.
     mu_max : float, default=1e10
         Damping at which the training ends: no step reduces the error.
-    bounds, random_state, callback, verbose
-        See :class:`Method`. Nothing is random.
+    random_state : int or None, default=0
+        Not used: nothing is random.
 
     References
     ----------

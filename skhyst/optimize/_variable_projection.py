@@ -22,6 +22,8 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.linalg.lapack import dposv
 
+from .._documentation import inherit_documentation
+
 __all__ = [
     "STALE",
     "Method",
@@ -31,6 +33,7 @@ __all__ = [
     "damped_step",
     "restrict",
     "search_box",
+    "solve_definite",
     "solve_linear",
     "variable_projection",
 ]
@@ -80,7 +83,7 @@ def bounded_step(hessian, gradient, lower, upper):
     g = gradient * inverse
     low, high = lower * scale, upper * scale
     n = len(g)
-    s = -_solve(h, g)
+    s = -solve_definite(h, g)
     if np.all((low <= s) & (s <= high)):
         return s * inverse
     s = np.zeros(n)
@@ -88,7 +91,7 @@ def bounded_step(hessian, gradient, lower, upper):
     for _ in range(10 * n + 10):
         if free.any():
             residual = g[free] + h[np.ix_(free, ~free)] @ s[~free]
-            target = -_solve(h[np.ix_(free, free)], residual)
+            target = -solve_definite(h[np.ix_(free, free)], residual)
             move = target - s[free]
             with np.errstate(divide="ignore", invalid="ignore"):
                 room = np.where(move > 0.0, (high[free] - s[free]) / move, np.inf)
@@ -112,7 +115,10 @@ def bounded_step(hessian, gradient, lower, upper):
     return s * inverse
 
 
-def _solve(h, g):
+def solve_definite(h, g):
+    """Solve ``h x = g`` by Cholesky factors, or as least squares where h is not definite."""
+    if not len(g):
+        return g
     # LAPACK itself: the checks of scipy.linalg cost more than these few unknowns
     _, solution, failed = dposv(h, g)
     return np.linalg.lstsq(h, g, rcond=None)[0] if failed else solution
@@ -323,6 +329,10 @@ class Method(ABC):
     callback: Callable | None = None
     verbose: int = 0
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
+
     @abstractmethod
     def solve(self, problems):
         """Solve the first of several problems that differ in their starting values.
@@ -412,8 +422,6 @@ class VariableProjection(Method):
     n_random_starts : int, default=0
         Starts drawn at random within the bounds, in about half of the unknowns each, from the best
         solution that the starts from the data have led to.
-    bounds, random_state, callback, verbose
-        See :class:`Method`.
 
     Examples
     --------
