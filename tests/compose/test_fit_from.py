@@ -20,6 +20,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import SeriesOperator, take_apart
 from skhyst.optimize import RecordData, VariableProjection
+from skhyst.records import stack_records
 
 DT, N = 0.01, 300
 PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.4])
@@ -27,31 +28,28 @@ PLANT = SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(0.04)))
 
 
 def make_data():
-    parts = []
+    records = []
     for k in range(3):
         rng = np.random.default_rng(k)
         u = np.cumsum(rng.normal(size=N)) / 6
         load = np.full(N, 10.0 * k)
         y = PLANT.run(u, DT)[0] * (1.0 + 0.01 * load) + 0.1 * k
         y += 0.05 * np.sin(2 * np.pi * 11.3 * DT * np.arange(N) + k) + 0.002 * rng.normal(size=N)
-        index = pd.MultiIndex.from_product([[k], DT * np.arange(N)], names=["record", "time"])
-        parts.append(pd.DataFrame({"drive": u, "load": load, "y": y}, index))
-    data = pd.concat(parts)
-    return data[["drive", "load"]], data["y"]
+        records.append((pd.DataFrame({"drive": u, "load": load}), y))
+    return stack_records(records, dt=DT)
 
 
 X, Y = make_data()
 
 
-def cascade(**lag):
-    plays = PrandtlIshlinskii(thresholds=[0.0, 0.3], **lag)
+def cascade():
+    plays = PrandtlIshlinskii(thresholds=[0.0, 0.3])
     return Cascade([("plays", plays), ("lag", FirstOrderLag())])
 
 
 def known_lag():
-    return FrozenEstimator(
-        FirstOrderLag().fit(X, FirstOrderLagOperator(0.04).run(X["drive"], DT)[0])
-    )
+    y = FirstOrderLagOperator(0.04).run(X["drive"], DT)[0]
+    return FrozenEstimator(FirstOrderLag().fit(X, y))
 
 
 MODELS = {
@@ -88,17 +86,12 @@ def test_a_fit_from_the_solution_stays_there(name):
 
 
 def test_records_and_method_may_be_given():
-    data = [RecordData(r.u, r.y, r.dt, weights=np.r_[np.zeros(50), np.ones(N - 50)]) for r in own()]
+    weights, data = np.r_[np.zeros(50), np.ones(N - 50)], []
+    for k, part in X["drive"].groupby(level="record"):
+        data.append(RecordData(part.to_numpy(), Y.loc[[k]].to_numpy(), DT, weights=weights))
     model = cascade().fit_from(PLANT, X, Y, records=data, method="levenberg_marquardt")
     assert model.fit_error_ > 0.0
     assert model.records_[0].n_samples == N
-
-
-def own():
-    return [
-        RecordData(part["drive"].to_numpy(), Y.loc[[k]].to_numpy(), DT)
-        for k, part in X.groupby(level="record")
-    ]
 
 
 def test_an_edited_tree_is_a_start():

@@ -25,11 +25,9 @@ def test_outline_keeps_the_extremes_of_every_stretch(n_samples, n_bins, seed):
     assert np.all(np.diff(rows) > 0)
     assert len(rows) <= 2 * n_bins + 2
     edges = np.linspace(0, n_samples, n_bins + 1).astype(int)
-    kept = np.zeros(n_samples, dtype=bool)
-    kept[rows] = True
     for start, stop in pairwise(edges):
         if stop > start:
-            shown = values[start:stop][kept[start:stop]]
+            shown = values[rows[(rows >= start) & (rows < stop)]]
             assert shown.max() == values[start:stop].max()
             assert shown.min() == values[start:stop].min()
 
@@ -95,11 +93,8 @@ def test_too_little_for_a_spectrum():
 
 def test_runs_end_at_records_and_gaps():
     values = np.array([1.0, 1, np.nan, 1, 1, 1, np.nan])
-    assert finite_runs(values, [slice(0, 4), slice(4, 7)]) == [
-        slice(0, 2),
-        slice(3, 4),
-        slice(4, 6),
-    ]
+    found = finite_runs(values, [slice(0, 4), slice(4, 7)])
+    assert found == [slice(0, 2), slice(3, 4), slice(4, 6)]
 
 
 def test_bins_carry_mean_and_scatter():

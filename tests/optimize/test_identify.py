@@ -117,37 +117,36 @@ def test_outputs_have_each_records_own_disturbance():
 # ------------------------------------------------------------------------------- not determined
 
 
-@pytest.mark.parametrize(
-    ("operator", "u", "names"),
-    [
-        (FirstOrderLagOperator(0.1), np.ones(100), {"time_constant", "gain", "intercept"}),
-        (
-            PrandtlIshlinskiiOperator(np.array([0.0, 0.1, 5.0]), np.ones(3)),
-            np.sin(np.arange(200) / 9),
-            {"weights[2]"},
-        ),
-        (
-            SumOperator(
-                ("a", "b"), (FirstOrderLagOperator(0.1, 0.5), FirstOrderLagOperator(0.1, 0.5))
-            ),
-            drive(0, 200),
-            {"a__time_constant", "a__gain", "b__time_constant", "b__gain"},
-        ),
-        (
-            SumOperator(
-                ("plays", "creep"),
-                (
-                    PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.ones(2)),
-                    KelvinVoigtOperator(np.array([0.2]), np.array([0.3])),
-                ),
-            ),
-            drive(0, 200),
-            {"plays__weights[0]", "creep__gain", "creep__compliances[0]"},
-        ),
-    ],
-    ids=["constant drive", "threshold beyond the drive", "twice the same", "two prompt gains"],
-)
-def test_undetermined_parameters_are_named(operator, u, names):
+PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.ones(2))
+TWICE = SumOperator(("a", "b"), (FirstOrderLagOperator(0.1, 0.5),) * 2)
+PROMPT = SumOperator(("plays", "creep"), (PLAYS, KelvinVoigtOperator([0.2], [0.3])))
+UNDETERMINED = {
+    "constant drive": (
+        FirstOrderLagOperator(0.1),
+        np.ones(100),
+        {"time_constant", "gain", "intercept"},
+    ),
+    "threshold beyond the drive": (
+        PrandtlIshlinskiiOperator(np.array([0.0, 0.1, 5.0]), np.ones(3)),
+        np.sin(np.arange(200) / 9),
+        {"weights[2]"},
+    ),
+    "twice the same": (
+        TWICE,
+        drive(0, 200),
+        {"a__time_constant", "a__gain", "b__time_constant", "b__gain"},
+    ),
+    "two prompt gains": (
+        PROMPT,
+        drive(0, 200),
+        {"plays__weights[0]", "creep__gain", "creep__compliances[0]"},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNDETERMINED)
+def test_undetermined_parameters_are_named(case):
+    operator, u, names = UNDETERMINED[case]
     y, _ = operator.run(u, DT)
     y = y + 0.01 * np.random.default_rng(0).normal(size=len(u))
     fixed = {name for name, _ in operator.entries() if name.endswith("drive_offset")}
@@ -160,10 +159,7 @@ def test_undetermined_parameters_are_named(operator, u, names):
 
 
 def test_determined_parameters_are_not_named():
-    chain = SeriesOperator(
-        ("plays", "lag"),
-        (PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.ones(2)), FirstOrderLagOperator(0.1)),
-    )
+    chain = SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(0.1)))
     u = drive(0, 400)
     y = chain.run(u, DT)[0] + 0.01 * np.random.default_rng(0).normal(size=400)
     result = identify([(chain, ())], [RecordData(u, y, DT)], fixed=("plays__drive_offset",))

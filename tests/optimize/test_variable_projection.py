@@ -1,7 +1,7 @@
 """Separable least squares from Gram matrices: the truth, SciPy's answer, folds, disturbances."""
 
 import dataclasses
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 import pytest
@@ -137,9 +137,7 @@ def test_gram_holds_cost_gradient_and_curvature(case):
     gram = problem.total(problem.evaluate(x))
     r = residuals(problem, x)
     columns = []
-    for j in range(len(x)):
-        h = np.zeros(len(x))
-        h[j] = 1e-6
+    for h in 1e-6 * np.eye(len(x)):
         columns.append((residuals(problem, x + h) - residuals(problem, x - h)) / 2e-6)
     full = np.stack([*columns, r], axis=1)
     expected = full.T @ full
@@ -159,19 +157,14 @@ def cut(record, count):
 @pytest.mark.parametrize("count", [4, 7])
 def test_fold_equals_a_problem_of_its_rows(disturbances, count):
     data = [cut(record, count) for record in records(chain(), noise=0.05)]
-    start = CASES["chain"][1]
-    whole = OperatorProblem(start, data, disturbances=disturbances, fixed=FIXED)
+    options = {"disturbances": disturbances, "fixed": FIXED}
+    whole = OperatorProblem(CASES["chain"][1], data, **options)
     select = np.random.default_rng(1).random(2 * count) < 0.6
-    kept = [
-        dataclasses.replace(
-            record,
-            segments=tuple(
-                s for s, k in zip(record.segments, select[i * count :], strict=False) if k
-            ),
-        )
-        for i, record in enumerate(data)
-    ]
-    part = OperatorProblem(start, kept, disturbances=disturbances, fixed=FIXED)
+    kept = []
+    for record, own in zip(data, select.reshape(2, count), strict=True):
+        segments = tuple(compress(record.segments, own))
+        kept.append(dataclasses.replace(record, segments=segments))
+    part = OperatorProblem(CASES["chain"][1], kept, **options)
     x = whole.x0 + 0.01
     one, other = whole.total(whole.evaluate(x), select), part.total(part.evaluate(x))
     np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max())
@@ -227,18 +220,11 @@ def test_eliminated_disturbances_equal_explicit_columns(disturbances):
     fixed = ("drive_offset", "intercept", "frequencies[0]")
     problem = OperatorProblem(plays, data, disturbances=disturbances, fixed=fixed)
     moving = np.array([name.startswith("disturbance") for name in problem.names])
-    own, blocks, y = [], [], []
-    for record in data:
-        own.append(plays.linearize(record.u, np.empty((400, 0)), DT)[1][:, :3])
-        time = DT * np.arange(400)
-        blocks.append(np.concatenate([d.basis(time) for d in disturbances], axis=1))
-        y.append(record.y)
-    width = blocks[0].shape[1]
-    design = np.zeros((1200, 3 + 3 * width))
-    design[:, :3] = np.concatenate(own)
-    for i, block in enumerate(blocks):
-        design[400 * i : 400 * (i + 1), 3 + width * i : 3 + width * (i + 1)] = block
-    y = np.concatenate(y)
+    own = [plays.linearize(record.u, np.empty((400, 0)), DT)[1][:, :3] for record in data]
+    block = np.concatenate([d.basis(DT * np.arange(400)) for d in disturbances], axis=1)
+    width = block.shape[1]
+    design = np.column_stack([np.concatenate(own), np.kron(np.eye(3), block)])
+    y = np.concatenate([record.y for record in data])
     expected, cost, *_ = np.linalg.lstsq(design, y, rcond=None)
     if moving.any():  # the frequency would move: hold it, by solving the linear part only
         problem.lower = np.where(moving, problem.x0, problem.lower)
@@ -308,8 +294,7 @@ def test_bounds_hold_at_every_step():
     problem = OperatorProblem(start, records(truth), fixed=("drive_offset",))
     x = variable_projection(problem, problem.x0).x
     assert x[1] == 0.0
-    u = np.concatenate([r.u for r in problem.records])
-    y = np.concatenate([r.y for r in problem.records])
+    u, y = np.concatenate([(r.u, r.y) for r in problem.records], axis=1)
     slope, intercept = np.polyfit(u, y, 1)
     assert x[0] == pytest.approx(slope, rel=1e-6)
     assert x[2] == pytest.approx(intercept, abs=1e-6)
