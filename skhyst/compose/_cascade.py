@@ -12,8 +12,6 @@ from ..base import ParametricModel, informed
 from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
 
-__all__ = ["Cascade", "Composition", "HeldStep", "thin_records"]
-
 _DYNAMICS = 30  # rank of linear dynamics, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 _CLEARLY = 1.1  # ratio of errors in thinned records

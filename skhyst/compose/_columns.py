@@ -12,16 +12,6 @@ from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed
 from ..operators import Operator, ParameterSpec, WrappedOperator, put_beside, take_apart
 
-__all__ = [
-    "ColumnOperator",
-    "Modulated",
-    "ModulatedOperator",
-    "OnColumn",
-    "amplitude",
-    "is_constant",
-    "sensitivity_name",
-]
-
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 _SENSITIVITY = ParameterSpec(unit="1/column")
 

@@ -15,8 +15,6 @@ from ..linear import Gain
 from ..optimize import OperatorProblem
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
-__all__ = ["Corrected"]
-
 
 class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     r"""Any regressor, whose prediction drives a model of physical effects.

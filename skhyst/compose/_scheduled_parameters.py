@@ -19,11 +19,6 @@ from ..operators import Operator, WrappedOperator
 from ..optimize import RecordData, VariableProjection
 from ._columns import AroundModel, amplitude, is_constant
 
-__all__ = [
-    "ScheduledOperator",
-    "ScheduledParameters",
-]
-
 
 @dataclass(frozen=True)
 class ScheduledOperator(WrappedOperator):

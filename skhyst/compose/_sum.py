@@ -8,8 +8,6 @@ from ..operators import Operator, SumOperator, take_apart
 from ._cascade import Composition, HeldStep
 from ._columns import OnColumn
 
-__all__ = ["Sum", "constant_entries"]
-
 
 class Sum(Composition):
     """Models in parallel, identified jointly: their outputs are added.

@@ -10,8 +10,6 @@ from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 from ._signals import log_average
 
-__all__ = ["FrequencyResponseDisplay"]
-
 _POINTS = 1000  # at which the curve of a model is drawn, beside the measured lines
 _DISTORTION = COLORS[2]
 _MODELS = (COLORS[0], COLORS[1], COLORS[3])

@@ -9,8 +9,6 @@ from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, MEASURED, new_axes, plain, tidy
 from ._signals import thin_path
 
-__all__ = ["EvidenceDisplay"]
-
 _FEW = 100  # points that are drawn large, on top of the lines
 
 

@@ -7,8 +7,6 @@ from ._base import SignalDisplay
 from ._drawing import COLORS, MEASURED, new_axes, plain, tidy
 from ._signals import loop_spans, thin_path
 
-__all__ = ["HysteresisLoopDisplay"]
-
 _POINTS = 240  # drawn of a cycle
 
 

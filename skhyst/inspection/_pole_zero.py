@@ -8,8 +8,6 @@ from .._documentation import documented_like
 from ._base import Display, SignalDisplay
 from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
 
-__all__ = ["PoleZeroDisplay"]
-
 _DAMPING = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _APART = 0.08  # of the width, between rays of constant damping
 _FRAME = 0.12  # of the range, left around the poles

@@ -6,8 +6,6 @@ from .._documentation import documented_like
 from ._base import Display, SignalDisplay, signal_names
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 
-__all__ = ["EffectRankingDisplay"]
-
 
 class EffectRankingDisplay(Display):
     """Candidates of a round: held-out error with each, against the error without and the noise.

@@ -7,8 +7,6 @@ from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 from ._signals import binned_statistics, branch, envelope, spectrum
 
-__all__ = ["ResidualDisplay"]
-
 KINDS = ("time", "drive", "prediction", "spectrum")
 
 

@@ -8,15 +8,6 @@ import numpy as np
 
 from ._protocol import Operator
 
-__all__ = [
-    "FrozenOperator",
-    "SeriesOperator",
-    "SumOperator",
-    "WrappedOperator",
-    "put_beside",
-    "take_apart",
-]
-
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
 
 

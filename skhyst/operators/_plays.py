@@ -28,18 +28,6 @@ import numpy as np
 from .._jit import jit
 from ._protocol import Operator, as_constant, as_signal
 
-__all__ = [
-    "Superposition",
-    "clip_play",
-    "play_basis",
-    "play_sum_run",
-    "play_sum_table",
-    "play_tangents",
-    "play_thresholds",
-    "stop_basis",
-    "turning_points",
-]
-
 
 @jit
 def clip_play(play, low, high):

@@ -5,8 +5,6 @@ import numpy as np
 from ._identify import solve
 from ._problem import Unknowns
 
-__all__ = ["FrequencyProblem", "identify_response"]
-
 
 class FrequencyProblem(Unknowns):
     """Weighted least squares of an operator's frequency response.

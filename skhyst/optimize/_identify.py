@@ -16,8 +16,6 @@ from ._population import (
 from ._problem import OperatorProblem
 from ._variable_projection import VariableProjection
 
-__all__ = ["METHODS", "IdentificationResult", "identify", "solve"]
-
 METHODS = {
     "variable_projection": VariableProjection,
     "differential_evolution": DifferentialEvolution,

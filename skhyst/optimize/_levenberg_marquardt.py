@@ -6,8 +6,6 @@ import numpy as np
 
 from ._variable_projection import Method, restrict, variable_projection
 
-__all__ = ["LevenbergMarquardt"]
-
 _FULL_RUNS = 2  # of many starts, so many are followed to the end
 _TRIAL_EPOCHS = 3
 

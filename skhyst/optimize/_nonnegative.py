@@ -4,8 +4,6 @@ import numpy as np
 
 from ._variable_projection import solve_definite
 
-__all__ = ["nonnegative_minimum"]
-
 _TOLERANCE = 1e-11  # relative to the largest unknown or slope
 _PATIENCE = 3  # exchanges of whole blocks without progress
 

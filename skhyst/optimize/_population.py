@@ -17,14 +17,6 @@ from ._variable_projection import (
     variable_projection,
 )
 
-__all__ = [
-    "CuckooSearch",
-    "DifferentialEvolution",
-    "ModifiedCuckooSearch",
-    "ParticleSwarm",
-    "PopulationMethod",
-]
-
 _LEVY = 1.5  # exponent of the flights
 # Mantegna (Phys. Rev. E 49, 1994); tanh paper (8)
 _SIGMA = (

@@ -5,8 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["OperatorProblem", "RecordData", "Unknowns"]
-
 _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
 
 

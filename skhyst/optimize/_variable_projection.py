@@ -24,20 +24,6 @@ from scipy.linalg.lapack import dposv
 
 from .._documentation import inherit_documentation
 
-__all__ = [
-    "STALE",
-    "Method",
-    "Solution",
-    "VariableProjection",
-    "bounded_step",
-    "damped_step",
-    "restrict",
-    "search_box",
-    "solve_definite",
-    "solve_linear",
-    "variable_projection",
-]
-
 _LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 _LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
