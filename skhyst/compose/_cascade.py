@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 from sklearn.frozen import FrozenEstimator
@@ -28,29 +29,15 @@ class HeldStep(ParametricModel):
     def __init__(self, model):
         self.model = model
 
-    @property
-    def series_rank(self):
-        return self.model.series_rank
-
-    @property
-    def _any_interval(self):
-        return self.model._any_interval
-
-    @property
-    def _reads_columns(self):
-        return self.model._reads_columns
-
-    def _signal(self, X, slices):
-        return self.model._signal(X, slices)
-
-    def _schedules(self, slices, X):
-        return self.model._schedules(slices, X)
-
     def starting_values(self, records):
         return [FrozenOperator(self.model.operator_)]
 
     def _with_held(self, operator):
         return FrozenOperator(operator) if operator.n_parameters else operator
+
+
+for _name in ("series_rank", "_any_interval", "_reads_columns", "_signal", "_schedules"):
+    setattr(HeldStep, _name, property(attrgetter(f"model.{_name}")))
 
 
 class Composition(ParametricModel, BaseComposition):
@@ -232,13 +219,7 @@ class Cascade(Composition):
     _parameter_constraints = {**Composition._parameter_constraints, "warm_start": ["boolean"]}
 
     def __init__(
-        self,
-        steps,
-        *,
-        initial_state="rest",
-        dt=1.0,
-        method="variable_projection",
-        warm_start=False,
+        self, steps, *, initial_state="rest", dt=1.0, method="variable_projection", warm_start=False
     ):
         super().__init__(steps, initial_state=initial_state, dt=dt, method=method)
         self.warm_start = warm_start

@@ -94,7 +94,8 @@ class ModulatedOperator(WrappedOperator):
         return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
 
     def entries(self):
-        return [*self.operator.entries(), (sensitivity_name(self._depth), _SENSITIVITY)]
+        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
+        return [*self.operator.entries(), (name, _SENSITIVITY)]
 
     def pack(self):
         return np.append(self.operator.pack(), self.sensitivity)
@@ -121,11 +122,6 @@ class ModulatedOperator(WrappedOperator):
         factor = self._factor(u)
         own = y * (_one(u, self.column) - self.reference)
         return y * factor, np.column_stack([dy * factor[:, None], own])
-
-
-def sensitivity_name(number):
-    """Return what the sensitivity to the first, second, ... column is called as a parameter."""
-    return "sensitivity" if number == 1 else f"sensitivity_{number}"
 
 
 def amplitude(drive):

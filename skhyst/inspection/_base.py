@@ -9,11 +9,6 @@ from .._documentation import documented_like, inherit_documentation
 from ..records import record_slices
 
 
-def search_labels(search):
-    """Return the names of the two models of a search: declared, and with what was found."""
-    return "declared model", "with " + ", ".join(search.effects_)
-
-
 class Display(ABC):
     """Base of the displays, which store data first and draw afterwards.
 
@@ -163,9 +158,9 @@ class SignalDisplay(Display):
         search : EffectSearchCV
             Fitted.
         """
-        before, after = search_labels(search)
-        predictions = {before: np.asarray(search.prediction_before_, dtype=float)}
+        predictions = {"declared model": np.asarray(search.prediction_before_, dtype=float)}
         if search.effects_:
+            after = "with " + ", ".join(search.effects_)
             predictions[after] = np.asarray(search.prediction_after_, dtype=float)
         drive_name, response_name = signal_names(search)
         display = cls(

@@ -56,9 +56,7 @@ for _name in (
     setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
 for _name in ("linear_mask", "gauge_entries", "gauge_mask", "constant_mask"):
     setattr(
-        WrappedOperator,
-        _name,
-        lambda self, name=_name: self._marks(getattr(self._like, name)()),
+        WrappedOperator, _name, lambda self, name=_name: self._marks(getattr(self._like, name)())
     )
 
 

@@ -7,12 +7,7 @@ import numpy as np
 
 from ..operators import take_apart
 from ._levenberg_marquardt import LevenbergMarquardt
-from ._population import (
-    CuckooSearch,
-    DifferentialEvolution,
-    ModifiedCuckooSearch,
-    ParticleSwarm,
-)
+from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
 from ._variable_projection import VariableProjection
 
@@ -84,10 +79,7 @@ class IdentificationResult:
     def outputs(self, records, initial_state="rest"):
         """Return the fitted response of each record, its own disturbance coefficients included."""
         problem = OperatorProblem(
-            self.operator,
-            records,
-            disturbances=self.disturbances,
-            initial_state=initial_state,
+            self.operator, records, disturbances=self.disturbances, initial_state=initial_state
         )
         return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
 
@@ -160,11 +152,7 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
         )
     problems = [
         OperatorProblem(
-            operator,
-            records,
-            disturbances=disturbances,
-            fixed=fixed,
-            initial_state=initial_state,
+            operator, records, disturbances=disturbances, fixed=fixed, initial_state=initial_state
         )
         for operator, disturbances in map(take_apart, starts)
     ]

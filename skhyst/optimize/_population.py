@@ -88,9 +88,7 @@ class PopulationMethod(Method):
         n_evaluations += solution.n_evaluations
         shifted = [(objective.n_evaluations + 1 + n, cost) for n, cost in solution.history]
         solution = replace(
-            solution,
-            seconds=time.perf_counter() - begin,
-            history=objective.history + shifted,
+            solution, seconds=time.perf_counter() - begin, history=objective.history + shifted
         )
         return problem, solution, n_evaluations
 

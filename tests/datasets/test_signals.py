@@ -184,12 +184,7 @@ def test_steps_rest_and_rise():
 
 
 @settings(deadline=None, max_examples=40)
-@given(
-    st.integers(1, 7),
-    st.sampled_from([-30.0, 1e-3]),
-    st.floats(0.05, 1.0),
-    st.booleans(),
-)
+@given(st.integers(1, 7), st.sampled_from([-30.0, 1e-3]), st.floats(0.05, 1.0), st.booleans())
 def test_reversal_curves_turn_where_they_should(n_curves, amplitude, share, both_sides):
     rate = share * abs(amplitude) / (n_curves * DT)
     X = first_order_reversal_curves(

@@ -48,7 +48,7 @@ def test_what_makes_data_and_what_finds_effects_share_the_recording_alone():
                 origin = resolve_name("." * node.level + (node.module or ""), package)
                 imported |= {f"{origin}.{alias.name}" for alias in node.names}
     own = {name.split(".")[1] for name in imported if name.split(".")[0] == "skhyst"}
-    assert own == {"_jit", "records", "exceptions", "datasets"}
+    assert own == {"_documentation", "_jit", "records", "exceptions", "datasets"}
 
 
 def test_refined_drive_is_the_piecewise_linear_one():

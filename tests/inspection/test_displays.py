@@ -227,29 +227,6 @@ def test_white_noise_lies_on_the_line_of_the_floor():
     assert noise[-1, 0] <= 0.5 / dt
 
 
-def test_spectrum_finds_a_line():
-    drive, _ = sweep(20_000)
-    line = np.sin(2 * np.pi * 50.0 * 1e-3 * np.arange(drive.size))
-    (density,) = curves(residual(drive, line, dt=1e-3, kind="spectrum").ax_)
-    assert density[np.argmax(density[:, 1]), 0] == pytest.approx(50.0, rel=0.05)
-
-
-def test_spectrum_leaves_no_record_out():
-    """What rings in the shortest record is seen, whatever the lengths of the others."""
-    lengths = (745, 769, 788, 839, 859)
-    label = np.repeat(np.arange(5), lengths)
-    time = np.concatenate([1e-3 * np.arange(n) for n in lengths])
-    index = pd.MultiIndex.from_arrays([label, time], names=["record", "time"])
-    drive = np.sin(2 * np.pi * 5.0 * time)
-    ringing = (label == 0) * np.sin(2 * np.pi * 100.0 * time)
-    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(drive + ringing, index=index)
-    display = ResidualDisplay.from_predictions(X, y, drive, kind="spectrum")
-    (density,) = curves(display.ax_)
-    assert density[np.argmax(density[:, 1]), 0] == pytest.approx(100.0, rel=0.05)
-    power = np.trapezoid(density[:, 1] ** 2, density[:, 0])
-    assert power == pytest.approx(np.var(ringing), rel=0.2)
-
-
 @both_displays
 def test_washout_is_left_out_and_no_prediction_survived(display_class):
     drive, response = sweep(4000)

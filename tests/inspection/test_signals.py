@@ -8,13 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skhyst.inspection import binned_statistics, branch, spectrum
-from skhyst.inspection._signals import (
-    cycle_length,
-    envelope,
-    finite_runs,
-    log_average,
-    loop_spans,
-)
+from skhyst.inspection._signals import cycle_length, envelope, finite_runs, log_average, loop_spans
 
 
 @given(st.integers(2, 5000), st.integers(1, 60), st.integers(0, 2**31))
@@ -83,6 +77,15 @@ def test_area_under_the_density_is_the_variance():
     assert np.trapezoid(density**2, frequency) == pytest.approx(4.0, rel=0.1)
     frequency, density = log_average(frequency, density)
     assert np.trapezoid(density**2, frequency) == pytest.approx(4.0, rel=0.1)
+
+
+def test_what_rings_in_the_shortest_record_is_seen():
+    ends = np.cumsum([0, 745, 769, 788, 839, 859]).tolist()
+    values = np.zeros(ends[-1])
+    values[:745] = np.sin(2 * np.pi * 100.0 * 1e-3 * np.arange(745))
+    frequency, density = spectrum(values, [slice(*pair) for pair in pairwise(ends)], 1e-3)
+    assert frequency[np.argmax(density)] == pytest.approx(100.0, rel=0.05)
+    assert np.trapezoid(density**2, frequency) == pytest.approx(np.var(values), rel=0.2)
 
 
 def test_too_little_for_a_spectrum():

@@ -58,10 +58,7 @@ def chain(time_constant=0.03, natural_frequency=60.0, damping_ratio=0.1, weights
 
 FIXED = ("plays__drive_offset",)
 CASES = {
-    "lag": (
-        FirstOrderLagOperator(0.04, gain=2.0, intercept=0.3),
-        FirstOrderLagOperator(0.4),
-    ),
+    "lag": (FirstOrderLagOperator(0.04, gain=2.0, intercept=0.3), FirstOrderLagOperator(0.4)),
     "mode": (
         SecondOrderModeOperator(40.0, 0.08, gain=2.0, intercept=0.3),
         SecondOrderModeOperator(30.0, 0.3),
