@@ -1,6 +1,5 @@
 """Methods that move a population of candidates: the box, the objective, the budget, the polish."""
 
-import time
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from math import gamma
@@ -65,7 +64,6 @@ class PopulationMethod(Method):
         """
 
     def solve(self, problems):
-        begin = time.perf_counter()
         for problem in problems:
             restrict(problem, self.bounds)
         problem = problems[0]
@@ -84,12 +82,10 @@ class PopulationMethod(Method):
             solution = variable_projection(problem, objective.best, callback=self._report)
         else:
             gram = problem.total(problem.evaluate(objective.best))
-            solution = Solution(objective.best, gram[-1, -1], gram, 1, True, message, 0.0)
+            solution = Solution(objective.best, gram[-1, -1], gram, 1, True, message)
         n_evaluations += solution.n_evaluations
         shifted = [(objective.n_evaluations + 1 + n, cost) for n, cost in solution.history]
-        solution = replace(
-            solution, seconds=time.perf_counter() - begin, history=objective.history + shifted
-        )
+        solution = replace(solution, history=objective.history + shifted)
         return problem, solution, n_evaluations
 
 

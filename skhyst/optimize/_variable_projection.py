@@ -13,7 +13,6 @@ is why SciPy's ``least_squares`` is not used here: it wants the Jacobian itself,
 """
 
 import sys
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -120,7 +119,6 @@ class Solution:
     n_evaluations: int
     converged: bool
     message: str
-    seconds: float
     history: list = field(default_factory=list)
     damping: list = field(default_factory=list)  # one value an entry of the history, if recorded
 
@@ -183,10 +181,9 @@ def variable_projection(
     -------
     Solution
     """
-    start = time.perf_counter()
     x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
-    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "", 0.0)
+    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "")
     if not np.isfinite(gram).all():
         solution.cost, solution.n_evaluations = np.inf, 1
         solution.message = "The model is not finite at the starting values."
@@ -205,7 +202,6 @@ def variable_projection(
         else:
             limits = tolerance, max_evaluations
             _descend(problem, solution, limits, callback, (select, project), **options)
-    solution.seconds = time.perf_counter() - start
     return solution
 
 

@@ -9,10 +9,8 @@ from scipy.stats import ks_2samp
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold
 
-from skhyst.disturbance import OffsetOperator
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.linear import (
-    FirstOrderLagOperator,
     KelvinVoigtOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
@@ -181,15 +179,6 @@ def test_linear_problems_need_no_population():
     result = identify([(plays, ())], data, fixed=("drive_offset",), method="particle_swarm")
     np.testing.assert_allclose(result.operator.weights, truth.weights, atol=1e-9)
     assert result.n_evaluations < 5
-
-
-def test_records_keep_their_own_offsets_in_a_population():
-    own = record(operator=FirstOrderLagOperator(0.05, gain=2.0))
-    data = [dataclasses.replace(own, y=own.y + offset) for offset in (1.0, -2.0)]
-    method = DifferentialEvolution(population=8, max_iterations=5)
-    begin = [(FirstOrderLagOperator(0.3), (OffsetOperator(np.zeros(1)),))]
-    result = identify(begin, data, fixed=("intercept",), method=method)
-    np.testing.assert_allclose(result.record_coefficients[:, 0], [1.0, -2.0], atol=1e-5)
 
 
 def test_the_box_holds_the_starts_and_follows_the_unit():

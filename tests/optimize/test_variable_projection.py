@@ -325,7 +325,6 @@ def test_history_and_callback_go_down():
     assert list(costs) == sorted(costs, reverse=True)
     assert evaluations[-1] <= solution.n_evaluations
     assert costs[-1] == solution.cost
-    assert solution.seconds > 0.0
 
 
 @pytest.mark.parametrize("budget", [1, 2, 5])
@@ -359,8 +358,7 @@ def test_start_that_is_not_finite_is_given_up():
 
 def test_predicted_cost_is_exact_for_linear_parameters():
     plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.zeros(2), non_negative=False)
-    data = records(chain(), noise=0.1)
-    problem = OperatorProblem(plays, data, fixed=("drive_offset",))
+    problem = OperatorProblem(plays, records(chain(), noise=0.1), fixed=("drive_offset",))
     solution = variable_projection(problem, problem.x0)
     assert predicted_cost(problem, problem.x0) == pytest.approx(solution.cost, rel=1e-9)
 
