@@ -158,9 +158,8 @@ def test_residuals_on_given_axes():
 
 def test_refusals(search):
     drive, response = sweep()
-    for display_class in (HysteresisLoopDisplay, ResidualDisplay):
-        with pytest.raises(ValueError, match=r"2000 samples\. Got 1999 samples instead"):
-            display_class.from_predictions(drive[:, None], response, drive[:-1])
+    with pytest.raises(ValueError, match=r"2000 samples\. Got 1999 samples instead"):
+        loops(drive, response, drive[:-1])
     assert not pyplot.get_fignums()
     with pytest.raises(ValueError, match=r"one Axes or 4 Axes\. Got 3 Axes instead"):
         residual(drive, 0.1, ax=pyplot.subplots(1, 3)[1])
@@ -272,8 +271,8 @@ def test_ranking_is_that_of_the_search(search):
     texts = [text.get_text() for text in ax.get_yticklabels()]
     names = dict(zip(ax.get_yticks(), texts, strict=True))
     assert names[max(names)] == "resonance"
-    rings = [line for line in ax.lines if line.get_marker() == "o"]
-    marks = {names[line.get_ydata()[0]]: line.get_xdata()[0] for line in rings}
+    rings = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"]
+    marks = {names[height]: error for error, height in rings}
     contested = table.dropna(subset="error_after").set_index("effect")["error_after"]
     assert marks == pytest.approx(contested.to_dict())
 

@@ -163,14 +163,6 @@ def test_prompt_gain_of_two_branches_is_one_freedom():
     assert found == free - 1
 
 
-def test_rest_is_that_of_the_whole_chain():
-    chain = series(creep=CREEP, plays=PLAYS, mode=MODE)
-    level = 1.5 * (1.0 + 0.2) * 0.8 + 0.3
-    level = level + 0.5 * (level - 0.2) + 0.1  # first loading
-    y, _ = chain.run(np.full(20, 0.8), DT, chain.init(0.8))
-    np.testing.assert_allclose(y, 0.8 * level + 0.1, rtol=1e-12)
-
-
 def test_what_stands_beside_is_taken_off_again():
     offset = OffsetOperator(np.array([0.4]))
     assert take_apart(LAG) == (LAG, ())
