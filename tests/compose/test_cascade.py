@@ -285,23 +285,29 @@ def test_parameters_reach_into_steps():
         model.set_params(wrong=1)
 
 
+@pytest.mark.parametrize("kind", [Cascade, Sum])
 @pytest.mark.parametrize(
     ("steps", "error", "message"),
     [
-        ([], ValueError, "The 'steps' parameter of Cascade must not be empty"),
-        ("lag", ValueError, "The 'steps' parameter of Cascade must be"),
-        ([("a", FrozenEstimator(FirstOrderLag()))], NotFittedError, "'a' of Cascade is frozen"),
-        ([("a", FrozenEstimator(Ridge()))], TypeError, "must be parametric models of skhyst"),
+        ([], ValueError, "The 'steps' parameter of {} must not be empty"),
+        ("lag", ValueError, "The 'steps' parameter of {} must be"),
+        ([("a", FrozenEstimator(FirstOrderLag()))], NotFittedError, "'a' of {} is frozen"),
+        ([("a", FrozenEstimator(Ridge()))], TypeError, "of {} must be parametric models of skhyst"),
         ([("a", 3)], TypeError, "must be parametric models of skhyst. Got 3 as 'a'"),
         ([("a", FirstOrderLag), ("b", Delay())], TypeError, "must be parametric models"),
         ([("a", Delay()), ("a", FirstOrderLag())], ValueError, "unique"),
         ([("a__b", FirstOrderLag())], ValueError, "__"),
         ([("dt", FirstOrderLag())], ValueError, "conflict"),
-        ([STEP, ("drift", Drift())], ValueError, "'drift' of Cascade is a disturbance"),
-        ([("sum", Sum([LAG_STEP, ("drift", Drift())]))], ValueError, "'sum' of Cascade"),
     ],
 )
-def test_wrong_steps(steps, error, message):
+def test_wrong_steps(kind, steps, error, message):
     X, y = measure(HYSTERESIS, n=60)
-    with pytest.raises(error, match=message):
-        Cascade(steps).fit(X, y)
+    with pytest.raises(error, match=message.format(kind.__name__)):
+        kind(steps).fit(X, y)
+
+
+@pytest.mark.parametrize("wrong", [("drift", Drift()), ("sum", Sum([LAG_STEP, ("b", Drift())]))])
+def test_a_disturbance_is_no_stage(wrong):
+    X, y = measure(HYSTERESIS, n=60)
+    with pytest.raises(ValueError, match=f"'{wrong[0]}' of Cascade is a disturbance"):
+        Cascade([STEP, wrong]).fit(X, y)

@@ -155,16 +155,3 @@ def test_disturbances_alone():
     assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
     np.testing.assert_allclose(model.predict(X), y, atol=5 * NOISE)
     assert set(model.operators_) == {"offset", "line"}
-
-
-@pytest.mark.parametrize(
-    ("steps", "error", "message"),
-    [
-        ([], ValueError, "The 'steps' parameter of Sum must not be empty"),
-        ([("a", "lag")], TypeError, "must be parametric models of skhyst. Got 'lag' as 'a'"),
-        ([("a", Offset()), ("a", FirstOrderLag())], ValueError, "unique"),
-    ],
-)
-def test_wrong_steps(steps, error, message):
-    with pytest.raises(error, match=message):
-        Sum(steps).fit(np.zeros((5, 1)), np.zeros(5))

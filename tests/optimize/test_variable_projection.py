@@ -80,7 +80,13 @@ CASES = {
 
 @pytest.fixture(params=CASES)
 def case(request):
-    return CASES[request.param]
+    return request.param
+
+
+def problem_of(case, **options):
+    """Return the problem of a case, from its start."""
+    truth, start = CASES[case]
+    return OperatorProblem(start, records(truth, **options), fixed=FIXED)
 
 
 def residuals(problem, x):
@@ -89,17 +95,15 @@ def residuals(problem, x):
 
 
 def test_recovers_the_truth(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth), fixed=FIXED)
+    problem = problem_of(case)
     solution = variable_projection(problem, problem.x0)
     assert solution.converged
     found, _ = problem.unpack(solution.x)
-    np.testing.assert_allclose(found.pack(), truth.pack(), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(found.pack(), CASES[case][0].pack(), rtol=1e-5, atol=1e-6)
 
 
 def test_agrees_with_scipy(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of(case, noise=0.05)
     solution = variable_projection(problem, problem.x0, tolerance=1e-15)
     scipy = least_squares(
         lambda x: residuals(problem, x),
@@ -116,8 +120,7 @@ def test_agrees_with_scipy(case):
 
 
 def test_default_tolerance_is_far_below_the_standard_errors(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of(case, noise=0.05)
     rough = variable_projection(problem, problem.x0)
     exact = variable_projection(problem, problem.x0, tolerance=1e-15)
     curvature = exact.gram[:-1, :-1]
@@ -127,8 +130,7 @@ def test_default_tolerance_is_far_below_the_standard_errors(case):
 
 
 def test_gram_holds_cost_gradient_and_curvature(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of(case, noise=0.05)
     rng = np.random.default_rng(0)
     x = problem.x0 + np.where(problem.linear, 0.1, 0.05) * rng.uniform(0.5, 1, len(problem.x0))
     gram = problem.total(problem.evaluate(x))
@@ -315,8 +317,7 @@ def test_a_positive_parameter_moves_by_a_bounded_factor_a_step():
 
 
 def test_history_and_callback_go_down():
-    truth, start = CASES["chain"]
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of("chain", noise=0.05)
     calls = []
     solution = variable_projection(problem, problem.x0, callback=lambda *c: calls.append(c))
     assert solution.history[1:] == calls
@@ -329,8 +330,7 @@ def test_history_and_callback_go_down():
 
 @pytest.mark.parametrize("budget", [1, 2, 5])
 def test_budget(budget):
-    truth, start = CASES["chain"]
-    problem = OperatorProblem(start, records(truth), fixed=FIXED)
+    problem = problem_of("chain")
     solution = variable_projection(problem, problem.x0, max_evaluations=budget)
     assert not solution.converged
     assert "budget" in solution.message
@@ -338,8 +338,7 @@ def test_budget(budget):
 
 
 def test_known_blocks_cost_no_evaluation():
-    truth, start = CASES["lag"]
-    problem = OperatorProblem(start, records(truth))
+    problem = problem_of("lag")
     plain = variable_projection(problem, problem.x0)
     given = variable_projection(problem, problem.x0, blocks=problem.evaluate(problem.x0))
     np.testing.assert_allclose(given.x, plain.x, rtol=1e-9)
@@ -347,8 +346,7 @@ def test_known_blocks_cost_no_evaluation():
 
 
 def test_start_that_is_not_finite_is_given_up():
-    truth, start = CASES["lag"]
-    problem = OperatorProblem(start, records(truth))
+    problem = problem_of("lag")
     problem.evaluate = lambda x, **options: np.full((2, 4, 4), np.nan)
     solution = variable_projection(problem, problem.x0)
     assert solution.cost == np.inf
@@ -396,8 +394,7 @@ def test_single_step_never_makes_the_fit_worse(frequency):
 
 
 def test_single_step_that_leads_nowhere_is_not_taken():
-    truth, start = CASES["mode"]
-    problem = OperatorProblem(start, records(truth))
+    problem = problem_of("mode")
     blocks = problem.evaluate(problem.x0)
     problem.evaluate = lambda x, **options: np.full_like(blocks, np.nan)
     x = single_step(problem, problem.x0, blocks, np.ones(len(blocks), dtype=bool))
