@@ -197,8 +197,7 @@ class Cascade(Composition):
     >>> import numpy as np
     >>> from skhyst.compose import Cascade
     >>> from skhyst.hysteresis import PrandtlIshlinskii
-    >>> from skhyst.linear import FirstOrderLag
-    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
     >>> drive = np.sin(np.linspace(0, 40, 2000)) * np.linspace(0, 1, 2000)
     >>> y, _ = FirstOrderLagOperator(0.05).run(drive, 0.01)
     >>> steps = [("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]

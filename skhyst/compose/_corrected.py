@@ -69,8 +69,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     >>> import numpy as np
     >>> from sklearn.linear_model import LinearRegression
     >>> from skhyst.compose import Corrected
-    >>> from skhyst.linear import FirstOrderLag
-    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
     >>> u = np.random.default_rng(0).normal(size=1000).cumsum()
     >>> y, _ = FirstOrderLagOperator(0.05).run(2.0 * u + 1.0, 0.01)
     >>> model = Corrected(LinearRegression(), FirstOrderLag(), dt=0.01).fit(u.reshape(-1, 1), y)

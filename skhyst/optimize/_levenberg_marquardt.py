@@ -49,8 +49,7 @@ class LevenbergMarquardt(Method):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import SystemLevelHysteresis
-    >>> from skhyst.hysteresis import SystemLevelOperator
+    >>> from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
     >>> drive = 50.0 - 50.0 * np.cos(np.linspace(0.0, 20.0, 500))
     >>> y, _ = SystemLevelOperator(0.1, 0.002, 0.03).run(drive, 1.0)
     >>> model = SystemLevelHysteresis(method="levenberg_marquardt").fit(drive.reshape(-1, 1), y)

@@ -408,8 +408,7 @@ class VariableProjection(Method):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.linear import SecondOrderMode
-    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
     >>> from skhyst.optimize import VariableProjection
     >>> drive = np.random.default_rng(0).normal(size=500)
     >>> y, _ = SecondOrderModeOperator(60.0, 0.01).run(drive, 0.01)

@@ -235,22 +235,6 @@ def test_eliminated_disturbances_equal_explicit_columns(disturbances):
     np.testing.assert_allclose(coefficients, expected[3:].reshape(3, width), rtol=1e-6, atol=1e-8)
 
 
-def test_frequency_of_a_line_is_found_with_its_amplitudes():
-    lag = FirstOrderLagOperator(0.05, gain=2.0)
-    data = []
-    for i, record in enumerate(records(lag, noise=0.02)):
-        line = (0.3 + i) * np.sin(2 * np.pi * 7.31 * DT * np.arange(400) + i)
-        data.append(dataclasses.replace(record, y=record.y + line))
-    start = SinusoidOperator(np.zeros(2), np.array([7.25]))
-    problem = OperatorProblem(FirstOrderLagOperator(0.1), data, disturbances=(start,))
-    solution = variable_projection(problem, problem.x0)
-    operator, (line,) = problem.unpack(solution.x)
-    assert line.frequencies[0] == pytest.approx(7.31, abs=0.005)
-    assert operator.time_constant == pytest.approx(0.05, rel=0.02)
-    coefficients = problem.coefficients(problem.evaluate(solution.x))
-    np.testing.assert_allclose(np.linalg.norm(coefficients, axis=1), [0.3, 1.3], atol=0.01)
-
-
 def test_predictions_do_not_see_what_they_predict():
     """Offsets of held-out records come from the other half of their segments."""
     lag = FirstOrderLagOperator(0.05, gain=2.0)
