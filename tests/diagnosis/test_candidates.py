@@ -202,7 +202,7 @@ def test_what_the_other_folds_leave_open_does_not_count():
     for own in weights[:2]:
         assert own.min() > 0.9
     large = weights[2]
-    reaches = np.maximum.accumulate(drives[2]) > 2.0  # from where the largest threshold moves
+    reaches = np.maximum.accumulate(drives[2]) > 2.1  # the largest threshold is 2
     assert large[reaches].max() < 1e-6
     assert large[: np.argmax(drives[2] > 0.5)].min() > 0.9
 
