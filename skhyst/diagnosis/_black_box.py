@@ -20,13 +20,12 @@ from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
 from ..operators import Operator
 from ._candidates import held_out, refitted
+from ._constants import FACTOR
 from ._tree import as_read
 
 __all__ = ["BlackBox", "Declared", "declare", "drive_of"]
 
-_TRIAL_TURNS = 8  # of a contestant
 _TRIAL_FALL = 0.1  # relative fall of its held-out error that is worth another turn
-_TURNS = 10  # where it must be thorough
 _FALL = 0.01
 _DRIVE_LIMITS = 0  # rank, see Operator.rank
 
@@ -211,7 +210,7 @@ class BlackBox(Declared):
 
             start = Turn(box.targets, box.predictions, contestant, contestant.error, box.turns)
             train = [train for train, _ in self._folds]
-            effort = (_TURNS, _FALL) if thorough else (_TRIAL_TURNS, _TRIAL_FALL)
+            effort = (FACTOR**2, _FALL) if thorough else (FACTOR**2, _TRIAL_FALL)
             last = self._backfitting.alternate(start, problem_of, refit, train, *effort)
             contestant = last.effects
             box = self._box(last.targets, last.predictions, last.number, records)

@@ -14,11 +14,11 @@ import numpy as np
 from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
+from ._constants import FACTOR, FOLD_EVALUATIONS, RUNGS, TOLERANCE
 from ._shortened import are_long
 from ._starts import starting_trees
 
 __all__ = [
-    "FACTOR",
     "Candidate",
     "certainties",
     "halve",
@@ -26,11 +26,6 @@ __all__ = [
     "predicted",
     "refitted",
 ]
-
-FACTOR = 3  # of a rung: so many times fewer candidates, so many times the evaluations; e is best
-_RUNGS = 3  # after the prediction
-_FOLD_EVALUATIONS = FACTOR + 1  # from the solution for all data, a part of which it has seen
-_TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
 
 
 @dataclass(frozen=True)
@@ -84,12 +79,12 @@ def predicted(effect, structure, records):
     return found
 
 
-def refitted(candidate, structure, records, max_evaluations=FACTOR ** (_RUNGS + 1)):
+def refitted(candidate, structure, records, max_evaluations=FACTOR ** (RUNGS + 1)):
     """Return the candidate with a structure in place of its own, refitted."""
     problem = structure.problem(records)
     n_parameters = len(problem.x0) + structure.n_coefficients()
     solution = variable_projection(
-        problem, problem.x0, tolerance=_TOLERANCE, max_evaluations=max_evaluations
+        problem, problem.x0, tolerance=TOLERANCE, max_evaluations=max_evaluations
     )
     return replace(
         candidate,
@@ -219,6 +214,6 @@ def _fold_solution(problem, train, blocks, long):
         problem.x0,
         select=train,
         blocks=known,
-        tolerance=_TOLERANCE,
-        max_evaluations=_FOLD_EVALUATIONS,
+        tolerance=TOLERANCE,
+        max_evaluations=FOLD_EVALUATIONS,
     ).x

@@ -18,8 +18,9 @@ from ..hysteresis import (
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import VariableProjection, identify
+from ._constants import ENOUGH, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
 from ._edits import AddForce, Drive, Enrich, Insert, Modulate, Schedule, both_models
-from ._periods import FEW_TURNS, visible_turns
+from ._periods import visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
 
 __all__ = [
@@ -36,11 +37,6 @@ __all__ = [
     "SlowerThanDrive",
 ]
 
-_SPREAD = 0.05  # of a number of the records, relative, above which parameters may depend on it
-_TANKS = 3  # in a row, at the most
-_BEYOND = 0.6  # of the largest response: levels of a knee start at least a tenth above it
-_FULL = 0.98  # of the level of a knee, up to which the response is undone
-_FIRST = 4000  # samples that starting values of tanks are improved on
 _BRIEFLY = VariableProjection(tolerance=1e-3, max_evaluations=10)
 
 
@@ -113,7 +109,7 @@ class Knee:
         for start in driven_starts(self.model, [replace(r, u=r.y) for r in scene.records]):
             reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records)
             # of the levels that the response stays below
-            start = replace(start, level=start.level + (reach or 1.0) * _BEYOND)
+            start = replace(start, level=start.level + (reach or 1.0) * KNEE)
             grown = _refitted_to([_before(r, start) for r in scene.records], tree)
             found.append(grown.edited(name, Insert(self.model, start)))
         return scene.promising(found, 0)
@@ -121,7 +117,7 @@ class Knee:
 
 def _before(record, knee):
     """Return the record with what a knee makes its response of, as far as the response tells."""
-    y = np.clip(record.y, knee.center - _FULL * knee.level, knee.center + _FULL * knee.level)
+    y = np.clip(record.y, knee.center - FULL * knee.level, knee.center + FULL * knee.level)
     y = knee.inverse(y)
     # an error before the knee counts as what is left of it behind
     weights = np.square(knee.linearize(y, np.ones((len(y), 1)), record.dt)[1][:, 0])
@@ -157,7 +153,7 @@ class InStages:
             return []
         for at, (place, old, operator) in enumerate(tree.stages):
             rates = operator.lag_rates() if hasattr(operator, "with_poles") else []
-            if not 0 < len(rates) <= _TANKS:
+            if not 0 < len(rates) <= TANKS:
                 continue
             model = TankChain(
                 len(rates),
@@ -181,7 +177,7 @@ class InStages:
     @staticmethod
     def _approached(model, starts, records, state):
         """Return the tanks fitted briefly to the first part of the records."""
-        share = min(1.0, _FIRST / sum(len(r.u) for r in records))
+        share = min(1.0, ENOUGH / sum(len(r.u) for r in records))
         parts = []
         for r in records:
             n = max(int(share * len(r.u)), 2)
@@ -340,7 +336,7 @@ class MovedModes:
 def _differ(numbers):
     """Whether the numbers of the records are spread enough for parameters to depend on them."""
     size = max(map(abs, numbers))
-    return len(numbers) > 1 and size > 0.0 and np.ptp(numbers) > _SPREAD * size
+    return len(numbers) > 1 and size > 0.0 and np.ptp(numbers) > NOTICEABLE * size
 
 
 def _column(scene, column):

@@ -14,6 +14,7 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
+from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT, TREES
 from ._criterion import block_p_value, paired_p_value
 from ._periods import drive_period, repeats
 
@@ -23,19 +24,6 @@ __all__ = [
     "judge_residual",
     "repeatability",
 ]
-
-_ROWS = 6000  # rows that the black box learns from
-_SEEN = 20_000  # rows that it sees at all; of more, stretches spread over the records
-_STRETCHES = 60
-_FOLDS = 3
-_TREES = 40
-_LAGS = 2 ** np.arange(9)  # samples
-_OWN_LAGS = (1, 2, 3, 4, 8)  # of the residual, one by one
-_OWN_MEANS = (4, 16, 64, 256)  # and averages of so many samples before
-_GAINS = (16, 256)  # samples before from which a gain that moves is read off
-_BLOCKS = 16  # of a difference between repetitions
-_TRANSIENT = 2.0  # power of a block, relative to the typical one, that still is how it began
-_SLOW = 3  # degree of the drift between repetitions
 
 
 @dataclass(frozen=True)
@@ -149,21 +137,21 @@ def _wiped(u):
 def _settled(difference):
     """Return the sum of squares of a difference without its start and drift, and its freedom."""
     rest = difference
-    for _ in range(_BLOCKS // 2):
+    for _ in range(BLOCKS // 2):
         rest = difference - _slow(difference)
-        size = max(len(difference) // _BLOCKS, 1)
+        size = max(len(difference) // BLOCKS, 1)
         blocks = [np.mean(np.square(rest[k : k + size])) for k in range(0, len(rest), size)]
-        if len(blocks) < 4 or blocks[0] <= _TRANSIENT * np.median(blocks[1:]):
+        if len(blocks) < 4 or blocks[0] <= TRANSIENT * np.median(blocks[1:]):
             break
         difference = difference[size:]
-    return float(rest @ rest), max(len(rest) - _SLOW - 1, 0)
+    return float(rest @ rest), max(len(rest) - SLOW - 1, 0)
 
 
 def _slow(difference):
-    if len(difference) <= 4 * _SLOW:
+    if len(difference) <= 4 * SLOW:
         return np.mean(difference)
     time = np.linspace(-1.0, 1.0, len(difference))
-    return np.polynomial.legendre.Legendre.fit(time, difference, _SLOW)(time)
+    return np.polynomial.legendre.Legendre.fit(time, difference, SLOW)(time)
 
 
 def _common_part(pairs, residuals):
@@ -186,7 +174,7 @@ def black_box_gain(records, residuals, predictions, rng):
     Ridge regression and boosted trees see the drive and the model's output, their change over
     logarithmically spaced lags, the time, and further columns; and the residual's own past: its
     last values, averages, and the gain that it had with the drive. Folds are stretches of
-    consecutive samples. Of more than 20,000 samples, stretches spread over the records are seen.
+    consecutive samples. Of more than 10,000 samples, stretches spread over the records are seen.
 
     Returns
     -------
@@ -198,18 +186,16 @@ def black_box_gain(records, residuals, predictions, rng):
     """
     x, y, block = _seen(records, residuals, predictions, rng)
     left = np.stack([y, y])  # by ridge regression, and with trees
-    for fold in range(_FOLDS):
-        test = block % _FOLDS == fold
+    for fold in range(FACTOR):
+        test = block % FACTOR == fold
         train = np.flatnonzero(~test)
         if not test.any() or not len(train):
             continue
-        if len(train) > _ROWS:
-            train = np.sort(rng.choice(train, _ROWS, replace=False))
         scale = x[train].std(axis=0)
         scale = np.where(scale > 0.0, scale, 1.0)
         ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train] / scale, y[train])
         trees = HistGradientBoostingRegressor(
-            max_iter=_TREES,
+            max_iter=TREES,
             learning_rate=0.15,
             max_leaf_nodes=15,
             min_samples_leaf=40,
@@ -236,9 +222,9 @@ def _seen(records, residuals, predictions, rng):
     shift, size = drives.mean(), np.ptp(drives) or 1.0
     level, height = finite.mean(), np.ptp(finite) or 1.0
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
-    length = max(min(total, _SEEN) // _STRETCHES, 1)
-    every = max(total // _SEEN, 1)  # of so many stretches one is seen
-    context = int(_LAGS[-1])
+    length = max(min(total, ENOUGH) // STRETCHES, 1)
+    every = max(total // ENOUGH, 1)  # of so many stretches one is seen
+    context = int(LAGS[-1])
     features, target, block = [], [], []
     start = int(rng.integers(every))
     for record, r, p in zip(records, residuals, predictions, strict=True):
@@ -262,11 +248,11 @@ def _features(u, q, r):
     """Return what is known of a stretch before each sample's residual, (n_samples, n_features)."""
     columns = [u, q, q**2, q**3]
     for signal in (u, q):
-        columns += [signal - _moved(signal, lag, signal[0]) for lag in _LAGS]
-    columns += [_moved(r, lag) for lag in _OWN_LAGS]
-    columns += [_past_mean(r, size) for size in _OWN_MEANS]
+        columns += [signal - _moved(signal, lag, signal[0]) for lag in LAGS]
+    columns += [_moved(r, lag) for lag in LAGS[:4]]
+    columns += [_past_mean(r, size) for size in LAGS[2::2]]
     for signal in (u - u.mean(), u - _moved(u, 1, u[0])):
-        for size in _GAINS:
+        for size in LAGS[4::4]:
             power = _past_mean(signal**2, size)
             floor = 1e-3 * np.mean(signal**2) + np.finfo(float).tiny
             columns.append(_past_mean(r * signal, size) / (power + floor) * signal)

@@ -4,17 +4,9 @@ import numpy as np
 
 from ..hysteresis import PrandtlIshlinskiiOperator
 from ..operators import turning_points
+from ._constants import AWAY, NOTICEABLE, PROBES, SAME
 
-__all__ = ["FEW_TURNS", "drive_period", "near_period", "repeats", "visible_turns"]
-
-FEW_TURNS = 4  # visible ones of a record of a loop or two
-_VISIBLE = 0.05  # of its range that a signal must go back to have turned round
-_PROBES = 64  # samples that rule out most lags as periods
-_AWAY = (
-    0.2  # power of the difference to a shifted signal, relative to that of both: it has moved on
-)
-_ALIKE = 0.05  # the same, where it repeats itself roughly
-_SAME = 1e-3  # the same, where two lags repeat it equally well
+__all__ = ["drive_period", "near_period", "repeats", "visible_turns"]
 
 
 def repeats(a, b):
@@ -24,7 +16,7 @@ def repeats(a, b):
 
 def visible_turns(u):
     """Return how often a signal turns round by more than a twentieth of its range."""
-    r = 0.5 * _VISIBLE * np.ptp(u)
+    r = 0.5 * NOTICEABLE * np.ptp(u)
     play = PrandtlIshlinskiiOperator([r], [1.0], drive_offset=float(u[0]))
     return max(len(turning_points(play.run(u, 1.0)[0])) - 2, 0) if r > 0.0 else 0
 
@@ -38,7 +30,7 @@ def drive_period(u):
     lags = np.arange(2, n // 2)
     # a period makes the overlap's correlation about equal to its power
     lags = lags[correlation[lags] > 0.99 * (v @ v) * (1.0 - lags / n)]
-    probes = np.linspace(0, n - n // 2 - 1, _PROBES).astype(int)
+    probes = np.linspace(0, n - n // 2 - 1, PROBES).astype(int)
     for probe in probes:
         lags = lags[np.abs(u[probe + lags] - u[probe]) <= 1e-6 * np.ptp(u)]
     for lag in lags:
@@ -67,11 +59,11 @@ def near_period(u):
     lags = np.arange(n // 2)
     both = power[n - lags] + power[n] - power[lags]
     difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
-    back = np.flatnonzero(np.maximum.accumulate(difference) > _AWAY)
+    back = np.flatnonzero(np.maximum.accumulate(difference) > AWAY)
     best = difference[back].min(initial=np.inf)
-    if best > _ALIKE:
+    if best > NOTICEABLE:
         return 0
-    lag = back[np.argmax(difference[back] <= 2.0 * best + _SAME)]  # not a multiple of the period
+    lag = back[np.argmax(difference[back] <= 2.0 * best + SAME)]  # not a multiple of the period
     while lag + 1 < len(difference) and difference[lag + 1] < difference[lag]:
         lag += 1
     return int(lag)

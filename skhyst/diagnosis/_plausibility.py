@@ -11,7 +11,8 @@ claimed.
 import numpy as np
 from scipy.stats import norm
 
-from ._periods import FEW_TURNS, near_period, visible_turns
+from ._constants import FEW_TURNS, FLAT, HARD, NOTICEABLE, REPEATS, STEP
+from ._periods import near_period, visible_turns
 
 __all__ = [
     "bends",
@@ -24,12 +25,6 @@ __all__ = [
 ]
 
 _AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
-_PEAK = 0.05  # of the gain, relative to that at rest and that of fast motion
-_FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
-_REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
-_HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
-_WAY = 0.05  # before sliding, of the range of the motion: below it is friction, above hysteresis
-_STEP = 1e-4  # of a parameter, in differences of a margin
 
 
 def is_plausible(margin, candidate, before, records, alpha):
@@ -61,7 +56,7 @@ def is_plausible(margin, candidate, before, records, alpha):
     value = at(x)
     if value >= 0.0 or not np.isfinite(value):
         return bool(value >= 0.0)
-    steps = _STEP * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
+    steps = STEP * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
     ends = [np.clip([x - h, x + h], problem.lower, problem.upper) for h in steps]
     slopes = np.array([(at(high) - at(low)) / (high - low).sum() for low, high in ends])
     return bool(value + norm.isf(alpha) * _standard_error(problem, x, slopes) >= 0.0)
@@ -113,7 +108,7 @@ def rings(operator, motion, records):
     rest, fast, near = gain[0], gain[-1], gain[1:-1]
     # a peak, or a notch
     shows = max(near.max() - max(rest, fast), min(rest, fast) - near.min())
-    return min(overshoots, shows - np.log1p(_PEAK))
+    return min(overshoots, shows - np.log1p(NOTICEABLE))
 
 
 def levels_off(operator, motion, records):
@@ -121,7 +116,7 @@ def levels_off(operator, motion, records):
     if not hasattr(operator, "knee"):
         return np.inf
     reached = min(np.abs(motion - operator.center).max() / operator.level, 1.0)
-    return _FLAT - (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
+    return FLAT - (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
 
 
 def bends(operator, motion, records):
@@ -133,7 +128,7 @@ def has_own_lines(operator, motion, records):
     """Tell whether sinusoids repeat, are apart, and no harmonics of the drive in some record."""
     frequencies = np.sort(operator.frequencies)
     longest = max(len(record.u) * record.dt for record in records)
-    repeat = frequencies[0] * longest >= _REPEATS
+    repeat = frequencies[0] * longest >= REPEATS
     apart = np.all(np.diff(frequencies) * longest >= 1.0)
     own = any(_are_no_harmonics(frequencies, record) for record in records)
     return np.inf if repeat and apart and own else -np.inf
@@ -153,11 +148,11 @@ def _are_no_harmonics(frequencies, record):
 def slides(operator, motion, records):
     """Return how soon a force saturates after the motion turns round: of friction, soon."""
     way = operator.way_before_sliding()
-    return np.inf if way is None else np.log(_WAY * np.ptp(motion) / way)
+    return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
 def remembers(operator, motion, records):
     """Return how visible the way is over which a force builds up, unless as a hard spring does."""
-    soft = _HARD - abs(getattr(operator, "shape", 0.0))
+    soft = HARD - abs(getattr(operator, "shape", 0.0))
     way = operator.way_before_sliding()
-    return soft if way is None else min(soft, np.log(way / (0.2 * _WAY * np.ptp(motion))))
+    return soft if way is None else min(soft, np.log(way / (0.2 * NOTICEABLE * np.ptp(motion))))

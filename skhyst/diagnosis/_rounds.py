@@ -15,7 +15,8 @@ from math import comb
 
 from joblib import Parallel, delayed
 
-from ._candidates import FACTOR, halve, held_out, predicted, refitted
+from ._candidates import halve, held_out, predicted, refitted
+from ._constants import FACTOR
 from ._effects import EFFECTS
 from ._plausibility import is_plausible
 from ._robust import huber_weights

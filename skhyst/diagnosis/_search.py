@@ -18,6 +18,7 @@ from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
 from ._candidates import Candidate, certainties, held_out
+from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings
 from ._effects import EFFECTS
@@ -30,8 +31,6 @@ from ._tree import Tree
 
 __all__ = ["EffectSearchCV"]
 
-_REWEIGHTED = 2  # times, before the first round
-_NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
 _HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 _HISTORY += ["experiment", "evidence"]
 _RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
@@ -267,12 +266,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             Criterion(self.alpha, self.min_improvement),
             self.max_effects,
             self.n_jobs,
-            _NEGLIGIBLE * np.ptp(self.response_),
+            NEGLIGIBLE * np.ptp(self.response_),
             self._say,
             declared.renew,
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
-        for _ in range(_REWEIGHTED if rounds.lost else 0):
+        for _ in range(REWEIGHTED if rounds.lost else 0):
             base = first = rounds.weighed(base)
         base = rounds.run(base)
         self.seconds_ |= rounds.seconds
@@ -320,7 +319,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     def _judge(self, measured, base, records):
         """Set the noise floor and the verdict."""
-        if base.error <= _NEGLIGIBLE * np.ptp(self.response_):
+        if base.error <= NEGLIGIBLE * np.ptp(self.response_):
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"

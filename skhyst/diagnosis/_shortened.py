@@ -5,19 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["are_long", "shortened", "suffices"]
+from ._constants import ENOUGH, MOST
 
-# Samples in all, above which records are cut, and which are left of them. With independent noise,
-# chance changes the gain of an effect that removes the part p of the error by sqrt(2 / (p n)) of
-# that gain: by 6 % for the least that is claimed by default.
-_ENOUGH = 10_000
-_REACHED = 0.9  # range of the drive in a first part, relative to the whole record's
-_SHARE = 0.8  # mean power of the residual in the first part, relative to the whole record's
+__all__ = ["are_long", "shortened", "suffices"]
 
 
 def are_long(records):
     """Whether records have so many samples that their first parts are searched."""
-    return sum(len(record.u) for record in records) > _ENOUGH
+    return sum(len(record.u) for record in records) > ENOUGH
 
 
 def shortened(records, residuals):
@@ -41,7 +36,7 @@ def shortened(records, residuals):
     if not are_long(records):
         return None
     total = sum(len(record.u) for record in records)
-    return [_first_part(r, e, _ENOUGH / total) for r, e in zip(records, residuals, strict=True)]
+    return [_first_part(r, e, ENOUGH / total) for r, e in zip(records, residuals, strict=True)]
 
 
 def suffices(effect, structure, records, parts):
@@ -54,7 +49,7 @@ def suffices(effect, structure, records, parts):
         return False
     by = [getattr(variant, "by", None) for variant in effect.variants()]
     return not (structure.follows_amplitude or "amplitude" in by) or all(
-        np.ptp(part.u) >= _REACHED * np.ptp(record.u)
+        np.ptp(part.u) >= MOST * np.ptp(record.u)
         for record, part in zip(records, parts, strict=True)
     )
 
@@ -66,7 +61,7 @@ def _first_part(record, residual, share):
         power *= record.weights
     known = np.cumsum(np.isfinite(residual))
     power = np.cumsum(power)
-    least = _SHARE * power[-1] / max(known[-1], 1)
+    least = MOST * power[-1] / max(known[-1], 1)
     stop = max(int(share * n), len(record.segments))
     while stop < n and power[stop - 1] < least * known[stop - 1]:
         stop *= 2

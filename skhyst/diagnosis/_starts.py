@@ -7,13 +7,10 @@ import numpy as np
 
 from ..operators import take_apart
 from ..optimize import distribute_poles, pole_starts
+from ._constants import FACTOR, NOTICEABLE
 from ._edits import Beside, Insert
 
 __all__ = ["Scene", "beside", "driven_starts", "inserted", "starting_trees"]
-
-_STARTS = 3  # of many starting values, so many are linearised
-_THINNED = 3  # every so many samples decide which
-_SAME_POLES = 0.03  # relative distance of poles that need no start of their own
 
 
 def starting_trees(effect, tree, records):
@@ -67,7 +64,7 @@ class Scene:
         They are alike before the place ``first``. An output helps where it fits together with that
         of the tree as it is, up to gains and offset.
         """
-        if len(candidates) <= _STARTS:
+        if len(candidates) <= FACTOR:
             return candidates
         records, signals = self.records, self.signals(first)
         rows = _some(records)
@@ -85,7 +82,7 @@ class Scene:
             together.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
             own, part = gram[:2, :2], right[:2]
             alone.append(-part @ np.linalg.lstsq(own, part, rcond=None)[0])
-        chosen = np.argsort(together, kind="stable")[:_STARTS].tolist()
+        chosen = np.argsort(together, kind="stable")[:FACTOR].tolist()
         best = int(np.argmin(alone))
         return [candidates[i] for i in (chosen if best in chosen else [*chosen, best])]
 
@@ -170,7 +167,7 @@ def _distinct(pole_sets):
     kept = []
     for poles in pole_sets:
         ordered = np.sort_complex(poles)
-        if all(np.max(np.abs(ordered / other - 1.0)) > _SAME_POLES for other in kept):
+        if all(np.max(np.abs(ordered / other - 1.0)) > NOTICEABLE for other in kept):
             kept.append(ordered)
     return kept
 
@@ -180,6 +177,6 @@ def _some(records):
     rows, start = [], 0
     for record in records:
         own = np.concatenate([np.arange(a, b) for a, b in record.segments])
-        rows.append(start + own[::_THINNED])
+        rows.append(start + own[::FACTOR])
         start += len(record.u)
     return np.concatenate(rows)

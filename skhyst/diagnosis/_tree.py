@@ -19,11 +19,12 @@ from ..compose import (
 from ..operators import SeriesOperator
 from ..optimize import OperatorProblem, VariableProjection
 from ..records import RecordSlice
+from ._constants import TOLERANCE
 from ._shortened import are_long
 
 __all__ = ["Tree", "as_read"]
 
-_BRIEFLY = VariableProjection(tolerance=1e-5, max_evaluations=4)
+_BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=4)
 
 
 def as_read(model, records):

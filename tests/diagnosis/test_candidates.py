@@ -203,7 +203,7 @@ def test_what_the_other_folds_leave_open_does_not_count():
         assert own.min() > 0.9
     large = weights[2]
     reaches = np.maximum.accumulate(drives[2]) > 2.1  # the largest threshold is 2
-    assert large[reaches].max() < 1e-4
+    assert large[reaches].max() < 1e-3
     assert large[: np.argmax(drives[2] > 0.5)].min() > 0.9
 
 

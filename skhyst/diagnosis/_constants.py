@@ -1,0 +1,45 @@
+"""The numbers of the search: each with where it comes from, none settled on a single plant."""
+
+import numpy as np
+
+# ---- what counts as something. The error of a model is of interest to a few per cent, as
+# ``min_improvement`` says; so is everything that is compared with a range.
+NOTICEABLE = 0.05
+NEGLIGIBLE = 1e-7  # of the range: rounding of a free run in double precision
+
+# ---- effort. Halving costs least where each rung keeps a part 1/e; three is the next integer.
+FACTOR = 3
+RUNGS = 3  # of halving, after the prediction: all, the best third, the best variants
+FOLD_EVALUATIONS = FACTOR + 1  # from the solution for all data, a part of which it has seen
+TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
+# Samples in all, above which records are cut, and which are left of them. With independent noise,
+# chance changes the gain of an effect that removes the part p of the error by sqrt(2 / (p n)) of
+# that gain: by 6 % for the least that is claimed by default.
+ENOUGH = 10_000
+MOST = 0.8  # of the range, or of the mean power, of a whole record: its first part shows as much
+REWEIGHTED = 2  # times that a robust fit is repeated before the first round
+
+# ---- what effects are. Where a name begins and ends is a convention; these are ours.
+FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
+HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
+REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
+FEW_TURNS = 4  # of the drive, in a record of a loop or two
+TANKS = 3  # in a row, at the most
+KNEE = 0.6  # of the largest response: levels of a knee start at least a tenth above it
+FULL = 0.98  # of the level of a knee, up to which its inverse is well conditioned
+STEP = 1e-4  # of a parameter, in differences: far above rounding, far below what data tell
+
+# ---- periods of a drive, as parts of the power of the difference to the shifted drive
+AWAY = 0.2  # it has moved on
+SAME = 1e-3  # two lags repeat it equally well
+PROBES = 64  # samples that rule out most lags
+
+# ---- the black box that bounds the noise
+LAGS = 2 ** np.arange(9)  # samples that it looks back, logarithmically spaced
+STRETCHES = 60  # of consecutive samples, which folds take in turn
+TREES = 40
+
+# ---- repetitions
+BLOCKS = 16  # of the difference between two of them
+TRANSIENT = 2.0  # power of a block, relative to the typical one, that still is how it began
+SLOW = 3  # degree of the drift between them
