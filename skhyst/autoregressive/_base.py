@@ -280,10 +280,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             with threadpool_limits(1):
                 return free_runs(self._one_step, starts, self._lags, self.bound_)
         runs = [self._run(start) for start in starts]
-        return [y for y, _ in runs], all(n_good == len(y) for y, n_good in runs)
+        return [y for y, _ in runs], all(good for _, good in runs)
 
     def _run(self, start):
-        """Return the compiled run and the number of samples before the first that was cut off."""
+        """Return the compiled run, and whether all of it stayed within ``bound_``."""
         return self._step.run(start, self.bound_)
 
     def _runs_ahead(self, starts, horizon):

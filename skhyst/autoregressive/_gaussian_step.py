@@ -9,7 +9,7 @@ import numpy as np
 
 from .._jit import jit
 from ._network_step import exponentials
-from ._runs import Lags
+from ._runs import Lags, clipped
 from ._steps import Step
 
 __all__ = ["GaussianStep"]
@@ -20,7 +20,6 @@ def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
     """Run a network over its past outputs; see :class:`GaussianStep`."""
     (n_samples, n_inputs), (n_signals, n_components) = inputs.shape, scaling.shape
     before, n_nodes = len(y) - n_samples, len(rates)
-    n_good = n_samples
     place, distance, powers = np.empty(n_components), np.empty(n_nodes), np.empty(n_nodes)
     bits = powers.view(np.int64)
     for i in range(n_samples):
@@ -44,11 +43,7 @@ def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
         value = last[n_nodes]
         for q in range(n_nodes):
             value += last[q] * distance[q]
-        if not abs(value) <= bound:
-            n_good = min(n_good, i)
-            value = -bound if value < 0.0 else bound
-        y[k] = value
-    return n_good
+        y[k] = clipped(value, bound)
 
 
 @dataclass(frozen=True)
@@ -62,9 +57,3 @@ class GaussianStep(Step):
     last: np.ndarray  # (n_nodes + 1,): weights of the output and, at the end, its constant
 
     _loop = staticmethod(gaussian_run)
-
-    def rows(self, Z):
-        distance = np.zeros((len(Z), len(self.rates)))
-        for place, centers in zip((Z @ self.scaling).T, self.centers, strict=True):
-            distance += np.square(place[:, np.newaxis] - centers)
-        return np.exp(self.rates * distance) @ self.last[:-1] + self.last[-1]

@@ -20,9 +20,9 @@ from ._terms import candidate_terms, count_terms, term_name, unit_scale
 __all__ = ["NARMAXRegressor"]
 
 _FEATURES = {
-    "rate_sign": lambda dt: GeneralizedInputGradient(include_drive=False, dt=dt),
-    "generalized_gradient": lambda dt: GeneralizedInputGradient(include_drive=False, dt=dt),
-    "play": lambda dt: PlayOperators(5),
+    "rate_sign": GeneralizedInputGradient(include_drive=False, include_rate=False, direction=True),
+    "generalized_gradient": GeneralizedInputGradient(include_drive=False),
+    "play": PlayOperators(5),
 }
 _MOST_TERMS = 5000
 
@@ -198,7 +198,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
         for label, transformer in self.transformers_:
             parts = [transformer.transform(X[record.rows, :1]) for record in records]
             if label == "rate_sign":
-                parts = [_last_sign(part) for part in parts]
                 signs.add(len(names))
             wide.append(np.concatenate(parts).astype(float, copy=False))
             n_made = wide[-1].shape[1]
@@ -213,7 +212,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
         fitted = []
         for kind in [] if self.features is None else self.features:
             if isinstance(kind, str) and kind in _FEATURES:
-                label, transformer = kind, _FEATURES[kind](dt)
+                label, transformer = kind, clone(_FEATURES[kind])
+                if hasattr(transformer, "dt"):
+                    transformer.set_params(dt=dt)
             elif not isinstance(kind, str) and hasattr(kind, "transform"):
                 label, transformer = type(kind).__name__, clone(kind)
             else:
@@ -355,9 +356,8 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return self._step.rows(Z / self._lag_scale()) * self._output_scale
 
     def _run(self, start):
-        y, n_good = self._step.run(self._scaled(start), self.bound_ / self._output_scale)
-        y *= self._output_scale
-        return y, n_good
+        y, good = self._step.run(self._scaled(start), self.bound_ / self._output_scale)
+        return y * self._output_scale, good
 
     def _runs_ahead(self, starts, horizon):
         if self._without_noise(self.term_factors_).all():
@@ -366,10 +366,3 @@ class NARMAXRegressor(AutoregressiveRegressor):
         bound, scale = self.bound_ / self._output_scale, self._output_scale
         runs = [innovations(*model, self._scaled(start), bound, horizon) for start in starts]
         return [y * scale for y, _ in runs], all(good for _, good in runs)
-
-
-def _last_sign(rate):
-    """Return the direction of the last move of a record, 0 before the first one."""
-    sign = np.sign(rate)
-    moved = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign))[:, None], 0))
-    return np.take_along_axis(sign, moved, axis=0)

@@ -1,13 +1,11 @@
 """Feed-forward networks that see their own past outputs."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.special import expit
 
 from .._jit import jit
-from ._runs import Lags
+from ._runs import Lags, clipped
 from ._steps import Step
 
 __all__ = ["ACTIVATIONS", "NetworkStep", "exponentials"]
@@ -76,7 +74,6 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
     """Run a network with one output over its past outputs; see :class:`NetworkStep`."""
     (n_samples, n_inputs), widest = inputs.shape, weights.shape[2]
     before = len(y) - n_samples
-    n_good = n_samples
     now, after, powers = np.zeros(widest), np.zeros(widest), np.empty(widest)
     bits = powers.view(np.int64)
     for i in range(n_samples):
@@ -108,11 +105,7 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
         value = last[width]
         for q in range(width):
             value += now[q] * last[q]
-        if not abs(value) <= bound:
-            n_good = min(n_good, i)
-            value = -bound if value < 0.0 else bound
-        y[k] = value
-    return n_good
+        y[k] = clipped(value, bound)
 
 
 @dataclass(frozen=True)
@@ -146,18 +139,3 @@ class NetworkStep(Step):
         first = np.ascontiguousarray(matrices[0])
         kind = ACTIVATIONS[activation]
         return cls(lags, first, np.array(biases[0]), widths, inner, offsets, last, kind)
-
-    def rows(self, Z):
-        x = _activation(self.kind, Z @ self.first + self.offsets)
-        for layer, (n_in, n_out) in enumerate(pairwise(self.widths)):
-            matrix, bias = self.weights[layer, :n_in, :n_out], self.biases[layer, :n_out]
-            x = _activation(self.kind, x @ matrix + bias)
-        return x @ self.last[:-1] + self.last[-1]
-
-
-def _activation(kind, x):
-    if kind == ACTIVATIONS["relu"]:
-        return np.maximum(x, 0.0)
-    if kind == ACTIVATIONS["logistic"]:
-        return expit(x)
-    return np.tanh(x) if kind == ACTIVATIONS["tanh"] else x

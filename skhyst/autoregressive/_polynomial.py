@@ -18,7 +18,7 @@ import numpy as np
 
 from .._jit import jit
 from ..operators import as_signal
-from ._runs import Lags
+from ._runs import Lags, clipped
 
 __all__ = [
     "PolynomialStep",
@@ -118,9 +118,9 @@ def _table(rows, width):
 
 
 def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
-    """Return the free run (n_samples,) and how many samples lie before the first that was cut off.
+    """Return the free run (n_samples,), and whether all of it stayed within ``bound``.
 
-    Outputs beyond ``bound``, and those that are no numbers, are cut off there. ``inputs``
+    Outputs beyond it, and those that are no numbers, are cut off there. ``inputs``
     (n_past + n_samples, n_columns) have rested at their first row before it; ``initial`` (start,)
     are the outputs before the run, the latest last.
     """
@@ -128,7 +128,7 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
-    coefficients, n_good = as_signal(coefficients), n_samples
+    coefficients, good = as_signal(coefficients), True
     # only the first samples look beyond the first row; the long rest is not copied
     n_head = min(max(plan.reach - n_past, 0), n_samples)
     pieces = [(n_head, n_samples, as_signal(inputs.T), n_past + n_head)]
@@ -139,19 +139,17 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
         model = origin, plan.inputs, coefficients, signals, float(bound)
         values = y[first : plan.start + stop]
         if len(plan.short) and plan.start:
-            n_groups = len(plan.outputs[0])
-            good = _run_short(plan.start, plan.older_lag, plan.short, n_groups, *model, values)
+            groups = plan.short, len(plan.outputs[0])
+            good &= _run_short(plan.start, plan.older_lag, *groups, *model, values)
         else:
-            good = _run(plan.start, plan.older, *model, values)
-        if good < stop - first:
-            n_good = min(n_good, first + good)
-    return y[plan.start :], n_good
+            good &= _run(plan.start, plan.older, *model, values)
+    return y[plan.start :], good
 
 
 def polynomial_tangents(
     plan, coefficients, inputs, initial, d_initial, bound=np.inf, n_past=0, measured=None, pull=0.0
 ):
-    """Return the run, its derivatives (n_samples, n_terms + m) and ``n_good``.
+    """Return the run, its derivatives (n_samples, n_terms + m), and whether all stayed within.
 
     Beyond :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of the
     initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is how far each
@@ -167,8 +165,8 @@ def polynomial_tangents(
     measured = np.zeros(n_samples) if measured is None else as_signal(measured)
     signals, coefficients = _with_past(plan, inputs, n_past), as_signal(coefficients)
     model = plan.reach, plan.inputs, coefficients, signals, float(bound)
-    n_good = _tangents(plan.start, plan.outputs, *model, measured, float(pull), y, y.copy(), dy)
-    return y[plan.start :], dy[plan.start :], n_good
+    good = _tangents(plan.start, plan.outputs, *model, measured, float(pull), y, y.copy(), dy)
+    return y[plan.start :], dy[plan.start :], good
 
 
 def _with_past(plan, inputs, n_past):
@@ -217,7 +215,7 @@ def _run(start, tables, origin, terms, coefficients, signals, bound, y):
     """Fill ``y``. Places are unsigned: no check whether they are counted from the end."""
     n_older, older, powers = tables
     n_samples, n_powers = len(y) - start, len(powers)
-    n_good, one = n_samples, np.uint64(1)
+    good, one = True, np.uint64(1)
     row, weights = np.empty(_BLOCK), np.empty((len(n_older), _BLOCK))
     previous = y[start - 1] if start > 0 else 0.0
     for first in range(0, n_samples, _BLOCK):
@@ -236,19 +234,15 @@ def _run(start, tables, origin, terms, coefficients, signals, bound, y):
                         value *= y[k - older[g, j]]
                     part += value
                 total = total * previous + part
-            if not abs(total) <= bound:
-                n_good = min(n_good, first + np.int64(i))
-                total = -bound if total < 0.0 else bound
-            y[k] = total
-            previous = total
-    return n_good
+            good &= abs(total) <= bound
+            previous = y[k] = clipped(total, bound)
+    return good
 
 
 @jit
 def _run_short(start, older, short, n_groups, origin, terms, coefficients, signals, bound, y):
     """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; one more group stays zero."""
-    n_samples = len(y) - start
-    n_good = n_samples
+    good, n_samples = True, len(y) - start
     row, weights = np.empty(_BLOCK), np.empty((n_groups + 1, _BLOCK))
     w00, w01, w02, w03 = weights[short[0]], weights[short[1]], weights[short[2]], weights[short[3]]
     w10, w11, w12 = weights[short[4]], weights[short[5]], weights[short[6]]
@@ -264,12 +258,11 @@ def _run_short(start, older, short, n_groups, origin, terms, coefficients, signa
             third = w30[i] * q + (w20[i] + w21[i] * r)
             second = third * q + (w10[i] + r * (w11[i] + r * w12[i]))
             total = second * q + (w00[i] + r * (w01[i] + r * (w02[i] + r * w03[i])))
-            if not abs(total) <= bound:
-                n_good = min(n_good, first + i)
+            if not abs(total) <= bound:  # a branch is guessed, and the next sample need not wait
+                good = False
                 total = -bound if total < 0.0 else bound
-            new[i] = total
-            q = total
-    return n_good
+            q = new[i] = total
+    return good
 
 
 @jit
@@ -298,8 +291,7 @@ def _tangents(
     n_outputs, output_lags = outputs
     n_samples, n_terms, n_groups = len(y) - start, len(coefficients), len(n_outputs)
     n_parameters, group = dy.shape[1], terms[3]
-    n_good = n_samples
-    keep = 1.0 - pull
+    keep, good = 1.0 - pull, True
     products, weights = np.empty((n_terms, _BLOCK)), np.empty((n_groups, _BLOCK))
     monomials, slopes = np.empty(n_groups), np.zeros(start + 1)
     for first in range(0, n_samples, _BLOCK):
@@ -321,24 +313,20 @@ def _tangents(
                 monomials[g] = value
                 total += weights[g, i] * value
             tangent = dy[k]
-            if not abs(total) <= bound:
-                n_good = min(n_good, first + i)
-                total = -bound if total < 0.0 else bound
-                tangent[:] = 0.0
-            else:
+            tangent[:] = 0.0
+            if abs(total) <= bound:
                 for t in range(n_terms):
                     tangent[t] = products[t, i] * monomials[group[t]]
-                for q in range(n_terms, n_parameters):
-                    tangent[q] = 0.0
                 for lag in range(1, start + 1):
                     slope = slopes[lag] if k - lag < start else keep * slopes[lag]
                     if slope != 0.0:
                         past = dy[k - lag]
                         for q in range(n_parameters):
                             tangent[q] += slope * past[q]
-            y[k] = total
-            state[k] = total + pull * (measured[first + i] - total)
-    return n_good
+            good &= abs(total) <= bound
+            y[k] = clipped(total, bound)
+            state[k] = y[k] + pull * (measured[first + i] - y[k])
+    return good
 
 
 @dataclass(frozen=True)

@@ -61,11 +61,11 @@ class InnovationProblem:
         out, good = [], True
         for start in self.starts:
             signals, n_past = _error_inputs(start)
-            error, tangents, n_good = polynomial_tangents(
+            error, tangents, whole = polynomial_tangents(
                 plan, coefficients, signals, *before, self.bound, n_past
             )
             out.append((tangents[:, 1:], error))
-            good &= n_good == len(error)
+            good &= whole
         return out, good
 
 
@@ -98,10 +98,9 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
     """
     plan = _error_plan(terms, lags, noise_lags)
     signals, n_past = _error_inputs(start)
-    errors, n_good = polynomial_run(
+    errors, good = polynomial_run(
         plan, np.append(1.0, -coefficients), signals, np.zeros(plan.start), bound, n_past
     )
-    good = n_good == len(errors)
     if horizon == 1:
         return start.measured - errors, good
     rows, before, oldest = len(errors), len(start.history), max(noise_lags)
@@ -163,9 +162,9 @@ class FreeRunProblem:
                 history = np.full(n_before, rests[i])
                 d_history[:] = self._rest_tangents(plan, coefficients, start, history)
             initial = history, d_history, self.bound, start.n_past, start.measured, pull
-            y, tangents, n_good = polynomial_tangents(plan, coefficients, start.inputs, *initial)
+            y, tangents, whole = polynomial_tangents(plan, coefficients, start.inputs, *initial)
             out.append((tangents, start.measured - y))
-            good &= n_good == len(y)
+            good &= whole
         return out, good
 
     def _rests(self, step):
