@@ -1,4 +1,4 @@
-"""Feed-forward networks that see their own past outputs."""
+"""Feed-forward networks, and networks of Gaussian nodes, that see their own past outputs."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from .._jit import jit
 from ._runs import Lags, clipped
 from ._steps import Step
 
-__all__ = ["ACTIVATIONS", "NetworkStep", "exponentials"]
+__all__ = ["ACTIVATIONS", "GaussianStep", "NetworkStep", "exponentials"]
 
 ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
 
@@ -139,3 +139,47 @@ class NetworkStep(Step):
         first = np.ascontiguousarray(matrices[0])
         kind = ACTIVATIONS[activation]
         return cls(lags, first, np.array(biases[0]), widths, inner, offsets, last, kind)
+
+
+@jit(fastmath={"contract", "reassoc", "nsz"})
+def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
+    """Run a network over its past outputs; see :class:`GaussianStep`."""
+    (n_samples, n_inputs), (n_signals, n_components) = inputs.shape, scaling.shape
+    before, n_nodes = len(y) - n_samples, len(rates)
+    place, distance, powers = np.empty(n_components), np.empty(n_nodes), np.empty(n_nodes)
+    bits = powers.view(np.int64)
+    for i in range(n_samples):
+        k = before + i
+        for c in range(n_components):
+            place[c] = 0.0
+        for j in range(n_signals):
+            signal = inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]]
+            for c in range(n_components):
+                place[c] += signal * scaling[j, c]
+        for q in range(n_nodes):
+            distance[q] = 0.0
+        for c in range(n_components):
+            row = centers[c]
+            for q in range(n_nodes):
+                away = place[c] - row[q]
+                distance[q] += away * away
+        for q in range(n_nodes):
+            distance[q] *= rates[q]
+        exponentials(distance, n_nodes, bits, powers)
+        value = last[n_nodes]
+        for q in range(n_nodes):
+            value += last[q] * distance[q]
+        y[k] = clipped(value, bound)
+
+
+@dataclass(frozen=True)
+class GaussianStep(Step):
+    """``y = last[-1] + sum_q last[q] exp(rates[q] |x S - c_q|^2)`` of the signals x."""
+
+    lags: Lags
+    scaling: np.ndarray  # (n_signals, n_components): the matrix S
+    centers: np.ndarray  # (n_components, n_nodes): in scaled signals
+    rates: np.ndarray  # (n_nodes,): -1 / (2 sigma^2)
+    last: np.ndarray  # (n_nodes + 1,): weights of the output and, at the end, its constant
+
+    _loop = staticmethod(gaussian_run)

@@ -11,7 +11,10 @@ to the next only one product and one sum a power have to wait for each other. Mo
 degree in at most one output before ``y(k-1)``, the common ones, have a loop without tables.
 """
 
+from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -22,13 +25,45 @@ from ._runs import Lags, clipped
 
 __all__ = [
     "PolynomialStep",
+    "candidate_terms",
     "plan_polynomial",
     "polynomial_run",
     "polynomial_tangents",
+    "term_name",
     "term_products",
 ]
 
 _BLOCK = 500  # samples; the weights of a block stay in the first cache
+
+
+def candidate_terms(groups, width, include_bias):
+    """Return the table (n_terms, width) of all products of lagged signals; absent factors are -1.
+
+    A group has signals, by position, and the highest degree of their products. Each extends the one
+    before: products with at least one signal of its own, up to its degree, lower degrees first.
+    """
+    rows, known = [()] if include_bias else [], []
+    for own, degree in groups:
+        known += own
+        rows += [
+            product
+            for size in range(1, degree + 1)
+            for product in combinations_with_replacement(known, size)
+            if not set(product).isdisjoint(own)
+        ]
+    table = np.full((len(rows), max(width, 1)), -1, dtype=np.int64)
+    for row, product in zip(table, rows, strict=True):
+        row[: len(product)] = product
+    return table
+
+
+def term_name(factors, names, n_inputs, n_outputs):
+    """Return a term as text, such as ``y(k-1) u(k-2)^2``: outputs, then inputs, then noise."""
+    counts = Counter(int(factor) for factor in factors if factor >= 0)
+    ends = (n_inputs, n_inputs + n_outputs)
+    ranked = sorted(counts, key=lambda f: (1 if f < ends[0] else 0 if f < ends[1] else 2, f))
+    powers = [names[f] + (f"^{counts[f]}" if counts[f] > 1 else "") for f in ranked]
+    return " ".join(powers) or "1"
 
 
 def term_products(Z, terms):
@@ -336,11 +371,10 @@ class PolynomialStep:
     lags: Lags
     terms: np.ndarray
     coefficients: np.ndarray
-    plan: Polynomial
 
-    @classmethod
-    def of(cls, lags, terms, coefficients):
-        return cls(lags, terms, coefficients, plan_polynomial(terms, *lags))
+    @cached_property
+    def plan(self):
+        return plan_polynomial(self.terms, *self.lags)
 
     def rows(self, Z):
         return term_products(Z, self.terms) @ self.coefficients

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from skhyst.autoregressive import NARMAXRegressor
+from skhyst.autoregressive._polynomial import candidate_terms
 from skhyst.autoregressive._problems import FreeRunProblem, InnovationProblem
 from skhyst.autoregressive._runs import Lags, Start
 from skhyst.autoregressive._selection import Criterion, Search, condense, error_reduction
-from skhyst.autoregressive._terms import candidate_terms
 from skhyst.preprocessing import PlayOperators
 
 LAGS = {"input_lags": (1, 2), "output_lags": (1, 2)}
