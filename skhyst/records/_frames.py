@@ -189,7 +189,7 @@ def _stacked_index(frame, label, relabel, dt):
     """Return the index of record and time that a single record gets."""
     times, labels = frame.index, [label] * len(frame)
     if isinstance(times, pd.MultiIndex):
-        time_stamps(frame)  # refuses rows without a label or a time
+        time_stamps(times)  # refuses rows without a label or a time
         level = time_level(times)
         own = times.get_level_values(1 - level)
         if relabel and own.nunique() > 1:

@@ -117,24 +117,19 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
         _refuse_lost_index(X, y)
     index = getattr(X, "index", None)
     if not isinstance(index, pd.Index):
-        index = pd.RangeIndex(n_rows(X))
+        index = pd.RangeIndex(len(X))
     if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
         return (RecordSlice(0, slice(0, len(index)), dt, index.start * dt, len(index)),)
-    stamps = time_stamps(X, dt)
+    stamps = time_stamps(index, dt)
     if stamps.values.size == 0:
         return ()
     pieces = _pieces(stamps)
     intervals = _sampling_intervals(stamps, pieces, one_interval)
-    return tuple(
-        RecordSlice(
-            stamps.label(start, run),
-            slice(start, stop),
-            interval,
-            float(stamps.values[start] * stamps.unit),
-            stop - start,
-        )
-        for (run, start, stop), interval in zip(pieces, intervals, strict=True)
-    )
+    found = []
+    for (run, start, stop), interval in zip(pieces, intervals, strict=True):
+        label, start_time = stamps.label(start, run), float(stamps.values[start] * stamps.unit)
+        found.append(RecordSlice(label, slice(start, stop), interval, start_time, stop - start))
+    return tuple(found)
 
 
 def sampling_interval(X, *, dt=1.0) -> float:
@@ -332,11 +327,8 @@ class TimeStamps:
         return [start, *gaps.tolist(), stop]
 
 
-def time_stamps(X, dt=1.0) -> TimeStamps:
-    """Take the index of ``X`` apart; integers, and arrays, count samples of interval ``dt``."""
-    index = getattr(X, "index", None)
-    if not isinstance(index, pd.Index):
-        return TimeStamps(np.arange(n_rows(X)), dt, np.dtype(np.int64), counts=True)
+def time_stamps(index, dt=1.0) -> TimeStamps:
+    """Take an index apart; integers count samples of interval ``dt``."""
     if not isinstance(index, pd.MultiIndex):
         return _numbers(index, dt)
     level = time_level(index)
@@ -356,11 +348,6 @@ def time_level(index) -> int:
             f"{list(index.names)} instead; merge or drop the others (X.droplevel)."
         )
     return list(index.names).index("time") if "time" in index.names else 1
-
-
-def n_rows(X) -> int:
-    """Return the number of rows of a frame, an array or a list."""
-    return X.shape[0] if hasattr(X, "shape") else len(X)
 
 
 def _numbers(times, dt, codes=None):

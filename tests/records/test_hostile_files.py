@@ -196,7 +196,7 @@ def test_json_that_is_no_recording(tmp_path, text):
         ("u,u\n1,2\n3,4\n", "2 columns that 'u' may mean, at the positions 0, 1"),
         ('u,y\n1,"2\n3,4\n', ""),
         ("u,y\n1,2\n3,4,5,6\n5,6\n", ""),
-        ("u,y\n1.0,2.0\n2.0,3.0\n3.0,", "y: row 2"),
+        ("u,y\n1.0,2.0\n2.0,3.0\n3.0,", "y: 1 row(s) (2)"),
     ],
     ids=["word", "words", "blank", "duplicate", "quote", "ragged", "truncated"],
 )

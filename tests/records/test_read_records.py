@@ -203,7 +203,7 @@ def test_lost_readings_are_named(tmp_path, lost):
     values = Y.copy()
     values[[4, 5, 20]] = lost
     table = TABLE.assign(y=values)
-    with pytest.raises(RecordError, match=r"y: rows 4, 5, 20 \(3 of 40\).*'drop' or 'interpolate'"):
+    with pytest.raises(RecordError, match=r"y: 3 row\(s\) \(4, 5, 20\).*'drop' or 'interpolate'"):
         read(tmp_path, table, response="y", time="t", missing_code={"y": -999})
     read(tmp_path, table, time="t", missing_code=-999)  # nothing lost in what is read
 
@@ -264,7 +264,9 @@ def test_interpolation_drops_edges_and_stays_within_records_and_gaps(tmp_path):
 def test_a_lost_time_cannot_be_interpolated(tmp_path):
     table = TABLE.assign(t=np.where(np.arange(N) == 7, np.nan, T))
     for policy in ("raise", "interpolate"):
-        with pytest.raises(RecordError, match=r"the time: row 7\. Pass on_missing='drop'"):
+        with pytest.raises(
+            RecordError, match=r"the time: 1 row\(s\) \(7\)\. Pass on_missing='drop'"
+        ):
             read(tmp_path, table, time="t", on_missing=policy)
     X, _ = read(tmp_path, table, time="t", on_missing="drop")
     assert len(X) == N - 1

@@ -100,7 +100,7 @@ def test_positions_and_names_address_the_same_column():
 def test_lost_readings_of_the_afm_scanner(axis, lost):
     column = f"SG[{axis}]"
     options = {"drive": "V", "response": column, "missing_code": {column: 0}}
-    with pytest.raises(RecordError, match=rf"\({lost} of 4824\)"):
+    with pytest.raises(RecordError, match=rf"of 4824 rows.* {lost} row\(s\)"):
         read_records(DATA / AFM, **options)
     X, y = read_records(DATA / AFM, on_missing="interpolate", **options)
     assert len(X) == 4824
