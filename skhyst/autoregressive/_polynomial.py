@@ -195,12 +195,18 @@ def polynomial_tangents(
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
-    dy = np.empty((len(y), d_initial.shape[1]))
+    dy = np.zeros((len(y), d_initial.shape[1]))
     dy[: plan.start] = d_initial
     measured = np.zeros(n_samples) if measured is None else as_signal(measured)
-    signals, coefficients = _with_past(plan, inputs, n_past), as_signal(coefficients)
-    model = plan.reach, plan.inputs, coefficients, signals, float(bound)
-    good = _tangents(plan.start, plan.outputs, *model, measured, float(pull), y, y.copy(), dy)
+    signals, weights = _with_past(plan, inputs, n_past), np.zeros((n_samples, len(plan.outputs[0])))
+    for t, (count, columns, lags, group) in enumerate(zip(*plan.inputs, strict=True)):
+        product = np.ones(n_samples)
+        for column, lag in zip(columns[:count], lags[:count], strict=True):
+            product *= signals[column, plan.reach - lag :][:n_samples]
+        dy[plan.start :, t] = product
+        weights[:, group] += coefficients[t] * product
+    model = plan.outputs, plan.inputs[3], weights, float(bound)
+    good = _tangents(plan.start, *model, measured, float(pull), y, y.copy(), dy)
     return y[plan.start :], dy[plan.start :], good
 
 
@@ -301,66 +307,45 @@ def _run_short(start, older, short, n_groups, origin, terms, coefficients, signa
 
 
 @jit
-def _products(first, stop, origin, terms, coefficients, signals, products, weights):
-    """Fill the products of the inputs of each term, (n_terms, block), and the groups' weights."""
-    n_factors, columns, lags, group = terms
-    size = stop - first
-    weights[:, :size] = 0.0
-    for t in range(len(n_factors)):
-        row, weight, c = products[t], weights[group[t]], coefficients[t]
-        for i in range(size):
-            row[i] = 1.0
-        for j in range(n_factors[t]):
-            signal = signals[columns[t, j], origin + first - lags[t, j] :]
-            for i in range(size):
-                row[i] *= signal[i]
-        for i in range(size):
-            weight[i] += c * row[i]
+def _tangents(start, outputs, group, weights, bound, measured, pull, y, state, dy):
+    """Fill ``y``, and ``dy`` with its derivatives, where the products of the inputs stand.
 
-
-@jit
-def _tangents(
-    start, outputs, origin, terms, coefficients, signals, bound, measured, pull, y, state, dy
-):
-    """Fill ``y``, and ``dy`` with its derivatives; ``state`` is what the recursion goes on from."""
+    ``weights`` (n_samples, n_groups) are those of the groups; the recursion goes on from ``state``.
+    """
     n_outputs, output_lags = outputs
-    n_samples, n_terms, n_groups = len(y) - start, len(coefficients), len(n_outputs)
-    n_parameters, group = dy.shape[1], terms[3]
+    n_groups, n_parameters, n_terms = len(n_outputs), dy.shape[1], len(group)
     keep, good = 1.0 - pull, True
-    products, weights = np.empty((n_terms, _BLOCK)), np.empty((n_groups, _BLOCK))
     monomials, slopes = np.empty(n_groups), np.zeros(start + 1)
-    for first in range(0, n_samples, _BLOCK):
-        stop = min(first + _BLOCK, n_samples)
-        _products(first, stop, origin, terms, coefficients, signals, products, weights)
-        for i in range(stop - first):
-            k = start + first + i
-            slopes[:] = 0.0
-            total = 0.0
-            for g in range(n_groups):
-                value = 1.0
-                for j in range(n_outputs[g]):
-                    others = weights[g, i]
-                    for other in range(n_outputs[g]):
-                        if other != j:
-                            others *= state[k - output_lags[g, other]]
-                    slopes[output_lags[g, j]] += others
-                    value *= state[k - output_lags[g, j]]
-                monomials[g] = value
-                total += weights[g, i] * value
-            tangent = dy[k]
+    for i in range(len(weights)):
+        k = start + i
+        slopes[:] = 0.0
+        total = 0.0
+        for g in range(n_groups):
+            value = 1.0
+            for j in range(n_outputs[g]):
+                others = weights[i, g]
+                for other in range(n_outputs[g]):
+                    if other != j:
+                        others *= state[k - output_lags[g, other]]
+                slopes[output_lags[g, j]] += others
+                value *= state[k - output_lags[g, j]]
+            monomials[g] = value
+            total += weights[i, g] * value
+        tangent = dy[k]
+        if abs(total) <= bound:
+            for t in range(n_terms):
+                tangent[t] *= monomials[group[t]]
+            for lag in range(1, start + 1):
+                slope = slopes[lag] if k - lag < start else keep * slopes[lag]
+                if slope != 0.0:
+                    past = dy[k - lag]
+                    for q in range(n_parameters):
+                        tangent[q] += slope * past[q]
+        else:
             tangent[:] = 0.0
-            if abs(total) <= bound:
-                for t in range(n_terms):
-                    tangent[t] = products[t, i] * monomials[group[t]]
-                for lag in range(1, start + 1):
-                    slope = slopes[lag] if k - lag < start else keep * slopes[lag]
-                    if slope != 0.0:
-                        past = dy[k - lag]
-                        for q in range(n_parameters):
-                            tangent[q] += slope * past[q]
-            good &= abs(total) <= bound
-            y[k] = clipped(total, bound)
-            state[k] = y[k] + pull * (measured[first + i] - y[k])
+            good = False
+        y[k] = clipped(total, bound)
+        state[k] = y[k] + pull * (measured[i] - y[k])
     return good
 
 

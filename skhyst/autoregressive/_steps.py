@@ -58,10 +58,8 @@ def linear_run(weights, intercept, inputs, lags, bound, y):
     for i in range(n_samples):
         k = before + i
         value = intercept
-        for j in range(n_inputs):
-            value += weights[j] * inputs[i, j]
-        for j in range(len(lags)):
-            value += weights[n_inputs + j] * y[k - lags[j]]
+        for j in range(len(weights)):
+            value += weights[j] * (inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]])
         y[k] = clipped(value, bound)
 
 

@@ -166,18 +166,16 @@ def sampling_interval(X, *, dt=1.0) -> float:
 
 
 def _refuse_lost_index(X, y):
-    index = getattr(y, "index", None)
-    if not isinstance(index, pd.Index):
+    own, index = getattr(X, "index", None), getattr(y, "index", None)
+    if not isinstance(index, pd.Index) or _says_less(index):
         return
-    own = getattr(X, "index", None)
-    carried = isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex)
-    if carried:
-        if len(own) == len(index) and not _says_less(index) and not own.equals(index):
+    if isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex):
+        if len(own) == len(index) and not own.equals(index):
             raise RecordError(
                 "The index of X and that of y must be equal. Got rows in another order or of "
                 "another recording instead; align them (y.loc[X.index])."
             )
-    elif not _says_less(index) and not index.equals(own):
+    elif not index.equals(own):
         raise RecordError(
             "The index of X must carry the records and times that the index of y carries. Got an "
             "X without them instead: a step before this one has returned an array. Call "
