@@ -166,11 +166,8 @@ def as_frame(x):
             f"The records of stack_records must be of one or two dimensions. Got an array of shape "
             f"{x.shape} instead."
         )
-    return pd.DataFrame(x, columns=_default_names(x.shape[1]))
-
-
-def _default_names(n_inputs):
-    return ["drive", *(f"auxiliary{i}" for i in range(1, n_inputs))][:n_inputs]
+    names = ["drive", *(f"auxiliary{i}" for i in range(1, x.shape[1]))]
+    return pd.DataFrame(x, columns=names[: x.shape[1]])
 
 
 def as_series(y):
