@@ -12,7 +12,7 @@ import numpy as np
 from .._jit import jit
 from ..preprocessing import lagged_columns
 
-__all__ = ["Lags", "Start", "bounded", "clipped", "free_runs", "runs_ahead", "stays_within"]
+__all__ = ["Lags", "Start", "bounded", "clipped", "free_runs", "runs_ahead"]
 
 
 class Lags(NamedTuple):
@@ -47,11 +47,6 @@ def clipped(value, bound):
     if abs(value) <= bound:
         return value
     return -bound if value < 0.0 else bound
-
-
-def stays_within(y, bound):
-    """Whether no value of a run was clipped."""
-    return bool(np.all(np.abs(y) < bound))
 
 
 def free_runs(one_step, starts, lags, bound):
