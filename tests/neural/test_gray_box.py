@@ -301,8 +301,8 @@ def test_two_minor_loops_share_drive_and_gradient_and_differ():
     down = _path([0.0, 1.5, 0.25, 0.75, 0.25, 0.75, 0.25], speed)
     up = _path([0.25, -1.0, 0.75, 0.25, 0.75, 0.25], speed)
     u, n = np.r_[down, up[1:]].reshape(-1, 1), round(0.5 / speed)
-    thresholds = [0.0, 0.1, 0.2, 0.4, 0.7]
-    y = np.array([1.0, 0.5, 0.4, 0.6, 0.5]) @ [_play(u[:, 0], r) for r in thresholds]
+    states = PlayOperators(thresholds=[0.0, 0.1, 0.2, 0.4, 0.7]).fit_transform(u)
+    y = states @ [1.0, 0.5, 0.4, 0.6, 0.5]
     features = GeneralizedInputGradient().fit_transform(u)
     from_above, from_below = slice(len(down) - n, len(down)), slice(len(u) - n, len(u))
     np.testing.assert_array_equal(features[from_above], features[from_below])
@@ -318,7 +318,6 @@ def test_two_minor_loops_share_drive_and_gradient_and_differ():
     # the extreme before the last one tells them apart
     extremes = GeneralizedInputGradient(turning_points=4).fit_transform(u)
     assert (extremes[from_above] != extremes[from_below]).any(axis=1).all()
-    states = PlayOperators(thresholds=thresholds).fit_transform(u)
     beside = np.column_stack([features, states])
     np.testing.assert_allclose(LinearRegression().fit(beside, y).predict(beside), y, atol=1e-10)
 
@@ -329,11 +328,3 @@ def _path(corners, speed):
         for a, b in pairwise(corners)
     ]
     return np.concatenate([corners[:1], *parts])
-
-
-def _play(u, r):
-    state, out = 0.0, np.empty(len(u))
-    for k, value in enumerate(u):
-        state = max(value - r, min(value + r, state))
-        out[k] = state
-    return out
