@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sklearn.linear_model import LinearRegression
-from sklearn.neural_network import MLPRegressor
-from sklearn.tree import DecisionTreeRegressor
 
-from skhyst.autoregressive import NARXRegressor, _polynomial
+from skhyst.autoregressive import _polynomial
 from skhyst.autoregressive._network_step import exponentials
 from skhyst.autoregressive._polynomial import (
     plan_polynomial,
@@ -20,7 +17,6 @@ from skhyst.autoregressive._polynomial import (
 from skhyst.autoregressive._runs import Lags, Start
 from skhyst.autoregressive._steps import LinearStep
 from skhyst.autoregressive._tree_step import NODE, TreesStep
-from skhyst.neural import SCNRegressor
 
 INPUT_LAGS = ((0, 0), (0, 2), (1, 1))
 OUTPUT_LAGS = (1, 3)
@@ -148,38 +144,6 @@ def test_compiled_polynomial_equals_python(monkeypatch, function):
     monkeypatch.setattr(_polynomial, function, getattr(_polynomial, function).py_func)
     for a, b in zip(compiled, call(), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-13)
-
-
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-@pytest.mark.parametrize(
-    "estimator",
-    [
-        LinearRegression(),
-        *(
-            MLPRegressor(
-                hidden_layer_sizes=(4, 9, 2)[:n], activation=activation, max_iter=5, random_state=0
-            )
-            for n in (1, 3)
-            for activation in ("identity", "relu", "logistic", "tanh")
-        ),
-        SCNRegressor(5, activation="rbf", random_state=0),
-        DecisionTreeRegressor(max_leaf_nodes=9, random_state=0),
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("bound", [1e9, 0.5])
-def test_compiled_run_equals_python(monkeypatch, estimator, bound):
-    rng = np.random.default_rng(1)
-    u = rng.standard_normal((60, 2))
-    y = np.convolve(u[:, 0], [0.5, 0.3, -0.2])[:60]
-    options = {"input_lags": {0: [0, 1], 1: [2]}, "output_lags": [1, 3]}
-    step = NARXRegressor(estimator, **options).fit(u, y)._step
-    start = Start(u, 3, np.array([0.1, -0.2, 0.3]))
-    compiled, good = step.run(start, bound)
-    monkeypatch.setattr(type(step), "_loop", staticmethod(step._loop.py_func))
-    plain, same = step.run(start, bound)
-    assert good == same
-    np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12)
 
 
 # --------------------------------------------------------------------------- what a loop rests on

@@ -25,6 +25,7 @@ from sklearn.tree import DecisionTreeRegressor
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from skhyst.autoregressive import NARXRegressor
+from skhyst.autoregressive._runs import Start
 from skhyst.neural import SCNRegressor
 from skhyst.preprocessing import PlayOperators
 from skhyst.records import stack_records
@@ -85,7 +86,7 @@ def row_by_row(estimator, u, history):
 
 
 @pytest.mark.parametrize("name", COMPILED)
-def test_compiled_run_equals_row_by_row(name, data, drives):
+def test_compiled_run_equals_row_by_row_and_python(name, data, drives, monkeypatch):
     model = narx(clone(COMPILED[name]), initial_output=[3.1, 2.9]).fit(*data)
     assert model.compiled_
     u = drives(60, 9)
@@ -93,6 +94,16 @@ def test_compiled_run_equals_row_by_row(name, data, drives):
     np.testing.assert_allclose(model.predict(u), expected, rtol=1e-9, atol=0)
     again = pickle.loads(pickle.dumps(model))
     np.testing.assert_array_equal(again.predict(u), model.predict(u))
+    step, start = model._step, Start(u.to_numpy(), 3, np.array([2.9, 3.1]))
+    if not hasattr(step, "_loop"):  # of the polynomials in test_loops
+        return
+    bounds = 1e9, 0.9 * np.abs(step.run(start, 1e9)[0]).max()
+    compiled = [step.run(start, bound) for bound in bounds]
+    monkeypatch.setattr(type(step), "_loop", staticmethod(step._loop.py_func))
+    for (y, good), bound in zip(compiled, bounds, strict=True):
+        plain, same = step.run(start, bound)
+        assert good == same == (bound == 1e9)
+        np.testing.assert_allclose(y, plain, rtol=1e-10, atol=1e-12)
 
 
 class Halved(LinearRegression):
