@@ -237,8 +237,7 @@ def _addends(node):
 def _model(node):
     call = isinstance(node, ast.Call)
     name = node.func if call else node
-    models = _models()
-    found = models.get(getattr(name, "id", None))
+    found = _models().get(snake_case(getattr(name, "id", "")))
     if found is None:
         raise ValueError(f"There is no model {ast.unparse(name)!r}: {_models_hint()}")
     if not call:
@@ -252,22 +251,21 @@ def _model(node):
 
 
 def _models():
-    """Return the models that can be declared, by class name and by snake case."""
-    found = {}
-    for name, model in all_estimators():
-        if issubclass(model, ParametricModel) and not hasattr(model, "named_steps"):
-            found[name] = found[snake_case(name)] = model
-    return found
+    """Return the models that can be declared, by their names in snake case."""
+    return {
+        snake_case(name): model
+        for name, model in all_estimators()
+        if issubclass(model, ParametricModel) and not hasattr(model, "named_steps")
+    }
 
 
 def _models_hint():
-    return f"use {', '.join(sorted(name for name in _models() if name.islower()))}."
+    return f"use {', '.join(sorted(_models()))}."
 
 
 def _list_models(options):
     for name, model in sorted(_models().items()):
-        if name.islower():
-            print(f"{name:24s}{model.__doc__.strip().splitlines()[0]}")
+        print(f"{name:24s}{model.__doc__.strip().splitlines()[0]}")
 
 
 def _list_effects(options):

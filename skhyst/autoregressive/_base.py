@@ -10,6 +10,7 @@ from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
+from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
@@ -27,6 +28,49 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
 
     A subclass gives :meth:`_fit_records`, :meth:`_one_step` and ``_step``: the model in a compiled
     form, with ``run(start, bound)``, or None.
+
+    Parameters
+    ----------
+    input_lags : int, array-like of int, or dict, default=(0, 1)
+        Lags of the inputs in samples, of all columns of ``X``. A number ``n`` stands for
+        ``0, 1, ..., n``. A dict maps columns, by position or name, to lags of their own.
+    output_lags : int or array-like of int, default=(1,)
+        Lags of the output in samples. A number ``n`` stands for ``1, ..., n``; with none the model
+        is a static function of the lagged inputs.
+    initial_output : {"rest", "measured", "estimate"}, float or array-like, default="rest"
+        Outputs before a record, before which its inputs have rested at their first values.
+
+        - ``"rest"``: the output at which the model rests under the record's first inputs.
+        - ``"measured"``: where `predict` or `score` is given ``y``, the first samples, as many as
+          the longest lag, are the measured ones, and the run starts behind them.
+        - ``"estimate"``: where it is given ``y``, those with which the free run fits the first
+          samples of the record best.
+        - numbers in units of the response: the output before each record, or one number a lag:
+          ``y(-1), y(-2), ...``.
+
+        Where there is no ``y``, ``"measured"`` and ``"estimate"`` start from rest.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index. The model counts samples: it is right
+        for the sampling interval that it was fitted at.
+
+    Attributes
+    ----------
+    input_lags_ : tuple of (int, int)
+        Column and lag of each lagged input.
+    output_lags_ : tuple of int
+        Lags of the output.
+    lag_names_ : list of str
+        Names of the signals that the model sees, such as ``drive(k-1)``.
+    initial_outputs_ : ndarray of shape (n_records, longest output lag)
+        Outputs before the records of the fit, the latest last; with ``"estimate"`` only.
+    bound_ : float
+        Magnitude at which outputs are cut off: the largest in the fit and 100 times their range.
+    output_range_ : tuple of (float, float)
+        Range of the response in the fit.
+    n_features_in_ : int
+        Number of columns of ``X``.
+    records_ : tuple of RecordSlice
+        The records of the fit.
     """
 
     _parameter_constraints = {
@@ -39,6 +83,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         ],
         "dt": [Interval(Real, 0, None, closed="neither")],
     }
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
 
     @abstractmethod
     def _fit_records(self, X, y, records):
@@ -280,10 +328,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             with threadpool_limits(1):
                 return free_runs(self._one_step, starts, self._lags, self.bound_)
         runs = [self._run(start) for start in starts]
-        return [y for y, _ in runs], all(n_good == len(y) for y, n_good in runs)
+        return [y for y, _ in runs], all(good for _, good in runs)
 
     def _run(self, start):
-        """Return the compiled run and the number of samples before the first that was cut off."""
+        """Return the compiled run, and whether all of it stayed within ``bound_``."""
         return self._step.run(start, self.bound_)
 
     def _runs_ahead(self, starts, horizon):

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._gaussian_step import GaussianStep
-from ._network_step import ACTIVATIONS, NetworkStep
+from ._network_step import ACTIVATIONS, GaussianStep, NetworkStep
 from ._polynomial import PolynomialStep
 from ._steps import LinearStep
 from ._tree_step import TreesStep, flatten_boosting, flatten_histograms, flatten_trees
@@ -149,7 +148,7 @@ def _polynomial(features, scalers, last, lags, scaling):
     terms = np.full((len(kept), max(1, *map(len, kept))), -1, dtype=np.int64)
     for row, factors in zip(terms, kept, strict=True):
         row[: len(factors)] = factors
-    return PolynomialStep.of(lags, terms, np.array(list(kept.values())))
+    return PolynomialStep(lags, terms, np.array(list(kept.values())))
 
 
 def _network(estimator, lags, scaling):
@@ -199,14 +198,10 @@ def _trees(flatten):
     return read
 
 
-def _best(estimator, lags, scaling):
-    return _extract(estimator.best_estimator_, lags, scaling)
-
-
 EXTRACTORS = {
     "Pipeline": _pipeline,
     "TransformedTargetRegressor": _target,
-    "BaseSearchCV": _best,
+    "BaseSearchCV": lambda search, *rest: _extract(search.best_estimator_, *rest),
     "MLPRegressor": _network,
     "SCNRegressor": _configured,
     "DecisionTreeRegressor": _trees(lambda tree: flatten_trees([tree])),

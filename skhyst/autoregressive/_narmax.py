@@ -1,5 +1,6 @@
 """Polynomial NARMAX models whose terms are found in the data."""
 
+from math import comb
 from numbers import Integral
 
 import numpy as np
@@ -10,19 +11,18 @@ from .._sklearn import Interval, StrOptions
 from ..base import one_thread
 from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
 from ._base import AutoregressiveRegressor
-from ._polynomial import PolynomialStep, term_products
+from ._polynomial import PolynomialStep, candidate_terms, term_name, term_products
 from ._problems import FreeRunProblem, InnovationProblem, innovations
 from ._runs import Start
 from ._selection import Criterion, Search, condense_folds, error_reduction, subset_solution
 from ._structure import improve
-from ._terms import candidate_terms, count_terms, term_name, unit_scale
 
 __all__ = ["NARMAXRegressor"]
 
 _FEATURES = {
-    "rate_sign": lambda dt: GeneralizedInputGradient(include_drive=False, dt=dt),
-    "generalized_gradient": lambda dt: GeneralizedInputGradient(include_drive=False, dt=dt),
-    "play": lambda dt: PlayOperators(5),
+    "rate_sign": GeneralizedInputGradient(include_drive=False, include_rate=False, direction=True),
+    "generalized_gradient": GeneralizedInputGradient(include_drive=False),
+    "play": PlayOperators(5),
 }
 _MOST_TERMS = 5000
 
@@ -64,12 +64,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
         shortest lag of column 0.
     include_bias : bool, default=True
         Whether a constant is among the candidates.
-    initial_output : {"rest", "measured", "estimate"}, float or array-like, default="rest"
-        Outputs before each record of a free run: those of the model at rest under the first inputs,
-        the first measured ones where ``y`` is given, those that fit the record best (``"rest"``
-        where ``y`` is not given), or values ``y(-1), y(-2), ...``.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
 
     Attributes
     ----------
@@ -89,8 +83,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
         Number of terms there were to choose from.
     n_evaluations_ : int
         Runs over all records that the fit took, 0 where it is a linear problem.
-    records_ : tuple of RecordSlice
-        The records of the fit.
 
     See Also
     --------
@@ -198,7 +190,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
         for label, transformer in self.transformers_:
             parts = [transformer.transform(X[record.rows, :1]) for record in records]
             if label == "rate_sign":
-                parts = [_last_sign(part) for part in parts]
                 signs.add(len(names))
             wide.append(np.concatenate(parts).astype(float, copy=False))
             n_made = wide[-1].shape[1]
@@ -213,7 +204,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
         fitted = []
         for kind in [] if self.features is None else self.features:
             if isinstance(kind, str) and kind in _FEATURES:
-                label, transformer = kind, _FEATURES[kind](dt)
+                label, transformer = kind, clone(_FEATURES[kind])
+                if hasattr(transformer, "dt"):
+                    transformer.set_params(dt=dt)
             elif not isinstance(kind, str) and hasattr(kind, "transform"):
                 label, transformer = type(kind).__name__, clone(kind)
             else:
@@ -236,7 +229,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         self.lag_names_ = self.lag_names_ + [f"e(k-{lag})" for lag in self.noise_lags_]
         terms = self._candidates()
         self.n_candidates_, self.n_evaluations_ = len(terms), 0
-        self._input_scale, self._output_scale = unit_scale(X), float(unit_scale(y))
+        self._input_scale, self._output_scale = _unit_scale(X), float(_unit_scale(y))
         with one_thread():  # condensed data are tiny: threads cost more than they do
             search, n_free = self._linear_search(X, y, records, terms)
             # terms: None where the criterion decides
@@ -253,9 +246,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
     def _candidates(self):
         n_process = len(self.input_lags_) + len(self.output_lags_)
         n_signals = n_process + len(self.noise_lags_)
-        count = count_terms(n_process, self.degree)
+        count = comb(n_process + self.degree, self.degree)
         if self.noise_lags_:
-            count += count_terms(n_signals, self.noise_degree)
+            count += comb(n_signals + self.noise_degree, self.noise_degree)
         if count > _MOST_TERMS:
             raise ValueError(
                 "The 'degree' parameter of NARMAXRegressor must leave at most "
@@ -347,7 +340,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         self.error_reduction_ratio_ = np.array(ratios)
         self.noise_std_ = float(sigma * self._output_scale)
         known = self._without_noise(factors)
-        self._step = PolynomialStep.of(self._lags, factors[known], theta[known])
+        self._step = PolynomialStep(self._lags, factors[known], theta[known])
 
     # ----------------------------------------------------------------------------------- the runs
 
@@ -355,9 +348,8 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return self._step.rows(Z / self._lag_scale()) * self._output_scale
 
     def _run(self, start):
-        y, n_good = self._step.run(self._scaled(start), self.bound_ / self._output_scale)
-        y *= self._output_scale
-        return y, n_good
+        y, good = self._step.run(self._scaled(start), self.bound_ / self._output_scale)
+        return y * self._output_scale, good
 
     def _runs_ahead(self, starts, horizon):
         if self._without_noise(self.term_factors_).all():
@@ -368,8 +360,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return [y * scale for y, _ in runs], all(good for _, good in runs)
 
 
-def _last_sign(rate):
-    """Return the direction of the last move of a record, 0 before the first one."""
-    sign = np.sign(rate)
-    moved = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign))[:, None], 0))
-    return np.take_along_axis(sign, moved, axis=0)
+def _unit_scale(values):
+    """Return a power of two next to the largest magnitude: dividing by it rounds nothing."""
+    largest = np.abs(values).max(axis=0)
+    return 2.0 ** np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))

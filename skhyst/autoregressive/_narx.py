@@ -33,51 +33,16 @@ class NARXRegressor(AutoregressiveRegressor):
     estimator : estimator, default=None
         Any regressor or pipeline, of which a clone is fitted; by default linear regression of the
         standardised signals (ARX).
-    input_lags : int, array-like of int, or dict, default=(0, 1)
-        Lags of the inputs in samples, of all columns of ``X``. A number ``n`` stands for
-        ``0, 1, ..., n``. A dict maps columns, by position or name, to lags of their own.
-    output_lags : int or array-like of int, default=(1,)
-        Lags of the output in samples. A number ``n`` stands for ``1, ..., n``; with none the model
-        is a static function of the lagged inputs.
-    initial_output : {"rest", "measured", "estimate"}, float or array-like, default="rest"
-        Outputs before a record, before which its inputs have rested at their first values.
-
-        - ``"rest"``: the output at which the model rests under the record's first inputs.
-        - ``"measured"``: where `predict` or `score` is given ``y``, the first samples, as many as
-          the longest lag, are the measured ones, and the run starts behind them.
-        - ``"estimate"``: where it is given ``y``, those with which the free run fits the first
-          samples of the record best.
-        - numbers in units of the response: the output before each record, or one number a lag:
-          ``y(-1), y(-2), ...``.
-
-        Where there is no ``y``, ``"measured"`` and ``"estimate"`` start from rest.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model counts samples: it is right
-        for the sampling interval that it was fitted at.
 
     Attributes
     ----------
     estimator_ : estimator
         The fitted regressor. Its columns are named by ``lag_names_``.
-    input_lags_ : tuple of (int, int)
-        Column and lag of each lagged input.
-    output_lags_ : tuple of int
-        Lags of the output.
-    lag_names_ : list of str
-        Names of the signals that the regressor sees, such as ``drive(k-1)``.
     coef_, intercept_ : ndarray of shape (n_signals,), float
         Weights of the signals in ``lag_names_`` and constant, in the user's units; of linear
         regressors only.
     compiled_ : bool
         Whether the free run is a compiled loop.
-    initial_outputs_ : ndarray of shape (n_records, longest output lag)
-        Outputs before the records of the fit, the latest last; with ``"estimate"`` only.
-    bound_ : float
-        Magnitude at which outputs are cut off: the largest in the fit and 100 times their range.
-    output_range_ : tuple of (float, float)
-        Range of the response in the fit.
-    n_features_in_ : int
-        Number of columns of ``X``.
 
     See Also
     --------

@@ -1,16 +1,14 @@
-"""Feed-forward networks that see their own past outputs."""
+"""Feed-forward networks, and networks of Gaussian nodes, that see their own past outputs."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.special import expit
 
 from .._jit import jit
-from ._runs import Lags
+from ._runs import Lags, clipped
 from ._steps import Step
 
-__all__ = ["ACTIVATIONS", "NetworkStep", "exponentials"]
+__all__ = ["ACTIVATIONS", "GaussianStep", "NetworkStep", "exponentials"]
 
 ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
 
@@ -76,7 +74,6 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
     """Run a network with one output over its past outputs; see :class:`NetworkStep`."""
     (n_samples, n_inputs), widest = inputs.shape, weights.shape[2]
     before = len(y) - n_samples
-    n_good = n_samples
     now, after, powers = np.zeros(widest), np.zeros(widest), np.empty(widest)
     bits = powers.view(np.int64)
     for i in range(n_samples):
@@ -108,11 +105,7 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
         value = last[width]
         for q in range(width):
             value += now[q] * last[q]
-        if not abs(value) <= bound:
-            n_good = min(n_good, i)
-            value = -bound if value < 0.0 else bound
-        y[k] = value
-    return n_good
+        y[k] = clipped(value, bound)
 
 
 @dataclass(frozen=True)
@@ -147,17 +140,46 @@ class NetworkStep(Step):
         kind = ACTIVATIONS[activation]
         return cls(lags, first, np.array(biases[0]), widths, inner, offsets, last, kind)
 
-    def rows(self, Z):
-        x = _activation(self.kind, Z @ self.first + self.offsets)
-        for layer, (n_in, n_out) in enumerate(pairwise(self.widths)):
-            matrix, bias = self.weights[layer, :n_in, :n_out], self.biases[layer, :n_out]
-            x = _activation(self.kind, x @ matrix + bias)
-        return x @ self.last[:-1] + self.last[-1]
+
+@jit(fastmath={"contract", "reassoc", "nsz"})
+def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
+    """Run a network over its past outputs; see :class:`GaussianStep`."""
+    (n_samples, n_inputs), (n_signals, n_components) = inputs.shape, scaling.shape
+    before, n_nodes = len(y) - n_samples, len(rates)
+    place, distance, powers = np.empty(n_components), np.empty(n_nodes), np.empty(n_nodes)
+    bits = powers.view(np.int64)
+    for i in range(n_samples):
+        k = before + i
+        for c in range(n_components):
+            place[c] = 0.0
+        for j in range(n_signals):
+            signal = inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]]
+            for c in range(n_components):
+                place[c] += signal * scaling[j, c]
+        for q in range(n_nodes):
+            distance[q] = 0.0
+        for c in range(n_components):
+            row = centers[c]
+            for q in range(n_nodes):
+                away = place[c] - row[q]
+                distance[q] += away * away
+        for q in range(n_nodes):
+            distance[q] *= rates[q]
+        exponentials(distance, n_nodes, bits, powers)
+        value = last[n_nodes]
+        for q in range(n_nodes):
+            value += last[q] * distance[q]
+        y[k] = clipped(value, bound)
 
 
-def _activation(kind, x):
-    if kind == ACTIVATIONS["relu"]:
-        return np.maximum(x, 0.0)
-    if kind == ACTIVATIONS["logistic"]:
-        return expit(x)
-    return np.tanh(x) if kind == ACTIVATIONS["tanh"] else x
+@dataclass(frozen=True)
+class GaussianStep(Step):
+    """``y = last[-1] + sum_q last[q] exp(rates[q] |x S - c_q|^2)`` of the signals x."""
+
+    lags: Lags
+    scaling: np.ndarray  # (n_signals, n_components): the matrix S
+    centers: np.ndarray  # (n_components, n_nodes): in scaled signals
+    rates: np.ndarray  # (n_nodes,): -1 / (2 sigma^2)
+    last: np.ndarray  # (n_nodes + 1,): weights of the output and, at the end, its constant
+
+    _loop = staticmethod(gaussian_run)

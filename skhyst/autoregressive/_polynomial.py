@@ -11,24 +11,59 @@ to the next only one product and one sum a power have to wait for each other. Mo
 degree in at most one output before ``y(k-1)``, the common ones, have a loop without tables.
 """
 
+from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
 
 from .._jit import jit
 from ..operators import as_signal
-from ._runs import Lags
+from ._runs import Lags, clipped
 
 __all__ = [
     "PolynomialStep",
+    "candidate_terms",
     "plan_polynomial",
     "polynomial_run",
     "polynomial_tangents",
+    "term_name",
     "term_products",
 ]
 
 _BLOCK = 500  # samples; the weights of a block stay in the first cache
+
+
+def candidate_terms(groups, width, include_bias):
+    """Return the table (n_terms, width) of all products of lagged signals; absent factors are -1.
+
+    A group has signals, by position, and the highest degree of their products. Each extends the one
+    before: products with at least one signal of its own, up to its degree, lower degrees first.
+    """
+    rows, known = [()] if include_bias else [], []
+    for own, degree in groups:
+        known += own
+        rows += [
+            product
+            for size in range(1, degree + 1)
+            for product in combinations_with_replacement(known, size)
+            if not set(product).isdisjoint(own)
+        ]
+    table = np.full((len(rows), max(width, 1)), -1, dtype=np.int64)
+    for row, product in zip(table, rows, strict=True):
+        row[: len(product)] = product
+    return table
+
+
+def term_name(factors, names, n_inputs, n_outputs):
+    """Return a term as text, such as ``y(k-1) u(k-2)^2``: outputs, then inputs, then noise."""
+    counts = Counter(int(factor) for factor in factors if factor >= 0)
+    ends = (n_inputs, n_inputs + n_outputs)
+    ranked = sorted(counts, key=lambda f: (1 if f < ends[0] else 0 if f < ends[1] else 2, f))
+    powers = [names[f] + (f"^{counts[f]}" if counts[f] > 1 else "") for f in ranked]
+    return " ".join(powers) or "1"
 
 
 def term_products(Z, terms):
@@ -118,9 +153,9 @@ def _table(rows, width):
 
 
 def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
-    """Return the free run (n_samples,) and how many samples lie before the first that was cut off.
+    """Return the free run (n_samples,), and whether all of it stayed within ``bound``.
 
-    Outputs beyond ``bound``, and those that are no numbers, are cut off there. ``inputs``
+    Outputs beyond it, and those that are no numbers, are cut off there. ``inputs``
     (n_past + n_samples, n_columns) have rested at their first row before it; ``initial`` (start,)
     are the outputs before the run, the latest last.
     """
@@ -128,7 +163,7 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
-    coefficients, n_good = as_signal(coefficients), n_samples
+    coefficients, good = as_signal(coefficients), True
     # only the first samples look beyond the first row; the long rest is not copied
     n_head = min(max(plan.reach - n_past, 0), n_samples)
     pieces = [(n_head, n_samples, as_signal(inputs.T), n_past + n_head)]
@@ -139,19 +174,17 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
         model = origin, plan.inputs, coefficients, signals, float(bound)
         values = y[first : plan.start + stop]
         if len(plan.short) and plan.start:
-            n_groups = len(plan.outputs[0])
-            good = _run_short(plan.start, plan.older_lag, plan.short, n_groups, *model, values)
+            groups = plan.short, len(plan.outputs[0])
+            good &= _run_short(plan.start, plan.older_lag, *groups, *model, values)
         else:
-            good = _run(plan.start, plan.older, *model, values)
-        if good < stop - first:
-            n_good = min(n_good, first + good)
-    return y[plan.start :], n_good
+            good &= _run(plan.start, plan.older, *model, values)
+    return y[plan.start :], good
 
 
 def polynomial_tangents(
     plan, coefficients, inputs, initial, d_initial, bound=np.inf, n_past=0, measured=None, pull=0.0
 ):
-    """Return the run, its derivatives (n_samples, n_terms + m) and ``n_good``.
+    """Return the run, its derivatives (n_samples, n_terms + m), and whether all stayed within.
 
     Beyond :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of the
     initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is how far each
@@ -162,13 +195,19 @@ def polynomial_tangents(
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
-    dy = np.empty((len(y), d_initial.shape[1]))
+    dy = np.zeros((len(y), d_initial.shape[1]))
     dy[: plan.start] = d_initial
     measured = np.zeros(n_samples) if measured is None else as_signal(measured)
-    signals, coefficients = _with_past(plan, inputs, n_past), as_signal(coefficients)
-    model = plan.reach, plan.inputs, coefficients, signals, float(bound)
-    n_good = _tangents(plan.start, plan.outputs, *model, measured, float(pull), y, y.copy(), dy)
-    return y[plan.start :], dy[plan.start :], n_good
+    signals, weights = _with_past(plan, inputs, n_past), np.zeros((n_samples, len(plan.outputs[0])))
+    for t, (count, columns, lags, group) in enumerate(zip(*plan.inputs, strict=True)):
+        product = np.ones(n_samples)
+        for column, lag in zip(columns[:count], lags[:count], strict=True):
+            product *= signals[column, plan.reach - lag :][:n_samples]
+        dy[plan.start :, t] = product
+        weights[:, group] += coefficients[t] * product
+    model = plan.outputs, plan.inputs[3], weights, float(bound)
+    good = _tangents(plan.start, *model, measured, float(pull), y, y.copy(), dy)
+    return y[plan.start :], dy[plan.start :], good
 
 
 def _with_past(plan, inputs, n_past):
@@ -217,7 +256,7 @@ def _run(start, tables, origin, terms, coefficients, signals, bound, y):
     """Fill ``y``. Places are unsigned: no check whether they are counted from the end."""
     n_older, older, powers = tables
     n_samples, n_powers = len(y) - start, len(powers)
-    n_good, one = n_samples, np.uint64(1)
+    good, one = True, np.uint64(1)
     row, weights = np.empty(_BLOCK), np.empty((len(n_older), _BLOCK))
     previous = y[start - 1] if start > 0 else 0.0
     for first in range(0, n_samples, _BLOCK):
@@ -236,19 +275,15 @@ def _run(start, tables, origin, terms, coefficients, signals, bound, y):
                         value *= y[k - older[g, j]]
                     part += value
                 total = total * previous + part
-            if not abs(total) <= bound:
-                n_good = min(n_good, first + np.int64(i))
-                total = -bound if total < 0.0 else bound
-            y[k] = total
-            previous = total
-    return n_good
+            good &= abs(total) <= bound
+            previous = y[k] = clipped(total, bound)
+    return good
 
 
 @jit
 def _run_short(start, older, short, n_groups, origin, terms, coefficients, signals, bound, y):
     """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; one more group stays zero."""
-    n_samples = len(y) - start
-    n_good = n_samples
+    good, n_samples = True, len(y) - start
     row, weights = np.empty(_BLOCK), np.empty((n_groups + 1, _BLOCK))
     w00, w01, w02, w03 = weights[short[0]], weights[short[1]], weights[short[2]], weights[short[3]]
     w10, w11, w12 = weights[short[4]], weights[short[5]], weights[short[6]]
@@ -264,81 +299,54 @@ def _run_short(start, older, short, n_groups, origin, terms, coefficients, signa
             third = w30[i] * q + (w20[i] + w21[i] * r)
             second = third * q + (w10[i] + r * (w11[i] + r * w12[i]))
             total = second * q + (w00[i] + r * (w01[i] + r * (w02[i] + r * w03[i])))
-            if not abs(total) <= bound:
-                n_good = min(n_good, first + i)
+            if not abs(total) <= bound:  # a branch is guessed, and the next sample need not wait
+                good = False
                 total = -bound if total < 0.0 else bound
-            new[i] = total
-            q = total
-    return n_good
+            q = new[i] = total
+    return good
 
 
 @jit
-def _products(first, stop, origin, terms, coefficients, signals, products, weights):
-    """Fill the products of the inputs of each term, (n_terms, block), and the groups' weights."""
-    n_factors, columns, lags, group = terms
-    size = stop - first
-    weights[:, :size] = 0.0
-    for t in range(len(n_factors)):
-        row, weight, c = products[t], weights[group[t]], coefficients[t]
-        for i in range(size):
-            row[i] = 1.0
-        for j in range(n_factors[t]):
-            signal = signals[columns[t, j], origin + first - lags[t, j] :]
-            for i in range(size):
-                row[i] *= signal[i]
-        for i in range(size):
-            weight[i] += c * row[i]
+def _tangents(start, outputs, group, weights, bound, measured, pull, y, state, dy):
+    """Fill ``y``, and ``dy`` with its derivatives, where the products of the inputs stand.
 
-
-@jit
-def _tangents(
-    start, outputs, origin, terms, coefficients, signals, bound, measured, pull, y, state, dy
-):
-    """Fill ``y``, and ``dy`` with its derivatives; ``state`` is what the recursion goes on from."""
+    ``weights`` (n_samples, n_groups) are those of the groups; the recursion goes on from ``state``.
+    """
     n_outputs, output_lags = outputs
-    n_samples, n_terms, n_groups = len(y) - start, len(coefficients), len(n_outputs)
-    n_parameters, group = dy.shape[1], terms[3]
-    n_good = n_samples
-    keep = 1.0 - pull
-    products, weights = np.empty((n_terms, _BLOCK)), np.empty((n_groups, _BLOCK))
+    n_groups, n_parameters, n_terms = len(n_outputs), dy.shape[1], len(group)
+    keep, good = 1.0 - pull, True
     monomials, slopes = np.empty(n_groups), np.zeros(start + 1)
-    for first in range(0, n_samples, _BLOCK):
-        stop = min(first + _BLOCK, n_samples)
-        _products(first, stop, origin, terms, coefficients, signals, products, weights)
-        for i in range(stop - first):
-            k = start + first + i
-            slopes[:] = 0.0
-            total = 0.0
-            for g in range(n_groups):
-                value = 1.0
-                for j in range(n_outputs[g]):
-                    others = weights[g, i]
-                    for other in range(n_outputs[g]):
-                        if other != j:
-                            others *= state[k - output_lags[g, other]]
-                    slopes[output_lags[g, j]] += others
-                    value *= state[k - output_lags[g, j]]
-                monomials[g] = value
-                total += weights[g, i] * value
-            tangent = dy[k]
-            if not abs(total) <= bound:
-                n_good = min(n_good, first + i)
-                total = -bound if total < 0.0 else bound
-                tangent[:] = 0.0
-            else:
-                for t in range(n_terms):
-                    tangent[t] = products[t, i] * monomials[group[t]]
-                for q in range(n_terms, n_parameters):
-                    tangent[q] = 0.0
-                for lag in range(1, start + 1):
-                    slope = slopes[lag] if k - lag < start else keep * slopes[lag]
-                    if slope != 0.0:
-                        past = dy[k - lag]
-                        for q in range(n_parameters):
-                            tangent[q] += slope * past[q]
-            y[k] = total
-            state[k] = total + pull * (measured[first + i] - total)
-    return n_good
+    for i in range(len(weights)):
+        k = start + i
+        slopes[:] = 0.0
+        total = 0.0
+        for g in range(n_groups):
+            value = 1.0
+            for j in range(n_outputs[g]):
+                others = weights[i, g]
+                for other in range(n_outputs[g]):
+                    if other != j:
+                        others *= state[k - output_lags[g, other]]
+                slopes[output_lags[g, j]] += others
+                value *= state[k - output_lags[g, j]]
+            monomials[g] = value
+            total += weights[i, g] * value
+        tangent = dy[k]
+        if abs(total) <= bound:
+            for t in range(n_terms):
+                tangent[t] *= monomials[group[t]]
+            for lag in range(1, start + 1):
+                slope = slopes[lag] if k - lag < start else keep * slopes[lag]
+                if slope != 0.0:
+                    past = dy[k - lag]
+                    for q in range(n_parameters):
+                        tangent[q] += slope * past[q]
+        else:
+            tangent[:] = 0.0
+            good = False
+        y[k] = clipped(total, bound)
+        state[k] = y[k] + pull * (measured[i] - y[k])
+    return good
 
 
 @dataclass(frozen=True)
@@ -348,11 +356,10 @@ class PolynomialStep:
     lags: Lags
     terms: np.ndarray
     coefficients: np.ndarray
-    plan: Polynomial
 
-    @classmethod
-    def of(cls, lags, terms, coefficients):
-        return cls(lags, terms, coefficients, plan_polynomial(terms, *lags))
+    @cached_property
+    def plan(self):
+        return plan_polynomial(self.terms, *self.lags)
 
     def rows(self, Z):
         return term_products(Z, self.terms) @ self.coefficients

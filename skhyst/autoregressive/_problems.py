@@ -61,11 +61,11 @@ class InnovationProblem:
         out, good = [], True
         for start in self.starts:
             signals, n_past = _error_inputs(start)
-            error, tangents, n_good = polynomial_tangents(
+            error, tangents, whole = polynomial_tangents(
                 plan, coefficients, signals, *before, self.bound, n_past
             )
             out.append((tangents[:, 1:], error))
-            good &= n_good == len(error)
+            good &= whole
         return out, good
 
 
@@ -98,10 +98,9 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
     """
     plan = _error_plan(terms, lags, noise_lags)
     signals, n_past = _error_inputs(start)
-    errors, n_good = polynomial_run(
+    errors, good = polynomial_run(
         plan, np.append(1.0, -coefficients), signals, np.zeros(plan.start), bound, n_past
     )
-    good = n_good == len(errors)
     if horizon == 1:
         return start.measured - errors, good
     rows, before, oldest = len(errors), len(start.history), max(noise_lags)
@@ -149,8 +148,8 @@ class FreeRunProblem:
         """Return Jacobian and error of each record, and whether none was cut off."""
         terms = self.terms[list(subset)]
         n_terms, n_before = len(terms), self.n_before
-        plan, coefficients = plan_polynomial(terms, *self.lags), theta[:n_terms]
-        step = PolynomialStep(self.lags, terms, coefficients, plan)
+        coefficients = theta[:n_terms]
+        step = PolynomialStep(self.lags, terms, coefficients)
         rests = self._rests(step) if self.line is not None else None
         out, good = [], True
         for i, start in enumerate(self.starts):
@@ -161,11 +160,12 @@ class FreeRunProblem:
                 history, d_history[:, own] = theta[own], np.eye(n_before)
             elif rests is not None:
                 history = np.full(n_before, rests[i])
-                d_history[:] = self._rest_tangents(plan, coefficients, start, history)
+                d_history[:] = self._rest_tangents(step, start, history)
             initial = history, d_history, self.bound, start.n_past, start.measured, pull
-            y, tangents, n_good = polynomial_tangents(plan, coefficients, start.inputs, *initial)
+            model = step.plan, coefficients
+            y, tangents, whole = polynomial_tangents(*model, start.inputs, *initial)
             out.append((tangents, start.measured - y))
-            good &= n_good == len(y)
+            good &= whole
         return out, good
 
     def _rests(self, step):
@@ -175,13 +175,14 @@ class FreeRunProblem:
         guesses = self.line[0] + firsts @ self.line[1]
         return rest_outputs(step.rows, inputs, len(self.lags.outputs), guesses, *self.limits)
 
-    def _rest_tangents(self, plan, coefficients, start, history):
+    def _rest_tangents(self, step, start, history):
         """Return the derivatives of the output at rest: those of an implicit function."""
         if not self.n_before:
             return 0.0
-        d_history = np.zeros((self.n_before, len(coefficients) + 1))
+        d_history = np.zeros((self.n_before, len(step.coefficients) + 1))
         d_history[:, -1] = 1.0
-        y, dy, _ = polynomial_tangents(plan, coefficients, start.inputs[:1], history, d_history)
+        model = step.plan, step.coefficients
+        y, dy, _ = polynomial_tangents(*model, start.inputs[:1], history, d_history)
         gap = 1.0 - dy[0, -1]
         span = self.limits[1] - self.limits[0]
         if abs(gap) < _SPLIT or abs(y[0] - history[0]) > _SPLIT * max(span, abs(y[0])):

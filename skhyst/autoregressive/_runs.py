@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._jit import jit
 from ..preprocessing import lagged_columns
 
-__all__ = ["Lags", "Start", "bounded", "free_runs", "runs_ahead"]
+__all__ = ["Lags", "Start", "bounded", "clipped", "free_runs", "runs_ahead"]
 
 
 class Lags(NamedTuple):
@@ -38,6 +39,14 @@ def bounded(values, bound):
     if good.all():
         return values, True
     return np.clip(np.where(np.isnan(values), bound, values), -bound, bound), False
+
+
+@jit
+def clipped(value, bound):
+    """Return a value no larger than ``bound``; NaN becomes it."""
+    if abs(value) <= bound:
+        return value
+    return -bound if value < 0.0 else bound
 
 
 def free_runs(one_step, starts, lags, bound):

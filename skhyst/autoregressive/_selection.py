@@ -216,7 +216,7 @@ class Search:
         if self.folds and n_terms is None:
             path = path[: self._simplest(path, size)]
         if self.folds or n_terms is not None:
-            return self.refine(path, moves=("exchange",))
+            return self.refine(path, sized=True)
         starts = [path[:size], self._backward(path)]
         return min((self.refine(start) for start in starts), key=self.value)
 
@@ -267,21 +267,18 @@ class Search:
         column = _most_telling(columns, rest, subset)
         return None if column is None else [*subset, column]
 
-    def refine(self, subset, moves=("removal", "addition", "exchange"), rounds=_ROUNDS):
-        """Return a subset that no single move improves."""
+    def refine(self, subset, *, sized=False, rounds=_ROUNDS):
+        """Return a subset that no single move improves; ``sized`` keeps the number of terms."""
         current = list(subset)
         # exchanges alone change no number of terms, and so no price
-        exchanged_by = self.value if "removal" in moves else self._likelihood
+        value = self._likelihood if sized else self.value
         for _ in range(rounds):
-            trials = []
-            if "removal" in moves and current:
-                trials.append(self._without_weakest(current))
-            if "addition" in moves:
-                trials.append(self._with_best(current))
-            better = self._better(trials, current, exchanged_by)
+            trials = [] if sized or not current else [self._without_weakest(current)]
+            trials += [] if sized else [self._with_best(current)]
+            better = self._better(trials, current, value)
             if better is None:
                 trials = [self._with_best([c for c in current if c != out]) for out in current]
-                better = self._better(trials, current, exchanged_by)
+                better = self._better(trials, current, value)
             if better is None:
                 break
             current = better

@@ -21,7 +21,6 @@ _ROUGH = 1e-5  # the same while subsets are compared
 _EVALUATIONS = 150
 _FEW = 10  # on the way
 _PULLS = (0.5, 0.2, 0.05)  # of the run towards the measurement, before it is let go
-_MOVES = ("removal", "addition", "exchange")
 _SIZES = (3, 6, 12)  # of subsets to begin from where the chosen one is unstable
 _ROUNDS = 10  # of search and fit
 
@@ -90,8 +89,7 @@ class _Fits:
         best = state.search.best(self.n_terms)
         if set(best) != set(state.subset):
             yield best
-        moves = _MOVES if self.n_terms is None else ("exchange",)
-        near = state.search.refine(state.subset, moves, 1)
+        near = state.search.refine(state.subset, sized=self.n_terms is not None, rounds=1)
         if set(near) not in (set(state.subset), set(best)):
             yield near
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._jit import jit
-from ._runs import Lags
+from ._runs import Lags, clipped
 from ._steps import Step
 
 __all__ = ["NODE", "TreesStep", "flatten_boosting", "flatten_histograms", "flatten_trees"]
@@ -35,41 +35,19 @@ def _sum(nodes, roots, row):
 
 
 @jit
-def _feature(value, centre, scale, single):
-    value = (value - centre) / scale
-    return np.float64(np.float32(value)) if single else value
-
-
-@jit
-def trees_rows(centre, scale, nodes, roots, single, Z, out):
-    """Fill ``out`` (n,) with the sums of the trees for the rows of ``Z`` (n, n_features)."""
-    row = np.empty(Z.shape[1])
-    for i in range(len(Z)):
-        for j in range(Z.shape[1]):
-            row[j] = _feature(Z[i, j], centre[j], scale[j], single)
-        out[i] = _sum(nodes, roots, row)
-
-
-@jit
 def trees_run(centre, scale, nodes, roots, single, offset, factor, inputs, lags, bound, y):
     """Run a sum of trees over its past outputs; see :class:`TreesStep`."""
     n_samples, n_inputs = inputs.shape
     before = len(y) - n_samples
-    n_good = n_samples
     row = np.empty(n_inputs + len(lags))
     for i in range(n_samples):
         k = before + i
-        for j in range(n_inputs):
-            row[j] = _feature(inputs[i, j], centre[j], scale[j], single)
-        for j in range(n_inputs, len(row)):
-            past = y[k - lags[j - n_inputs]]
-            row[j] = _feature(past, centre[j], scale[j], single)
+        for j in range(len(row)):
+            signal = inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]]
+            feature = (signal - centre[j]) / scale[j]
+            row[j] = np.float64(np.float32(feature)) if single else feature
         value = offset + factor * _sum(nodes, roots, row)
-        if not abs(value) <= bound:
-            n_good = min(n_good, i)
-            value = -bound if value < 0.0 else bound
-        y[k] = value
-    return n_good
+        y[k] = clipped(value, bound)
 
 
 @dataclass(frozen=True)
@@ -86,12 +64,6 @@ class TreesStep(Step):
     factor: float
 
     _loop = staticmethod(trees_run)
-
-    def rows(self, Z):
-        out = np.empty(len(Z))
-        Z = np.ascontiguousarray(Z)
-        trees_rows(self.centre, self.scale, self.nodes, self.roots, self.single, Z, out)
-        return self.offset + self.factor * out
 
 
 def flatten_trees(trees):

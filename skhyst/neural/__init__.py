@@ -4,8 +4,4 @@ from ._gray_box import GrayBoxHysteresis
 from ._gray_box_operator import GrayBoxOperator
 from ._scn import SCNRegressor
 
-__all__ = [
-    "GrayBoxHysteresis",
-    "GrayBoxOperator",
-    "SCNRegressor",
-]
+__all__ = ["GrayBoxHysteresis", "GrayBoxOperator", "SCNRegressor"]

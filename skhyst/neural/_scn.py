@@ -1,9 +1,7 @@
 """Stochastic configuration network: its random nodes, and how they are admitted.
 
-Nodes live in scaled inputs. A sigmoid node is ``1 / (1 + exp(-(w x + b)))`` with ``w`` and
-``b`` uniform in ``[-scope, scope]``. A Gaussian node is ``exp(-|x - c|^2 / (2 sigma^2))`` whose
-centre ``c`` is one of the samples, since lagged signals fill a thin part of any box, and whose
-``1 / sigma`` is uniform in ``(0, scope]``: in both cases the scope is the steepest slope.
+Nodes live in scaled inputs. Centres of Gaussian nodes are samples, since lagged signals fill a thin
+part of any box. For either kind of node the scope is the steepest slope.
 """
 
 import warnings
@@ -384,9 +382,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             )
         n, weights = len(nodes), solver.weights()
         if held_back:
-            self.validation_score_ = float("nan") if best[2] is None else float(best[0])
-            if best[2] is not None:
-                n, weights = best[1:]
+            self.validation_score_ = float(best[0]) if best[2] else float("nan")
+            n, weights = best[1:] if best[2] else (n, weights)
         self.stop_reason_ = reason
         self.history_ = {name: np.array(values[:n]) for name, values in history.items()}
         return np.reshape(nodes[:n], (n, X.shape[1] + 1)), *weights

@@ -7,6 +7,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
 from ..records import record_slices
 
@@ -17,9 +18,25 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
     """Base of the transformers that map some columns, each record for itself.
 
     A subclass gives :meth:`_fit_records`, :meth:`_transform_record` and :meth:`_names`.
+
+    Parameters
+    ----------
+    columns : int, str or list of such, default=0
+        Columns of ``X``, by position or name. All others are dropped.
+
+    Attributes
+    ----------
+    columns_ : tuple of int
+        Positions of the columns.
+    n_features_in_ : int
+        Number of columns of ``X``.
     """
 
     _parameter_constraints = {"columns": [Integral, str, "array-like"]}
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
 
     @abstractmethod
     def _fit_records(self, X, records):
@@ -49,7 +66,13 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         self
         """
         array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        self.columns_ = self._find_columns(self.columns)
+        single = isinstance(self.columns, str | Integral)
+        given = [self.columns] if single else self.columns
+        self.columns_ = tuple(find_column(self, column, "columns") for column in given)
+        if not self.columns_:
+            raise ValueError(
+                f"The 'columns' parameter of {type(self).__name__} must name at least one column."
+            )
         self._fit_records(array, record_slices(_indexed(X, array), y, dt=self._interval()))
         return self
 
@@ -94,17 +117,6 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
 
     def _interval(self):
         return getattr(self, "dt", 1.0)
-
-    def _find_columns(self, columns):
-        """Return the positions of columns given by position or name."""
-        single = isinstance(columns, str | Integral)
-        given = [columns] if single else columns
-        found = tuple(find_column(self, column, "columns") for column in given)
-        if not found:
-            raise ValueError(
-                f"The 'columns' parameter of {type(self).__name__} must name at least one column."
-            )
-        return found
 
 
 def find_column(estimator, column, parameter):

@@ -38,17 +38,8 @@ class GeneralizedInputGradient(RecordTransformer):
         Whether to add the last extreme of the drive and the distance from it, or of how many of the
         last extremes to add the values, the latest first and followed by the distance. Each record
         begins with a first loading from zero: until the drive turns, the last extreme is 0.
-    columns : int, str or list of such, default=0
-        Columns of ``X``, by position or name. All others are dropped.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
-
-    Attributes
-    ----------
-    columns_ : tuple of int
-        Positions of the columns.
-    n_features_in_ : int
-        Number of columns of ``X``.
 
     Notes
     -----

@@ -25,17 +25,11 @@ class LaggedFeatures(RecordTransformer):
     before : {"rest", "zero", "nan"}, default="rest"
         What stands for inputs before a record: the first value of the record, 0, or NaN, for a
         regressor that knows missing values or for steps that drop such rows.
-    columns : int, str or list of such, default=0
-        Columns of ``X``, by position or name. All others are dropped.
 
     Attributes
     ----------
     lags_ : tuple of (int, int)
         Position of the column and lag of each feature.
-    columns_ : tuple of int
-        Positions of the columns.
-    n_features_in_ : int
-        Number of columns of ``X``.
 
     Examples
     --------

@@ -12,7 +12,20 @@ __all__ = ["PlayOperators", "StopOperators"]
 
 
 class _OperatorBasis(RecordTransformer):
-    """Base of both: ``_kernel``, ``_label`` and ``_first``, the number of the first threshold."""
+    """Base of both: ``_kernel``, ``_label`` and ``_first``, the number of the first threshold.
+
+    Parameters
+    ----------
+    n_operators : int, default=20
+        Number of thresholds a column; ignored where ``thresholds`` is given.
+    spacing : {"grid", "quantile"}, default="grid"
+        Spacing of the default thresholds; see :func:`skhyst.operators.play_thresholds`.
+
+    Attributes
+    ----------
+    thresholds_ : ndarray of shape (n_columns, n_operators)
+        Thresholds of each column in its unit.
+    """
 
     _parameter_constraints = {
         **RecordTransformer._parameter_constraints,
@@ -40,19 +53,15 @@ class _OperatorBasis(RecordTransformer):
         self.thresholds_ = np.array(rows)
 
     def _transform_record(self, X, dt, out):
-        n_operators = self.thresholds_.shape[1]
-        direct = out.shape[1] == n_operators
-        stop = 0
+        n_operators, stop = self.thresholds_.shape[1], 0
         for column, thresholds in zip(self.columns_, self.thresholds_, strict=True):
             drive = as_signal(X[:, column])
             if self.include_drive:
                 out[:, stop] = drive
                 stop += 1
             start, stop = stop, stop + n_operators
-            basis = out if direct else np.empty((len(X), n_operators))
+            basis = out[:, start:stop]  # contiguous where it is all there is
             self._kernel(drive, as_signal(thresholds), np.zeros(n_operators), basis)
-            if not direct:
-                out[:, start:stop] = basis
 
     def _names(self, names):
         result = []
@@ -75,26 +84,11 @@ class PlayOperators(_OperatorBasis):
 
     Parameters
     ----------
-    n_operators : int, default=20
-        Number of thresholds a column; ignored where ``thresholds`` is given.
     thresholds : array-like of shape (n_operators,), default=None
         Thresholds in the unit of the drive; by default from the range of the data, the first 0, for
         which the feature is the drive itself.
-    spacing : {"grid", "quantile"}, default="grid"
-        Spacing of the default thresholds; see :func:`skhyst.operators.play_thresholds`.
     include_drive : bool, default=False
         Whether the drive itself comes before its plays.
-    columns : int, str or list of such, default=0
-        Columns of ``X``, by position or name. All others are dropped.
-
-    Attributes
-    ----------
-    thresholds_ : ndarray of shape (n_columns, n_operators)
-        Thresholds of each column in its unit.
-    columns_ : tuple of int
-        Positions of the columns.
-    n_features_in_ : int
-        Number of columns of ``X``.
 
     Examples
     --------
@@ -128,22 +122,11 @@ class StopOperators(_OperatorBasis):
 
     Parameters
     ----------
-    n_operators : int, default=20
-        Number of thresholds a column; ignored where ``thresholds`` is given.
     thresholds : array-like of shape (n_operators,), default=None
         Thresholds in the unit of the drive; by default from the range of the data, the first above
         0, for which the feature would be zero.
-    spacing : {"grid", "quantile"}, default="grid"
-        Spacing of the default thresholds; see :func:`skhyst.operators.play_thresholds`.
     include_drive : bool, default=True
         Whether the drive itself comes before its stops.
-    columns : int, str or list of such, default=0
-        Columns of ``X``, by position or name. All others are dropped.
-
-    Attributes
-    ----------
-    thresholds_, columns_, n_features_in_
-        As those of :class:`PlayOperators`.
 
     Examples
     --------

@@ -166,11 +166,8 @@ def as_frame(x):
             f"The records of stack_records must be of one or two dimensions. Got an array of shape "
             f"{x.shape} instead."
         )
-    return pd.DataFrame(x, columns=_default_names(x.shape[1]))
-
-
-def _default_names(n_inputs):
-    return ["drive", *(f"auxiliary{i}" for i in range(1, n_inputs))][:n_inputs]
+    names = ["drive", *(f"auxiliary{i}" for i in range(1, x.shape[1]))]
+    return pd.DataFrame(x, columns=names[: x.shape[1]])
 
 
 def as_series(y):
@@ -189,7 +186,7 @@ def _stacked_index(frame, label, relabel, dt):
     """Return the index of record and time that a single record gets."""
     times, labels = frame.index, [label] * len(frame)
     if isinstance(times, pd.MultiIndex):
-        time_stamps(frame)  # refuses rows without a label or a time
+        time_stamps(times)  # refuses rows without a label or a time
         level = time_level(times)
         own = times.get_level_values(1 - level)
         if relabel and own.nunique() > 1:

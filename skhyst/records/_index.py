@@ -117,24 +117,19 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
         _refuse_lost_index(X, y)
     index = getattr(X, "index", None)
     if not isinstance(index, pd.Index):
-        index = pd.RangeIndex(n_rows(X))
+        index = pd.RangeIndex(len(X))
     if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
         return (RecordSlice(0, slice(0, len(index)), dt, index.start * dt, len(index)),)
-    stamps = time_stamps(X, dt)
+    stamps = time_stamps(index, dt)
     if stamps.values.size == 0:
         return ()
     pieces = _pieces(stamps)
     intervals = _sampling_intervals(stamps, pieces, one_interval)
-    return tuple(
-        RecordSlice(
-            stamps.label(start, run),
-            slice(start, stop),
-            interval,
-            float(stamps.values[start] * stamps.unit),
-            stop - start,
-        )
-        for (run, start, stop), interval in zip(pieces, intervals, strict=True)
-    )
+    found = []
+    for (run, start, stop), interval in zip(pieces, intervals, strict=True):
+        label, start_time = stamps.label(start, run), float(stamps.values[start] * stamps.unit)
+        found.append(RecordSlice(label, slice(start, stop), interval, start_time, stop - start))
+    return tuple(found)
 
 
 def sampling_interval(X, *, dt=1.0) -> float:
@@ -171,18 +166,16 @@ def sampling_interval(X, *, dt=1.0) -> float:
 
 
 def _refuse_lost_index(X, y):
-    index = getattr(y, "index", None)
-    if not isinstance(index, pd.Index):
+    own, index = getattr(X, "index", None), getattr(y, "index", None)
+    if not isinstance(index, pd.Index) or _says_less(index):
         return
-    own = getattr(X, "index", None)
-    carried = isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex)
-    if carried:
-        if len(own) == len(index) and not _says_less(index) and not own.equals(index):
+    if isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex):
+        if len(own) == len(index) and not own.equals(index):
             raise RecordError(
                 "The index of X and that of y must be equal. Got rows in another order or of "
                 "another recording instead; align them (y.loc[X.index])."
             )
-    elif not _says_less(index) and not index.equals(own):
+    elif not index.equals(own):
         raise RecordError(
             "The index of X must carry the records and times that the index of y carries. Got an "
             "X without them instead: a step before this one has returned an array. Call "
@@ -332,11 +325,8 @@ class TimeStamps:
         return [start, *gaps.tolist(), stop]
 
 
-def time_stamps(X, dt=1.0) -> TimeStamps:
-    """Take the index of ``X`` apart; integers, and arrays, count samples of interval ``dt``."""
-    index = getattr(X, "index", None)
-    if not isinstance(index, pd.Index):
-        return TimeStamps(np.arange(n_rows(X)), dt, np.dtype(np.int64), counts=True)
+def time_stamps(index, dt=1.0) -> TimeStamps:
+    """Take an index apart; integers count samples of interval ``dt``."""
     if not isinstance(index, pd.MultiIndex):
         return _numbers(index, dt)
     level = time_level(index)
@@ -356,11 +346,6 @@ def time_level(index) -> int:
             f"{list(index.names)} instead; merge or drop the others (X.droplevel)."
         )
     return list(index.names).index("time") if "time" in index.names else 1
-
-
-def n_rows(X) -> int:
-    """Return the number of rows of a frame, an array or a list."""
-    return X.shape[0] if hasattr(X, "shape") else len(X)
 
 
 def _numbers(times, dt, codes=None):

@@ -10,6 +10,7 @@ Source: MathWorks, "MAT-File Format", version 5 and later; classes 16 and 17 as 
 
 import struct
 import zlib
+from dataclasses import dataclass
 from math import prod
 
 from ..exceptions import RecordError
@@ -54,13 +55,13 @@ def _inflated(content, start):
     return memoryview(inflated)
 
 
+@dataclass
 class _Elements:
     """Elements of a variable, or of the file, one after another; ``order`` is "<" or ">"."""
 
-    def __init__(self, data, order, position=0):
-        self.data = data
-        self.order = order
-        self.position = position
+    data: memoryview
+    order: str
+    position: int = 0
 
     def element(self):
         """Return the type code and the content of a variable."""
@@ -119,10 +120,9 @@ class _Elements:
             return
         size = prod(self.integers())
         self.part(_NAMES)
-        if kind in _NUMERIC:
-            self.numbers(1 + is_complex)
-        elif kind == _SPARSE:
-            self.numbers(3 + is_complex)  # rows, columns, values
+        if kind in _NUMERIC or kind == _SPARSE:
+            for _ in range(is_complex + (3 if kind == _SPARSE else 1)):  # rows, columns, values
+                self.part(_NUMBERS)
         elif kind == _CHAR:
             if not self.part(_NUMBERS) and size > _BLANK:
                 raise RecordError(f"{size} characters have no data")
@@ -136,11 +136,6 @@ class _Elements:
             self.variables(1, depth)
         else:
             raise RecordError(f"an array has the unknown class {kind} (byte {start})")
-
-    def numbers(self, count):
-        """Pass over arrays of numbers."""
-        for _ in range(count):
-            self.part(_NUMBERS)
 
     def fields(self, size):
         """Return the number of fields of a struct array with ``size`` elements."""

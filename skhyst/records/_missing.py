@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-
-_SHOWN = 5  # rows that an error message names
+from ._index import describe_rows
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
@@ -27,10 +26,11 @@ def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     refused = {"raise": {**lost, **index}, "drop": {}, "interpolate": index}[on_missing]
     refused = {name: mask for name, mask in refused.items() if mask.any()}
     if refused:
-        shown = "; ".join(f"{name}: {_rows(mask)}" for name, mask in refused.items())
+        shown = "; ".join(f"{n}: {describe_rows(np.flatnonzero(m))}" for n, m in refused.items())
         ways = "'drop'" if index.keys() & refused.keys() else "'drop' or 'interpolate'"
         raise RecordError(
-            f"{path.name} misses values. {shown}. Pass on_missing={ways}, or correct the file."
+            f"{path.name}, of {len(values)} rows, misses values. {shown}. Pass on_missing={ways}, "
+            "or correct the file."
         )
     keep = np.ones(len(values), dtype=bool)
     if on_missing == "drop":
@@ -54,14 +54,6 @@ def _alone(keep, stamps, labels):
     lost = before & lost_before | after & lost_after
     left = before & ~lost_before | after & ~lost_after
     return lost & ~left
-
-
-def _rows(mask):
-    rows = np.flatnonzero(mask)
-    first = ", ".join(map(str, rows[:_SHOWN]))
-    if len(rows) == 1:
-        return f"row {first}"
-    return f"rows {first}{', ...' if len(rows) > _SHOWN else ''} ({len(rows)} of {len(mask)})"
 
 
 def fill(values, stamps):

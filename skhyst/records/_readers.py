@@ -9,10 +9,10 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._columns import load_column, numbers
 from ._formats import file_variables, reading
-from ._index import time_stamps
+from ._index import UNITS, time_stamps
 from ._missing import fill, missing_rows
 
-_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_UNITS = UNITS | {"min": 60.0, "h": 3600.0}
 _POLICIES = ("raise", "drop", "interpolate")
 
 
@@ -121,7 +121,7 @@ def read_records(
         stamps = positions if sampling_rate is None else positions / float(sampling_rate)
     index = pd.MultiIndex.from_arrays([labels, stamps], names=["record", "time"])
     if on_missing == "interpolate":
-        values, filled = fill(values, time_stamps(pd.DataFrame(index=index)))
+        values, filled = fill(values, time_stamps(index))
         if not filled.any():
             raise RecordError(f"{path.name} has no record with readings in every column.")
         values, index = values[filled], index[filled]

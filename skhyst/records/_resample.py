@@ -76,7 +76,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
             f"The values of resample_records must be finite. Got {describe_rows(bad)} with NaN or "
             f"infinite values instead; drop them, or read with on_missing='interpolate'."
         )
-    stamps = time_stamps(frame)
+    stamps = time_stamps(frame.index)
     labels, times, values = [], [], []
     for label, start, stop in _resampled_pieces(stamps, dt, max_gap):
         seconds = (stamps.values[start:stop] - stamps.values[start]) * stamps.unit

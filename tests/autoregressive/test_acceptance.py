@@ -15,7 +15,6 @@ from sklearn.preprocessing import StandardScaler
 
 from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
 from skhyst.exceptions import DivergenceWarning, RecordError
-from skhyst.records import stack_records
 
 LAGS = {"input_lags": {0: [0, 1, 3], 1: [0]}, "output_lags": [1, 2]}
 MODELS = {
@@ -28,23 +27,9 @@ MODELS = {
 }
 
 
-def recordings(sizes=(150, 90, 120)):
-    parts = []
-    for seed, n in enumerate(sizes):
-        rng = np.random.default_rng(seed)
-        u = np.sin(np.outer(np.arange(n), [0.11, 0.047]) + rng.uniform(0, 6, 2))
-        u += 0.3 * rng.standard_normal((n, 2))
-        y = np.zeros(n)
-        for k in range(2, n):
-            y[k] = 0.9 * y[k - 1] - 0.2 * y[k - 2] + 0.2 * u[k - 1, 0] + 0.1 * u[k, 1]
-            y[k] += 0.05 * y[k - 1] * u[k - 1, 0] + 0.02 * rng.standard_normal()
-        parts.append((u, y))
-    return stack_records(parts, labels=list("abc"), dt=0.01)
-
-
 @pytest.fixture(scope="module")
-def data():
-    return recordings()
+def data(recordings):
+    return recordings(noise=0.02)
 
 
 @pytest.fixture(params=MODELS)
@@ -83,7 +68,7 @@ def test_horizons(model, initial_output, data):
     np.testing.assert_allclose(far, model.predict(X, y), rtol=1e-10, atol=1e-12)
 
 
-def test_horizon_is_limited_by_the_record(model):
+def test_horizon_is_limited_by_the_record(model, recordings):
     X, y = recordings((60, 6, 3))
     model.fit(X, y)
     for horizon in (1, 3, 5, 6, 7, 60, 61):

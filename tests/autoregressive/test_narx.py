@@ -25,6 +25,7 @@ from sklearn.tree import DecisionTreeRegressor
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from skhyst.autoregressive import NARXRegressor
+from skhyst.autoregressive._runs import Start
 from skhyst.neural import SCNRegressor
 from skhyst.preprocessing import PlayOperators
 from skhyst.records import stack_records
@@ -66,32 +67,6 @@ COMPILED = {
 }
 
 
-def plant(u, seed=0, noise=1e-3):
-    """A nonlinear second-order recursion of two inputs."""
-    y = np.zeros(len(u))
-    rng = np.random.default_rng(seed)
-    for k in range(2, len(u)):
-        y[k] = 0.9 * y[k - 1] - 0.2 * y[k - 2] + 0.2 * u[k - 1, 0] + 0.1 * u[k, 1]
-        y[k] += 0.05 * y[k - 1] * u[k - 1, 0] + noise * rng.standard_normal()
-    return 3.0 + y
-
-
-def columns(n, seed):
-    rng = np.random.default_rng(seed)
-    waves = np.sin(np.outer(np.arange(n), [0.11, 0.047]) + rng.uniform(0, 6, 2))
-    return waves + 0.3 * rng.standard_normal((n, 2))
-
-
-def drives(n, seed=0):
-    return stack_records([columns(n, seed)], dt=0.01)
-
-
-def recordings(sizes=(150, 90, 120), **options):
-    inputs = [columns(n, seed) for seed, n in enumerate(sizes)]
-    outputs = [plant(u, seed, **options) for seed, u in enumerate(inputs)]
-    return stack_records(list(zip(inputs, outputs, strict=True)), dt=0.01)
-
-
 INPUT_LAGS, OUTPUT_LAGS = {0: [0, 1, 3], 1: [0]}, [1, 2]
 
 
@@ -110,20 +85,25 @@ def row_by_row(estimator, u, history):
     return np.array(y[2:])
 
 
-@pytest.fixture(scope="module")
-def data():
-    return recordings()
-
-
 @pytest.mark.parametrize("name", COMPILED)
-def test_compiled_run_equals_row_by_row(name, data):
+def test_compiled_run_equals_row_by_row_and_python(name, data, drives, monkeypatch):
     model = narx(clone(COMPILED[name]), initial_output=[3.1, 2.9]).fit(*data)
     assert model.compiled_
-    u = drives(60, seed=9)
+    u = drives(60, 9)
     expected = row_by_row(model.estimator_, u, [2.9, 3.1])
     np.testing.assert_allclose(model.predict(u), expected, rtol=1e-9, atol=0)
     again = pickle.loads(pickle.dumps(model))
     np.testing.assert_array_equal(again.predict(u), model.predict(u))
+    step, start = model._step, Start(u.to_numpy(), 3, np.array([2.9, 3.1]))
+    if not hasattr(step, "_loop"):  # of the polynomials in test_loops
+        return
+    bounds = 1e9, 0.9 * np.abs(step.run(start, 1e9)[0]).max()
+    compiled = [step.run(start, bound) for bound in bounds]
+    monkeypatch.setattr(type(step), "_loop", staticmethod(step._loop.py_func))
+    for (y, good), bound in zip(compiled, bounds, strict=True):
+        plain, same = step.run(start, bound)
+        assert good == same == (bound == 1e9)
+        np.testing.assert_allclose(y, plain, rtol=1e-10, atol=1e-12)
 
 
 class Halved(LinearRegression):
@@ -146,7 +126,7 @@ def test_any_regressor_runs_in_lock_step(estimator, data):
     model = narx(estimator, initial_output=3.0).fit(*data)
     assert not model.compiled_
     X = data[0]
-    parts = [row_by_row(model.estimator_, X.loc[[r]], [3.0, 3.0]) for r in (0, 1, 2)]
+    parts = [row_by_row(model.estimator_, X.loc[[r]], [3.0, 3.0]) for r in "abc"]
     np.testing.assert_allclose(model.predict(X), np.concatenate(parts), rtol=1e-12)
 
 
@@ -201,7 +181,7 @@ def test_oversampled_signals_keep_their_dynamics():
     np.testing.assert_allclose(model.coef_, [0.005, 1.9, -0.905], rtol=1e-4)
 
 
-def test_exact_model_is_recovered_and_runs_freely():
+def test_exact_model_is_recovered_and_runs_freely(recordings):
     X, y = recordings(noise=0.0)
     model = NARXRegressor(
         make_pipeline(PolynomialFeatures(2), LinearRegression()),
@@ -242,20 +222,20 @@ def test_measured_start(data):
     X, y = data
     model = narx(initial_output="measured").fit(X, y)
     run = model.predict(X, y)
-    out = y.loc[1].to_numpy()
+    out = y.loc["b"].to_numpy()
     np.testing.assert_array_equal(run[150:153], out[:3])
-    known = row_by_row(model.estimator_, X.loc[[1]], [0.0, 0.0, *out[:3]])
+    known = row_by_row(model.estimator_, X.loc[["b"]], [0.0, 0.0, *out[:3]])
     np.testing.assert_allclose(run[150:240], known, rtol=1e-9)
     np.testing.assert_array_equal(
         model.predict(X), clone(model).set_params(initial_output="rest").fit(X, y).predict(X)
     )
 
 
-def test_estimated_start_finds_the_outputs_before_the_record(data):
+def test_estimated_start_finds_the_outputs_before_the_record(data, drives):
     X, y = data
     model = narx(initial_output="estimate").fit(X, y)
     assert model.initial_outputs_.shape == (3, 2)
-    u, history = drives(100, seed=4), [5.0, 4.0]
+    u, history = drives(100, 4), [5.0, 4.0]
     truth = row_by_row(model.estimator_, u, history)
     np.testing.assert_allclose(model.predict(u, truth), truth, rtol=1e-6)
     assert model.score(u, truth) > 1 - 1e-9
@@ -270,11 +250,12 @@ def test_steps_ahead_are_a_run_from_what_was_measured(name, data):
     estimator = clone(COMPILED[name]) if name in COMPILED else KNeighborsRegressor(3)
     model = narx(estimator).fit(X, y)
     ahead, k = model.predict(X, y, horizon=4), 50
-    run = row_by_row(model.estimator_, X.loc[[1]].iloc[: k + 1], [0.0, 0.0, *y.loc[1][: k - 3]])
+    past = [0.0, 0.0, *y.loc["b"][: k - 3]]
+    run = row_by_row(model.estimator_, X.loc[["b"]].iloc[: k + 1], past)
     np.testing.assert_allclose(ahead[150 + k], run[k], rtol=1e-10)
 
 
-def test_errors_grow_with_the_horizon():
+def test_errors_grow_with_the_horizon(recordings):
     X, y = recordings(noise=0.05)
     model = narx().fit(X, y)
     errors = [np.std(model.predict(X, y, horizon=h) - y) for h in (1, 2, 4, 8)]

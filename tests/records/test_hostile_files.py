@@ -58,6 +58,13 @@ def whole_files():
 WHOLE = whole_files()
 
 
+def written(folder, suffix, content):
+    """Return the path of a new file."""
+    path = folder / f"rig{suffix}"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
 def refused(path, drive=0, **options):
     with pytest.raises(RecordError) as error:
         read_records(path, drive=drive, **options)
@@ -72,19 +79,15 @@ def refused(path, drive=0, **options):
     ids=["empty", "random", "zeros", "pickle"],
 )
 def test_what_is_no_recording_is_refused(tmp_path, suffix, content):
-    path = tmp_path / f"rig{suffix}"
-    path.write_bytes(content)
-    refused(path)
+    refused(written(tmp_path, suffix, content))
 
 
 @pytest.mark.parametrize("suffix", WHOLE)
 def test_sound_files_are_read_and_truncated_ones_refused(tmp_path, suffix):
-    path = tmp_path / f"rig{suffix}"
-    path.write_bytes(WHOLE[suffix])
+    path = written(tmp_path, suffix, WHOLE[suffix])
     np.testing.assert_array_equal(read_records(path, drive=0)[0].iloc[:, 0], np.arange(2000.0))
     for part in (0.02, 0.3, 0.9) if suffix != ".tdms" else ():  # of TDMS what is whole is read
-        path.write_bytes(WHOLE[suffix][: int(part * len(WHOLE[suffix]))])
-        refused(path)
+        refused(written(tmp_path, suffix, WHOLE[suffix][: int(part * len(WHOLE[suffix]))]))
 
 
 def test_pickles_in_npy_and_npz_are_not_executed(tmp_path):
@@ -103,20 +106,16 @@ def test_pickles_in_npy_and_npz_are_not_executed(tmp_path):
 def test_a_pickle_with_a_false_suffix_is_not_executed(tmp_path):
     marker = tmp_path / "executed"
     for suffix in SUFFIXES:
-        path = tmp_path / f"rig{suffix}"
         for protocol in (0, pickle.DEFAULT_PROTOCOL):
-            path.write_bytes(pickle.dumps(Trap(marker), protocol=protocol))
-            refused(path, "u")
+            refused(written(tmp_path, suffix, pickle.dumps(Trap(marker), protocol=protocol)), "u")
     assert not marker.exists()
 
 
 def test_a_huge_shape_in_a_header_is_refused_without_memory(tmp_path):
-    path = tmp_path / "rig.npy"
-    with path.open("wb") as file:
-        header = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
-        np.lib.format.write_array_header_1_0(file, header)
-        file.write(b"\x00" * 80)
-    refused(path)
+    file = io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+    np.lib.format.write_array_header_1_0(file, header)
+    refused(written(tmp_path, ".npy", file.getvalue() + b"\x00" * 80))
 
 
 def test_matlab_functions_and_objects_are_refused_and_the_rest_is_read(tmp_path):
@@ -182,9 +181,7 @@ def test_hdf5_does_not_reach_into_other_files(tmp_path):
     ids=lambda text: text[:12],
 )
 def test_json_that_is_no_recording(tmp_path, text):
-    path = tmp_path / "rig.json"
-    path.write_text(text)
-    refused(path, "u")
+    refused(written(tmp_path, ".json", text), "u")
 
 
 @pytest.mark.parametrize(
@@ -196,27 +193,24 @@ def test_json_that_is_no_recording(tmp_path, text):
         ("u,u\n1,2\n3,4\n", "2 columns that 'u' may mean, at the positions 0, 1"),
         ('u,y\n1,"2\n3,4\n', ""),
         ("u,y\n1,2\n3,4,5,6\n5,6\n", ""),
-        ("u,y\n1.0,2.0\n2.0,3.0\n3.0,", "y: row 2"),
+        ("u,y\n1.0,2.0\n2.0,3.0\n3.0,", "y: 1 row(s) (2)"),
     ],
     ids=["word", "words", "blank", "duplicate", "quote", "ragged", "truncated"],
 )
 def test_texts_that_are_no_table(tmp_path, text, message):
-    path = tmp_path / "rig.csv"
-    path.write_text(text)
-    assert message in refused(path, "u", response=1)
+    assert message in refused(written(tmp_path, ".csv", text), "u", response=1)
 
 
-def test_duplicate_names_are_told_apart_by_position(tmp_path):
-    path = tmp_path / "rig.csv"
-    path.write_text("u,u\n1,2\n3,4\n")
-    X, y = read_records(path, drive=0, response=1)
-    assert (X.iloc[:, 0].tolist(), y.tolist()) == ([1, 3], [2, 4])
-
-
-def test_names_outside_of_utf8(tmp_path):
-    path = tmp_path / "rig.csv"
-    path.write_bytes("Spannung (V);Weg (µm)\n0,5;1,25\n1,5;2,25\n".encode("latin-1"))
-    X, y = read_records(path, drive="Spannung (V)", response="Weg (µm)")
+@pytest.mark.parametrize(
+    ("content", "drive", "response"),
+    [
+        (b"u,u\n0.5,1.25\n1.5,2.25\n", 0, 1),
+        ("V (°);µm\n0,5;1,25\n1,5;2,25\n".encode("latin-1"), "V (°)", "µm"),
+    ],
+    ids=["repeated", "not UTF-8"],
+)
+def test_unusual_names(tmp_path, content, drive, response):
+    X, y = read_records(written(tmp_path, ".csv", content), drive=drive, response=response)
     assert (X.iloc[:, 0].tolist(), y.tolist()) == ([0.5, 1.5], [1.25, 2.25])
 
 
