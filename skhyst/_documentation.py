@@ -14,7 +14,8 @@ def inherit_documentation(cls):
     if not cls.__dict__.get("__doc__"):
         return
     lines = inspect.cleandoc(cls.__doc__).split("\n")
-    order = list(inspect.signature(cls.__init__).parameters)
+    # a dataclass has no constructor of its own yet when it is made
+    order = [*inspect.signature(cls.__init__).parameters, *inspect.get_annotations(cls)]
     for title in ("Parameters", "Attributes"):
         start, stop = _section(lines, title)
         entries = _entries(lines[start:stop])

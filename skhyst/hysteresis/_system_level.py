@@ -322,11 +322,9 @@ class SystemLevelHysteresis(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.variant = variant
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         # a first loading from zero is a branch too

@@ -62,8 +62,6 @@ class Delay(LinearModel):
     ----------
     operator_ : DelayOperator
         ``delay`` in s.
-    params_, params_std_ : dict
-        The delay and its standard error.
 
     Examples
     --------

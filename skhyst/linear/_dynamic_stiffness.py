@@ -21,9 +21,7 @@ __all__ = ["DynamicStiffness", "DynamicStiffnessOperator"]
 
 @dataclass(frozen=True)
 class DynamicStiffnessOperator(Operator):
-    r"""Equation of motion seen from the force, the inverse of a second-order mode.
-
-    .. math:: y = m \ddot u + d \dot u + k u + c, \qquad \text{or } y = m \dot u + d u + c
+    """Equation of motion seen from the force, :class:`DynamicStiffness`.
 
     The state is the last samples, at most ``2 smoothing`` of a displacement and ``smoothing`` of a
     velocity.
@@ -153,15 +151,13 @@ class DynamicStiffness(ParametricModel):
     Attributes
     ----------
     operator_ : DynamicStiffnessOperator
-        ``mass`` in response s^2/drive, ``damping`` in response s/drive, ``stiffness`` in
-        response/drive, ``intercept`` in units of the response. Of a velocity, ``mass`` is in
-        response s/drive and ``damping`` in response/drive.
+        ``mass``, ``damping``, ``stiffness`` and ``intercept``.
 
     Notes
     -----
-    Derivatives are taken from the past alone. The velocity lags behind by ``smoothing / 2``
-    intervals and the acceleration by ``smoothing``, so keep that short against the motion: a lag
-    of the velocity is taken for a mass, about damping times lag.
+    Derivatives are taken from the past alone: the velocity lags behind by ``smoothing / 2``
+    intervals and the acceleration by ``smoothing``. Keep that short against the motion: a lag of
+    the velocity is taken for a mass, about damping times lag.
 
     Its noise is that of derivatives: with a displacement that has a standard error e, accelerations
     from backward differences have 2.4 e/dt^2. Where the displacement is noisier than the force,
@@ -209,15 +205,13 @@ class DynamicStiffness(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.fit_mass = fit_mass
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
         self.drive = drive
         self.smoothing = smoothing
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         return [DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing))]

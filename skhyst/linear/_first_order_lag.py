@@ -37,13 +37,6 @@ class FirstOrderLag(LinearModel):
 
     .. math:: G(s) = \frac{g}{\tau s + 1}
 
-    Parameters
-    ----------
-    fit_gain, fit_intercept : bool, default=True
-        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
-
     Attributes
     ----------
     operator_ : FirstOrderLagOperator

@@ -63,8 +63,6 @@ class Gain(LinearModel):
 
     Parameters
     ----------
-    fit_gain, fit_intercept : bool, default=True
-        Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
     initial_state, dt, method
         As for every model; a memoryless model depends on neither.
 

@@ -76,10 +76,6 @@ class KelvinVoigt(LinearModel):
     ----------
     n_units : int, default=2
         Number of relaxing units.
-    fit_gain, fit_intercept : bool, default=True
-        Whether the prompt gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
 
     Attributes
     ----------

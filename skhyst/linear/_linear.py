@@ -452,7 +452,15 @@ class LinearOperator(DiscretizedOperator):
 
 
 class LinearModel(ParametricModel):
-    """Base of the linear models: static gain, intercept, hold."""
+    """Base of the linear models: static gain, intercept, hold.
+
+    Parameters
+    ----------
+    fit_gain, fit_intercept : bool, default=True
+        Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
+    hold : {"foh", "zoh"}, default="foh"
+        Drive between samples: a straight line, or constant.
+    """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,

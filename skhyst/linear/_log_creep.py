@@ -161,10 +161,6 @@ class LogCreep(LinearModel):
         :math:`\tau_0` in s, fitted or held; 0.1 s is a convention in the literature. The data
         determine it where the drive changes fast and is sampled densely afterwards; where all
         samples lie far beyond it, its logarithm is a part of the gain.
-    fit_gain, fit_intercept : bool, default=True
-        Whether the prompt gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
 
     Attributes
     ----------

@@ -67,13 +67,6 @@ class SecondOrderMode(LinearModel):
 
     .. math:: G(s) = \frac{g}{s^2/\omega^2 + 2 \zeta s/\omega + 1}
 
-    Parameters
-    ----------
-    fit_gain, fit_intercept : bool, default=True
-        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
-
     Attributes
     ----------
     operator_ : SecondOrderModeOperator

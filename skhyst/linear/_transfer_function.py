@@ -13,7 +13,6 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from .._sklearn import Interval, StrOptions
 from ..base import one_thread, run_records
 from ..exceptions import DivergenceWarning
-from ..optimize import identify
 from ..records import record_slices
 from ._conversion import control_system, scipy_system
 from ._estimate_response import chosen_columns
@@ -55,10 +54,6 @@ class TransferFunction(ModesMixin, LinearModel):
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     stable : bool, default=True
         False lets :meth:`fit_frequency_response` keep poles of the right half plane.
-    fit_gain, fit_intercept : bool, default=True
-        Whether the static gains (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Inputs between samples: a straight line, or constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample; ``"estimate"`` is for the drive alone.
 
@@ -216,8 +211,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def _starts_of(self, records, n_poles, n_zeros):
         n_inputs = records[0].u.shape[1] if self._reads_columns else 1
-        operators = record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
-        return list(operators)
+        return record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
 
     def _identify(self, data):
         self._check_orders()
@@ -228,14 +222,8 @@ class TransferFunction(ModesMixin, LinearModel):
         power = sum(record.power() for record in records)
 
         def fit(n_poles, n_zeros):
-            result = identify(
-                self._starts_of(records, n_poles, n_zeros),
-                records,
-                fixed=self.held_parameters(),
-                initial_state=self._free_run_state(),
-                method=self.method,
-            )
-            return result, n_samples, power
+            starts = self._starts_of(records, n_poles, n_zeros)
+            return self._refine(starts, records), n_samples, power
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
