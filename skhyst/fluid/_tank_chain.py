@@ -88,16 +88,9 @@ class TankChainOperator(Operator):
 
     def __post_init__(self):
         n = self.n_substeps
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-            raise ValueError(
-                "The 'n_substeps' parameter of TankChainOperator must be an integer above 0. "
-                f"Got {n!r} instead."
-            )
-        if not self.scale > 0.0:
-            raise ValueError(
-                "The 'scale' parameter of TankChainOperator must be above 0. "
-                f"Got {self.scale!r} instead."
-            )
+        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
+        self._require("n_substeps", is_right, "be an integer above 0")
+        self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("time_constants", "exponents", "ceilings", "shares"):
             value = getattr(self, name)
             if value is not None:
@@ -106,11 +99,8 @@ class TankChainOperator(Operator):
         if self.is_limited:
             sizes |= {"ceilings": self.n_tanks, "shares": self.n_tanks - 1}
         for name, size in sizes.items():
-            if np.size(getattr(self, name)) != size:
-                raise ValueError(
-                    f"The '{name}' parameter of TankChainOperator must have {size} value(s) for "
-                    f"{self.n_tanks} time constant(s). Got {getattr(self, name)!r} instead."
-                )
+            wanted = f"have {size} value(s) for {self.n_tanks} time constant(s)"
+            self._require(name, np.size(getattr(self, name)) == size, wanted)
 
     @property
     def n_tanks(self):

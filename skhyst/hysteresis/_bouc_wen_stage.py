@@ -106,14 +106,9 @@ class BoucWenStageOperator(OscillatorOperator):
         return u0 - sign * force, sign * force, by
 
     def _law(self, u):
-        largest = float(np.abs(u).max(initial=0.0)) + float(self.level)
-        return (
-            float(self.hysteresis_stiffness),
-            float(self.level),
-            float(self.shape),
-            float(self.exponent),
-            _LARGEST * largest,
-        )
+        own = self.hysteresis_stiffness, self.level, self.shape, self.exponent
+        largest = np.abs(u).max(initial=0.0) + self.level
+        return tuple(map(float, (*own, _LARGEST * largest)))
 
 
 # level of the force over its first slope, parts of the response's half range; gamma / beta;

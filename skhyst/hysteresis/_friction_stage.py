@@ -286,14 +286,9 @@ class FrictionStageOperator(OscillatorOperator):
         return sign * q, sign * (target - q), by
 
     def _law(self, u):
-        return (
-            float(self.natural_frequency),
-            float(self.static_level),
-            float(self.coulomb_ratio),
-            float(self.stribeck_velocity),
-            float(self.bristle_stiffness),
-            float(self.bristle_damping),
-        )
+        own = self.static_level, self.coulomb_ratio, self.stribeck_velocity
+        bristles = self.bristle_stiffness, self.bristle_damping
+        return tuple(map(float, (self.natural_frequency, *own, *bristles)))
 
 
 # way before sliding, parts of the response's half range; Stribeck velocity, parts of its root mean

@@ -212,11 +212,8 @@ class OscillatorOperator(Operator):
 
     def __post_init__(self):
         n = self.n_substeps
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-            raise ValueError(
-                f"The 'n_substeps' parameter of {type(self).__name__} must be an integer above 0. "
-                f"Got {n!r} instead."
-            )
+        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
+        self._require("n_substeps", is_right, "be an integer above 0")
 
     @abstractmethod
     def _rest(self, u0):
@@ -280,29 +277,14 @@ class OscillatorOperator(Operator):
         """
 
     def linear_mode(self):
-        """Return what is left when all other forces are taken away.
-
-        Returns
-        -------
-        SecondOrderModeOperator
-            With the same natural frequency, damping ratio, gain and intercept.
-        """
         return SecondOrderModeOperator(
             float(self.natural_frequency), float(self.damping_ratio), self.gain, self.intercept
         )
 
     def n_ringing(self):
-        """Return 1 where the linear part overshoots, else 0."""
         return self.linear_mode().n_ringing()
 
     def way_before_sliding(self):
-        """Return the way before the hysteretic force saturates.
-
-        Returns
-        -------
-        float or None
-            Units of the response; None without a hysteretic force.
-        """
         level, stiffness = (getattr(self, name) for name in self._force)
         return float(abs(self.gain) * level / stiffness) if stiffness else None
 
@@ -314,17 +296,8 @@ class OscillatorOperator(Operator):
     def with_feedback(self, feedback, origin=0.0):
         """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
 
-        Parameters
-        ----------
-        feedback : float
-            In drive/response, with ``feedback gain > -1``.
-        origin : float, default=0.0
-            Units of the response.
-
-        Returns
-        -------
-        operator
-            Of the same kind.
+        ``feedback`` is in drive/response, with ``feedback gain > -1``, ``origin`` in units of the
+        response.
         """
         s = 1.0 + feedback * self.gain
         both = {

@@ -91,11 +91,7 @@ class RestoringForceOperator(OscillatorOperator):
 
     def __post_init__(self):
         super().__post_init__()
-        if not self.scale > 0.0:
-            raise ValueError(
-                "The 'scale' parameter of RestoringForceOperator must be above 0. "
-                f"Got {self.scale!r} instead."
-            )
+        self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("stiffness_coefficients", "damping_coefficients"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float, ndmin=1))
 
@@ -186,15 +182,10 @@ class RestoringForceOperator(OscillatorOperator):
         return q, z, by
 
     def _law(self, u):
-        return (
-            float(self.hysteresis_stiffness),
-            float(self.slip_level),
-            float(self.preload),
-            float(self.scale),
-            _LARGEST * (float(self.scale) + float(np.abs(u).max(initial=0.0))),
-            as_signal(self.stiffness_coefficients),
-            as_signal(self.damping_coefficients),
-        )
+        own = self.hysteresis_stiffness, self.slip_level, self.preload, self.scale
+        bound = _LARGEST * (self.scale + np.abs(u).max(initial=0.0))
+        coefficients = self.stiffness_coefficients, self.damping_coefficients
+        return (*map(float, (*own, bound)), *map(as_signal, coefficients))
 
 
 def _equilibrium(force, start, target):

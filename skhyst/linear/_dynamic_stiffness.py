@@ -60,16 +60,10 @@ class DynamicStiffnessOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        if self.drive not in ("displacement", "velocity"):
-            raise ValueError(
-                "The 'drive' parameter of DynamicStiffnessOperator must be 'displacement' or "
-                f"'velocity'. Got {self.drive!r} instead."
-            )
-        if self.drive == "velocity" and self.stiffness:
-            raise ValueError(
-                "The 'stiffness' parameter of DynamicStiffnessOperator must be 0 where the drive "
-                f"is a velocity. Got {self.stiffness!r} instead."
-            )
+        known = self.drive in ("displacement", "velocity")
+        self._require("drive", known, "be 'displacement' or 'velocity'")
+        is_right = self.drive == "displacement" or not self.stiffness
+        self._require("stiffness", is_right, "be 0 where the drive is a velocity")
 
     def parameter_specs(self):
         specs = super().parameter_specs()

@@ -24,7 +24,6 @@ class FirstOrderLagOperator(LinearOperator):
         return replace(self, time_constant=float(1.0 / rates[0]))
 
     def lag_rates(self):
-        """Return the rates (1/s) of the first-order lags in a row that the operator is: one."""
         return [1.0 / self.time_constant]
 
     def _matrices(self, p):

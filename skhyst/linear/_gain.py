@@ -12,21 +12,7 @@ __all__ = ["Gain", "GainOperator"]
 
 @dataclass(frozen=True)
 class GainOperator(Operator):
-    r"""A static gain and a constant: :math:`y = g u + c`.
-
-    Parameters
-    ----------
-    gain : float, default=1.0
-        ``g`` in response/drive.
-    intercept : float, default=0.0
-        ``c``, units of the response.
-
-    Examples
-    --------
-    >>> from skhyst.linear import GainOperator
-    >>> GainOperator(2.0, 1.0).run([0.0, 1.5], 0.1)[0]
-    array([1., 4.])
-    """
+    """``y = gain u + intercept``; the gain is in response/drive."""
 
     gain: float = parameter(default=1.0, linear=True, gauge=1.0, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
@@ -60,11 +46,6 @@ class Gain(LinearModel):
     .. math:: y = g u + c
 
     The plainest declared model of an actuator, and the least that an auxiliary input does.
-
-    Parameters
-    ----------
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
 
     Attributes
     ----------

@@ -331,27 +331,14 @@ class LinearOperator(DiscretizedOperator):
         return gain.reshape(frequency.shape)[()]
 
     def frequency_tangents(self, frequency):
-        """Return the complex gain and its derivatives by the parameters.
+        """Return the complex gain (n, 1) at ``frequency`` (n,) in Hz and its derivatives.
 
-        Parameters
-        ----------
-        frequency : ndarray of shape (n,)
-            Hz.
-
-        Returns
-        -------
-        gain : ndarray of shape (n, 1)
-        tangents : ndarray of shape (n, 1, n_parameters)
-            In the order of :meth:`pack`.
+        Those by the parameters are (n, 1, n_parameters), in the order of :meth:`pack`.
         """
         a, b, c, d = self.state_space()
         da, db, dc, dd = [part.imag / _STEP for part in self._stepped()]
-        s = 2j * np.pi * np.asarray(frequency, dtype=float)
-        resolvent = s[:, None, None] * np.eye(len(b)) - a
-        x = np.linalg.solve(resolvent, np.broadcast_to(b[:, None], (len(s), len(b), 1)))[..., 0]
-        z = np.linalg.solve(
-            resolvent.transpose(0, 2, 1), np.broadcast_to(c[:, None], (len(s), len(b), 1))
-        )[..., 0]
+        s, eye = 2j * np.pi * np.asarray(frequency, dtype=float), np.eye(len(b))
+        x, z = (complex_gain(m, v[:, None], eye, 0.0, s)[..., 0] for m, v in ((a, b), (a.T, c)))
         tangents = x @ dc.T + dd + z @ db.T
         for q in np.flatnonzero(np.any(da, axis=(1, 2))):
             tangents[:, q] += np.sum(z * (x @ da[q].T), axis=1)

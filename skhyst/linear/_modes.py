@@ -7,12 +7,10 @@ __all__ = ["ModesMixin", "section_poles"]
 
 
 def section_poles(time_constants, frequencies, dampings):
-    r"""Return the poles (n,) of sections, in rad/s, and their derivatives (n, n), complex.
+    """Return the poles (n,) of sections, in rad/s, and their derivatives (n, n), complex.
 
-    A first-order section of time constant :math:`\tau` has the pole :math:`-1/\tau`, one of second
-    order :math:`\omega (-\zeta \pm \sqrt{\zeta^2 - 1})`. The derivatives are by time constants,
-    frequencies and damping ratios, in that order; infinite at a damping ratio of 1, where two
-    poles meet.
+    These are by time constants, frequencies and damping ratios, in that order; infinite at a
+    damping ratio of 1, where two poles meet.
     """
     n_first, n_second = len(time_constants), len(frequencies)
     n = n_first + 2 * n_second

@@ -98,11 +98,7 @@ def _realizations(spectra, period):
 
 
 def periodic_estimate(records, period, transient, min_excitation):
-    """Estimate the frequency response of periodic records, inputs and response of similar size.
-
-    Returns the excited lines (multiples of the fundamental), what :class:`FrequencyResponse` holds
-    of the estimate at them, and the number of realisations.
-    """
+    """Return the excited lines, the estimate at them, and the number of realisations."""
     groups = _realizations(period_spectra(records, period, transient), period)
     count, m = len(groups), groups[0][0].shape[2]
     if count < m:

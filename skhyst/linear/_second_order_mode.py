@@ -14,7 +14,7 @@ _DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no
 
 
 def count_ringing(damping_ratios):
-    """Return how many pairs of poles overshoot."""
+    """Return how many pairs of poles overshoot: those with a damping ratio below sqrt(1/2)."""
     return int(np.count_nonzero(np.asarray(damping_ratios) < _DAMPED))
 
 
@@ -45,15 +45,12 @@ class SecondOrderModeOperator(LinearOperator):
         return replace(self, natural_frequency=float(pairs[0][0]), damping_ratio=float(pairs[0][1]))
 
     def n_ringing(self):
-        """Return the number of pairs of poles that overshoot: damping ratio below sqrt(1/2)."""
         return count_ringing(self.damping_ratio)
 
     def lag_rates(self):
-        """Return the rates (1/s) of the two lags in a row that the mode is, [] where it rings."""
         return rates_of_sections([], [self.natural_frequency], [self.damping_ratio])
 
     def linear_mode(self):
-        """Return the second-order mode that the operator is."""
         return self
 
     def _matrices(self, p):
