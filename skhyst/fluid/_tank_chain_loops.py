@@ -20,8 +20,6 @@ import numpy as np
 
 from .._jit import jit
 
-__all__ = ["LAMINAR", "outflow", "tank_run", "tank_tangents"]
-
 LAMINAR = 1e-2  # e
 _SMALL = 1e-4  # |z| below which quotients are series
 _GONE = -40.0  # z below which nothing is left of exp(z) beside 1

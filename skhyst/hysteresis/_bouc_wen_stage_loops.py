@@ -34,8 +34,6 @@ from ._oscillator import (
     solve_tangents,
 )
 
-__all__ = ["bouc_wen_run", "bouc_wen_tangents", "branch", "first_loading", "follow"]
-
 _TINY = 1e-100  # level: without hysteresis it may be 0
 _STEEPEST = 600.0  # exponent of a force that grows: far beyond what ends a run
 _LONGEST = 1e100  # way in units of the level

@@ -12,8 +12,6 @@ from ..linear import SecondOrderMode, SecondOrderModeOperator
 from ..optimize import VariableProjection
 from ._oscillator import OscillatorOperator
 
-__all__ = ["OscillatorModel"]
-
 _COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
 _MOST_COARSE, _MOST_FINE = 16, 64
 _WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples

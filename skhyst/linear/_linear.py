@@ -24,15 +24,7 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator
 
-__all__ = [
-    "DiscretizedOperator",
-    "LinearModel",
-    "LinearOperator",
-    "complex_gain",
-    "discretize",
-    "log_grid",
-    "time_span",
-]
+__all__ = ["LinearModel", "LinearOperator"]
 
 _STEP = 1e-30  # of the complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -58,19 +50,6 @@ def state_space_run(ad, b0, b1, c, d, u, x, u_previous):
         u_previous = u[k]
         old, new = new, old
     return y, old
-
-
-@jit
-def first_order_run(ad, b0, b1, c, d, u, x, u_previous):
-    """Do :func:`state_space_run` for one state, kept in a register."""
-    a00, b00, b10, c0 = ad[0, 0], b0[0], b1[0], c[0]
-    x0 = x[0]
-    y = np.empty(u.shape[0])
-    for k in range(u.shape[0]):
-        x0 = (b00 * u_previous + b10 * u[k]) + a00 * x0
-        u_previous = u[k]
-        y[k] = c0 * x0 + d * u_previous
-    return y, np.array([x0])
 
 
 @jit
@@ -395,10 +374,9 @@ class LinearOperator(DiscretizedOperator):
     def _advance(self, u, dt, x, previous):
         """Return the output without intercept and the last state, by the shortest way."""
         discrete = self._discrete(dt)
-        if len(x) in (1, 2):
-            run = first_order_run if len(x) == 1 else second_order_run
-            return run(*discrete, u, x, previous)
-        if len(x) == 0 or len(u) < _LONG or not np.isfinite(u).all():
+        if len(x) == 2:
+            return second_order_run(*discrete, u, x, previous)
+        if len(x) < 2 or len(u) < _LONG or not np.isfinite(u).all():
             return state_space_run(*discrete, u, x, previous)
         if (dt, "block") not in self._memory:
             self._memory[dt, "block"] = block_table(*discrete, _BLOCK)

@@ -14,8 +14,6 @@ error :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods tells the rest
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-__all__ = ["find_period", "period_mismatch", "period_spectra", "periodic_estimate"]
-
 _FOUND = 1e-4  # power of a period's change, of the drive's, below which a period is one
 _SAME = 1e-3  # the same between two records of one realisation
 _CERTAIN = 100.0  # power of the drive at an excited line, of the noise in its mean

@@ -63,17 +63,8 @@ class TransferFunction(ModesMixin, LinearModel):
         ``time_constants`` (s), ``natural_frequencies`` (rad/s), ``damping_ratios``, ``numerator``,
         ``gain``, ``intercept``; ``poles()``, ``frequency_response(frequency)``. With ``inputs``
         other than "drive" a MultiInputTransferFunctionOperator.
-    poles_ : ndarray of shape (n_poles,), complex
-        rad/s, slowest first.
-    poles_covariance_ : ndarray of shape (n_poles, 2, 2)
-        Of real and imaginary part, (rad/s)^2.
     zeros_ : ndarray of shape (n_zeros,), complex, or list of such
         rad/s; a list, one array an input, unless ``inputs="drive"``.
-    natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
-        rad/s; a mode is a real pole or a pair. :meth:`poles_table` gives Hz.
-    damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
-    n_states_ : int
-        As many as poles, for any number of inputs; delays remember their input besides.
     fit_error_ : float
         Root mean square of the residual; after :meth:`fit_frequency_response` that of real and
         imaginary parts in units of their standard deviation.

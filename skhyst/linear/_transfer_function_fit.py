@@ -18,8 +18,6 @@ from ._delay import DelayOperator
 from ._linear import log_grid, time_span
 from ._rational import MultiInputTransferFunctionOperator, TransferFunctionOperator
 
-__all__ = ["choose_orders", "fit_response", "held_names", "record_starts"]
-
 _PATIENCE = 3  # orders without improvement after which none is tried
 _NOISELESS = 1e-20  # part of the response's power that counts as no residual
 _WIDE = 3  # poles from which vector fitting of records is worth its time
