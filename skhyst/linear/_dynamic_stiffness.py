@@ -138,9 +138,6 @@ class DynamicStiffness(ParametricModel):
         Sampling intervals over which slopes are taken. 1 is the backward difference, exact for a
         drive that is straight between samples; take more for an encoder whose noise or steps
         differences would amplify.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest there; all zero; or after a rest at a drive
-        value that is fitted for each record.
 
     Attributes
     ----------

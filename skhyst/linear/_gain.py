@@ -62,6 +62,9 @@ class Gain(LinearModel):
     (2.0, 1.0)
     """
 
+    _parameter_constraints = dict(LinearModel._parameter_constraints)
+    del _parameter_constraints["hold"]
+
     def __init__(
         self,
         *,

@@ -453,7 +453,7 @@ class LinearModel(ParametricModel):
 
     @property
     def _any_interval(self):
-        return getattr(self, "hold", "foh") == "foh"  # a delay has none
+        return getattr(self, "hold", "foh") == "foh"  # a gain has none
 
 
 def time_span(records):

@@ -359,16 +359,12 @@ class TransferFunction(ModesMixin, LinearModel):
         return scipy_system(*self._rational())
 
     def to_control(self):
-        """Return the fitted model as a ``control.StateSpace`` of python-control.
-
-        The intercept is left out.
+        """Return what :meth:`to_scipy` does as a ``control.StateSpace`` of python-control.
 
         Raises
         ------
         ImportError
             If the package ``control`` is not installed.
-        ValueError
-            If the model has a delay, which no finite state space has.
         """
         check_is_fitted(self)
         return control_system(*self._rational())

@@ -413,26 +413,6 @@ def test_several_records_and_zero_state(case):
     np.testing.assert_allclose(model.operator_.pack(), plant.pack(), rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("model", "name", "value"),
-    [
-        (FrictionStage, "mass", 0.0),
-        (FrictionStage, "n_substeps", 0),
-        (FrictionStage, "stribeck", 2),
-        (FrictionStage, "fit_intercept", "no"),
-        (BoucWenStage, "exponent", 0.5),
-        (BoucWenStage, "fit_exponent", 2),
-        (RestoringForce, "stiffness_degree", 0),
-        (RestoringForce, "damping_degree", 1.5),
-        (RestoringForce, "fit_preload", 2),
-        (RestoringForce, "fit_hysteresis", 2),
-    ],
-)
-def test_wrong_parameters(model, name, value):
-    with pytest.raises(ValueError, match=f"The '{name}' parameter of {model.__name__}"):
-        model(**{name: value}).fit(U[:, None], U)
-
-
 # ------------------------------------------------------------------------------------- recovery
 
 

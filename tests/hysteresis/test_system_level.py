@@ -248,8 +248,3 @@ def test_records_with_their_own_past():
     X = pd.DataFrame({"drive": np.concatenate(drives)}, index)
     model = SystemLevelHysteresis().fit(X, pd.Series(y, index))
     assert model.params_["decay"] == pytest.approx(0.7, rel=1e-4)
-
-
-def test_wrong_variant():
-    with pytest.raises(ValueError, match="The 'variant' parameter of SystemLevelHysteresis"):
-        SystemLevelHysteresis("other").fit(np.ones((5, 1)), np.ones(5))
