@@ -241,8 +241,7 @@ def _welch(records, length, overlap, window, detrend, method):
             f"{n_averages:.3g} independent segments of {length} samples instead; choose a "
             f"smaller 'segment_length'."
         )
-    pairs = [record[1:] for record in records]
-    return _welch_estimate(pairs, values, step, detrend, method, n_averages)
+    return _welch_estimate(records, values, step, detrend, method, n_averages)
 
 
 def _effective_averages(window, step, counts):
@@ -257,10 +256,10 @@ def _effective_averages(window, step, counts):
 
 def _welch_estimate(records, window, step, detrend, method, n_averages):
     """Return the excited lines, but those with real transforms, and the estimate at them."""
-    length, m = window.size, records[0][0].shape[1]
+    length, m = window.size, records[0][1].shape[1]
     inner = slice(1, (length + 1) // 2)
     spectra = 0.0
-    for inputs, response in records:
+    for _, inputs, response in records:
         signals = np.vstack([inputs.T, response])
         for start in range(0, len(response) - length + 1, step):
             segment = signals[:, start : start + length]
