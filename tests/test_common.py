@@ -322,6 +322,14 @@ def test_scale_of_the_response(name, model, fitted, data, scale):
     )
 
 
+def test_scale_of_the_drive(name, model, fitted, data):
+    if name in NO_GAIN:
+        pytest.skip("the response scales with it")
+    X, y = data
+    other = clone(model).fit(1e-6 * X, y)
+    np.testing.assert_allclose(other.predict(1e-6 * X), fitted.predict(X), atol=2e-4)
+
+
 @pytest.mark.parametrize("offset", [50.0])
 def test_offset_of_the_response(name, model, fitted, data, offset):
     if name not in {"Offset", "Drift", "Sum"} and "intercept" not in " ".join(fitted.params_):

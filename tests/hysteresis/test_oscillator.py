@@ -369,7 +369,6 @@ PLANTS = {
         1e-4,
     ),
 }
-THREE = ("friction", "Bouc-Wen", "bilinear")
 
 
 @pytest.mark.parametrize("case", PLANTS)
@@ -380,26 +379,6 @@ def test_all_parameters_come_back_and_the_mass_scales_them(case):
     np.testing.assert_allclose(model.operator_.pack(), plant.pack(), rtol=rtol)
     assert model.operator_.n_substeps == plant.n_substeps
     assert model.physical_ == pytest.approx(plant.physical(2.0), rel=10.0 * rtol)
-
-
-@pytest.mark.parametrize(("drive", "response", "time"), [(1e3, 1e-9, 1.0), (1e-6, 1e6, 1e-4)])
-@pytest.mark.parametrize(
-    ("case", "make"),
-    [
-        ("friction", lambda dt: FrictionStage(fit_bristle_damping=False, dt=dt)),
-        ("Bouc-Wen", lambda dt: BoucWenStage(dt=dt)),
-        ("bilinear", lambda dt: RestoringForce(3, damping_degree=1, dt=dt)),
-    ],
-)
-def test_units(case, make, drive, response, time):
-    y, _ = PLANTS[case][0].run(U, DT)
-    y = y + 0.01 * np.random.default_rng(0).normal(size=len(y))
-    plain = make(DT).fit(U[:, None], y)
-    other = make(time * DT).fit(drive * U[:, None], response * y)
-    found = other.predict(drive * U[:, None]) / response
-    np.testing.assert_allclose(found, plain.predict(U[:, None]), atol=1e-4)
-    ways = [model.operator_.way_before_sliding() for model in (plain, other)]
-    assert ways[1] / response == pytest.approx(ways[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("case", ["friction", "Bouc-Wen"])

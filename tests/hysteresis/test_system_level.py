@@ -233,11 +233,6 @@ def test_recovery_and_standard_errors(variant, assert_recovered):
     assert_recovered(SystemLevelHysteresis(variant, dt=1e-3), plants)
 
 
-def test_units(assert_unit_free):
-    u, _, y, _, _ = plant(3, "integral")
-    assert_unit_free(SystemLevelHysteresis(dt=1e-3), u, y, 1e9, -1e-7)
-
-
 def test_records_with_their_own_past():
     """Each record is a first loading from zero, wherever it starts."""
     operator = SystemLevelOperator(1.0, 0.5, 0.7)
