@@ -17,7 +17,7 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, held_out
+from ._candidates import Candidate, certainties, held_out
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings
 from ._effects import EFFECTS
@@ -95,8 +95,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Whether what is left is noise, or structure that no effect explains.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
-        of the response. Constants that belong to a record (offset, drift, phase) are taken from
-        one half of a held-out record's segments to predict the other half.
+        of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
+        drift, phase) are taken from one half of a held-out record's segments to predict the other
+        half.
+    weights_ : ndarray of shape (n_samples,)
+        How much each held-out sample counts: the less, the more open the other folds leave the
+        declared model's prediction of it, as where a record goes further than all others; and
+        the weights of Huber's loss where that is asked for.
     noise_floor_ : float
         The error that no model is known to beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
@@ -248,7 +253,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, len(result.x), result.x)
-        base = held_out(base, records, folds)
+        certain = None if declared.renew else certainties(base, records, folds)
+        base = held_out(base, records, folds, certain)
         self.declared_estimator_ = declared.fitted(result)
         self._say(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
@@ -257,6 +263,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             declared.effects(effects),
             records,
             folds,
+            certain,
             Criterion(self.alpha, self.min_improvement),
             self.max_effects,
             self.n_jobs,
@@ -281,6 +288,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         for name, contestant in (("before", first), ("after", base)):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
+        ones = (np.ones(len(own)) for own in base.residuals)
+        weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
+        self.weights_ = np.concatenate(list(weights))
         measured = declared.measured(records)
         self._judge(measured, base, records)
         self.residual_location_ = locate(measured, base.residuals, [s.label for s in slices])

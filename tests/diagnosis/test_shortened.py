@@ -20,8 +20,7 @@ from skhyst.optimize import RecordData
 
 @pytest.fixture
 def short_is_long(monkeypatch):
-    monkeypatch.setattr(_shortened, "_LONG", 1000)
-    monkeypatch.setattr(_shortened, "_ENOUGH", 500)
+    monkeypatch.setattr(_shortened, "_ENOUGH", 1000)
 
 
 def some_records(count=3, n=900, segments=6):
@@ -39,7 +38,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
     records = some_records()
     level = [np.ones(900), np.r_[np.zeros(450), np.ones(450)], np.r_[np.ones(450), np.zeros(450)]]
     parts = shortened(records, level)
-    assert [len(part.u) for part in parts] == [166, 900, 166]
+    assert [len(part.u) for part in parts] == [333, 900, 333]
     for part, record in zip(parts, records, strict=True):
         np.testing.assert_array_equal(part.y, record.y[: len(part.y)])
         assert len(part.segments) == len(record.segments)
@@ -76,7 +75,7 @@ def test_folds_of_long_records_are_those_of_short_ones(beside, monkeypatch):
     fold = problem.segment_record
     folds = [(fold != k, fold == k) for k in range(len(records))]
     thorough = held_out(contestant, records, folds)
-    monkeypatch.setattr(_shortened, "_LONG", 1000)
+    monkeypatch.setattr(_shortened, "_ENOUGH", 1000)
     assert are_long(records)
     quick = held_out(contestant, records, folds)
     assert quick.error == pytest.approx(thorough.error, rel=2e-3)
