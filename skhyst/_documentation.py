@@ -14,7 +14,9 @@ def inherit_documentation(cls):
     Parameters come in the order of the constructor, attributes behind the class's own.
     """
     if cls.__dict__.get("__doc__"):
-        cls.__doc__ = _completed(cls.__doc__, cls.__init__, cls.__mro__[1:], _TITLES[:2])
+        # a dataclass has no constructor of its own yet when it is made
+        order = [*inspect.signature(cls.__init__).parameters, *inspect.get_annotations(cls)]
+        cls.__doc__ = _completed(cls.__doc__, order, cls.__mro__[1:], _TITLES[:2])
 
 
 def documented_like(*others):
@@ -26,16 +28,16 @@ def documented_like(*others):
 
     def decorate(function):
         titles = [title for title in _TITLES if title != "Attributes"]
-        function.__doc__ = _completed(function.__doc__, function, others, titles)
+        order = list(inspect.signature(function).parameters)
+        function.__doc__ = _completed(function.__doc__, order, others, titles)
         return function
 
     return decorate
 
 
-def _completed(docstring, call, sources, titles):
-    """Return a docstring with the entries of sources; ``call`` has the parameters."""
+def _completed(docstring, order, sources, titles):
+    """Return a docstring with the entries of sources; ``order`` are the names of parameters."""
     lines = inspect.cleandoc(docstring).split("\n")
-    order = list(inspect.signature(call).parameters)
     for title in titles:
         start, stop = _section(lines, title)
         entries = _entries(lines[start:stop])

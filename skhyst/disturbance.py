@@ -28,7 +28,6 @@ __all__ = [
     "SinusoidOperator",
 ]
 
-
 _OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
 
 
@@ -118,11 +117,6 @@ class Offset(_Disturbance):
     Each record's own constant is in ``record_coefficients_``; :meth:`predict` gives the mean over
     the records of the fit, since the drive of a new record tells nothing of its constant.
 
-    Parameters
-    ----------
-    initial_state, dt, method
-        As for every model; an offset depends on neither.
-
     Attributes
     ----------
     record_coefficients_ : ndarray of shape (n_records, 1)
@@ -147,8 +141,6 @@ class Drift(_Disturbance):
     ----------
     degree : int, default=3
         Highest degree.
-    initial_state, dt, method
-        As for every model.
 
     Attributes
     ----------
@@ -185,8 +177,6 @@ class PeriodicDisturbance(_Disturbance):
     ----------
     n_frequencies : int, default=1
         Number of sinusoids.
-    initial_state, dt, method
-        As for every model.
 
     Attributes
     ----------

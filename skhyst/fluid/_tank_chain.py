@@ -1,12 +1,6 @@
 """Tanks in a row, with an outflow by a power of the level and an overflow.
 
-    tau_i w_i' = q_i - w_i^p_i,   0 <= w_i <= c_i,
-    q_1 = max((u - u_0) / s, 0),   q_{i+1} = w_i^p_i + kappa_i o_i
-
-with the overflow o of a tank that is full. Levels w and flows q are relative to those at rest for a
-drive s above the offset u_0 (M. Schoukens, J. P. Noel, "Three benchmarks addressing open challenges
-in nonlinear system identification", IFAC-PapersOnLine 50(1), 2017, 446-451: the cascaded tanks).
-``_tank_chain_loops`` integrates them.
+The law stands in :class:`TankChain`; ``_tank_chain_loops`` integrates it.
 """
 
 import dataclasses
@@ -39,28 +33,23 @@ class TankChainOperator(Operator):
 
     Parameters
     ----------
-    time_constants : array-like of shape (n_tanks,)
-        :math:`\tau` in s.
-    exponents : array-like of shape (n_tanks,)
-        p; 1/2 by Torricelli, 1 for a linear stage.
+    time_constants, exponents : array-like of shape (n_tanks,)
+        :math:`\tau` in s, and p; 1/2 by Torricelli, 1 for a linear stage.
     ceilings : array-like of shape (n_tanks,), optional
         c, all finite; None without limits, which are not identified then.
     shares : array-like of shape (n_tanks - 1,), optional
         :math:`\kappa`: the part of its overflow that a tank passes on, 0 to 1.
     drive_offset : float, default=0.0
         :math:`u_0`: drive up to which nothing flows, units of the drive.
-    gain : float, default=1.0
-        Response at the level 1 of the last tank.
-    intercept : float, default=0.0
-        Response of an empty last tank.
+    gain, intercept : float, default=1.0, 0.0
+        Change of the response up to the level 1 of the last tank, and response where it is empty.
     scale : float, default=1.0
         s, units of the drive. Fixed structure.
     limit : {"level", "reading"}, default="level"
         Whether the ceiling of the last tank limits its level, or the reading alone.
     hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
     n_substeps : int, default=4
-        Integration steps in a sampling interval. Fixed structure.
+        Drive between samples, and integration steps in a sampling interval. Fixed structure.
 
     Raises
     ------
@@ -99,16 +88,9 @@ class TankChainOperator(Operator):
 
     def __post_init__(self):
         n = self.n_substeps
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-            raise ValueError(
-                "The 'n_substeps' parameter of TankChainOperator must be an integer above 0. "
-                f"Got {n!r} instead."
-            )
-        if not self.scale > 0.0:
-            raise ValueError(
-                "The 'scale' parameter of TankChainOperator must be above 0. "
-                f"Got {self.scale!r} instead."
-            )
+        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
+        self._require("n_substeps", is_right, "be an integer above 0")
+        self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("time_constants", "exponents", "ceilings", "shares"):
             value = getattr(self, name)
             if value is not None:
@@ -117,11 +99,8 @@ class TankChainOperator(Operator):
         if self.is_limited:
             sizes |= {"ceilings": self.n_tanks, "shares": self.n_tanks - 1}
         for name, size in sizes.items():
-            if np.size(getattr(self, name)) != size:
-                raise ValueError(
-                    f"The '{name}' parameter of TankChainOperator must have {size} value(s) for "
-                    f"{self.n_tanks} time constant(s). Got {getattr(self, name)!r} instead."
-                )
+            wanted = f"have {size} value(s) for {self.n_tanks} time constant(s)"
+            self._require(name, np.size(getattr(self, name)) == size, wanted)
 
     @property
     def n_tanks(self):
@@ -139,8 +118,6 @@ class TankChainOperator(Operator):
             specs = {k: v for k, v in specs.items() if k not in ("ceilings", "shares")}
         return specs
 
-    # ------------------------------------------------------------------ what the loops take
-
     def _limits(self):
         """Return the ceilings of the levels and the shares, (n_tanks,) each."""
         if not self.is_limited:
@@ -149,12 +126,6 @@ class TankChainOperator(Operator):
         if self.limit == "reading":
             ceilings[-1] = np.inf
         return ceilings, np.append(self.shares, 0.0)
-
-    def _order(self):
-        """Return the place in :meth:`pack` of each column of the loops' own derivatives."""
-        n = self.n_tanks
-        limits = [*range(2 * n, 4 * n - 1)] if self.is_limited else []
-        return np.array([*range(2 * n), 2 * n + len(limits), *limits])
 
     def _structure(self, dt):
         k = float(dt) / self.n_substeps / self.time_constants
@@ -167,24 +138,24 @@ class TankChainOperator(Operator):
         return level
 
     def _rest(self, u0):
-        """Return the levels at rest and their derivatives by u0 and by the loops' parameters."""
+        """Return the levels at rest and their derivatives by u0 and all parameters but two."""
         n = self.n_tanks
         ceilings, shares = self._limits()
         levels = np.empty(n)
-        dlevels = np.zeros((n, 1 + len(self._order())))
+        dlevels = np.zeros((n, self.n_parameters - 1))
         q, dq = (u0 - self.drive_offset) / self.scale, np.zeros(dlevels.shape[1])
-        dq[0], dq[1 + 2 * n] = 1.0 / self.scale, -1.0 / self.scale
+        dq[0], dq[-1] = 1.0 / self.scale, -1.0 / self.scale
         if not q > 0.0:
             q, dq = 0.0, 0.0 * dq
         for i, (p, ceiling, share) in enumerate(zip(self.exponents, ceilings, shares, strict=True)):
             most, slope, most_p, _, _ = outflow(ceiling, p) if ceiling < np.inf else (np.inf,) * 5
             if q > most:
-                levels[i], dlevels[i, 2 + 2 * n + i] = ceiling, 1.0
+                levels[i], dlevels[i, 1 + 2 * n + i] = ceiling, 1.0
                 dmost = np.zeros_like(dq)
-                dmost[1 + n + i], dmost[2 + 2 * n + i] = most_p, slope
+                dmost[1 + n + i], dmost[1 + 2 * n + i] = most_p, slope
                 dq = share * dq + (1.0 - share) * dmost
                 if i < n - 1:
-                    dq[2 + 3 * n + i] += q - most
+                    dq[1 + 3 * n + i] += q - most
                 q = share * q + (1.0 - share) * most
             else:
                 levels[i] = _level(q, p)
@@ -192,8 +163,6 @@ class TankChainOperator(Operator):
                 dlevels[i] = dq / slope
                 dlevels[i, 1 + n + i] -= by_p / slope
         return levels, dlevels
-
-    # ------------------------------------------------------------------ as an operator
 
     def init(self, u0, initial_state="rest"):
         if initial_state == "zero":
@@ -213,8 +182,8 @@ class TankChainOperator(Operator):
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
-        m, order = du.shape[1], self._order()
-        levels, d = np.zeros(self.n_tanks), np.zeros((self.n_tanks, m + len(order)))
+        m, n_own = du.shape[1], self.n_parameters - 2
+        levels, d = np.zeros(self.n_tanks), np.zeros((self.n_tanks, m + n_own))
         before, dbefore = 0.0, np.zeros(m)
         if initial_state == "rest" and u.size:
             before, dbefore = float(u[0]), du[0]
@@ -231,10 +200,9 @@ class TankChainOperator(Operator):
         if self.is_limited and self.limit == "reading":
             over = w > self.ceilings[-1]
             dw[over] = 0.0
-            dw[over, m + 3 * self.n_tanks] = 1.0
-        dy = np.empty((u.size, m + len(order) + 2))
-        dy[:, :m] = self.gain * dw[:, :m]
-        dy[:, m + order] = self.gain * dw[:, m:]
+            dw[over, m + 3 * self.n_tanks - 1] = 1.0
+        dy = np.empty((u.size, m + n_own + 2))
+        dy[:, :-2] = self.gain * dw
         dy[:, -2] = reading
         dy[:, -1] = 1.0
         return self.gain * reading + self.intercept, dy
@@ -296,8 +264,8 @@ class TankChain(ParametricModel):
     Attributes
     ----------
     operator_ : TankChainOperator
-        ``time_constants`` (s), ``exponents``, ``ceilings``, ``shares``, ``drive_offset`` (drive),
-        ``gain`` and ``intercept`` (response), ``scale`` (drive).
+        ``time_constants``, ``exponents``, ``ceilings``, ``shares``, ``drive_offset``, ``gain``,
+        ``intercept`` and ``scale``.
 
     References
     ----------
@@ -342,6 +310,7 @@ class TankChain(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_tanks = n_tanks
         self.overflow = overflow
         self.limit = limit
@@ -350,13 +319,9 @@ class TankChain(ParametricModel):
         self.fit_intercept = fit_intercept
         self.hold = hold
         self.n_substeps = n_substeps
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def held_parameters(self):
-        exponents = [f"exponents[{i}]" for i in range(self.n_tanks)]
-        free = dict.fromkeys(exponents, self.fit_exponents)
+        free = dict.fromkeys([f"exponents[{i}]" for i in range(self.n_tanks)], self.fit_exponents)
         free |= {"drive_offset": self.fit_offset, "intercept": self.fit_intercept}
         return frozenset(name for name, is_free in free.items() if not is_free)
 

@@ -20,8 +20,6 @@ import numpy as np
 
 from .._jit import jit
 
-__all__ = ["LAMINAR", "outflow", "tank_run", "tank_tangents"]
-
 LAMINAR = 1e-2  # e
 _SMALL = 1e-4  # |z| below which quotients are series
 _GONE = -40.0  # z below which nothing is left of exp(z) beside 1
@@ -99,8 +97,8 @@ def tank_tangents(
 ):  # fmt: skip
     """Write what :func:`tank_run` does, and its tangents to ``dout`` (n, n_columns).
 
-    Behind the m columns of ``du`` are those of the time constants, the exponents, the offset and,
-    where there are limits, the ceilings and shares but the last. ``dbefore`` (m,) and ``d``
+    Behind the m columns of ``du`` are those of the time constants, the exponents, where there are
+    limits the ceilings and shares but the last, and the offset. ``dbefore`` (m,) and ``d``
     (n_tanks, n_columns), overwritten, are the tangents of ``before`` and ``levels``.
     """
     m, n, n_columns = du.shape[1], levels.size, d.shape[1]
@@ -115,7 +113,7 @@ def tank_tangents(
             if q > 0.0:
                 for c in range(m):
                     dq[c] = (last[c] + part * (du[i, c] - last[c])) / scale
-                dq[m + 2 * n] = -1.0 / scale
+                dq[-1] = -1.0 / scale
             else:
                 q = 0.0
             for j in range(n):
@@ -140,13 +138,13 @@ def tank_tangents(
                             )
                         dover[own + n] -= full * o_p
                         if limited:
-                            dover[own + 2 * n + 1] -= full * slope + excess / move
+                            dover[own + 2 * n] -= full * slope + excess / move
                     for c in range(n_columns):
                         dmove[c] = -d[j, c]
                         d[j, c] = 0.0
                     if limited:
-                        dmove[own + 2 * n + 1] += 1.0
-                        d[j, own + 2 * n + 1] = 1.0
+                        dmove[own + 2 * n] += 1.0
+                        d[j, own + 2 * n] = 1.0
                     move = room
                     levels[j] = ceiling[j]
                 elif w + move < 0.0:
@@ -168,7 +166,7 @@ def tank_tangents(
                         dq[c] += (share[j] - 1.0) * dover[c] - dmove[c] / k[j]
                     dq[own] -= move / (k[j] * tau[j])
                     if limited and j < n - 1:
-                        dq[own + 3 * n + 1] += over
+                        dq[own + 3 * n] += over
         before = u[i]
         for c in range(m):
             last[c] = du[i, c]

@@ -11,7 +11,7 @@ from .._sklearn import Interval
 from ..operators import parameter
 from ._bouc_wen_stage_loops import bouc_wen_run, bouc_wen_tangents, first_loading, follow
 from ._oscillator import OscillatorOperator
-from ._oscillator_model import LEVEL, OscillatorModel
+from ._oscillator_model import OscillatorModel
 
 __all__ = ["BoucWenStage", "BoucWenStageOperator"]
 
@@ -22,22 +22,11 @@ _LARGEST = 1e12  # displacement or force, of the drive and the level: no plant
 class BoucWenStageOperator(OscillatorOperator):
     r"""Mass, spring and damper with a Bouc-Wen force, driven by a force or a voltage.
 
-    .. math::
-
-        \frac{\ddot q}{\omega^2} + \frac{2 \zeta}{\omega} \dot q + q + f = u, \qquad y = G q + c
-
-        \dot f = \rho \left[\dot q - \left|\frac{f}{L}\right|^n
-        (|\dot q| \operatorname{sgn} f + g \dot q)\right]
-
     The equations of :class:`BoucWenStage` divided by ``b``: displacement ``q`` and forces are in
     units of the drive, and ``u`` moves the stage without hysteretic force by ``q = u`` at rest.
 
     Parameters
     ----------
-    natural_frequency : float
-        :math:`\omega = \sqrt{k/m}` in rad/s.
-    damping_ratio : float
-        :math:`\zeta`.
     hysteresis_stiffness : float
         :math:`\rho = \alpha / k`: slope of the hysteretic force at ``f = 0``, relative to the
         spring.
@@ -51,30 +40,13 @@ class BoucWenStageOperator(OscillatorOperator):
         limit; above 1 the unloading branch is flatter than a first loading.
     exponent : float, default=1.0
         ``n`` from 1 to 20, sharpness of the transition.
-    gain : float, default=1.0
-        ``G``: response to a drive at rest without hysteretic force, response/drive.
-    intercept : float, default=0.0
-        ``c`` in units of the response.
-    n_substeps : int, default=8
-        Integration steps in a sampling interval. Fixed structure.
-
-    Raises
-    ------
-    ValueError
-        If ``n_substeps`` is not an integer above 0.
 
     Notes
     -----
-    Each substep moves the oscillator exactly under the mean hysteretic force, and for ``n = 1``
-    that force exactly along the way of the substep: second order, and never a source of energy at
-    any step, since with :math:`\beta > 0` the law itself is none. For other exponents ``|f|^(n-1)``
-    is held over a substep, and the same is true for ``|g| <= 1``. Steps should resolve the small
-    motion: ``dt natural_frequency sqrt(1 + hysteresis_stiffness) / n_substeps`` of 0.1 gives about
-    three digits.
-
-    The state is the tuple ``(q, q' / w, f, last drive)``. In ``"rest"`` the stage has been loaded
-    slowly from zero. Where the law has no limit (``g < -1``) a large motion can leave the range of
-    any plant; what follows is then NaN.
+    State and substeps are those of :class:`OscillatorOperator`. For ``n = 1`` the law is never a
+    source of energy, since :math:`\beta > 0`; for other exponents, with ``|f|^(n-1)`` held over a
+    substep, it is none for ``|g| <= 1``. Where the law has no limit (``g < -1``) a large motion can
+    leave the range of any plant; what follows is then NaN.
 
     References
     ----------
@@ -109,19 +81,11 @@ class BoucWenStageOperator(OscillatorOperator):
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
-        Parameters
-        ----------
-        mass : float, default=1.0
-
-        Returns
-        -------
-        dict of str to float
-            ``mass``, ``damping``, ``stiffness``, ``drive_gain`` (force over drive), ``alpha``
-            (force/displacement), ``beta`` and ``gamma`` (``force^(1-n)/displacement``; NaN or
-            infinite beyond the range of floating point); displacements are in units of the
-            response, and with the mass in kg and the response in m all is in SI units.
+        Those of :meth:`OscillatorOperator.physical`, ``alpha`` (force/displacement), ``beta`` and
+        ``gamma`` (``force^(1-n)/displacement``; NaN or infinite beyond the range of floating
+        point).
         """
-        p = self._linear_physical(mass)
+        p = super().physical(mass)
         alpha, force = self.hysteresis_stiffness * p["stiffness"], abs(p["drive_gain"]) * self.level
         with np.errstate(all="ignore"):
             beta = np.float64(alpha) * np.float64(force) ** -self.exponent
@@ -142,14 +106,9 @@ class BoucWenStageOperator(OscillatorOperator):
         return u0 - sign * force, sign * force, by
 
     def _law(self, u):
-        largest = float(np.abs(u).max(initial=0.0)) + float(self.level)
-        return (
-            float(self.hysteresis_stiffness),
-            float(self.level),
-            float(self.shape),
-            float(self.exponent),
-            _LARGEST * largest,
-        )
+        own = self.hysteresis_stiffness, self.level, self.shape, self.exponent
+        largest = np.abs(u).max(initial=0.0) + self.level
+        return tuple(map(float, (*own, _LARGEST * largest)))
 
 
 # level of the force over its first slope, parts of the response's half range; gamma / beta;
@@ -178,13 +137,6 @@ class BoucWenStage(OscillatorModel):
         ``n`` from 1 to 20, sharpness of the transition. Not used where it is fitted.
     fit_exponent : bool, default=False
         Whether ``n`` is fitted.
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    mass : float, default=1.0
-        Mass of the stage, for ``physical_``; nothing else depends on it.
-    n_substeps : int or None, default=None
-        Integration steps in a sampling interval. None: as many as the stage that was found needs, a
-        tenth of a radian of its fastest motion each, 64 at most.
 
     Attributes
     ----------
@@ -192,9 +144,6 @@ class BoucWenStage(OscillatorModel):
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``hysteresis_stiffness`` (relative to the
         spring), ``level`` (units of the drive), ``shape`` (:math:`\gamma / \beta`), ``exponent``,
         ``gain``, ``intercept``.
-    physical_ : dict
-        The quantities of the equation above for the given mass, see
-        :meth:`BoucWenStageOperator.physical <skhyst.hysteresis.BoucWenStageOperator.physical>`.
 
     Notes
     -----
@@ -223,6 +172,7 @@ class BoucWenStage(OscillatorModel):
     0.30 5.0
     """
 
+    operator_class = BoucWenStageOperator
     _parameter_constraints = {
         **OscillatorModel._parameter_constraints,
         "exponent": [Interval(Real, 1.0, 20.0, closed="both")],
@@ -241,14 +191,12 @@ class BoucWenStage(OscillatorModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.exponent = exponent
         self.fit_exponent = fit_exponent
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def _laws(self, length, speed):
         exponents = _EXPONENTS if self.fit_exponent else (float(self.exponent),)
@@ -262,23 +210,7 @@ class BoucWenStage(OscillatorModel):
         follow(np.ascontiguousarray(y), *law, force)
         return force[:, None]
 
-    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
-        way, shape, exponent = law
-        gain = mode.gain
-        stiffness = level * scales.swing * abs(gain) / way if factors is None else factors[0] * gain
-        if not stiffness > 0.0:
-            return None
-        return BoucWenStageOperator(
-            mode.natural_frequency,
-            mode.damping_ratio,
-            float(stiffness),
-            float(stiffness * way / abs(gain)),
-            shape,
-            exponent,
-            gain=gain,
-            intercept=mode.intercept,
-        )
-
-    def held_parameters(self):
-        fixed = super().held_parameters()
-        return fixed if self.fit_exponent else fixed | {"exponent"}
+    def _own(self, law, gain, stiffness, level, swing):
+        _, shape, exponent = law
+        own = {"hysteresis_stiffness": stiffness, "level": level}
+        return own | {"shape": shape, "exponent": exponent}

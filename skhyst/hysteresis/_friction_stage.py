@@ -41,7 +41,7 @@ from ._oscillator import (
     oscillator,
     solve_tangents,
 )
-from ._oscillator_model import LEVEL, OscillatorModel
+from ._oscillator_model import OscillatorModel
 
 __all__ = ["FrictionStage", "FrictionStageOperator"]
 
@@ -183,21 +183,11 @@ def friction_tangents(
 class FrictionStageOperator(OscillatorOperator):
     r"""Mass, spring and damper with LuGre friction, driven by a force or a voltage.
 
-    .. math::
-
-        \frac{\ddot q}{\omega^2} + \frac{2 \zeta}{\omega} \dot q + q + f
-        + \frac{2 \zeta_b}{\omega} \dot z = u, \qquad y = G q + c
-
-        \dot z = v - \frac{|v|}{g(v)} f, \quad f = \rho z, \quad v = \dot q, \quad
-        g(v) = F_s \left(r + (1 - r) e^{-(v / v_s)^2}\right)
-
     The equations of :class:`FrictionStage` divided by ``b``: displacement ``q`` and forces are in
     units of the drive, and ``u`` moves the stage without friction by ``q = u`` at rest.
 
     Parameters
     ----------
-    natural_frequency : float
-        :math:`\omega = \sqrt{k/m}` in rad/s.
     damping_ratio : float
         :math:`\zeta`, of the damper and the viscous friction together.
     static_level : float
@@ -211,28 +201,11 @@ class FrictionStageOperator(OscillatorOperator):
     bristle_damping : float, default=0.0
         :math:`\zeta_b = \sigma_1 / (2 \sqrt{k m})`; before sliding the damping ratio is that of
         the sum with :math:`\zeta`.
-    gain : float, default=1.0
-        ``G``: response to a drive at rest without friction, response/drive.
-    intercept : float, default=0.0
-        ``c`` in units of the response.
-    n_substeps : int, default=8
-        Integration steps in a sampling interval. Fixed structure.
-
-    Raises
-    ------
-    ValueError
-        If ``n_substeps`` is not an integer above 0.
 
     Notes
     -----
-    Each substep moves the oscillator exactly under the mean friction force, and the friction force
-    exactly along the way of the substep: second order, exact without friction, and never a source
-    of energy, however stiff the bristles are (``bristle_damping`` apart, with which the LuGre model
-    itself is not passive). Steps should resolve the motion before sliding: ``dt natural_frequency
-    sqrt(1 + bristle_stiffness) / n_substeps`` of 0.1 gives about three digits.
-
-    The state is the tuple ``(q, q' / w, f, last drive)``. In ``"rest"`` the stage has been loaded
-    slowly from zero, with ``g = F_s``.
+    State and substeps are those of :class:`OscillatorOperator`; at rest ``g = F_s``. With
+    ``bristle_damping`` the LuGre model itself is not passive.
 
     Examples
     --------
@@ -265,19 +238,11 @@ class FrictionStageOperator(OscillatorOperator):
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
-        Parameters
-        ----------
-        mass : float, default=1.0
-
-        Returns
-        -------
-        dict of str to float
-            ``mass``, ``damping`` (viscous friction included), ``stiffness``, ``drive_gain`` (force
-            over drive), ``coulomb_force``, ``static_force``, ``stribeck_velocity``,
-            ``bristle_stiffness``, ``bristle_damping``; displacements are in units of the response,
-            and with the mass in kg and the response in m all is in SI units.
+        Those of :meth:`OscillatorOperator.physical`, the damping with the viscous friction, and
+        ``coulomb_force``, ``static_force``, ``stribeck_velocity``, ``bristle_stiffness`` and
+        ``bristle_damping``.
         """
-        p = self._linear_physical(mass)
+        p = super().physical(mass)
         static_force = abs(p["drive_gain"]) * self.static_level
         return p | {
             "coulomb_force": static_force * self.coulomb_ratio,
@@ -321,14 +286,9 @@ class FrictionStageOperator(OscillatorOperator):
         return sign * q, sign * (target - q), by
 
     def _law(self, u):
-        return (
-            float(self.natural_frequency),
-            float(self.static_level),
-            float(self.coulomb_ratio),
-            float(self.stribeck_velocity),
-            float(self.bristle_stiffness),
-            float(self.bristle_damping),
-        )
+        own = self.static_level, self.coulomb_ratio, self.stribeck_velocity
+        bristles = self.bristle_stiffness, self.bristle_damping
+        return tuple(map(float, (self.natural_frequency, *own, *bristles)))
 
 
 # way before sliding, parts of the response's half range; Stribeck velocity, parts of its root mean
@@ -363,13 +323,6 @@ class FrictionStage(OscillatorModel):
         one.
     fit_bristle_damping : bool, default=True
         Whether :math:`\sigma_1` is fitted (0 otherwise).
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    mass : float, default=1.0
-        Mass of the stage, for ``physical_``; nothing else depends on it.
-    n_substeps : int or None, default=None
-        Integration steps in a sampling interval. None: as many as the stage that was found needs, a
-        tenth of a radian of its fastest motion each, 64 at most.
 
     Attributes
     ----------
@@ -377,9 +330,6 @@ class FrictionStage(OscillatorModel):
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``static_level`` (units of the drive),
         ``coulomb_ratio``, ``stribeck_velocity`` (drive/s), ``bristle_stiffness`` (relative to the
         spring), ``bristle_damping`` (a damping ratio), ``gain``, ``intercept``.
-    physical_ : dict
-        The quantities of the equation above for the given mass, see
-        :meth:`FrictionStageOperator.physical <skhyst.hysteresis.FrictionStageOperator.physical>`.
 
     Notes
     -----
@@ -415,6 +365,7 @@ class FrictionStage(OscillatorModel):
     800
     """
 
+    operator_class = FrictionStageOperator
     _parameter_constraints = {
         **OscillatorModel._parameter_constraints,
         "stribeck": ["boolean"],
@@ -433,14 +384,12 @@ class FrictionStage(OscillatorModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.stribeck = stribeck
         self.fit_bristle_damping = fit_bristle_damping
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def _laws(self, length, speed):
         kinds = product(_RATIOS, _SPEEDS) if self.stribeck else [(1.0, 1.0)]
@@ -451,24 +400,16 @@ class FrictionStage(OscillatorModel):
 
     def _forces(self, law, y, dt, length):
         way, speed, ratio = law
-        return LuGreOperator(way, speed, ratio, 1.0).run(y, dt)[0][:, None]
+        return LuGreOperator(way, speed, ratio, way).run(y, dt)[0][:, None]
 
-    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
-        way, speed, ratio = law
-        gain = mode.gain
-        level = level * scales.swing if factors is None else np.sign(gain) * float(factors[0])
-        if not level > 0.0:
-            return None
-        return FrictionStageOperator(
-            mode.natural_frequency,
-            mode.damping_ratio,
-            level,
-            ratio,
-            speed / abs(gain),
-            level * abs(gain) / way,
-            gain=gain,
-            intercept=mode.intercept,
-        )
+    def _own(self, law, gain, stiffness, level, swing):
+        _, speed, ratio = law
+        return {
+            "static_level": level,
+            "coulomb_ratio": ratio,
+            "stribeck_velocity": speed / abs(gain),
+            "bristle_stiffness": stiffness,
+        }
 
     def _retries(self, stage, stages):
         """Without a fall of friction at the speeds of the records nothing leads back to one."""
@@ -481,6 +422,4 @@ class FrictionStage(OscillatorModel):
 
     def held_parameters(self):
         fixed = super().held_parameters()
-        if not self.stribeck:
-            fixed |= {"stribeck_velocity", "coulomb_ratio"}
-        return fixed if self.fit_bristle_damping else fixed | {"bristle_damping"}
+        return fixed if self.stribeck else fixed | {"stribeck_velocity", "coulomb_ratio"}

@@ -31,6 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._documentation import inherit_documentation
 from .._jit import jit
 from ..linear import SecondOrderModeOperator
 from ..operators import Operator, as_signal
@@ -171,24 +172,48 @@ def carry(step, k, du, dbefore, d, dout):
 
 
 class OscillatorOperator(Operator):
-    """Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
+    r"""Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
 
-    The first two parameters are ``natural_frequency`` and ``damping_ratio``, the last two ``gain``
-    and ``intercept``. The state is the tuple (q, q'/w, hysteretic force, last drive), all in units
-    of the drive. A subclass gives the state at rest, the loops and what they need of the law.
+    The state is the tuple (q, q'/w, hysteretic force, last drive), all in units of the drive; in
+    ``"rest"`` the stage has been loaded slowly from zero. Each substep moves the oscillator exactly
+    under the mean of the other forces: second order, exact without them, and no source of energy
+    where the law is none. Substeps should resolve the small motion: a ``dt fastest_rate() /
+    n_substeps`` of 0.1 gives about three digits.
+
+    A subclass gives the state at rest, the loops and what they need of the law; its first two
+    parameters are the first two here, its last two ``gain`` and ``intercept``.
+
+    Parameters
+    ----------
+    natural_frequency : float
+        :math:`\omega = \sqrt{k/m}` in rad/s.
+    damping_ratio : float
+        :math:`\zeta = d / (2 \sqrt{k m})`.
+    gain : float, default=1.0
+        ``G``: response to a drive at rest without other forces, response/drive.
+    intercept : float, default=0.0
+        ``c`` in units of the response.
+    n_substeps : int, default=8
+        Integration steps in a sampling interval, above 0. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If ``n_substeps`` is not an integer above 0.
     """
 
     carries_scale = True
     rank = 10
     _force = ("level", "hysteresis_stiffness")  # where the hysteretic force levels off, its slope
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
+
     def __post_init__(self):
         n = self.n_substeps
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-            raise ValueError(
-                f"The 'n_substeps' parameter of {type(self).__name__} must be an integer above 0. "
-                f"Got {n!r} instead."
-            )
+        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
+        self._require("n_substeps", is_right, "be an integer above 0")
 
     @abstractmethod
     def _rest(self, u0):
@@ -219,46 +244,22 @@ class OscillatorOperator(Operator):
         """
 
     @abstractmethod
-    def _fed_back(self, s, shift):
-        """Return the subclass's own parameters behind a feedback that divides the gain by ``s``.
+    def physical(self, mass=1.0):
+        """Return the quantities of the equation of motion for a known mass.
 
-        ``shift`` is what the feedback makes of the intercept, in units of the drive.
-        """
+        Displacements are in units of the response; with the mass in kg and the response in m all
+        is in SI units.
 
-    def linear_mode(self):
-        """Return what is left when all other forces are taken away.
-
-        Returns
-        -------
-        SecondOrderModeOperator
-            With the same natural frequency, damping ratio, gain and intercept.
-        """
-        return SecondOrderModeOperator(
-            float(self.natural_frequency), float(self.damping_ratio), self.gain, self.intercept
-        )
-
-    def n_ringing(self):
-        """Return 1 where the linear part overshoots, else 0."""
-        return self.linear_mode().n_ringing()
-
-    def way_before_sliding(self):
-        """Return the way before the hysteretic force saturates.
+        Parameters
+        ----------
+        mass : float, default=1.0
 
         Returns
         -------
-        float or None
-            Units of the response; None without a hysteretic force.
+        dict of str to float
+            ``mass``, ``damping``, ``stiffness``, ``drive_gain`` (force over drive), and those of
+            the hysteretic force by their symbols in the equation of motion.
         """
-        level, stiffness = (getattr(self, name) for name in self._force)
-        return float(abs(self.gain) * level / stiffness) if stiffness else None
-
-    def fastest_rate(self):
-        """Return the natural frequency of a small motion, before sliding, rad/s."""
-        stiffness = getattr(self, self._force[1])
-        return float(self.natural_frequency * math.sqrt(1.0 + stiffness))
-
-    def _linear_physical(self, mass):
-        """Return the quantities of mass, damper, spring and drive, as ``physical`` names them."""
         w = self.natural_frequency
         stiffness = mass * w**2
         return {
@@ -268,20 +269,35 @@ class OscillatorOperator(Operator):
             "drive_gain": stiffness * self.gain,
         }
 
+    @abstractmethod
+    def _fed_back(self, s, shift):
+        """Return the subclass's own parameters behind a feedback that divides the gain by ``s``.
+
+        ``shift`` is what the feedback makes of the intercept, in units of the drive.
+        """
+
+    def linear_mode(self):
+        return SecondOrderModeOperator(
+            float(self.natural_frequency), float(self.damping_ratio), self.gain, self.intercept
+        )
+
+    def n_ringing(self):
+        return self.linear_mode().n_ringing()
+
+    def way_before_sliding(self):
+        level, stiffness = (getattr(self, name) for name in self._force)
+        return float(abs(self.gain) * level / stiffness) if stiffness else None
+
+    def fastest_rate(self):
+        """Return the natural frequency of a small motion, before sliding, rad/s."""
+        stiffness = getattr(self, self._force[1])
+        return float(self.natural_frequency * math.sqrt(1.0 + stiffness))
+
     def with_feedback(self, feedback, origin=0.0):
         """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
 
-        Parameters
-        ----------
-        feedback : float
-            In drive/response, with ``feedback gain > -1``.
-        origin : float, default=0.0
-            Units of the response.
-
-        Returns
-        -------
-        operator
-            Of the same kind.
+        ``feedback`` is in drive/response, with ``feedback gain > -1``, ``origin`` in units of the
+        response.
         """
         s = 1.0 + feedback * self.gain
         both = {

@@ -3,17 +3,14 @@
 import dataclasses
 from abc import abstractmethod
 from numbers import Integral, Real
-from typing import NamedTuple
 
 import numpy as np
 
 from .._sklearn import Interval
 from ..base import ParametricModel
 from ..linear import SecondOrderMode, SecondOrderModeOperator
-from ..optimize import VariableProjection, identify
+from ..optimize import VariableProjection
 from ._oscillator import OscillatorOperator
-
-__all__ = ["OscillatorModel"]
 
 _COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
 _MOST_COARSE, _MOST_FINE = 16, 64
@@ -21,21 +18,13 @@ _WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
 _SMOOTH = 4  # half length of that which smooths the response for the law
 _FEWEST = 100  # equations
 _MOST = 30_000  # samples that starting values are taken from
-LEVEL = 0.1  # hysteretic force, part of the drive's half range, where the data give none
+_LEVEL = 0.1  # hysteretic force, part of the drive's half range, where the data give none
 _QUIET = 0.01  # the same of a stage that is almost its linear part
 _N_STARTS = 12
 _LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
 _COUPLINGS = (1.0, 3.0, 10.0)
 _ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
 _LAST_EVALUATIONS = 20
-
-
-class Scales(NamedTuple):
-    """Half range and middle of the response, half range of the drive."""
-
-    length: float
-    middle: float
-    swing: float
 
 
 class OscillatorModel(ParametricModel):
@@ -52,6 +41,22 @@ class OscillatorModel(ParametricModel):
     Creveling, Farsian, Kostuk, SIAM J. Appl. Dyn. Syst. 8, 2009).
 
     *Free run*, from all of these.
+
+    Parameters
+    ----------
+    fit_intercept : bool, default=True
+        Whether the response has a constant.
+    mass : float, default=1.0
+        Mass of the stage, for ``physical_``; nothing else depends on it.
+    n_substeps : int or None, default=None
+        Integration steps in a sampling interval. None: as many as the stage that was found needs, a
+        tenth of a radian of its fastest motion each, 64 at most.
+
+    Attributes
+    ----------
+    physical_ : dict
+        The quantities of the equation above for the given mass, see
+        ``physical`` of ``operator_``.
     """
 
     _parameter_constraints = {
@@ -61,7 +66,7 @@ class OscillatorModel(ParametricModel):
         "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
     }
 
-    series_rank = OscillatorOperator.rank
+    operator_class = OscillatorOperator
 
     @abstractmethod
     def _laws(self, length, speed):
@@ -72,12 +77,28 @@ class OscillatorModel(ParametricModel):
         """Return the forces of a response (n_samples,), centred, as columns up to their factors."""
 
     @abstractmethod
-    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
+    def _own(self, law, gain, stiffness, level, swing):
+        """Return the operator's own parameters by name.
+
+        The hysteretic force begins with the slope ``stiffness``, relative to the spring, and levels
+        off at ``level``; ``swing`` is half the range of the drive.
+        """
+
+    def _stage(self, law, mode, scales, factors=None, level=_LEVEL):
         """Return the operator, or None where there is none.
 
-        ``mode`` is the linear part, ``factors`` belong to the columns of :meth:`_forces`; where
-        they are unknown, the hysteretic force is the part ``level`` of the drive's half range.
+        ``law`` begins with the way on which the force levels off, ``mode`` is the linear part,
+        ``scales`` are half range and middle of the response and half range of the drive,
+        ``factors`` belong to the columns of :meth:`_forces`; where they are unknown, the hysteretic
+        force is the part ``level`` of the drive's half range.
         """
+        way, gain, swing = law[0], mode.gain, scales[2]
+        stiffness = level * swing * abs(gain) / way if factors is None else factors[0] * gain
+        if not stiffness > 0.0:
+            return None
+        own = self._own(law, gain, float(stiffness), float(stiffness * way / abs(gain)), swing)
+        linear = mode.natural_frequency, mode.damping_ratio
+        return self.operator_class(*linear, gain=gain, intercept=mode.intercept, **own)
 
     def _retries(self, stage, stages):
         """Return those of the stages to follow to the end, because the one found is degenerate."""
@@ -88,10 +109,8 @@ class OscillatorModel(ParametricModel):
 
         One of them is almost linear: ``mode``, where the linear part is known already.
         """
-        return [
-            (self._divided(stage, records, _FINE, _MOST_COARSE), ())
-            for stage in self._stages(records, mode)
-        ]
+        stages = self._stages(records, mode)
+        return [self._divided(stage, records, _FINE, _MOST_COARSE) for stage in stages]
 
     def _stages(self, records, mode=None):
         """Return operators with coarse substeps, best first, among them an almost linear one."""
@@ -100,7 +119,7 @@ class OscillatorModel(ParametricModel):
         length, middle = 0.5 * (high - low) or 1.0, 0.5 * (high + low)
         if not self.fit_intercept:
             middle = 0.0
-        scales = Scales(length, middle, swing)
+        scales = length, middle, swing
         records, washout = _loudest(records, middle)
         kinds = []
         for window in _WINDOWS:
@@ -199,21 +218,11 @@ class OscillatorModel(ParametricModel):
     def _coupled(self, stages, records, coupling):
         """Return the stage that fits best while it is tied to the response, [] without one."""
         feedback, origin = coupling / stages[0].gain, stages[0].intercept
-        tied = [
-            (stage.with_feedback(feedback, origin), ())
-            for stage in stages
-            if feedback * stage.gain > -0.5
-        ]
+        tied = [s.with_feedback(feedback, origin) for s in stages if feedback * s.gain > -0.5]
         driven = [
             dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
         ]
-        stage = identify(
-            tied,
-            driven,
-            fixed=self.held_parameters(),
-            initial_state=self._free_run_state(),
-            method=self._roughly(),
-        )
+        stage = self._refine(tied, driven, self._roughly())
         share = feedback * stage.operator.gain
         if not share < 1.0:
             return [], stage.n_evaluations
@@ -232,7 +241,6 @@ class OscillatorModel(ParametricModel):
 
     def _identify(self, data):
         """Identify with coarse substeps, then once more with those that the result asks for."""
-        options = {"fixed": self.held_parameters(), "initial_state": self._free_run_state()}
         stages = self._stages(data)
         starts, evaluations = [], 0
         if stages[0].gain:
@@ -240,19 +248,17 @@ class OscillatorModel(ParametricModel):
                 found, n = self._coupled(stages, data, coupling)
                 starts += found
                 evaluations += n
-        starts = [(stage, ()) for stage in [*starts, *stages]]
-        result = identify(starts, data, **options, method=self.method)
+        result = self._refine([*starts, *stages], data)
         evaluations += result.n_evaluations
         bounds = getattr(self.method, "bounds", None)
         for stage in self._retries(result.operator, stages):
-            method = VariableProjection(bounds=bounds)
-            other = identify([(stage, ())], data, **options, method=method)
+            other = self._refine([stage], data, VariableProjection(bounds=bounds))
             evaluations += other.n_evaluations
             result = other if other.error < result.error else result
         stage = self._divided(result.operator, data, _FINE, _MOST_FINE)
         if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
             method = VariableProjection(bounds=bounds, max_evaluations=_LAST_EVALUATIONS)
-            result = identify([(stage, ())], data, **options, method=method)
+            result = self._refine([stage], data, method)
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
 
@@ -260,9 +266,6 @@ class OscillatorModel(ParametricModel):
         """Return how starting values are identified: no longer than the result is."""
         most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
         return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def _adopt(self, result):
         super()._adopt(result)

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from .._sklearn import Interval
 from ..operators import as_signal, parameter
 from ._oscillator import OscillatorOperator
-from ._oscillator_model import LEVEL, OscillatorModel
+from ._oscillator_model import OscillatorModel
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 from ._restoring_force_loops import restoring_run, restoring_tangents
 
@@ -29,17 +29,9 @@ _LARGEST = 1e12  # displacement, of the drive: no plant, and squares do not over
 class RestoringForceOperator(OscillatorOperator):
     r"""Mass with polynomial spring and damper and a bilinear hysteretic force.
 
-    .. math::
-
-        \frac{\ddot q}{\omega^2} + 2 \zeta p + \sum_i l_i p \left(\frac{p}{s}\right)^{2i}
-        + q + \sum_i c_i q \left(\frac{q}{s}\right)^{2i} + z = u + u_0, \qquad
-        p = \frac{\dot q}{\omega}, \quad y = G q + c
-
-        \dot z = k_s \dot q \text{ while } |z| < z_s \text{ or } z \dot q < 0, \text{ else } 0
-
-    The equations of :class:`RestoringForce` divided by ``b``: displacement ``q`` and forces are in
-    units of the drive. The polynomials are centred a static displacement ``x_0`` away from the rest
-    position, and the preload is the force that causes it.
+    The equations of :class:`RestoringForce` divided by ``b``: displacement ``q``, forces and
+    :math:`p = \dot q / \omega` are in units of the drive. The polynomials are centred a static
+    displacement ``x_0`` away from the rest position, and the preload is the force that causes it.
 
     Parameters
     ----------
@@ -48,38 +40,27 @@ class RestoringForceOperator(OscillatorOperator):
     damping_ratio : float
         :math:`\zeta = \lambda_1 / (2 \sqrt{\alpha_1 m})`.
     stiffness_coefficients : array-like of shape (n_stiffness,)
-        Coefficients ``c_i`` of the degrees 3, 5, ...: share of the linear spring force at
+        Coefficients of the degrees 3, 5, ...: share of the linear spring force at
         ``q = s``.
     damping_coefficients : array-like of shape (n_damping,)
-        Coefficients ``l_i`` of the degrees 3, 5, ...: share of the spring force at ``p = q = s``.
+        Coefficients of the degrees 3, 5, ...: share of the spring force at ``p = q = s``.
     hysteresis_stiffness : float
-        ``k_s``: stiffness of the hysteretic force relative to the spring, 0 without one.
+        Stiffness of the hysteretic force relative to the spring, 0 without one.
     slip_level : float
-        ``z_s``: largest hysteretic force, units of the drive.
+        Largest hysteretic force, units of the drive.
     preload : float, default=0.0
-        ``u_0``: constant force, units of the drive. With linear spring and damper it cannot be told
+        Constant force, units of the drive. With linear spring and damper it cannot be told
         from the intercept.
-    gain : float, default=1.0
-        ``G`` in response/drive.
     intercept : float, default=0.0
         ``c``: response where the polynomials are centred, units of the response.
     scale : float, default=1.0
-        ``s`` in units of the drive. Fixed structure.
-    n_substeps : int, default=8
-        Integration steps in a sampling interval. Fixed structure.
-
-    Raises
-    ------
-    ValueError
-        If ``n_substeps`` is not an integer above 0 or ``scale`` not above 0.
+        ``s`` in units of the drive, above 0. Fixed structure.
 
     Notes
     -----
-    Each substep moves the linear oscillator exactly under the mean of the other forces, and the
-    hysteretic force exactly along the way of the substep: second order, exact without these forces.
-    With negative coefficients the spring loses its stiffness, or the damper feeds energy in, at
-    large amplitude, and a simulation may diverge. The state is the tuple ``(q, p, z, last drive)``;
-    in ``"rest"`` the stage, preloaded with ``z = 0``, has been loaded slowly from zero.
+    State and substeps are those of :class:`OscillatorOperator`; at rest the stage has been
+    preloaded without hysteretic force. With negative coefficients the spring loses its stiffness,
+    or the damper feeds energy in, at large amplitude, and a simulation may diverge.
 
     Examples
     --------
@@ -110,30 +91,18 @@ class RestoringForceOperator(OscillatorOperator):
 
     def __post_init__(self):
         super().__post_init__()
-        if not self.scale > 0.0:
-            raise ValueError(
-                "The 'scale' parameter of RestoringForceOperator must be above 0. "
-                f"Got {self.scale!r} instead."
-            )
+        self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("stiffness_coefficients", "damping_coefficients"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float, ndmin=1))
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
-        Parameters
-        ----------
-        mass : float, default=1.0
-
-        Returns
-        -------
-        dict of str to float
-            ``mass``, ``drive_gain`` (force over drive), ``alpha_1``, ``alpha_3``, ...,
-            ``lambda_1``, ``lambda_3``, ..., ``alpha_s``, ``z_s``, ``x_s = z_s / alpha_s`` (NaN
-            without hysteretic force) and ``preload`` (a force); displacements are in units of the
-            response, and with the mass in kg and the response in m all is in SI units.
+        As :meth:`OscillatorOperator.physical`: ``mass``, ``drive_gain``, ``alpha_1``, ``alpha_3``,
+        ..., ``lambda_1``, ``lambda_3``, ..., ``alpha_s``, ``z_s``, ``x_s = z_s / alpha_s`` (NaN
+        without hysteretic force) and ``preload`` (a force).
         """
-        p, w = self._linear_physical(mass), self.natural_frequency
+        p, w = super().physical(mass), self.natural_frequency
         stiffness, drive_gain = p["stiffness"], p["drive_gain"]
         length = abs(self.gain) * self.scale
         found = {"mass": p["mass"], "drive_gain": drive_gain, "alpha_1": stiffness}
@@ -213,15 +182,10 @@ class RestoringForceOperator(OscillatorOperator):
         return q, z, by
 
     def _law(self, u):
-        return (
-            float(self.hysteresis_stiffness),
-            float(self.slip_level),
-            float(self.preload),
-            float(self.scale),
-            _LARGEST * (float(self.scale) + float(np.abs(u).max(initial=0.0))),
-            as_signal(self.stiffness_coefficients),
-            as_signal(self.damping_coefficients),
-        )
+        own = self.hysteresis_stiffness, self.slip_level, self.preload, self.scale
+        bound = _LARGEST * (self.scale + np.abs(u).max(initial=0.0))
+        coefficients = self.stiffness_coefficients, self.damping_coefficients
+        return (*map(float, (*own, bound)), *map(as_signal, coefficients))
 
 
 def _equilibrium(force, start, target):
@@ -280,13 +244,6 @@ class RestoringForce(OscillatorModel):
     fit_preload : bool, default=True
         Whether a preload is fitted (0 otherwise), which gives the spring even terms about the rest
         position; with a linear spring it cannot be told from the intercept and is held.
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    mass : float, default=1.0
-        Mass of the stage, for ``physical_``; nothing else depends on it.
-    n_substeps : int or None, default=None
-        Integration steps in a sampling interval. None: as many as the stage that was found needs, a
-        tenth of a radian of its fastest motion each, 64 at most.
 
     Attributes
     ----------
@@ -295,9 +252,6 @@ class RestoringForce(OscillatorModel):
         ``damping_coefficients`` (relative to the linear spring force at ``scale``, half the largest
         swing of the drive), ``hysteresis_stiffness`` (relative to the spring), ``slip_level`` and
         ``preload`` (units of the drive), ``gain``, ``intercept``.
-    physical_ : dict
-        The quantities of the equation above for the given mass, see
-        :meth:`RestoringForceOperator.physical <skhyst.hysteresis.RestoringForceOperator.physical>`.
 
     Notes
     -----
@@ -328,6 +282,7 @@ class RestoringForce(OscillatorModel):
     0.30 5.0
     """
 
+    operator_class = RestoringForceOperator
     _parameter_constraints = {
         **OscillatorModel._parameter_constraints,
         "stiffness_degree": [Interval(Integral, 1, None, closed="left")],
@@ -350,6 +305,7 @@ class RestoringForce(OscillatorModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.stiffness_degree = stiffness_degree
         self.damping_degree = damping_degree
         self.fit_hysteresis = fit_hysteresis
@@ -357,20 +313,18 @@ class RestoringForce(OscillatorModel):
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def _laws(self, length, speed):
-        return [[part * length] for part in _WAYS] if self.fit_hysteresis else [[speed]]
+        laws = [part * length for part in _WAYS] if self.fit_hysteresis else [speed]
+        return [[(law,)] for law in laws]
 
     def _forces(self, law, y, dt, length):
         if self.fit_hysteresis:
-            play, _ = PrandtlIshlinskiiOperator([law], [1.0]).run(y, dt)
+            play, _ = PrandtlIshlinskiiOperator(law, [1.0]).run(y, dt)
             return (y - play)[:, None]
         v = np.gradient(y, dt)
         springs = [y * (y / length) ** (degree - 1) for degree in self._spring_degrees()]
-        dampers = [v * (v / law) ** (degree - 1) for degree in _odd(self.damping_degree)]
+        dampers = [v * (v / law[0]) ** (degree - 1) for degree in _odd(self.damping_degree)]
         return np.array([*springs, *dampers]).reshape(-1, len(y)).T
 
     def _spring_degrees(self):
@@ -379,28 +333,20 @@ class RestoringForce(OscillatorModel):
             return _odd(self.stiffness_degree)
         return list(range(2, _odd(self.stiffness_degree)[-1] + 1))
 
-    def _stage(self, law, mode, scales, factors=None, level=LEVEL):
-        if not self.fit_hysteresis:
-            return self._polynomial_stage(law, mode, scales, factors)
-        gain = mode.gain
-        stiffness = level * scales.swing * abs(gain) / law if factors is None else factors[0] * gain
-        if not stiffness > 0.0:
-            return None
-        return RestoringForceOperator(
-            mode.natural_frequency,
-            mode.damping_ratio,
-            np.zeros(len(_odd(self.stiffness_degree))),
-            np.zeros(len(_odd(self.damping_degree))),
-            float(stiffness),
-            float(stiffness * law / abs(gain)),
-            gain=gain,
-            intercept=mode.intercept,
-            scale=scales.swing,
-        )
+    def _own(self, law, gain, stiffness, level, swing):
+        return {
+            "stiffness_coefficients": np.zeros(len(_odd(self.stiffness_degree))),
+            "damping_coefficients": np.zeros(len(_odd(self.damping_degree))),
+            "hysteresis_stiffness": stiffness,
+            "slip_level": level,
+            "scale": swing,
+        }
 
-    def _polynomial_stage(self, speed, mode, scales, factors):
-        """Return the stage whose spring is odd about the place at which its curve has no bend."""
-        gain = mode.gain
+    def _stage(self, law, mode, scales, factors=None, **level):
+        """Return one with hysteresis, or a spring odd about where its curve has no bend."""
+        if self.fit_hysteresis:
+            return super()._stage(law, mode, scales, factors, **level)
+        gain, (speed,), (length, middle, swing) = mode.gain, law, scales
         odd, center, preload, intercept = _odd(self.stiffness_degree), 0.0, 0.0, mode.intercept
         stiffness = 1.0 / gain
         spring, dampers = np.zeros(len(odd)), np.zeros(len(_odd(self.damping_degree)))
@@ -408,23 +354,23 @@ class RestoringForce(OscillatorModel):
             degrees = np.array(self._spring_degrees(), dtype=int)
             curve = np.zeros(2 if not odd else odd[-1] + 1)
             curve[1] = stiffness
-            curve[degrees] = factors[: len(degrees)] / scales.length ** (degrees - 1.0)
+            curve[degrees] = factors[: len(degrees)] / length ** (degrees - 1.0)
             curve = Polynomial(curve)
             if len(degrees) > len(odd):
                 bends = curve.deriv(2).roots()
-                bends = bends[(np.abs(bends.imag) < 1e-9 * scales.length)].real
-                bends = bends[(np.abs(bends) < scales.length) & (curve.deriv()(bends) * gain > 0.0)]
+                bends = bends[(np.abs(bends.imag) < 1e-9 * length)].real
+                bends = bends[(np.abs(bends) < length) & (curve.deriv()(bends) * gain > 0.0)]
                 center = float(bends[np.argmin(np.abs(bends))]) if len(bends) else 0.0
                 # the constant of the balance, which the intercept of the linear part contains
-                preload = (intercept - scales.middle) * stiffness - float(curve(center))
-                intercept = scales.middle + center
+                preload = (intercept - middle) * stiffness - float(curve(center))
+                intercept = middle + center
             taylor = [curve.deriv(k)(center) / math.factorial(k) for k in (1, *odd)]
             stiffness, *spring = map(float, taylor)
             dampers = factors[len(degrees) :] / speed ** (np.array(_odd(self.damping_degree)) - 1.0)
         stiffer = stiffness * gain
         frequency = mode.natural_frequency * math.sqrt(stiffer)
         powers = np.array(odd, dtype=float), np.array(_odd(self.damping_degree), dtype=float)
-        size = scales.swing ** (powers[0] - 1.0), scales.swing ** (powers[1] - 1.0)
+        size = swing ** (powers[0] - 1.0), swing ** (powers[1] - 1.0)
         return RestoringForceOperator(
             frequency,
             mode.damping_ratio / math.sqrt(stiffer),
@@ -435,15 +381,15 @@ class RestoringForce(OscillatorModel):
             preload,
             1.0 / stiffness,
             intercept,
-            scale=scales.swing,
+            scale=swing,
         )
 
     def held_parameters(self):
-        fixed = super().held_parameters()
+        fixed = super().held_parameters() - {"hysteresis"}
         if not self.fit_hysteresis:
             fixed |= {"hysteresis_stiffness", "slip_level"}
         # the preload of a linear spring is an intercept
-        held = not self.fit_preload or (self.stiffness_degree < 3 and self.fit_intercept)
+        held = self.stiffness_degree < 3 and self.fit_intercept
         return fixed | {"preload"} if held else fixed
 
 

@@ -31,8 +31,6 @@ from ._oscillator import (
     solve_tangents,
 )
 
-__all__ = ["restoring_run", "restoring_tangents", "slide"]
-
 
 @jit
 def odd_terms(x, coefficients, scale):

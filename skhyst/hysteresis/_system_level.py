@@ -104,12 +104,9 @@ def system_level(u, du, values, dt, printed, turning, base, last, direction, dla
 
 @dataclass(frozen=True)
 class SystemLevelOperator(Operator):
-    r"""Hysteresis whose slope depends on the distance from the drive's last turning point.
+    """Hysteresis whose slope depends on the distance from the drive's last turning point.
 
-    The law of :class:`SystemLevelHysteresis`: with :math:`d(s)` the slope at a distance :math:`s`,
-    ``variant="integral"`` is :math:`y = c + \int d(s)\, du`, rate-independent, and
-    ``variant="printed"`` is :math:`y = c + d(s)\, u + h_s \dot u`, where the rate is the backward
-    difference ``(u[k] - u[k-1]) / dt``.
+    The law stands in :class:`SystemLevelHysteresis`.
 
     Parameters
     ----------
@@ -124,7 +121,7 @@ class SystemLevelOperator(Operator):
     rate_gain : float, default=0.0
         Weight ``h_s`` of the drive's rate, response s/drive; only with ``variant="printed"``.
     variant : {"integral", "printed"}, default="integral"
-        The true integral of the paper's (15), or its (21) and (22), which multiply by the drive.
+        As for :class:`SystemLevelHysteresis`.
 
     Raises
     ------
@@ -159,21 +156,12 @@ class SystemLevelOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        if self.variant not in ("integral", "printed"):
-            raise ValueError(
-                "The 'variant' parameter of SystemLevelOperator must be 'integral' or 'printed'. "
-                f"Got {self.variant!r} instead."
-            )
-        if not self.decay >= 0.0:
-            raise ValueError(
-                "The 'decay' parameter of SystemLevelOperator must not be negative. "
-                f"Got {self.decay!r} instead."
-            )
-        if self.variant == "integral" and self.rate_gain != 0.0:
-            raise ValueError(
-                "The 'rate_gain' parameter of SystemLevelOperator must be 0 with "
-                f"variant='integral', which is rate-independent. Got {self.rate_gain!r} instead."
-            )
+        known = self.variant in ("integral", "printed")
+        self._require("variant", known, "be 'integral' or 'printed'")
+        self._require("decay", self.decay >= 0.0, "not be negative")
+        is_right = self.variant == "printed" or self.rate_gain == 0.0
+        wanted = "be 0 with variant='integral', which is rate-independent"
+        self._require("rate_gain", is_right, wanted)
 
     @classmethod
     def from_paper(cls, delta_d, gamma, v_c, *, d_o=0.0, h_s=0.0, variant="integral"):
@@ -181,26 +169,18 @@ class SystemLevelOperator(Operator):
 
         Parameters
         ----------
-        delta_d : float
-            ``Delta d``, response/drive.
-        gamma : float
-            No unit.
-        v_c : float
-            ``V_c``, units of the drive, positive.
+        delta_d, gamma, v_c : float
+            ``Delta d`` (response/drive) with the factor ``T`` of (22), a constant; ``gamma``, no
+            unit; ``V_c`` in units of the drive, positive.
         d_o : float, default=0.0
             In (16) a slope (response/drive), in (21) a constant (response).
         h_s : float, default=0.0
             Weight of the drive's rate in (22), response s/drive.
         variant : {"integral", "printed"}, default="integral"
-            As in the class.
 
         Returns
         -------
         operator : SystemLevelOperator
-
-        Notes
-        -----
-        The factor ``T`` of (22), a constant, belongs to ``delta_d``.
         """
         printed = variant == "printed"
         return cls(
@@ -213,14 +193,12 @@ class SystemLevelOperator(Operator):
         )
 
     def parameter_specs(self):
-        """Return the identifiable fields; the integral has no ``rate_gain``."""
         specs = super().parameter_specs()
         if self.variant == "integral":
             del specs["rate_gain"]
         return specs
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``; see the Notes of the class."""
         last = float(u0) if initial_state == "rest" else 0.0
         return 0.0, 0.0, last, float(np.sign(last))
 
@@ -235,13 +213,11 @@ class SystemLevelOperator(Operator):
         return y, state
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         if state is None:
             state = self.init(u[0] if len(u) else 0.0)
         return self._loop(u, np.empty((0, 0)), dt, state, np.empty(0), np.empty((0, 0)))
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
         n, m = du.shape
         state = self.init(u[0] if n else 0.0, initial_state)
         dlast = np.array(du[0]) if n and initial_state == "rest" else np.zeros(m)
@@ -274,8 +250,7 @@ class SystemLevelHysteresis(ParametricModel):
     Attributes
     ----------
     operator_ : SystemLevelOperator
-        ``slope`` p in response/drive, ``curvature`` kappa in response/drive^2, ``decay`` lambda in
-        1/drive and, as printed, ``rate_gain`` h_s in response s/drive.
+        ``slope`` p, ``curvature`` kappa, ``decay`` lambda and, as printed, ``rate_gain`` h_s.
 
     Notes
     -----
@@ -322,11 +297,9 @@ class SystemLevelHysteresis(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.variant = variant
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         # a first loading from zero is a branch too

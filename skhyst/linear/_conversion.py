@@ -5,8 +5,6 @@ from scipy import signal
 
 from ._linear import complex_gain
 
-__all__ = ["control_system", "poles_and_response", "scipy_system"]
-
 
 def poles_and_response(system):
     """Return the poles and a function of rad/s that gives the responses (n, n_inputs)."""

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base import ParametricModel
 from ..operators import Operator, parameter
-from ._linear import LinearModel, log_grid, time_span
+from ._linear import log_grid, time_span
 
 __all__ = ["Delay", "DelayOperator"]
 
@@ -50,7 +51,7 @@ class DelayOperator(Operator):
         return y, np.concatenate([du, -slope[:, None] / dt], axis=1)
 
 
-class Delay(LinearModel):
+class Delay(ParametricModel):
     r"""Pure shift in time, by any part of a sample.
 
     .. math:: y(t) = u(t - \theta)
@@ -62,8 +63,6 @@ class Delay(LinearModel):
     ----------
     operator_ : DelayOperator
         ``delay`` in s.
-    params_, params_std_ : dict
-        The delay and its standard error.
 
     Examples
     --------
@@ -76,11 +75,7 @@ class Delay(LinearModel):
     """
 
     operator_class = DelayOperator
-
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
+    _any_interval = True
 
     def starting_values(self, records):
         dt, span = time_span(records)

@@ -21,9 +21,7 @@ __all__ = ["DynamicStiffness", "DynamicStiffnessOperator"]
 
 @dataclass(frozen=True)
 class DynamicStiffnessOperator(Operator):
-    r"""Equation of motion seen from the force, the inverse of a second-order mode.
-
-    .. math:: y = m \ddot u + d \dot u + k u + c, \qquad \text{or } y = m \dot u + d u + c
+    """Equation of motion seen from the force, :class:`DynamicStiffness`.
 
     The state is the last samples, at most ``2 smoothing`` of a displacement and ``smoothing`` of a
     velocity.
@@ -62,16 +60,10 @@ class DynamicStiffnessOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        if self.drive not in ("displacement", "velocity"):
-            raise ValueError(
-                "The 'drive' parameter of DynamicStiffnessOperator must be 'displacement' or "
-                f"'velocity'. Got {self.drive!r} instead."
-            )
-        if self.drive == "velocity" and self.stiffness:
-            raise ValueError(
-                "The 'stiffness' parameter of DynamicStiffnessOperator must be 0 where the drive "
-                f"is a velocity. Got {self.stiffness!r} instead."
-            )
+        known = self.drive in ("displacement", "velocity")
+        self._require("drive", known, "be 'displacement' or 'velocity'")
+        is_right = self.drive == "displacement" or not self.stiffness
+        self._require("stiffness", is_right, "be 0 where the drive is a velocity")
 
     def parameter_specs(self):
         specs = super().parameter_specs()
@@ -146,22 +138,17 @@ class DynamicStiffness(ParametricModel):
         Sampling intervals over which slopes are taken. 1 is the backward difference, exact for a
         drive that is straight between samples; take more for an encoder whose noise or steps
         differences would amplify.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest there; all zero; or after a rest at a drive
-        value that is fitted for each record.
 
     Attributes
     ----------
     operator_ : DynamicStiffnessOperator
-        ``mass`` in response s^2/drive, ``damping`` in response s/drive, ``stiffness`` in
-        response/drive, ``intercept`` in units of the response. Of a velocity, ``mass`` is in
-        response s/drive and ``damping`` in response/drive.
+        ``mass``, ``damping``, ``stiffness`` and ``intercept``.
 
     Notes
     -----
-    Derivatives are taken from the past alone. The velocity lags behind by ``smoothing / 2``
-    intervals and the acceleration by ``smoothing``, so keep that short against the motion: a lag
-    of the velocity is taken for a mass, about damping times lag.
+    Derivatives are taken from the past alone: the velocity lags behind by ``smoothing / 2``
+    intervals and the acceleration by ``smoothing``. Keep that short against the motion: a lag of
+    the velocity is taken for a mass, about damping times lag.
 
     Its noise is that of derivatives: with a displacement that has a standard error e, accelerations
     from backward differences have 2.4 e/dt^2. Where the displacement is noisier than the force,
@@ -209,15 +196,13 @@ class DynamicStiffness(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.fit_mass = fit_mass
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
         self.drive = drive
         self.smoothing = smoothing
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         return [DynamicStiffnessOperator(drive=self.drive, smoothing=int(self.smoothing))]

@@ -1,8 +1,22 @@
-"""The frequency response of a recording, without a model: what is read and what is refused."""
+r"""The frequency response of a recording, without a model.
+
+From averaged spectra: with the discrete Fourier transforms :math:`U_s` (n_inputs) and :math:`Y_s`
+of the windowed segments :math:`s = 1 \dots n`,
+
+.. math:: \hat S_{uu} = \sum_s U_s^* U_s^T, \quad \hat S_{uy} = \sum_s U_s^* Y_s, \quad
+    \hat G = \hat S_{uu}^{-1} \hat S_{uy}
+
+is the least-squares solution of :math:`Y_s = U_s^T G`. Segments that overlap are correlated: they
+count as :math:`n' = n^2 / \sum_{s,t} \rho_{st}` independent ones, where :math:`\rho_{st}` is the
+squared correlation of the two windows where they lie (P. D. Welch, 1967). The residual's power,
+divided by :math:`n' - n_{inputs}`, is the noise in one of them. Periods are in ``_periodic``.
+"""
 
 from numbers import Integral, Real
 
 import numpy as np
+from scipy.fft import rfft
+from scipy.signal import detrend as remove_trend
 from scipy.signal import get_window
 from sklearn.utils import check_X_y
 
@@ -11,11 +25,11 @@ from ..exceptions import RecordError
 from ..records import record_slices
 from ._frequency_response import FrequencyResponse
 from ._periodic import find_period, period_mismatch, periodic_estimate
-from ._spectra import effective_averages, welch_estimate
 
 __all__ = ["frequency_response"]
 
 _MISMATCH = 0.05  # power of a period's change beyond which a given period is none
+_WEAKEST = 1e-10  # power of the weakest combination of inputs, of the largest power of all lines
 _SEGMENTS = 8  # that the default segment_length makes of the recording, overlaps not counted
 
 
@@ -220,15 +234,57 @@ def _welch(records, length, overlap, window, detrend, method):
     values = _window(window, length)
     step = max(1, length - round(length * overlap))
     counts = [(len(response) - length) // step + 1 for _, _, response in records]
-    n_averages, n_inputs = effective_averages(values, step, counts), records[0][1].shape[1]
+    n_averages, n_inputs = _effective_averages(values, step, counts), records[0][1].shape[1]
     if n_averages < n_inputs + 0.5:
         raise ValueError(
             f"There must be more segments than inputs, {n_inputs}. Got "
             f"{n_averages:.3g} independent segments of {length} samples instead; choose a "
             f"smaller 'segment_length'."
         )
-    pairs = [record[1:] for record in records]
-    return welch_estimate(pairs, values, step, detrend, method, n_averages)
+    return _welch_estimate(records, values, step, detrend, method, n_averages)
+
+
+def _effective_averages(window, step, counts):
+    """Return how many independent segments those of records are worth, ``counts`` in each."""
+    counts = np.asarray(counts, dtype=float)
+    total = pairs = counts.sum()
+    for k in range(1, int(np.ceil(window.size / step))):
+        overlap = window[k * step :] @ window[: window.size - k * step] / (window @ window)
+        pairs += 2.0 * np.maximum(counts - k, 0.0).sum() * overlap**2
+    return float(total**2 / pairs)
+
+
+def _welch_estimate(records, window, step, detrend, method, n_averages):
+    """Return the excited lines, but those with real transforms, and the estimate at them."""
+    length, m = window.size, records[0][1].shape[1]
+    inner = slice(1, (length + 1) // 2)
+    spectra = 0.0
+    for _, inputs, response in records:
+        signals = np.vstack([inputs.T, response])
+        for start in range(0, len(response) - length + 1, step):
+            segment = signals[:, start : start + length]
+            if detrend is not None:
+                segment = remove_trend(segment, type=detrend)
+            z = rfft(segment * window)[:, inner].T
+            spectra = spectra + z.conj()[:, :, None] * z[:, None, :]
+    power = np.linalg.eigvalsh(spectra[:, :m, :m])
+    lines = np.flatnonzero(power[:, 0] > _WEAKEST * power[:, -1].max())
+    spectra = spectra[lines]
+    uu, uy, yy = spectra[:, :m, :m], spectra[:, :m, m], spectra[:, m, m].real
+
+    g = np.linalg.solve(uu, uy[..., None])[..., 0]
+    coherence = np.clip(np.einsum("ki,ki->k", uy.conj(), g).real / yy, 0.0, 1.0)
+    dof = n_averages - m
+    noise = yy * (1.0 - coherence) / dof
+    variance = noise[:, None] * np.einsum("kii->ki", np.linalg.inv(uu)).real
+    if method == "h2":
+        g = g / coherence[:, None]
+        variance = variance / coherence[:, None] ** 2
+    elif method == "hv":
+        g = g / np.sqrt(coherence)[:, None]
+        variance = variance * (0.5 * (1.0 + 1.0 / coherence))[:, None]
+    estimate = {"response": g, "std": np.sqrt(variance), "coherence": coherence}
+    return lines + 1, {**estimate, "degrees_of_freedom": dof}
 
 
 def _window(window, length):

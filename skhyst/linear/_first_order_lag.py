@@ -24,7 +24,6 @@ class FirstOrderLagOperator(LinearOperator):
         return replace(self, time_constant=float(1.0 / rates[0]))
 
     def lag_rates(self):
-        """Return the rates (1/s) of the first-order lags in a row that the operator is: one."""
         return [1.0 / self.time_constant]
 
     def _matrices(self, p):
@@ -36,13 +35,6 @@ class FirstOrderLag(LinearModel):
     r"""First-order low-pass, stepped exactly.
 
     .. math:: G(s) = \frac{g}{\tau s + 1}
-
-    Parameters
-    ----------
-    fit_gain, fit_intercept : bool, default=True
-        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
 
     Attributes
     ----------

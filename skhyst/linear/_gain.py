@@ -12,21 +12,7 @@ __all__ = ["Gain", "GainOperator"]
 
 @dataclass(frozen=True)
 class GainOperator(Operator):
-    r"""A static gain and a constant: :math:`y = g u + c`.
-
-    Parameters
-    ----------
-    gain : float, default=1.0
-        ``g`` in response/drive.
-    intercept : float, default=0.0
-        ``c``, units of the response.
-
-    Examples
-    --------
-    >>> from skhyst.linear import GainOperator
-    >>> GainOperator(2.0, 1.0).run([0.0, 1.5], 0.1)[0]
-    array([1., 4.])
-    """
+    """``y = gain u + intercept``; the gain is in response/drive."""
 
     gain: float = parameter(default=1.0, linear=True, gauge=1.0, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
@@ -61,13 +47,6 @@ class Gain(LinearModel):
 
     The plainest declared model of an actuator, and the least that an auxiliary input does.
 
-    Parameters
-    ----------
-    fit_gain, fit_intercept : bool, default=True
-        Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
-
     Attributes
     ----------
     operator_ : GainOperator
@@ -82,6 +61,9 @@ class Gain(LinearModel):
     >>> round(model.operator_.gain, 6), round(model.operator_.intercept, 6)
     (2.0, 1.0)
     """
+
+    _parameter_constraints = dict(LinearModel._parameter_constraints)
+    del _parameter_constraints["hold"]
 
     def __init__(
         self,

@@ -1,7 +1,4 @@
-"""Creep as a chain of Kelvin-Voigt units, ``gain (1 + sum_i c_i / (tau_i s + 1))``.
-
-Thesis (3.7), with k_0 carried by the gain.
-"""
+"""Creep as a chain of Kelvin-Voigt units: thesis (3.7), with k_0 carried by the gain."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -76,10 +73,6 @@ class KelvinVoigt(LinearModel):
     ----------
     n_units : int, default=2
         Number of relaxing units.
-    fit_gain, fit_intercept : bool, default=True
-        Whether the prompt gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
 
     Attributes
     ----------
@@ -142,9 +135,8 @@ class KelvinVoigt(LinearModel):
             drives = zip(data, self.initial_drive_, strict=True)
             data = [replace(record, before=float(drive)) for record, drive in drives]
         self.static_gain_ = float(operator.gain * (1.0 + np.sum(operator.compliances)))
-        variance = _static_gain_variance(
-            operator, data, self.held_parameters(), self._free_run_state()
-        )
+        held = self.held_parameters()
+        variance = _static_gain_variance(operator, data, held, self._free_run_state())
         self.static_gain_std_ = float(self.fit_error_ * np.sqrt(variance))
         if not self.static_gain_std_ <= _KNOWN * abs(self.static_gain_):
             undetermined = self.identifiability_["undetermined"]
@@ -163,10 +155,9 @@ class KelvinVoigt(LinearModel):
 def _static_gain_variance(operator, records, fixed, initial_state):
     """Return the variance of the gain at rest for a residual of unit power.
 
-    A unit far slower than the records may act beside those of the model, so the gain at rest is
-    known only as far as the records would have shown such a unit. What it was before a record is
-    unknown unless the record starts from zero, so a constant and a trend of each record tell
-    nothing.
+    It is known only as far as the records would have shown a unit far slower than they are. What
+    that was before a record is unknown unless the record starts from zero, so a constant and a
+    trend of each record tell nothing.
     """
     span = max(len(record.u) * record.dt for record in records)
     slow = FirstOrderLagOperator(_SLOWER * span, gain=0.0, hold=operator.hold)

@@ -24,15 +24,7 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator
 
-__all__ = [
-    "DiscretizedOperator",
-    "LinearModel",
-    "LinearOperator",
-    "complex_gain",
-    "discretize",
-    "log_grid",
-    "time_span",
-]
+__all__ = ["LinearModel", "LinearOperator"]
 
 _STEP = 1e-30  # of the complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -58,19 +50,6 @@ def state_space_run(ad, b0, b1, c, d, u, x, u_previous):
         u_previous = u[k]
         old, new = new, old
     return y, old
-
-
-@jit
-def first_order_run(ad, b0, b1, c, d, u, x, u_previous):
-    """Do :func:`state_space_run` for one state, kept in a register."""
-    a00, b00, b10, c0 = ad[0, 0], b0[0], b1[0], c[0]
-    x0 = x[0]
-    y = np.empty(u.shape[0])
-    for k in range(u.shape[0]):
-        x0 = (b00 * u_previous + b10 * u[k]) + a00 * x0
-        u_previous = u[k]
-        y[k] = c0 * x0 + d * u_previous
-    return y, np.array([x0])
 
 
 @jit
@@ -331,27 +310,14 @@ class LinearOperator(DiscretizedOperator):
         return gain.reshape(frequency.shape)[()]
 
     def frequency_tangents(self, frequency):
-        """Return the complex gain and its derivatives by the parameters.
+        """Return the complex gain (n, 1) at ``frequency`` (n,) in Hz and its derivatives.
 
-        Parameters
-        ----------
-        frequency : ndarray of shape (n,)
-            Hz.
-
-        Returns
-        -------
-        gain : ndarray of shape (n, 1)
-        tangents : ndarray of shape (n, 1, n_parameters)
-            In the order of :meth:`pack`.
+        Those by the parameters are (n, 1, n_parameters), in the order of :meth:`pack`.
         """
         a, b, c, d = self.state_space()
         da, db, dc, dd = [part.imag / _STEP for part in self._stepped()]
-        s = 2j * np.pi * np.asarray(frequency, dtype=float)
-        resolvent = s[:, None, None] * np.eye(len(b)) - a
-        x = np.linalg.solve(resolvent, np.broadcast_to(b[:, None], (len(s), len(b), 1)))[..., 0]
-        z = np.linalg.solve(
-            resolvent.transpose(0, 2, 1), np.broadcast_to(c[:, None], (len(s), len(b), 1))
-        )[..., 0]
+        s, eye = 2j * np.pi * np.asarray(frequency, dtype=float), np.eye(len(b))
+        x, z = (complex_gain(m, v[:, None], eye, 0.0, s)[..., 0] for m, v in ((a, b), (a.T, c)))
         tangents = x @ dc.T + dd + z @ db.T
         for q in np.flatnonzero(np.any(da, axis=(1, 2))):
             tangents[:, q] += np.sum(z * (x @ da[q].T), axis=1)
@@ -408,10 +374,9 @@ class LinearOperator(DiscretizedOperator):
     def _advance(self, u, dt, x, previous):
         """Return the output without intercept and the last state, by the shortest way."""
         discrete = self._discrete(dt)
-        if len(x) in (1, 2):
-            run = first_order_run if len(x) == 1 else second_order_run
-            return run(*discrete, u, x, previous)
-        if len(x) == 0 or len(u) < _LONG or not np.isfinite(u).all():
+        if len(x) == 2:
+            return second_order_run(*discrete, u, x, previous)
+        if len(x) < 2 or len(u) < _LONG or not np.isfinite(u).all():
             return state_space_run(*discrete, u, x, previous)
         if (dt, "block") not in self._memory:
             self._memory[dt, "block"] = block_table(*discrete, _BLOCK)
@@ -452,7 +417,15 @@ class LinearOperator(DiscretizedOperator):
 
 
 class LinearModel(ParametricModel):
-    """Base of the linear models: static gain, intercept, hold."""
+    """Base of the linear models: static gain, intercept, hold.
+
+    Parameters
+    ----------
+    fit_gain, fit_intercept : bool, default=True
+        Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
+    hold : {"foh", "zoh"}, default="foh"
+        Drive between samples: a straight line, or constant.
+    """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
@@ -480,7 +453,7 @@ class LinearModel(ParametricModel):
 
     @property
     def _any_interval(self):
-        return getattr(self, "hold", "foh") == "foh"  # a delay has none
+        return getattr(self, "hold", "foh") == "foh"  # a gain has none
 
 
 def time_span(records):

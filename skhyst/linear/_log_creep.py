@@ -60,14 +60,10 @@ def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
 class LogCreepOperator(Operator):
     """Creep: the response to a unit step is ``gain (1 + creep log10(1 + t / time_constant))``.
 
-    A drive is a superposition of steps, each of which creeps from its own time on. There is no
-    equilibrium, so *rest* at a level means that what creep was left there is taken for none: the
-    response starts at ``gain u0`` (+ intercept) and only changes of the drive from then on creep.
-
-    ``creep`` is the part of the prompt response that a decade of time adds, ``time_constant`` in s.
-    The law is kept to 3e-4 of the creep for times from ``shortest`` to ``longest`` (both s, fixed)
-    after a change of the drive, and before where the time constant is above ``shortest``; beyond
-    ``longest`` the creep comes to its end.
+    Rest is that of :class:`LogCreep`. ``creep`` is the part of the prompt response that a decade of
+    time adds, ``time_constant`` in s. The law is kept to 3e-4 of the creep for times from
+    ``shortest`` to ``longest`` (both s, fixed) after a change of the drive, and before where the
+    time constant is above ``shortest``; beyond ``longest`` the creep comes to its end.
     """
 
     creep: float = parameter(linear=True, lower=0.0)
@@ -161,10 +157,6 @@ class LogCreep(LinearModel):
         :math:`\tau_0` in s, fitted or held; 0.1 s is a convention in the literature. The data
         determine it where the drive changes fast and is sampled densely afterwards; where all
         samples lie far beyond it, its logarithm is a part of the gain.
-    fit_gain, fit_intercept : bool, default=True
-        Whether the prompt gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
 
     Attributes
     ----------

@@ -138,12 +138,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     poles_ : ndarray of shape (n_poles,), complex
         rad/s: logarithms of those in the plane of z, over the interval. With standard errors that
         the mean square of the residual gives, as if it were white.
-    poles_covariance_ : ndarray of shape (n_poles, 2, 2)
-        Of real and imaginary part, (rad/s)^2.
-    natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
-        rad/s. :meth:`poles_table` gives Hz.
-    damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
-    n_states_ : int
     n_evaluations_ : int
     records_ : tuple of RecordSlice
 

@@ -3,16 +3,14 @@
 import numpy as np
 import pandas as pd
 
-__all__ = ["ModesMixin", "section_poles"]
+from .._documentation import inherit_documentation
 
 
 def section_poles(time_constants, frequencies, dampings):
-    r"""Return the poles (n,) of sections, in rad/s, and their derivatives (n, n), complex.
+    """Return the poles (n,) of sections, in rad/s, and their derivatives (n, n), complex.
 
-    A first-order section of time constant :math:`\tau` has the pole :math:`-1/\tau`, one of second
-    order :math:`\omega (-\zeta \pm \sqrt{\zeta^2 - 1})`. The derivatives are by time constants,
-    frequencies and damping ratios, in that order; infinite at a damping ratio of 1, where two
-    poles meet.
+    These are by time constants, frequencies and damping ratios, in that order; infinite at a
+    damping ratio of 1, where two poles meet.
     """
     n_first, n_second = len(time_constants), len(frequencies)
     n = n_first + 2 * n_second
@@ -30,7 +28,24 @@ def section_poles(time_constants, frequencies, dampings):
 
 
 class ModesMixin:
-    """Poles and modes of a fitted linear model, as attributes and as a table."""
+    """Poles and modes of a fitted linear model, as attributes and as a table.
+
+    Attributes
+    ----------
+    poles_ : ndarray of shape (n_poles,), complex
+        rad/s, slowest first.
+    poles_covariance_ : ndarray of shape (n_poles, 2, 2)
+        Of real and imaginary part, (rad/s)^2.
+    natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
+        rad/s; a mode is a real pole or a pair. :meth:`poles_table` gives Hz.
+    damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
+    n_states_ : int
+        As many as poles, for any number of inputs.
+    """
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
 
     def _set_modes(self, poles, by, covariance):
         """Store poles and modes; ``by`` are the poles' derivatives by what has ``covariance``."""

@@ -14,8 +14,6 @@ error :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods tells the rest
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-__all__ = ["find_period", "period_mismatch", "period_spectra", "periodic_estimate"]
-
 _FOUND = 1e-4  # power of a period's change, of the drive's, below which a period is one
 _SAME = 1e-3  # the same between two records of one realisation
 _CERTAIN = 100.0  # power of the drive at an excited line, of the noise in its mean
@@ -98,11 +96,7 @@ def _realizations(spectra, period):
 
 
 def periodic_estimate(records, period, transient, min_excitation):
-    """Estimate the frequency response of periodic records, inputs and response of similar size.
-
-    Returns the excited lines (multiples of the fundamental), what :class:`FrequencyResponse` holds
-    of the estimate at them, and the number of realisations.
-    """
+    """Return the excited lines, the estimate at them, and the number of realisations."""
     groups = _realizations(period_spectra(records, period, transient), period)
     count, m = len(groups), groups[0][0].shape[2]
     if count < m:

@@ -74,8 +74,8 @@ class TransferFunctionOperator(LinearOperator):
 
     The sections are first-order lags (``time_constants``, s), then second-order ones
     (``natural_frequencies`` in rad/s, ``damping_ratios``, above 1 for two real poles). The
-    ``numerator`` weighs what the sections add to ``gain`` times the output of the last one: slopes
-    and differences of their outputs, last section first, all of which vanish at rest.
+    ``numerator`` weighs slopes and differences of their outputs, last section first, which vanish
+    at rest and are added to ``gain`` times the last output.
     """
 
     time_constants: np.ndarray = parameter(log=True, lower=0.0, unit="s")
@@ -157,17 +157,14 @@ class TransferFunctionOperator(LinearOperator):
         )
 
     def n_ringing(self):
-        """Return the number of pairs of poles that overshoot: damping ratio below sqrt(1/2)."""
         return count_ringing(self.damping_ratios)
 
     def lag_rates(self):
-        """Return the rates (1/s) of lags in a row, [] where a pair rings or there are zeros."""
         if np.size(self.numerator):
             return []
         return rates_of_sections(self.time_constants, self.natural_frequencies, self.damping_ratios)
 
     def linear_mode(self):
-        """Return the second-order mode that the operator is, None where it is anything else."""
         if self.n_poles != (0, 1) or np.size(self.numerator):
             return None
         pair = float(self.natural_frequencies[0]), float(self.damping_ratios[0])
@@ -228,8 +225,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return np.size(self.gains)
 
     def entries(self):
-        rows, columns = np.shape(self.numerators)
-        names = iter([f"numerators[{i},{j}]" for i in range(rows) for j in range(columns)])
+        names = iter([f"numerators[{i},{j}]" for i, j in np.ndindex(np.shape(self.numerators))])
         return [
             (next(names) if name.startswith("numerators[") else name, spec)
             for name, spec in super().entries()
@@ -262,7 +258,6 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return [part.zeros() for part in self._parts()]
 
     def n_ringing(self):
-        """Return the number of pairs of poles that overshoot: damping ratio below sqrt(1/2)."""
         return count_ringing(self.damping_ratios)
 
     def state_space(self):
@@ -286,17 +281,9 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return np.exp(-2j * np.pi * frequency[:, None] * self.delays)
 
     def frequency_tangents(self, frequency):
-        """Return the complex gains and their derivatives by the parameters.
+        """Return the complex gains (n, n_inputs) at ``frequency`` (n,) in Hz and their derivatives.
 
-        Parameters
-        ----------
-        frequency : ndarray of shape (n,)
-            Hz.
-
-        Returns
-        -------
-        gain : ndarray of shape (n, n_inputs)
-        tangents : ndarray of shape (n, n_inputs, n_parameters)
+        Those by the parameters are (n, n_inputs, n_parameters), in the order of :meth:`pack`.
         """
         tangents = np.zeros((len(frequency), self.n_inputs, self.n_parameters), dtype=complex)
         gain = np.empty(tangents.shape[:2], dtype=complex)

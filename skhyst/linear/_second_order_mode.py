@@ -14,7 +14,7 @@ _DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no
 
 
 def count_ringing(damping_ratios):
-    """Return how many pairs of poles overshoot."""
+    """Return how many pairs of poles overshoot: those with a damping ratio below sqrt(1/2)."""
     return int(np.count_nonzero(np.asarray(damping_ratios) < _DAMPED))
 
 
@@ -45,15 +45,12 @@ class SecondOrderModeOperator(LinearOperator):
         return replace(self, natural_frequency=float(pairs[0][0]), damping_ratio=float(pairs[0][1]))
 
     def n_ringing(self):
-        """Return the number of pairs of poles that overshoot: damping ratio below sqrt(1/2)."""
         return count_ringing(self.damping_ratio)
 
     def lag_rates(self):
-        """Return the rates (1/s) of the two lags in a row that the mode is, [] where it rings."""
         return rates_of_sections([], [self.natural_frequency], [self.damping_ratio])
 
     def linear_mode(self):
-        """Return the second-order mode that the operator is."""
         return self
 
     def _matrices(self, p):
@@ -66,13 +63,6 @@ class SecondOrderMode(LinearModel):
     r"""Second-order mode: mass, spring and damper.
 
     .. math:: G(s) = \frac{g}{s^2/\omega^2 + 2 \zeta s/\omega + 1}
-
-    Parameters
-    ----------
-    fit_gain, fit_intercept : bool, default=True
-        Whether the static gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
 
     Attributes
     ----------

@@ -13,7 +13,6 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from .._sklearn import Interval, StrOptions
 from ..base import one_thread, run_records
 from ..exceptions import DivergenceWarning
-from ..optimize import identify
 from ..records import record_slices
 from ._conversion import control_system, scipy_system
 from ._estimate_response import chosen_columns
@@ -55,10 +54,6 @@ class TransferFunction(ModesMixin, LinearModel):
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     stable : bool, default=True
         False lets :meth:`fit_frequency_response` keep poles of the right half plane.
-    fit_gain, fit_intercept : bool, default=True
-        Whether the static gains (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Inputs between samples: a straight line, or constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample; ``"estimate"`` is for the drive alone.
 
@@ -68,17 +63,8 @@ class TransferFunction(ModesMixin, LinearModel):
         ``time_constants`` (s), ``natural_frequencies`` (rad/s), ``damping_ratios``, ``numerator``,
         ``gain``, ``intercept``; ``poles()``, ``frequency_response(frequency)``. With ``inputs``
         other than "drive" a MultiInputTransferFunctionOperator.
-    poles_ : ndarray of shape (n_poles,), complex
-        rad/s, slowest first.
-    poles_covariance_ : ndarray of shape (n_poles, 2, 2)
-        Of real and imaginary part, (rad/s)^2.
     zeros_ : ndarray of shape (n_zeros,), complex, or list of such
         rad/s; a list, one array an input, unless ``inputs="drive"``.
-    natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
-        rad/s; a mode is a real pole or a pair. :meth:`poles_table` gives Hz.
-    damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
-    n_states_ : int
-        As many as poles, for any number of inputs; delays remember their input besides.
     fit_error_ : float
         Root mean square of the residual; after :meth:`fit_frequency_response` that of real and
         imaginary parts in units of their standard deviation.
@@ -216,8 +202,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def _starts_of(self, records, n_poles, n_zeros):
         n_inputs = records[0].u.shape[1] if self._reads_columns else 1
-        operators = record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
-        return list(operators)
+        return record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
 
     def _identify(self, data):
         self._check_orders()
@@ -228,14 +213,8 @@ class TransferFunction(ModesMixin, LinearModel):
         power = sum(record.power() for record in records)
 
         def fit(n_poles, n_zeros):
-            result = identify(
-                self._starts_of(records, n_poles, n_zeros),
-                records,
-                fixed=self.held_parameters(),
-                initial_state=self._free_run_state(),
-                method=self.method,
-            )
-            return result, n_samples, power
+            starts = self._starts_of(records, n_poles, n_zeros)
+            return self._refine(starts, records), n_samples, power
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
@@ -380,16 +359,12 @@ class TransferFunction(ModesMixin, LinearModel):
         return scipy_system(*self._rational())
 
     def to_control(self):
-        """Return the fitted model as a ``control.StateSpace`` of python-control.
-
-        The intercept is left out.
+        """Return what :meth:`to_scipy` does as a ``control.StateSpace`` of python-control.
 
         Raises
         ------
         ImportError
             If the package ``control`` is not installed.
-        ValueError
-            If the model has a delay, which no finite state space has.
         """
         check_is_fitted(self)
         return control_system(*self._rational())

@@ -18,8 +18,6 @@ from ._delay import DelayOperator
 from ._linear import log_grid, time_span
 from ._rational import MultiInputTransferFunctionOperator, TransferFunctionOperator
 
-__all__ = ["choose_orders", "fit_response", "held_names", "record_starts"]
-
 _PATIENCE = 3  # orders without improvement after which none is tried
 _NOISELESS = 1e-20  # part of the response's power that counts as no residual
 _WIDE = 3  # poles from which vector fitting of records is worth its time
@@ -29,14 +27,11 @@ _FOLLOWED = 6  # starts of the least squares
 
 
 def choose_orders(fit, n_poles, n_zeros, max_poles):
-    r"""Return the result of the orders that minimise Schwarz's criterion, if they are not given.
-
-    .. math:: \text{BIC} = N \ln(\text{SSE} / N) + p \ln N
+    """Return the result of the orders that minimise Schwarz's criterion, if they are not given.
 
     Denominators ("auto") come first, with one zero less than poles unless the zeros are given; then
     the zeros (None). Of orders that leave nothing, the smallest wins. ``fit(n_poles, n_zeros)``
-    returns an ``IdentificationResult``, the number N of real residuals and the sum of squares of
-    the response.
+    returns a result, the number of real residuals and the sum of squares of the response.
     """
     tried = {}
 
@@ -74,9 +69,8 @@ def _behind_delay(operator, delays):
 
 def _several(parts, n_zeros, n_inputs, delays, hold):
     """Return an operator of several inputs with the sections ``parts``."""
-    return MultiInputTransferFunctionOperator(
-        *parts, np.zeros((n_inputs, n_zeros)), np.ones(n_inputs), delays, hold=hold
-    )
+    numerators, gains = np.zeros((n_inputs, n_zeros)), np.ones(n_inputs)
+    return MultiInputTransferFunctionOperator(*parts, numerators, gains, delays, hold=hold)
 
 
 def held_names(n_inputs, delay, fit_gain):
@@ -117,11 +111,9 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
 def fit_response(
     frequency, response, std, n_poles, n_zeros, *, delay, hold, stable, single, fit_gain, method
 ):
-    """Fit a continuous-time transfer function to a frequency response (n, n_inputs).
+    """Return what :func:`choose_orders` asks for, of a frequency response (n, n_inputs).
 
-    Returns the result, the number of real residuals and the weighted sum of squares of the
-    response. ``delay`` is as in :func:`record_starts`, ``single`` asks for the operator of the
-    drive alone.
+    ``delay`` is as in :func:`record_starts`, ``single`` asks for the operator of the drive alone.
     """
     n_inputs = response.shape[1]
     weight = _weight(response, std)

@@ -119,6 +119,14 @@ class Operator(ABC):
         """Return the way (units of the drive) in which friction builds up, if there is one."""
         return None
 
+    def _require(self, name, is_right, wanted):
+        """Refuse a field that is not what is wanted of it, such as "be above 0"."""
+        if not is_right:
+            raise ValueError(
+                f"The '{name}' parameter of {type(self).__name__} must {wanted}. "
+                f"Got {getattr(self, name)!r} instead."
+            )
+
     def parameter_specs(self) -> dict[str, ParameterSpec]:
         """Return the identifiable fields, in the order of declaration."""
         return dict(_declared(type(self)))

@@ -6,7 +6,7 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator
 
-__all__ = ["SIDES", "SaturationModel", "StaticOperator", "range_of_drive"]
+__all__ = ["SIDES", "SaturationModel", "StaticModel", "StaticOperator", "range_of_drive"]
 
 SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
@@ -31,11 +31,34 @@ class StaticOperator(Operator):
         return y, np.concatenate([du * slope[:, None], own], axis=1)
 
 
-class SaturationModel(ParametricModel):
-    """Base of the saturations: parameters ``sides`` and ``rank``."""
+class StaticModel(ParametricModel):
+    """Base of the memoryless models.
 
+    Parameters
+    ----------
+    initial_state, dt, method
+        As for every model; a memoryless model depends on neither.
+    """
+
+    operator_class = StaticOperator
+    _any_interval = True
+
+
+class SaturationModel(StaticModel):
+    """Base of the saturations.
+
+    Parameters
+    ----------
+    sides : {"both", "lower", "upper"}, default="both"
+        Which limits there are.
+    rank : {"drive", "sensor"}, default="sensor"
+        Where it stands when an effect search has to find its place in a series: before everything
+        else, or behind it.
+    """
+
+    _any_interval = False
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
+        **StaticModel._parameter_constraints,
         "sides": [StrOptions(set(SIDES))],
         "rank": [StrOptions({"drive", "sensor"})],
     }

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base import ParametricModel
 from ..operators import parameter
-from ._base import StaticOperator, range_of_drive
+from ._base import StaticModel, StaticOperator, range_of_drive
 
 __all__ = ["DeadBand", "DeadBandOperator"]
 
@@ -28,17 +27,12 @@ class DeadBandOperator(StaticOperator):
         return slope * distance - side * self.half_width, slope, np.stack([-side, -slope], axis=1)
 
 
-class DeadBand(ParametricModel):
+class DeadBand(StaticModel):
     r"""No response within a band around a level: the dead zone of a valve or of a stage.
 
     .. math:: y = \max(u - b, 0) + \min(u - a, 0)
 
     It has no gain: put a model that has one behind it in a :class:`~skhyst.compose.Cascade`.
-
-    Parameters
-    ----------
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
 
     Attributes
     ----------
@@ -57,12 +51,6 @@ class DeadBand(ParametricModel):
     """
 
     operator_class = DeadBandOperator
-    _any_interval = True
-
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         low, high = range_of_drive(records)

@@ -13,9 +13,8 @@ from numbers import Integral
 import numpy as np
 
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel
 from ..operators import parameter
-from ._base import SIDES, StaticOperator, range_of_drive
+from ._base import SIDES, StaticModel, StaticOperator, range_of_drive
 
 __all__ = ["DeadZoneOperator", "DeadZones", "MonotoneDeadZoneOperator"]
 
@@ -141,7 +140,7 @@ class MonotoneDeadZoneOperator(StaticOperator):
         return replace(self, slopes=1.0 / np.asarray(self.slopes), thresholds=thresholds)
 
 
-class DeadZones(ParametricModel):
+class DeadZones(StaticModel):
     r"""Superposition of one-sided dead zones.
 
     .. math:: y = u + \sum_j w_j D_j(u)
@@ -155,8 +154,6 @@ class DeadZones(ParametricModel):
         Number of dead zones a side.
     sides : {"both", "lower", "upper"}, default="both"
         Which sides have dead zones.
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
 
     Attributes
     ----------
@@ -175,22 +172,19 @@ class DeadZones(ParametricModel):
     """
 
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
+        **StaticModel._parameter_constraints,
         "n_zones": [Interval(Integral, 1, None, closed="left")],
         "sides": [StrOptions(set(SIDES))],
     }
 
     operator_class = DeadZoneOperator
-    _any_interval = True
 
     def __init__(
         self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0, method="variable_projection"
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_zones = n_zones
         self.sides = sides
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         low, high = range_of_drive(records)

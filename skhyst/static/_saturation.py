@@ -38,16 +38,6 @@ class Saturation(SaturationModel):
 
     .. math:: y = \min(\max(u, a), b)
 
-    Parameters
-    ----------
-    sides : {"both", "lower", "upper"}, default="both"
-        Which limits there are.
-    rank : {"drive", "sensor"}, default="sensor"
-        Where it stands when an effect search has to find its place in a series: before everything
-        else, or behind it.
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
-
     Attributes
     ----------
     operator_ : SaturationOperator
@@ -72,11 +62,9 @@ class Saturation(SaturationModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.sides = sides
         self.rank = rank
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         low, high = range_of_drive(records)

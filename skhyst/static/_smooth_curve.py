@@ -1,8 +1,4 @@
-"""Smooth memoryless curve: ``y = v + scale sum_d c_d P_d((v - center) / scale)``.
-
-P_d are the Legendre polynomials of degree 2, 3, ...; beyond ``center +- scale`` the curve goes on
-along its tangent.
-"""
+"""Smooth memoryless curve: Legendre polynomials, and their tangents beyond them."""
 
 from dataclasses import dataclass
 from numbers import Integral
@@ -10,9 +6,8 @@ from numbers import Integral
 import numpy as np
 
 from .._sklearn import Interval
-from ..base import ParametricModel
 from ..operators import parameter
-from ._base import StaticOperator, range_of_drive
+from ._base import StaticModel, StaticOperator, range_of_drive
 
 __all__ = ["PolynomialCurveOperator", "SmoothCurve"]
 
@@ -23,8 +18,7 @@ _MARGIN = 1.2  # half width of a smooth curve over that of the data
 class PolynomialCurveOperator(StaticOperator):
     """Smooth curve ``y = v + scale sum_d coefficients_d P_d((v - center) / scale)``.
 
-    P_d are the Legendre polynomials of degree 2, 3, ...; beyond ``center +- scale`` the curve
-    goes on along its tangent.
+    P_d are the Legendre polynomials from degree 2 on; beyond ``center +- scale`` it is straight.
     """
 
     coefficients: np.ndarray = parameter(linear=True)
@@ -48,7 +42,7 @@ class PolynomialCurveOperator(StaticOperator):
         return v + own @ self.coefficients, 1.0 + slopes @ self.coefficients, own
 
 
-class SmoothCurve(ParametricModel):
+class SmoothCurve(StaticModel):
     r"""Smooth memoryless curve: Legendre polynomials from degree 2 on, added to the identity.
 
     Beyond the range of the fit by more than a fifth of its half, the curve goes on along its
@@ -58,8 +52,6 @@ class SmoothCurve(ParametricModel):
     ----------
     degree : int, default=5
         Highest degree, at least 2.
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
 
     Attributes
     ----------
@@ -78,23 +70,18 @@ class SmoothCurve(ParametricModel):
     """
 
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
+        **StaticModel._parameter_constraints,
         "degree": [Interval(Integral, 2, None, closed="left")],
     }
 
     operator_class = PolynomialCurveOperator
-    _any_interval = True
 
     def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.degree = degree
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
         scale = _MARGIN * 0.5 * (high - low) or 1.0
-        operator = PolynomialCurveOperator(
-            np.zeros(self.degree - 1), center=0.5 * (low + high), scale=scale
-        )
-        return [operator]
+        coefficients = np.zeros(self.degree - 1)
+        return [PolynomialCurveOperator(coefficients, center=0.5 * (low + high), scale=scale)]

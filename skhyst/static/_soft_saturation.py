@@ -18,10 +18,7 @@ _LEAST = np.finfo(float).tiny
 
 @dataclass(frozen=True)
 class SoftSaturationOperator(StaticOperator):
-    r"""Saturation with a rounded knee: ``y = c + v / (1 + |v / L|^n)^(1 / n)``, ``v = u - c``.
-
-    Its slope is 1 at the centre c; far from it the output approaches ``c - L`` and ``c + L``. The
-    larger the knee n, the sharper: it is the clip to these levels in the limit.
+    """Saturation with a rounded knee, :class:`SoftSaturation`.
 
     Parameters
     ----------
@@ -93,13 +90,8 @@ class SoftSaturation(SaturationModel):
     ----------
     sides : {"both", "lower", "upper"}, default="both"
         Which sides of the centre saturate; the other one is straight.
-    rank : {"drive", "sensor"}, default="sensor"
-        Where it stands when an effect search has to find its place in a series: before everything
-        else, or behind it.
     fit_center : bool, default=True
         Whether the centre is fitted; otherwise it is held at 0, for a symmetric device.
-    initial_state, dt, method
-        As for every model; a memoryless model depends on neither.
 
     Attributes
     ----------
@@ -137,12 +129,10 @@ class SoftSaturation(SaturationModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.sides = sides
         self.rank = rank
         self.fit_center = fit_center
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         low, high = range_of_drive(records)

@@ -14,51 +14,60 @@ from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
 from skhyst.hysteresis._system_level import saturation_terms
 
 OPERATOR = SystemLevelOperator(slope=0.9, curvature=0.3, decay=0.8, intercept=0.2)
-
-
 PRINTED = dataclasses.replace(OPERATOR, variant="printed", rate_gain=0.02)
-
-
 SIGNALS = st.lists(st.floats(-5, 5).map(lambda v: round(v, 3)), min_size=2, max_size=20)
 
 
-def refine(u, n=7):
-    """Put ``n - 1`` samples on the straight line to each sample."""
-    steps = np.linspace(0.0, 1.0, n + 1)[1:]
-    fine = np.concatenate([u[:1], (u[:-1, None] + np.diff(u)[:, None] * steps).ravel()])
-    fine[::n] = u  # a sample beyond the end, by rounding, would be a turning point
-    return fine
+hypothesis = settings(deadline=None, max_examples=30)
 
 
-@settings(deadline=None, max_examples=30)
+def integral(u, slope, curvature, decay):
+    """Integrate (15) by quadrature from zero, the turning points found by hand."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    turning, direction, total, found = 0.0, 0.0, 0.0, []
+    for a, b in pairwise([0.0, *u]):
+        if np.sign(b - a) not in (0.0, direction):
+            turning, direction = a, np.sign(b - a)
+        points = a + (b - a) * 0.5 * (nodes + 1.0)
+        growth = -np.expm1(-decay * np.abs(points - turning)) / decay
+        total += (b - a) * 0.5 * weights @ (slope + curvature * growth)
+        found.append(total)
+    return np.array(found)
+
+
+def printed(u, slope, curvature, decay, rate_gain, dt):
+    """Equations (21) and (22), from zero."""
+    y, turning, direction = [], 0.0, 0.0
+    for a, b in pairwise([0.0, *u]):
+        if (b - a) * direction < 0.0:
+            turning = a
+        direction = np.sign(b - a) or direction
+        y.append((slope + curvature * -np.expm1(-decay * abs(b - turning)) / decay) * b)
+    return np.array(y) + rate_gain * np.diff(u, prepend=u[0]) / dt
+
+
+@hypothesis
 @given(SIGNALS)
 def test_rate_independence(values):
-    u = np.array(values)
+    u, n = np.array(values), 7
     y, state = OPERATOR.run(u, 1.0)
-    fine, last = OPERATOR.run(refine(u), 1e-3)
-    np.testing.assert_allclose(fine[::7], y, atol=1e-11)
+    fine = np.interp(np.arange(n * (len(u) - 1) + 1) / n, np.arange(len(u)), u)
+    fine[::n] = u  # a sample beyond the end, by rounding, would be a turning point
+    found, last = OPERATOR.run(fine, 1e-3)
+    np.testing.assert_allclose(found[::n], y, atol=1e-11)
     np.testing.assert_allclose(last, state, atol=1e-11)
 
 
-@settings(deadline=None, max_examples=30)
+@hypothesis
 @given(SIGNALS)
-def test_integral_of_the_slope(values):
-    """Equation (15) by quadrature, the turning points found by hand."""
-    u = np.concatenate([[0.0], values])
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    turning, direction, total, expected = 0.0, 0.0, 0.2, []
-    for a, b in pairwise(u):
-        if b != a:
-            if np.sign(b - a) != direction:
-                turning, direction = a, np.sign(b - a)
-            points = a + (b - a) * 0.5 * (nodes + 1.0)
-            growth = (1.0 - np.exp(-0.8 * np.abs(points - turning))) / 0.8
-            total += (b - a) * 0.5 * weights @ (0.9 + 0.3 * growth)
-        expected.append(total)
-    np.testing.assert_allclose(OPERATOR.run(u[1:], 1.0)[0], expected, atol=1e-9)
+def test_laws_by_hand(values):
+    expected = 0.2 + integral(values, 0.9, 0.3, 0.8)
+    np.testing.assert_allclose(OPERATOR.run(values, 1.0)[0], expected, atol=1e-9)
+    expected = 0.2 + printed(values, 0.9, 0.3, 0.8, 0.02, dt=0.1)
+    np.testing.assert_allclose(PRINTED.run(values, 0.1)[0], expected, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=30)
+@hypothesis
 @given(SIGNALS)
 def test_odd_symmetry(values):
     odd = dataclasses.replace(OPERATOR, intercept=0.0)
@@ -66,7 +75,7 @@ def test_odd_symmetry(values):
     np.testing.assert_array_equal(odd.run(-u, 1.0)[0], -odd.run(u, 1.0)[0])
 
 
-@settings(deadline=None, max_examples=30)
+@hypothesis
 @given(SIGNALS, st.floats(0.1, 3.0))
 def test_every_loop_closes_at_once(values, swing):
     u = np.array([*values, values[-1] + 4.0, values[-1], values[-1] + swing, values[-1]])
@@ -74,7 +83,7 @@ def test_every_loop_closes_at_once(values, swing):
     assert y[-1] == pytest.approx(y[-3], abs=1e-10)
 
 
-@settings(deadline=None, max_examples=30)
+@hypothesis
 @given(SIGNALS, SIGNALS)
 def test_congruency(first, second):
     """Loops of equal swing have one shape, whatever came before and wherever they are."""
@@ -115,25 +124,16 @@ def test_state_is_last_turning_point():
     assert base == pytest.approx(OPERATOR.run([0.0, 2.0, 1.0, 1.5], 1.0)[0][-1] - 0.2)
 
 
-def test_printed_form():
-    """Equation (21) with the rate term of (22)."""
-    delta_d, gamma, v_c, d_o, h_s, dt = 0.4, -3.0, 2.5, 0.3, 0.02, 0.1
-    u = np.array([0.5, 2.0, 3.0, 1.0, -1.0, -1.0, 0.5])
-    shift = np.array([0.0, 0.0, 0.0, 3.0, 3.0, 3.0, -1.0])
-    rate = np.diff(u, prepend=u[0]) / dt
-    expected = d_o + delta_d * (1 - gamma * np.exp(-np.abs(u - shift) / v_c)) * u + h_s * rate
-    operator = SystemLevelOperator.from_paper(
-        delta_d, gamma, v_c, d_o=d_o, h_s=h_s, variant="printed"
-    )
-    np.testing.assert_allclose(operator.run(u, dt)[0], expected, rtol=1e-12)
-
-
-def test_parameters_of_the_paper_in_the_integral():
+def test_parameters_of_the_paper():
+    """(16) in the integral: its slope; (21) with the rate term of (22): its first loading."""
     operator = SystemLevelOperator.from_paper(0.4, -3.0, 2.5, d_o=0.3)
     u = np.linspace(0.0, 6.0, 20001)
     slopes = np.gradient(operator.run(u, 1.0)[0], u)
-    expected = 0.3 + 0.4 * (1.0 + 3.0 * np.exp(-u / 2.5))
-    np.testing.assert_allclose(slopes[1:-1], expected[1:-1], atol=1e-6)
+    law = 0.4 * (1.0 + 3.0 * np.exp(-u / 2.5))
+    np.testing.assert_allclose(slopes[1:-1], 0.3 + law[1:-1], atol=1e-6)
+    operator = SystemLevelOperator.from_paper(0.4, -3.0, 2.5, d_o=0.3, h_s=0.02, variant="printed")
+    expected = 0.3 + law * u + 0.02 * np.diff(u, prepend=u[0]) / 0.1
+    np.testing.assert_allclose(operator.run(u, 0.1)[0], expected, rtol=1e-12)
 
 
 def test_printed_form_jumps_where_the_drive_turns():
@@ -152,17 +152,13 @@ def test_wrong_fields(field, value):
         dataclasses.replace(OPERATOR, **{field: value})
 
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(60)
-
-
-T, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
-
-
 @pytest.mark.parametrize("x", [0.0, 1e-300, 1e-8, 1e-3, 0.1, 0.4999999, 0.5, 0.7, 2.0, 10.0, 40.0])
 def test_terms_are_integrals(x):
     """E = int exp(-x t) dt, H = int (1 - t) exp(-x t) dt over [0, 1], and their derivatives."""
-    f = np.exp(-x * T)
-    expected = [WEIGHTS @ g for g in (f, -T * f, (1.0 - T) * f, -T * (1.0 - T) * f)]
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    t = 0.5 * (nodes + 1.0)
+    f = np.exp(-x * t)
+    expected = [0.5 * weights @ g for g in (f, -t * f, (1.0 - t) * f, -t * (1.0 - t) * f)]
     np.testing.assert_allclose(saturation_terms(x), expected, rtol=3e-13)
 
 
@@ -173,126 +169,68 @@ def test_terms_of_a_far_distance():
 
 
 PAPER = {"delta_d": 0.4783, "gamma": -370.47, "v_c": 24629.0}  # identified there
-
-
-H_S = 1967.0
-
-
-DT = 5e-4
-
-
-def paper_drive():
-    """0.5 Hz, 100 V from peak to peak, never negative; two periods."""
-    time = DT * np.arange(int(4.0 / DT))
-    return 50.0 - 50.0 * np.cos(2 * np.pi * 0.5 * time)
-
-
-def printed_response(u, delta_d, gamma, v_c, h_s):
-    """Equation (22), the turning points of this drive known."""
-    shift = np.where(np.arange(u.size) * DT % 2.0 < 1.0 + DT / 2, 0.0, 100.0)
-    rate = np.diff(u, prepend=u[0]) / DT
-    return delta_d * (1.0 - gamma * np.exp(-np.abs(u - shift) / v_c)) * u + h_s * rate
+H_S, DT = 1967.0, 5e-4
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-4])
-def test_published_values_as_printed(noise):
-    """The initial slope, the ratio of gamma and V_c, and h_s come back to the printed digits."""
-    u = paper_drive()
-    clean = printed_response(u, **PAPER, h_s=H_S)
-    y = clean + noise * clean.std() * np.random.default_rng(0).normal(size=u.size)
-    model = SystemLevelHysteresis("printed", dt=DT).fit(u[:, None], y)
-    truth = SystemLevelOperator.from_paper(**PAPER, h_s=H_S, variant="printed")
-    tolerance = 1e-5 if noise else 1e-7
-    assert model.params_["slope"] == pytest.approx(0.4783 * 371.47, rel=10 * tolerance)
-    assert model.params_["rate_gain"] == pytest.approx(H_S, rel=10 * tolerance)
-    for name in ("slope", "curvature", "decay", "rate_gain"):
-        error = abs(model.params_[name] - getattr(truth, name))
-        assert not error > 4 * model.params_std_[name] + 1e-4 * abs(getattr(truth, name))
-    if not noise:
-        ratio = model.params_["curvature"] / 0.4783
-        assert ratio == pytest.approx(-370.47 / 24629.0, rel=1e-4)
+@pytest.mark.parametrize("variant", ["integral", "printed"])
+def test_published_values(variant, noise):
+    """0.5 Hz, 100 V from peak to peak, never negative: two periods.
 
-
-@pytest.mark.parametrize("noise", [0.0, 1e-4])
-def test_published_values_in_the_integral(noise):
-    """With noise only the ratio of gamma and V_c is seen, and the standard error of 1 / V_c."""
-    u = paper_drive()
-    truth = SystemLevelOperator.from_paper(**PAPER)
-    clean, _ = truth.run(u, DT)
+    With noise the integral shows only the ratio of gamma and V_c, and the standard error of 1 / V_c
+    says so.
+    """
+    u = 50.0 - 50.0 * np.cos(np.pi * DT * np.arange(int(4.0 / DT)))
+    h_s = H_S if variant == "printed" else 0.0
+    truth = SystemLevelOperator.from_paper(**PAPER, h_s=h_s, variant=variant)
+    law = truth.slope, truth.curvature, truth.decay
+    clean = printed(u, *law, H_S, DT) if variant == "printed" else integral(u, *law)
     y = clean + noise * clean.std() * np.random.default_rng(0).normal(size=u.size)
-    model = SystemLevelHysteresis(dt=DT).fit(u[:, None], y)
-    assert model.params_["slope"] == pytest.approx(truth.slope, rel=1e-4)
-    if noise:
-        assert model.params_["curvature"] == pytest.approx(truth.curvature, rel=0.05)
-        assert not model.params_std_["decay"] < 3 * truth.decay
+    found = SystemLevelHysteresis(variant, dt=DT).fit(u[:, None], y)
+    values, stds = found.params_, found.params_std_
+    if variant == "printed":
+        assert values["slope"] == pytest.approx(truth.slope, rel=1e-4 if noise else 1e-6)
+        assert values["rate_gain"] == pytest.approx(H_S, rel=1e-4 if noise else 1e-6)
+        for name in ("slope", "curvature", "decay", "rate_gain"):
+            expected = getattr(truth, name)
+            assert not abs(values[name] - expected) > 4 * stds[name] + 1e-4 * abs(expected)
     else:
-        assert model.params_["curvature"] == pytest.approx(truth.curvature, rel=1e-4)
-        assert model.params_["decay"] == pytest.approx(truth.decay, rel=1e-2)
-
-
-def quadrature(u, slope, curvature, decay, parts=40):
-    """Integrate (15) by the midpoint rule between samples, from zero."""
-    path = np.concatenate([[0.0], u])
-    fractions = (np.arange(parts) + 0.5) / parts
-    points = path[:-1, None] + np.diff(path)[:, None] * fractions
-    turning, direction, y, total = 0.0, 0.0, [], 0.0
-    for k, step in enumerate(np.diff(path)):
-        if np.sign(step) not in (0.0, direction):
-            turning, direction = path[k], np.sign(step)
-        growth = (1.0 - np.exp(-decay * np.abs(points[k] - turning))) / decay
-        total += step * np.mean(slope + curvature * growth)
-        y.append(total)
-    return np.array(y)
+        assert values["slope"] == pytest.approx(truth.slope, rel=1e-4)
+    if not noise:
+        assert values["curvature"] == pytest.approx(truth.curvature, rel=1e-4)
+    elif variant == "integral":
+        assert values["curvature"] == pytest.approx(truth.curvature, rel=0.05)
+        assert not stds["decay"] < 3 * truth.decay
+    if not noise and variant == "integral":
+        assert values["decay"] == pytest.approx(truth.decay, rel=1e-2)
 
 
 def plant(seed, variant, n=900, dt=1e-3):
     rng = np.random.default_rng(seed)
     amplitude, size = 10.0 ** rng.uniform(-6, 4, 2)
     time = dt * np.arange(n)
-    u = (
-        0.5
-        * amplitude
-        * (1.2 - np.cos(2 * np.pi * 5 * time))
-        * np.interp(time, [0.0, 0.3, 0.3001, 0.6, 0.6001, 0.9], [1.0, 1.0, 0.7, 0.7, 0.4, 0.4])
-    )
+    envelope = np.interp(time, [0.0, 0.3, 0.3001, 0.6, 0.6001, 0.9], [1.0, 1.0, 0.7, 0.7, 0.4, 0.4])
+    u = 0.5 * amplitude * (1.2 - np.cos(2 * np.pi * 5 * time)) * envelope
     truth = {
         "slope": size / amplitude * rng.uniform(0.5, 1.0),
         "curvature": size / amplitude**2 * rng.uniform(1.0, 3.0) * rng.choice([-1, 1]),
         "decay": rng.uniform(1.5, 6.0) / amplitude,
     }
     if variant == "integral":
-        clean = quadrature(u, **truth)
+        clean = integral(u, **truth)
     else:
         truth["rate_gain"] = size / amplitude * rng.uniform(-0.005, 0.005)
-        clean = printed_plant(u, dt, **truth)
+        clean = printed(u, **truth, dt=dt)
     truth["intercept"] = size * rng.uniform(-1, 1)
     clean = clean + truth["intercept"]
     noise = 0.005 * clean.std()
     return u, clean, clean + noise * rng.normal(size=n), noise, truth
 
 
-def printed_plant(u, dt, slope, curvature, decay, rate_gain):
-    """Equations (21) and (22) with the turning points from the signs of the differences."""
-    step = np.diff(u, prepend=0.0)
-    y, shift, direction, last = [], 0.0, 0.0, 0.0
-    for value, change in zip(u, step, strict=True):
-        if change * direction < 0.0:
-            shift = last
-        direction = np.sign(change) or direction
-        y.append((slope + curvature * -np.expm1(-decay * abs(value - shift)) / decay) * value)
-        last = value
-    return np.array(y) + rate_gain * np.diff(u, prepend=u[0]) / dt
-
-
 @pytest.mark.parametrize("variant", ["integral", "printed"])
 def test_recovery_and_standard_errors(variant, assert_recovered):
     plants = (plant(seed, variant) for seed in range(20))
     assert_recovered(SystemLevelHysteresis(variant, dt=1e-3), plants)
-
-
-def test_units(assert_unit_free):
-    u, _, y, _, _ = plant(3, "integral")
-    assert_unit_free(SystemLevelHysteresis(dt=1e-3), u, y, 1e9, -1e-7)
 
 
 def test_records_with_their_own_past():
@@ -305,8 +243,3 @@ def test_records_with_their_own_past():
     X = pd.DataFrame({"drive": np.concatenate(drives)}, index)
     model = SystemLevelHysteresis().fit(X, pd.Series(y, index))
     assert model.params_["decay"] == pytest.approx(0.7, rel=1e-4)
-
-
-def test_wrong_variant():
-    with pytest.raises(ValueError, match="The 'variant' parameter of SystemLevelHysteresis"):
-        SystemLevelHysteresis("other").fit(np.ones((5, 1)), np.ones(5))

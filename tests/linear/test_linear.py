@@ -5,6 +5,8 @@ import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.signal import lsim
 
 from skhyst.linear import (
@@ -234,3 +236,31 @@ def test_a_transfer_function_with_one_pair_and_no_zeros_is_a_mode():
 def test_what_has_no_poles_says_so():
     for operator in (GainOperator(), DelayOperator(0.1)):
         assert operator.n_poles == (0, 0)
+
+
+# ------------------------------------------------------------------------------------------ delay
+
+WALK = 0.4 + np.cumsum(np.random.default_rng(0).normal(size=50))
+
+
+@settings(deadline=None, max_examples=30)
+@given(delay=st.floats(0.0, 0.7), initial_state=st.sampled_from(["rest", "zero"]))
+def test_shifts_the_straight_lines(delay, initial_state):
+    operator = DelayOperator(delay)
+    before = WALK[0] if initial_state == "rest" else 0.0
+    # what lies before the record is a sample of its own, one interval back
+    time = DT * np.arange(-1, len(WALK))
+    expected = np.interp(DT * np.arange(len(WALK)) - delay, time, np.r_[before, WALK])
+    y, _ = operator.run(WALK, DT, operator.init(WALK[0], initial_state))
+    np.testing.assert_allclose(y, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 49, 50, 80])
+def test_whole_samples_are_an_exact_shift(count):
+    y, _ = DelayOperator(count * 0.25).run(WALK, 0.25)
+    np.testing.assert_array_equal(y, np.r_[np.full(count, WALK[0]), WALK][: len(WALK)])
+
+
+def test_state_holds_no_more_than_the_delay():
+    _, state = DelayOperator(0.035).run(np.tile(WALK, 100), DT)
+    assert np.size(state) <= 5

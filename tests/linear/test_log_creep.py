@@ -115,12 +115,6 @@ def test_where_nothing_creeps_the_standard_errors_say_so():
     np.testing.assert_allclose(model.operator_.run(u, 0.1)[0][1:], 1.7, atol=1e-4)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, "free"])
-def test_wrong_time_constants(value):
-    with pytest.raises(ValueError, match="The 'time_constant' parameter of LogCreep"):
-        LogCreep(value).fit(*recording(0))
-
-
 def test_a_longer_record_than_that_of_the_fit_keeps_the_law():
     operator = LogCreep(hold="zoh").fit(*recording(0, noise=0.0)).operator_
     expected = 1.5 * law(0.1 * np.arange(10_000), 0.03, 0.4) + 0.2

@@ -122,8 +122,6 @@ def test_refusals():
         ModalModel(1).fit(np.ones((2, 1)), np.ones(2))
     with pytest.warns(ConvergenceWarning, match="do not determine ModalModel"):
         ModalModel(9).fit(X[:16], Y[:16])
-    with pytest.raises(ValueError, match="'n_poles' parameter"):
-        ModalModel(0).fit(X, Y)
 
 
 def test_sampled_state_space_agrees_with_scipy():
