@@ -18,6 +18,7 @@ from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
 from ._candidates import Candidate, held_out
+from ._claim import Claim
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings
 from ._effects import EFFECTS
@@ -290,20 +291,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self._structure = base.structure
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
-        self.evidence_ = {
-            row["effect"]: gather_evidence(
-                EFFECTS[row["effect"]],
-                base.structure,
-                result,
-                records,
-                first,
-                base,
-                (getattr(self, "feature_names_in_", ()), self.response_name_),
-            )
-            for row in history
-        }
+        columns, self.evidence_ = tuple(getattr(self, "feature_names_in_", ())), {}
         for row in history:
-            row["evidence"] = self.evidence_[row["effect"]]
+            effect = EFFECTS[row["effect"]]
+            claim = Claim(effect, base.structure, result, tuple(records), columns)
+            row["evidence"] = gather_evidence(claim, first.error, base.error, self.response_name_)
+            self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=_HISTORY)
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin

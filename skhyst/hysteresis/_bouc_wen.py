@@ -17,6 +17,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._bouc_wen_curve import curve_run, curve_tangents, curves
+from ._friction import force_characteristics
 
 __all__ = ["BoucWen", "BoucWenOperator", "BoucWenState"]
 
@@ -198,6 +199,9 @@ class BoucWenOperator(Operator):
     def way_before_sliding(self):
         """Return the way before the hysteretic part saturates, ``limit``, units of the drive."""
         return float(self.limit)
+
+    def characteristics(self, seen):
+        return force_characteristics(abs(self.alpha) * self.limit, abs(self.alpha))
 
     @cached_property
     def _sides(self):

@@ -7,6 +7,7 @@ from ..operators import slopes
 
 __all__ = [
     "FrictionModel",
+    "force_characteristics",
     "half_range",
     "speed_noise",
     "swing",
@@ -29,6 +30,15 @@ class FrictionModel(ParametricModel):
     }
 
     series_rank = 10
+
+
+def force_characteristics(level, stiffness):
+    """Return the characteristics of a hysteretic force whose input is the displacement."""
+    return {
+        "largest hysteretic force": (level, "response"),
+        "stiffness after a turn": (stiffness, "response/drive"),
+        "way before it yields": (level / stiffness, "drive"),
+    }
 
 
 def swing(records):

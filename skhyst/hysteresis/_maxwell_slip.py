@@ -9,7 +9,7 @@ from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
 from ..operators import Operator, as_signal, parameter, play_thresholds
-from ._friction import FrictionModel
+from ._friction import FrictionModel, force_characteristics
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 
 __all__ = ["MaxwellSlip", "MaxwellSlipOperator"]
@@ -94,6 +94,9 @@ class MaxwellSlipOperator(Operator):
         if not self.non_negative:
             specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
         return specs
+
+    def characteristics(self, seen):
+        return force_characteristics(self.weights @ self.thresholds, np.sum(self.weights))
 
     @cached_property
     def _plays(self):

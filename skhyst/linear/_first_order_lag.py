@@ -27,6 +27,9 @@ class FirstOrderLagOperator(LinearOperator):
         """Return the rates (1/s) of the first-order lags in a row that the operator is: one."""
         return [1.0 / self.time_constant]
 
+    def characteristics(self, seen):
+        return {"corner frequency": (0.5 / (np.pi * self.time_constant), "Hz")}
+
     def _matrices(self, p):
         rate = 1.0 / p[0]
         return np.array([[-rate]]), np.array([rate]), np.array([p[1]]), 0.0 * p[0]
