@@ -2,11 +2,8 @@
 
 import dataclasses
 import json
-import math
 import re
 from pathlib import Path
-
-import numpy as np
 
 from ._report_data import collect
 from ._report_figures import report_figures
@@ -129,13 +126,10 @@ class Report:
 
     def to_dict(self):
         """Return everything but the signals, as plain Python data; NaN and infinity are None."""
-        fields = {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
-            if field.name != "signals"
-        }
         summary = {"headline": self.headline, "sentence": self.sentence}
-        return _plain({"schema": "skhyst.report/1", **summary, **fields})
+        fields = {name: value for name, value in vars(self).items() if name != "signals"}
+        text = json.dumps({"schema": "skhyst.report/1"} | summary | fields, default=_plain)
+        return json.loads(text, parse_constant=lambda _: None)
 
     def to_json(self, path=None):
         """Return :meth:`to_dict` as JSON text.
@@ -192,16 +186,11 @@ class Report:
 
 
 def _plain(value):
-    """Return ``value`` as JSON has it: a number that is not finite is None."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """Return what JSON has in place of a NumPy value or a picture."""
+    if hasattr(value, "curves"):
+        curves = [{"label": c[0], "style": c[3], "x": c[1], "y": c[2]} for c in value.curves]
+        return vars(value) | {"curves": curves}
+    return value.tolist()
 
 
 def _rendered(report, form):

@@ -116,8 +116,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Both fitted on all data. Where a regressor that is no parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
-        How the power of what is left is spread over records, time, drive, rate and frequency: see
-        ``concentration``. Of use where the verdict is ``"unexplained"``.
+        How the power of what is left is spread, one row a record, a tenth of its time, of the drive
+        or its rate, or an octave: ``by``, ``record``, ``low``, ``high``, ``unit``, ``share`` of the
+        power, and ``concentration``, mean power there over that of the whole, 1 for white noise. Of
+        use where the verdict is ``"unexplained"``.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice
@@ -223,12 +225,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return self
 
     def _chosen_effects(self):
-        if isinstance(self.effects, str):
-            if self.effects == "all":
-                return list(EFFECTS.values())
-            names = [self.effects]
-        else:
-            names = list(self.effects)
+        names = np.ravel(self.effects).tolist()
+        names = list(EFFECTS) if names == ["all"] else names
         unknown = [name for name in names if name not in EFFECTS]
         if unknown:
             raise ValueError(
@@ -284,7 +282,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
         measured = declared.measured(records)
         self._judge(measured, base, records)
-        self.residual_location_ = locate(measured, base.residuals, [s.label for s in slices])
+        self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
         del self._inputs

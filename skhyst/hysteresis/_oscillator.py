@@ -253,7 +253,7 @@ class OscillatorOperator(Operator):
         return float(abs(self.gain) * level / stiffness) if stiffness else None
 
     def _force_characteristics(self, level):
-        """Return those of a hysteretic force up to a level (units of the drive), if there is one."""
+        """Return those of a hysteretic force up to a level (units of the drive), if any."""
         if not self.hysteresis_stiffness > 0.0:
             return {}
         way = abs(self.gain) * level / self.hysteresis_stiffness
