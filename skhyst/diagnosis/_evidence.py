@@ -36,20 +36,7 @@ class Evidence:
 
 
 def gather_evidence(claim, before, after, response):
-    """Return the evidence of a claim.
-
-    Parameters
-    ----------
-    claim : Claim
-    before, after : float
-        Held-out errors of the declared and of the augmented model.
-    response : str
-        Name of y.
-
-    Returns
-    -------
-    Evidence
-    """
+    """Return the evidence of a claim; of held-out errors before and after, and the name of y."""
     words = unit_of(claim.columns[0]) if len(claim.columns) else "", unit_of(response)
     found = _of_parts(claim) if claim.operator else changes_by_number(claim)
     numbers = {

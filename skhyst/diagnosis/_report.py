@@ -131,21 +131,6 @@ class Report:
         text = json.dumps({"schema": "skhyst.report/1"} | summary | fields, default=_plain)
         return json.loads(text, parse_constant=lambda _: None)
 
-    def to_json(self, path=None):
-        """Return :meth:`to_dict` as JSON text.
-
-        Parameters
-        ----------
-        path : str, Path or None, default=None
-            File to write as well.
-
-        Returns
-        -------
-        str
-        """
-        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        return _written(content, path)
-
     def to_html(self, path=None):
         """Return a self-contained page: no script, no other file, nothing from a network.
 
@@ -166,23 +151,13 @@ class Report:
         return _written(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None):
-        """Return the text and the tables, without pictures.
-
-        Parameters
-        ----------
-        path : str, Path or None, default=None
-            File to write as well.
-
-        Returns
-        -------
-        str
-
-        Raises
-        ------
-        ImportError
-            Where Jinja2 is not installed.
-        """
+        """Return the text and the tables without pictures; otherwise as :meth:`to_html`."""
         return _written(_rendered(self, "markdown"), path)
+
+    def to_json(self, path=None):
+        """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
+        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return _written(content, path)
 
 
 def _plain(value):

@@ -17,17 +17,9 @@ _WIDTH = 7.4  # inches
 
 
 def report_figures(report):
-    """Draw every picture of a report.
+    """Draw every picture: ``loops``, ``residuals``, one a round and one a claim.
 
-    Parameters
-    ----------
-    report : Report
-
-    Returns
-    -------
-    dict of str to (str or list of str)
-        ``"loops"``, ``"residuals"``: one SVG each; ``"rankings"``, ``"evidence"``: lists, one a
-        round (empty where nothing was contested) and one a claim.
+    One of a round is empty where nothing was contested.
     """
     panels = len(report.signals["predictions"])
 

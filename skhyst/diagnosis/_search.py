@@ -31,8 +31,6 @@ from ._tree import Tree
 
 __all__ = ["EffectSearchCV"]
 
-_REWEIGHTED = 2  # times, before the first round
-_NEGLIGIBLE = 1e-7  # held-out error, relative to the range, below which nothing is sought
 _HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 _HISTORY += ["experiment", "evidence"]
 _RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
@@ -259,12 +257,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             Criterion(self.alpha, self.min_improvement),
             self.max_effects,
             self.n_jobs,
-            _NEGLIGIBLE * np.ptp(self.response_),
+            1e-7 * np.ptp(self.response_),  # an error below that has nothing left to be found
             self._say,
             declared.renew,
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
-        for _ in range(_REWEIGHTED if rounds.lost else 0):
+        for _ in range(2 if rounds.lost else 0):  # the first weights are of a fit without any
             base = first = rounds.weighed(base)
         base = rounds.run(base)
         self.seconds_ |= rounds.seconds
@@ -280,8 +278,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         for name, contestant in (("before", first), ("after", base)):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
-        measured = declared.measured(records)
-        self._judge(measured, base, records)
+        self._judge(declared.measured(records), base, rounds)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
@@ -299,36 +296,30 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _judge(self, measured, base, records):
-        """Set the noise floor and the verdict."""
-        if base.error <= _NEGLIGIBLE * np.ptp(self.response_):
+    def _judge(self, measured, base, rounds):
+        """Set the noise floor and the verdict.
+
+        Judged is the fit to everything: a held-out record that goes further than the others shows
+        what they do not determine, which is no missing structure.
+        """
+        if base.error <= rounds.negligible:
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
-        judgement = self._judgement(records, measured, base)
+        problem = base.structure.problem(rounds.records)
+        fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
+        predictions = [  # where nothing counts there is none
+            np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
+            for r, own, part in zip(rounds.records, base.predictions, fitted, strict=True)
+        ]
+        residuals = [r.y - part for r, part in zip(rounds.records, predictions, strict=True)]
+        order = by_content(self.records_, self.drive_, self.response_)
+        seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
+        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
+        judgement = judge_residual(*seen, rng, rounds.criterion)
         self.noise_floor_ = judgement.error
         self.verdict_ = "unexplained" if judgement.structured else "noise"
-
-    def _judgement(self, records, measured, base):
-        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        # of the fit to everything: a held-out record that goes further than the others shows what
-        # they do not determine, which is no missing structure
-        order = by_content(self.records_, self.drive_, self.response_)
-        seen = [[part[i] for i in order] for part in (measured, *self._fitted(records, base))]
-        criterion = Criterion(self.alpha, self.min_improvement)
-        return judge_residual(*seen, rng, criterion)
-
-    @staticmethod
-    def _fitted(records, base):
-        """Return residuals and predictions of the fit to all records, NaN where nothing counts."""
-        problem = base.structure.problem(records)
-        fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
-        predictions = [
-            np.where(np.isfinite(held_out) & _counts(record), p, np.nan)
-            for record, held_out, p in zip(records, base.predictions, fitted, strict=True)
-        ]
-        return [r.y - p for r, p in zip(records, predictions, strict=True)], predictions
 
     def _say(self, text):
         if self.verbose:
@@ -382,11 +373,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the :class:`Report`: HTML, Markdown, JSON."""
         check_is_fitted(self)
         return Report.from_search(self, command=command)
-
-
-def _counts(record):
-    """Return where a sample counts at all."""
-    return True if record.weights is None else record.weights > 0.0
 
 
 def _with_others(drive, columns):
