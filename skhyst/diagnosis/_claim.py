@@ -238,17 +238,14 @@ class Claim:
             stage = structure.operators[self.at]
             parts = dict(zip(stage.names, stage.stages, strict=True))
             del parts[self.label]
-            return self.with_stage(SumOperator(tuple(parts), tuple(parts.values())))
+            forces = SumOperator(tuple(parts), tuple(parts.values()))
+            return structure.with_stage(self.at, operator=forces)
         return structure.cut(structure.names[self.at])
 
     @cached_property
     def without(self):
         """What that model responds."""
         return self.rest.respond(self.records)
-
-    def with_stage(self, operator):
-        """Return the model with another operator in the effect's place."""
-        return self.structure.with_stage(self.at, operator=operator)
 
     def lacking(self, without):
         """Return what a model lacks: of the measurement, and of the augmented model."""

@@ -21,7 +21,7 @@ def collect(search, command, held_out):
     columns = getattr(search, "feature_names_in_", ["drive"])
     names = {"drive_name": str(columns[0]), "response_name": str(search.response_name_)}
     order = {"by": ["round", "error_after", "screen"], "ascending": [True, True, False]}
-    ranking = search.ranking_.sort_values(**order, kind="stable").to_dict("records")
+    ranking = search.ranking_.sort_values(**order, kind="stable")
     claims = [_claim(row) for row in search.history_.to_dict("records")]
     not_it, data = _not_it(ranking, claims), _data(search)
     location = _location(search.residual_location_, search.records_)
@@ -47,7 +47,7 @@ def collect(search, command, held_out):
         "response_range": float(np.ptp(search.response_)),
         **names,
         "claims": claims,
-        "ranking": ranking,
+        "ranking": ranking.to_dict("records"),
         "not_it": not_it,
         "parameters": {name: _parameters(model) for name, model in models.items()},
         "data": data,
@@ -104,28 +104,17 @@ def _not_it(ranking, claims):
     it explained in any round. Effects that fit as well as a claimed one are left out.
     """
     excluded = {name for claim in claims for name in (claim["effect"], *claim["ambiguous_with"])}
-    winners = {row["round"]: row for row in reversed(ranking) if row["claimed"]}
-    found = {}
-    for row in ranking:
-        own = {name: row[name] for name in ("effect", "round", "screen", "p_value")}
+    names = ["effect", "round", "screen", "p_value", "error_before", "error_after", "change"]
+    own = ranking.assign(change=ranking["error_after"] / ranking["error_before"] - 1.0)[names]
+    own = own[~own["effect"].isin(excluded)]
+    own = own.sort_values(["change", "screen"], ascending=[True, False], kind="stable")
+    claimed = ranking[ranking["claimed"].astype(bool)].drop_duplicates("round").set_index("round")
+    winners, rows = claimed.to_dict("index"), []
+    for row in own.drop_duplicates("effect").to_dict("records"):
         winner = winners.get(row["round"], {})
-        own |= {
-            "error_before": row["error_before"],
-            "error_after": row["error_after"],
-            "change": row["error_after"] / row["error_before"] - 1.0,
-            "claimed_instead": winner.get("effect"),
-            "claimed_error": winner.get("error_after", math.nan),
-        }
-        best = found.get(row["effect"])
-        if row["effect"] not in excluded and (best is None or _helped(own) < _helped(best)):
-            found[row["effect"]] = own
-    return sorted(found.values(), key=_helped)
-
-
-def _helped(row):
-    """Return the key by which tries are sorted, those that helped most first."""
-    contested = math.isfinite(row["change"])
-    return not contested, row["change"] if contested else 0.0, -row["screen"]
+        instead = winner.get("effect"), winner.get("error_after", math.nan)
+        rows.append(row | {"claimed_instead": instead[0], "claimed_error": instead[1]})
+    return rows
 
 
 def _parameters(estimator):
