@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from html.parser import HTMLParser
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
@@ -154,9 +155,8 @@ def test_page_tells_in_order(html, report):
 
 def test_sentence_carries_the_errors(report):
     for error in (report.error_before, report.error_after, report.noise_floor):
-        assert (
-            f"{number(error)} ({number(100 * error / report.response_range)} %" in report.sentence
-        )
+        share = number(100 * error / report.response_range)
+        assert f"{number(error)} ({share} %" in report.sentence
     assert report.declared_model in report.sentence
 
 
@@ -273,14 +273,11 @@ def test_what_to_measure_next():
 def test_held_out_data_are_reported(search, recording):
     kept = (recording.X_test, recording.y_test)
     report = Report.from_search(search, held_out=kept)
-    before = search.held_out_error(*kept, declared=True)
-    after = search.held_out_error(*kept)
-    assert report.held_out["error_before"] == before
-    assert report.held_out["error_after"] == after
     assert report.held_out["n_samples"] == len(recording.y_test)
-    text = report.to_markdown()
-    assert number(before) in text
-    assert number(after) in text
+    for name, declared in (("before", True), ("after", False)):
+        error = search.held_out_error(*kept, declared=declared)
+        assert report.held_out[f"error_{name}"] == error
+        assert number(error) in report.to_markdown()
 
 
 # ------------------------------------------------------------------------------------------- data
@@ -349,16 +346,10 @@ def test_same_search_same_report(report, search, recording, html):
 
 def tables_are_whole(markdown):
     """Whether every row of every table has as many cells as its head."""
-    width = 0
-    for line in markdown.splitlines():
-        if not line.startswith("|"):
-            width = 0
-            continue
-        cells = len(re.findall(r"(?<!\\)\|", line))
-        if width not in (0, cells):
-            return False
-        width = cells
-    return True
+    lines = markdown.splitlines()
+    tables = groupby(lines, lambda line: line.startswith("|"))
+    widths = [{len(re.findall(r"(?<!\\)\|", r)) for r in rows} for is_one, rows in tables if is_one]
+    return all(len(own) == 1 for own in widths)
 
 
 def test_markdown_is_whole(markdown, report):

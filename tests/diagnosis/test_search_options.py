@@ -35,15 +35,16 @@ def one_record(effect="lag", n_samples=12500):
     return X.to_numpy(), y.to_numpy(), recording
 
 
-def test_one_record_is_cut_into_blocks_that_are_washed_out():
+@pytest.mark.parametrize("washout", [0, 23])
+def test_one_record_is_cut_into_blocks_that_are_washed_out(washout):
     X, y, recording = one_record()
     model = PrandtlIshlinskii(dt=recording.sampling_interval)
-    search = EffectSearchCV(model, effects=FEW, cv=4, washout=23, random_state=0).fit(X, y)
+    search = EffectSearchCV(model, effects=FEW, cv=4, washout=washout, random_state=0).fit(X, y)
     assert search.effects_ == ["lag"]
     edges = np.linspace(0, len(y), 5).astype(int)
     washed = np.zeros(len(y), dtype=bool)
     for edge in edges[:-1]:
-        washed[edge : edge + 23] = True
+        washed[edge : edge + washout] = True
     for stage in ("before", "after"):
         residual = getattr(search, f"residual_{stage}_")
         prediction = getattr(search, f"prediction_{stage}_")
@@ -52,12 +53,6 @@ def test_one_record_is_cut_into_blocks_that_are_washed_out():
         error = np.sqrt(np.nanmean(residual**2))
         assert getattr(search, f"error_{stage}_") == pytest.approx(error, rel=1e-9)
     assert search.error_after_ < 1.3 * recording.noise_std  # blocks of 600 samples
-
-
-def test_a_washout_of_nothing_scores_everything():
-    X, y, _ = one_record()
-    search = EffectSearchCV(PrandtlIshlinskii(), effects=["offset"], washout=0).fit(X, y)
-    assert np.isfinite(search.residual_before_).all()
 
 
 def test_arrays_with_an_interval_are_frames_with_a_time_index():
