@@ -62,7 +62,8 @@ def is_plausible(margin, candidate, before, records, alpha):
     if value >= 0.0 or not np.isfinite(value):
         return bool(value >= 0.0)
     steps = _STEP * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
-    slopes = np.array([(at(x + h) - at(x - h)) / (2.0 * h.sum()) for h in steps])
+    ends = [np.clip([x - h, x + h], problem.lower, problem.upper) for h in steps]
+    slopes = np.array([(at(high) - at(low)) / (high - low).sum() for low, high in ends])
     return bool(value + norm.isf(alpha) * _standard_error(problem, x, slopes) >= 0.0)
 
 

@@ -17,7 +17,7 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, held_out
+from ._candidates import Candidate, certainties, held_out
 from ._claim import Claim
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings
@@ -95,7 +95,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response. Constants that belong to a record (offset, drift, phase) are taken from
-        one half of a held-out record's segments to predict the other half.
+        one half of a held-out record's segments to predict the other half. A sample counts the
+        less, the more open the other folds leave the declared model's prediction of it.
     noise_floor_ : float
         The error that no model is known to beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
@@ -245,7 +246,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, len(result.x), result.x)
-        base = held_out(base, records, folds)
+        certain = None if declared.renew else certainties(base, records, folds)
+        base = held_out(base, records, folds, certain)
         self.declared_estimator_ = declared.fitted(result)
         self._say(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
@@ -254,6 +256,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             declared.effects(effects),
             records,
             folds,
+            certain,
             Criterion(self.alpha, self.min_improvement),
             self.max_effects,
             self.n_jobs,

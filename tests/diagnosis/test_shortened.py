@@ -20,8 +20,7 @@ from skhyst.optimize import RecordData
 
 @pytest.fixture
 def short_is_long(monkeypatch):
-    monkeypatch.setattr(_shortened, "_LONG", 1000)
-    monkeypatch.setattr(_shortened, "_ENOUGH", 500)
+    monkeypatch.setattr(_shortened, "_ENOUGH", 1000)
 
 
 def some_records(count=3, n=900, segments=6):
@@ -76,7 +75,7 @@ def test_folds_of_long_records_are_those_of_short_ones(beside, monkeypatch):
     fold = problem.segment_record
     folds = [(fold != k, fold == k) for k in range(len(records))]
     thorough = held_out(contestant, records, folds)
-    monkeypatch.setattr(_shortened, "_LONG", 1000)
+    monkeypatch.setattr(_shortened, "_ENOUGH", 1000)
     assert are_long(records)
     quick = held_out(contestant, records, folds)
     assert quick.error == pytest.approx(thorough.error, rel=2e-3)
