@@ -119,14 +119,6 @@ class Operator(ABC):
         """Return the rates (rad/s) of the first-order lags among the poles."""
         return []
 
-    def linear_mode(self) -> "Operator | None":
-        """Return the second-order mode that is left without what bends it, if there is one."""
-        return None
-
-    def way_before_sliding(self) -> float | None:
-        """Return the way (units of the drive) in which friction builds up, if there is one."""
-        return None
-
     def characteristics(self, seen) -> dict[str, tuple]:
         """Return what characterises the operator beyond its parameters, as an engineer counts it.
 
@@ -145,6 +137,14 @@ class Operator(ABC):
             :class:`ParameterSpec`.
         """
         return {}
+
+    def linear_mode(self) -> "Operator | None":
+        """Return the second-order mode that is left without what bends it, if there is one."""
+        return None
+
+    def way_before_sliding(self) -> float | None:
+        """Return the way (units of the drive) in which friction builds up, if there is one."""
+        return None
 
     def parameter_specs(self) -> dict[str, ParameterSpec]:
         """Return the identifiable fields, in the order of declaration."""
