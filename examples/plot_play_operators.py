@@ -67,5 +67,6 @@ print(f"after the inner loop is wiped out:            {abs(with_inner_loop[-1] -
 
 first, state = model.run(drive[:700], dt)
 second, _ = model.run(drive[700:], dt, state)
-print("turning points remembered:", np.round(state.turning_points, 3))
+turning_points, _ = state
+print("turning points remembered:", np.round(turning_points, 3))
 print("in two parts as in one:   ", np.array_equal(np.r_[first, second], response))

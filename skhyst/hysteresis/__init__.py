@@ -1,7 +1,7 @@
 """Hysteresis models."""
 
 from ._backlash import Backlash, BacklashOperator
-from ._bouc_wen import BoucWen, BoucWenOperator, BoucWenState
+from ._bouc_wen import BoucWen, BoucWenOperator
 from ._bouc_wen_stage import BoucWenStage, BoucWenStageOperator
 from ._coulomb_friction import CoulombFriction, CoulombFrictionOperator
 from ._dahl import Dahl, DahlOperator
@@ -13,8 +13,8 @@ from ._lugre import LuGre, LuGreOperator
 from ._maxwell_slip import MaxwellSlip, MaxwellSlipOperator
 from ._modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from ._oscillator import OscillatorOperator
-from ._prandtl_ishlinskii import PlayMemory, PrandtlIshlinskii, PrandtlIshlinskiiOperator
-from ._preisach import Preisach, PreisachMemory, PreisachOperator
+from ._prandtl_ishlinskii import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from ._preisach import Preisach, PreisachOperator
 from ._rate_dependent_prandtl_ishlinskii import (
     RateDependentPrandtlIshlinskii,
     RateDependentPrandtlIshlinskiiOperator,
@@ -31,7 +31,6 @@ __all__ = [
     "BoucWenOperator",
     "BoucWenStage",
     "BoucWenStageOperator",
-    "BoucWenState",
     "CoulombFriction",
     "CoulombFrictionOperator",
     "Dahl",
@@ -50,11 +49,9 @@ __all__ = [
     "MaxwellSlipOperator",
     "ModifiedPrandtlIshlinskii",
     "OscillatorOperator",
-    "PlayMemory",
     "PrandtlIshlinskii",
     "PrandtlIshlinskiiOperator",
     "Preisach",
-    "PreisachMemory",
     "PreisachOperator",
     "RateDependentPrandtlIshlinskii",
     "RateDependentPrandtlIshlinskiiOperator",

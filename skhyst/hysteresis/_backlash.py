@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
+from ._common import swing
 
 __all__ = ["Backlash", "BacklashOperator"]
 
@@ -58,7 +57,7 @@ _PARTS = (0.01, 0.03, 0.1, 0.25)  # half gaps to start from, parts of the signal
 
 
 class Backlash(ParametricModel):
-    r"""Backlash: the response follows the drive once half the gap is used up.
+    r"""Backlash: the response follows the drive once half the gap is used up, at any rate.
 
     .. math:: y(t) = \max(u(t) - r, \min(u(t) + r, y(t^-)))
 
@@ -71,15 +70,11 @@ class Backlash(ParametricModel):
     rank : {"drive", "sensor"}, default="drive"
         Where it stands when an effect search has to find its place in a series: before everything
         else, or behind it.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
 
     Attributes
     ----------
     operator_ : BacklashOperator
         ``half_gap`` r, units of the drive.
-    params_, params_std_ : dict
-        The half gap and its standard error.
 
     Examples
     --------
@@ -97,15 +92,13 @@ class Backlash(ParametricModel):
     }
 
     def __init__(self, *, rank="drive", initial_state="rest", dt=1.0, method="variable_projection"):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.rank = rank
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     @property
     def series_rank(self):
         return 0 if self.rank == "drive" else 50
 
     def starting_values(self, records):
-        swing = max(np.ptp(record.u) for record in records) or 1.0
-        return [BacklashOperator(float(part * swing), self.series_rank) for part in _PARTS]
+        length = swing(records)
+        return [BacklashOperator(part * length, self.series_rank) for part in _PARTS]

@@ -9,7 +9,6 @@ import math
 from functools import cached_property
 from itertools import product
 from numbers import Real
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,29 +16,14 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._bouc_wen_curve import curve_run, curve_tangents, curves
-from ._friction import force_characteristics
+from ._common import force_characteristics, require, show
 
-__all__ = ["BoucWen", "BoucWenOperator", "BoucWenState"]
-
-
-class BoucWenState(NamedTuple):
-    """What a Bouc-Wen operator remembers.
-
-    Parameters
-    ----------
-    z : float
-        Hysteretic part, in units of the drive.
-    last : float
-        Last value of the drive.
-    """
-
-    z: float
-    last: float
+__all__ = ["BoucWen", "BoucWenOperator"]
 
 
 @dataclasses.dataclass(frozen=True)
 class BoucWenOperator(Operator):
-    r"""Bouc-Wen hysteresis in normalised form.
+    r"""Bouc-Wen hysteresis in normalised form, :math:`g = \alpha z` in :class:`BoucWen`.
 
     .. math::
 
@@ -48,10 +32,7 @@ class BoucWenOperator(Operator):
         + \varphi_z (\operatorname{sgn} u' + \operatorname{sgn} z)\right]\right\}
 
     with :math:`\beta_z + \gamma_z = D^{-n}`, :math:`\beta_z - \gamma_z = r D^{-n}` and
-    :math:`2 \varphi_z = a D^{-n}`. For ``a = 0`` this is the law of Bouc and Wen for
-    :math:`g = \alpha z`; the term with ``a`` is that of Wang and Wen. The output is in phase with
-    the drive or before it for ``alpha > 0`` (a force over a displacement) and lags behind it for
-    ``alpha < 0`` (the displacement of a piezo over its voltage).
+    :math:`2 \varphi_z = a D^{-n}`, the term of Wang and Wen.
 
     Parameters
     ----------
@@ -83,17 +64,9 @@ class BoucWenOperator(Operator):
     -----
     The drive is a straight line between samples and the law is integrated exactly, for every
     exponent, so neither the length of a step nor samples in between matter. The operator is
-    rate-independent: ``dt`` is not used. The state is a :class:`BoucWenState`. ``"rest"`` is the
-    first loading from zero to the first sample; in ``"zero"`` the drive was zero. Both give the
-    same output, since the way to the first sample is that first loading.
-
-    References
-    ----------
-    Tanh paper, (1)-(2), as corrected in the list of errata. Normalised form: F. Ikhouane and
-    J. Rodellar, "Systems with hysteresis", Wiley 2007. Asymmetry: C.-H. Wang and Y.-K. Wen,
-    "Evaluation of pre-Northridge low-rise steel buildings I: modeling", J. Struct. Eng. 126(10),
-    2000; compared with others by J. Song and A. Der Kiureghian, "Generalized Bouc-Wen model for
-    highly asymmetric hysteresis", J. Eng. Mech. 132(6), 2006.
+    rate-independent: ``dt`` is not used. The state is ``(z, last drive)``. ``"rest"`` is the first
+    loading from zero to the first sample; in ``"zero"`` the drive was zero. Both give the same
+    output, since the way to the first sample is that first loading.
 
     Examples
     --------
@@ -119,17 +92,10 @@ class BoucWenOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        for name, valid, requirement in (
-            ("limit", self.limit > 0.0, "positive"),
-            ("ratio", self.ratio >= 0.0, "at least 0"),
-            ("exponent", self.exponent > 0.0, "positive"),
-            ("asymmetry", -1.0 < self.asymmetry < 1.0, "between -1 and 1"),
-        ):
-            if not valid:
-                raise ValueError(
-                    f"The '{name}' parameter of BoucWenOperator must be {requirement}. "
-                    f"Got {getattr(self, name)!r} instead."
-                )
+        require(self, "limit", self.limit > 0.0, "be positive")
+        require(self, "ratio", self.ratio >= 0.0, "be at least 0")
+        require(self, "exponent", self.exponent > 0.0, "be positive")
+        require(self, "asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
 
     def __reduce__(self):  # without the tables
         fields = dataclasses.fields(self)
@@ -197,7 +163,6 @@ class BoucWenOperator(Operator):
         return float(self.alpha), float(0.5 * (1.0 + self.ratio) * scale), float(gamma)
 
     def way_before_sliding(self):
-        """Return the way before the hysteretic part saturates, ``limit``, units of the drive."""
         return float(self.limit)
 
     def characteristics(self, seen):
@@ -218,26 +183,22 @@ class BoucWenOperator(Operator):
         return curves(float(self.exponent), pairs)
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``, a :class:`BoucWenState`."""
-        virgin = BoucWenState(0.0, 0.0)
+        virgin = 0.0, 0.0
         return self.run([u0], 1.0, virgin)[1] if initial_state == "rest" else virgin
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
-        y, z, last = self._follow(as_signal(u), state or (0.0, 0.0), np.empty((0, 5)))
-        return y, BoucWenState(z, last)
+        return self._follow(as_signal(u), state or (0.0, 0.0), np.empty((0, 5)))
 
     def _follow(self, u, state, trace):
         y = np.empty(u.size)
         weights = float(self.gain), float(self.alpha), float(self.intercept)
-        z, last = curve_run(u, weights, self._curves, float(state[0]), float(state[1]), y, trace)
-        return y, z, last
+        state = curve_run(u, weights, self._curves, float(state[0]), float(state[1]), y, trace)
+        return y, state
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
         trace = np.empty((u.size, 5))
-        y, _, _ = self._follow(u, (0.0, 0.0), trace)
+        y, _ = self._follow(u, (0.0, 0.0), trace)
         dy = np.empty((u.size, du.shape[1] + self.n_parameters))
         n, r = float(self.exponent), float(self.ratio)
         # of limit, exponent and ratio of a side, by limit, ratio, exponent and asymmetry
@@ -297,8 +258,6 @@ class BoucWen(ParametricModel):
         spring of its own.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
 
     Attributes
     ----------
@@ -309,18 +268,18 @@ class BoucWen(ParametricModel):
         ``n``.
     intercept_ : float
         Units of the response.
-    operator_ : BoucWenOperator
-        The model as frozen numbers, to run sample by sample.
     params_, params_std_ : dict
         ``gain`` (``k``), ``alpha``, ``limit`` (``D``), ``ratio`` (``r``), ``exponent``,
         ``asymmetry``, ``intercept`` as far as they are fitted, and their standard errors.
 
     References
     ----------
-    Tanh paper, section 2.1. R. Bouc, "Forced vibration of mechanical systems with hysteresis",
-    1967; Y.-K. Wen, "Method for random vibration of hysteretic systems", J. Eng. Mech. Div. 102,
-    1976. C.-H. Wang and Y.-K. Wen, "Evaluation of pre-Northridge low-rise steel buildings I:
-    modeling", J. Struct. Eng. 126(10), 2000.
+    Tanh paper, section 2.1, (1)-(2) as corrected in the list of errata. R. Bouc, "Forced vibration
+    of mechanical systems with hysteresis", 1967; Y.-K. Wen, "Method for random vibration of
+    hysteretic systems", J. Eng. Mech. Div. 102, 1976. Normalised form: F. Ikhouane and J. Rodellar,
+    "Systems with hysteresis", Wiley 2007. Asymmetry: C.-H. Wang and Y.-K. Wen, "Evaluation of
+    pre-Northridge low-rise steel buildings I: modeling", J. Struct. Eng. 126(10), 2000; compared
+    with others by J. Song and A. Der Kiureghian, J. Eng. Mech. 132(6), 2006.
 
     Examples
     --------
@@ -355,13 +314,11 @@ class BoucWen(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.exponent = exponent
         self.asymmetry = asymmetry
         self.fit_gain = fit_gain
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         """Return the best of a coarse grid, the linear parameters solved at some samples."""
@@ -406,17 +363,11 @@ class BoucWen(ParametricModel):
         return [(operator, ())]
 
     def held_parameters(self):
-        free = {
-            "exponent": self.exponent == "fit",
-            "asymmetry": self.asymmetry,
-            "gain": self.fit_gain,
-            "intercept": self.fit_intercept,
-        }
-        return frozenset(name for name, is_free in free.items() if not is_free)
+        held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
+        return held if self.exponent == "fit" else held | {"exponent"}
 
     def _adopt(self, result):
         super()._adopt(result)
         self.alpha_, self.beta_, self.gamma_ = self.operator_.coefficients()
-        self.exponent_ = float(self.operator_.exponent)
-        self.intercept_ = float(self.operator_.intercept)
+        show(self, self.operator_, "exponent", "intercept")
         return self

@@ -70,29 +70,15 @@ _GRID, _CELL_AT = _make_grid()
 
 
 def curves(exponent, pairs):
-    """Return the tables of one curve for each pair.
+    """Return the tables of a curve for each pair: ratio and limit for ``w < 0``, then ``w > 0``.
 
-    Parameters
-    ----------
-    exponent : float
-    pairs : list of (behind, ahead)
-        Ratio and limit of the output for ``w < 0``, then for ``w > 0``.
-
-    Returns
-    -------
-    places : ndarray of shape (n_curves * (n_cells + 2),)
-        Where the cells begin, in units of the input, the end of the last one, and infinity.
-    curve : ndarray of shape (n_curves * (n_cells + 2), 9)
-        The reciprocal of a cell's width, and the coefficients of its polynomial in the part of the
-        width gone; behind the last cell, the constant at which the curve ends.
-    changes : ndarray of shape (n_curves * (n_cells + 2), 12)
-        The polynomials of the derivatives by ``exponent`` and ``ratio`` at constant limits.
-    bins : ndarray of int of shape (n_curves * (N_BINS + 1),)
-        The last cell that begins at or before the begin of each bin.
-    scales : ndarray of shape (n_curves, 3)
-        The factors from a place to a bin, and from an output below and above 0 to ``w``.
-    cell_at : ndarray of int of shape (2 * 256 + 1,)
-        The first cell that may hold ``w``, from -1 to 1.
+    For each curve, one behind the other, they hold: where its cells begin, in units of the input,
+    the end of the last one, and infinity; by rows the reciprocal of a cell's width and the
+    coefficients of its polynomial in the part of the width gone, behind the last cell the constant
+    at which the curve ends; the polynomials (6 each) of the derivatives by exponent and ratio at
+    constant limits; the last cell that begins at or before the begin of each bin of the way; the
+    factors from a place to a bin, and from an output below and above 0 to ``w``. The last table is
+    the same for all curves: the first cell that may hold ``w``, from -1 to 1.
     """
     n_curves, n_rows = len(pairs), len(pairs) * (len(_GRID[0]) + 1)
     tables = (

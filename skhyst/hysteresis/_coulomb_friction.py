@@ -9,7 +9,7 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
-from ._friction import FrictionModel, half_range, speed_noise, top_speed
+from ._common import FrictionModel, half_range, speed_noise, top_speed
 
 __all__ = ["CoulombFriction", "CoulombFrictionOperator"]
 
@@ -74,7 +74,6 @@ class CoulombFrictionOperator(Operator):
     rank = 10
 
     def parameter_specs(self):
-        """Return the identifiable fields; both velocities are between slowest and fastest."""
         specs = super().parameter_specs()
         for name in ("transition_velocity", "stribeck_velocity"):
             specs[name] = dataclasses.replace(specs[name], lower=self.slowest, upper=self.fastest)
@@ -86,7 +85,6 @@ class CoulombFrictionOperator(Operator):
         return np.tanh(v / self.transition_velocity), np.exp(-(ratio**2)), ratio
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample: what is known of the samples before."""
         return samples_before((), self.smoothing, initial_state)
 
     def _velocity(self, u, past, dt):
@@ -154,18 +152,9 @@ class CoulombFriction(FrictionModel):
     asymmetry : bool, default=False
         Whether friction is ``F_c + a`` forward and ``F_c - a`` backward. In a drive that never
         rests this cannot be told from the constant ``c``.
-    fit_damping : bool, default=True
-        Whether a viscous force ``d`` times the velocity is fitted (0 otherwise).
-    fit_stiffness : bool, default=False
-        Whether a spring ``k`` is fitted (0 otherwise).
-    fit_intercept : bool, default=True
-        Whether the response has a constant (a force offset).
     smoothing : int, default=1
         Sampling intervals over which the velocity is taken, a least-squares slope that lags behind
         by half of them; 1 is the backward difference.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest there; all zero; or after a rest at a drive
-        value that is fitted for each record.
 
     Attributes
     ----------
@@ -217,15 +206,13 @@ class CoulombFriction(FrictionModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.stribeck = stribeck
         self.asymmetry = asymmetry
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
         self.smoothing = smoothing
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         smoothing, force = int(self.smoothing), half_range(records)
@@ -248,7 +235,5 @@ class CoulombFriction(FrictionModel):
         ]
 
     def held_parameters(self):
-        fixed = super().held_parameters()
-        if not self.stribeck:
-            fixed |= {"stribeck_velocity", "stribeck_force"}
-        return fixed if self.asymmetry else fixed | {"asymmetry"}
+        held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
+        return held if self.stribeck else held | {"stribeck_velocity", "stribeck_force"}

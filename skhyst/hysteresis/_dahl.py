@@ -14,7 +14,7 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..operators import OneStateOperator, parameter
-from ._friction import FrictionModel, force_characteristics, half_range, swing
+from ._common import FrictionModel, force_characteristics, half_range, swing
 
 __all__ = ["Dahl", "DahlOperator"]
 
@@ -102,7 +102,6 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     structure = ("exponent",)
 
     def way_before_sliding(self):
-        """Return the presliding displacement, units of the drive."""
         return float(self.presliding_displacement)
 
     def characteristics(self, seen):
@@ -121,20 +120,14 @@ class Dahl(FrictionModel):
         y = F_c w + k u + d \dot u + c, \qquad
         \frac{dw}{du} = \frac{(1 - w \operatorname{sgn} \dot u)^n}{x_c}
 
-    The drive ``u`` is a displacement, the response a force (or anything that follows it). Forces,
-    stiffness, damping and intercept are solved exactly; only ``x_c`` is searched.
+    The drive ``u`` is a displacement, the response a force (or anything that follows it). All but
+    ``x_c`` is linear and solved exactly.
 
     Parameters
     ----------
     exponent : float, default=1.0
         Shape ``n`` of the transition from one direction to the other; 1 is exponential, below 1
         the friction saturates after a finite way, above 1 it approaches saturation slowly.
-    fit_damping : bool, default=True
-        Whether a viscous force ``d`` times the velocity is fitted (0 otherwise).
-    fit_stiffness : bool, default=False
-        Whether a spring ``k`` is fitted (0 otherwise).
-    fit_intercept : bool, default=True
-        Whether the response has a constant (a force offset).
 
     Attributes
     ----------
@@ -144,9 +137,8 @@ class Dahl(FrictionModel):
 
     Notes
     -----
-    Without damping the model is rate-independent. The velocity at a sample is the backward
-    difference of the drive. A force that acts against the direction in which it is counted has
-    a negative ``coulomb_force``.
+    Without damping the model is rate-independent. A force that acts against the direction in which
+    it is counted has a negative ``coulomb_force``.
 
     References
     ----------
@@ -179,17 +171,12 @@ class Dahl(FrictionModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.exponent = exponent
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
-        length, force = swing(records), half_range(records)
-        return [
-            DahlOperator(float(part * length), force, exponent=float(self.exponent))
-            for part in _STARTS
-        ]
+        force, lengths = half_range(records), (_STARTS * swing(records)).tolist()
+        return [DahlOperator(x_c, force, exponent=float(self.exponent)) for x_c in lengths]

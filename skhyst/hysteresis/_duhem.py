@@ -15,8 +15,8 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, parameter
-from ._friction import half_range, swing
+from ..operators import Operator, as_constant, as_signal, parameter
+from ._common import half_range, swing
 
 __all__ = ["Duhem", "DuhemOperator"]
 
@@ -178,19 +178,12 @@ class DuhemOperator(Operator):
 
     def __post_init__(self):
         for name in ("curve", "slope"):
-            constant = np.array(getattr(self, name), dtype=float, ndmin=1)
-            constant.flags.writeable = False
-            object.__setattr__(self, name, constant)
-        degree = self.curve.size
-        if (
-            self.curve.shape != self.slope.shape
-            or self.curve.ndim != 1
-            or not (1 <= degree <= MAX_TERMS)
-        ):
+            object.__setattr__(self, name, as_constant(getattr(self, name)))
+        shape = self.curve.shape
+        if shape != self.slope.shape or len(shape) != 1 or not 1 <= shape[0] <= MAX_TERMS:
             raise ValueError(
                 "The 'curve' and 'slope' parameters of DuhemOperator must be lists of one length, "
-                f"from 1 to {MAX_TERMS}. Got shapes {self.curve.shape} and {self.slope.shape} "
-                "instead."
+                f"from 1 to {MAX_TERMS}. Got shapes {shape} and {self.slope.shape} instead."
             )
 
     def _memory(self, u, before, h, du=None, dout=None):
@@ -252,7 +245,7 @@ _STARTS = np.geomspace(0.003, 1.0, 6)  # 1/alpha, parts of the drive's swing
 
 
 class Duhem(ParametricModel):
-    r"""Duhem model in the form of Coleman and Hodgdon, with polynomials for its two functions.
+    r"""Duhem model in the rate-independent form of Coleman and Hodgdon, with two polynomials.
 
     .. math::
 
@@ -271,8 +264,6 @@ class Duhem(ParametricModel):
         line, and make the branches differ.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
 
     Attributes
     ----------
@@ -314,11 +305,9 @@ class Duhem(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.degree = degree
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         length = swing(records)
@@ -334,6 +323,3 @@ class Duhem(ParametricModel):
             DuhemOperator(1.0 / (part * length), curve, slopes, center=center, scale=scale)
             for part in _STARTS
         ]
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})

@@ -19,6 +19,7 @@ kink, and the one step that meets it is of order two.
 import dataclasses
 import math
 from dataclasses import dataclass
+from itertools import product
 from numbers import Real
 
 import numpy as np
@@ -27,7 +28,7 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
-from ..optimize import identify
+from ._common import largest_drive, require
 
 __all__ = ["JilesAtherton", "JilesAthertonOperator"]
 
@@ -253,19 +254,10 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     def __post_init__(self):
         if self.max_step is None:
             object.__setattr__(self, "max_step", _RESOLUTION * min(self.shape, self.pinning))
-        ranges = {
-            "shape": (self.shape > 0.0, "positive"),
-            "pinning": (self.pinning > 0.0, "positive"),
-            "coupling": (0.0 <= self.coupling < 1.0, "in [0, 1)"),
-            "reversibility": (0.0 <= self.reversibility <= 1.0, "in [0, 1]"),
-            "max_step": (self.max_step > 0.0, "positive"),
-        }
-        for name, (valid, wanted) in ranges.items():
-            if not valid:
-                raise ValueError(
-                    f"The '{name}' parameter of JilesAthertonOperator must be {wanted}. "
-                    f"Got {getattr(self, name)!r} instead."
-                )
+        for name in ("shape", "pinning", "max_step"):
+            require(self, name, getattr(self, name) > 0.0, "be positive")
+        require(self, "coupling", 0.0 <= self.coupling < 1.0, "be in [0, 1)")
+        require(self, "reversibility", 0.0 <= self.reversibility <= 1.0, "be in [0, 1]")
 
 
 _SHAPES = (0.3, 1.0, 3.0)  # starts: shape over the coercive field,
@@ -278,7 +270,7 @@ _ROUNDS = 3
 
 
 class JilesAtherton(ParametricModel):
-    r"""Jiles-Atherton model: magnetisation with saturation, for B(H) loops.
+    r"""Jiles-Atherton model: rate-independent magnetisation with saturation, for B(H) loops.
 
     .. math::
 
@@ -299,12 +291,6 @@ class JilesAtherton(ParametricModel):
         T and a field in A/m, 0 for a magnetisation).
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: after a first magnetisation from the demagnetised
-        state; demagnetised at zero, which is the same; or after a rest at a drive value that is
-        fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model does not depend on it.
 
     Attributes
     ----------
@@ -354,29 +340,22 @@ class JilesAtherton(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.gain = gain
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         field = coercive_field(records)
         gain = 0.0 if self.gain == "fit" else float(self.gain)
-        starts = [
-            JilesAthertonOperator(
-                1.0, shape * field, pinning * field, coupling, _REVERSIBILITY, gain
-            )
-            for shape in _SHAPES
-            for pinning in _PINNINGS
-            for coupling in _COUPLINGS
+        others = _REVERSIBILITY, gain, 0.0, max(_COARSE * field, _shortest_step(records))
+        return [
+            JilesAthertonOperator(1.0, shape * field, pinning * field, coupling, *others)
+            for shape, pinning, coupling in product(_SHAPES, _PINNINGS, _COUPLINGS)
         ]
-        step = max(_COARSE * field, _shortest_step(records))
-        return [dataclasses.replace(start, max_step=step) for start in starts]
 
     def held_parameters(self):
-        fixed = set() if self.gain == "fit" else {"gain"}
-        return frozenset(fixed if self.fit_intercept else fixed | {"intercept"})
+        held = super().held_parameters()
+        return held if self.gain == "fit" else held | {"gain"}
 
     def _identify(self, data):
         result = super()._identify(data)
@@ -387,12 +366,8 @@ class JilesAtherton(ParametricModel):
             step = max(_COARSE * length, _shortest_step(data))
             if not step < 0.8 * operator.max_step:
                 break
-            result = identify(
-                [dataclasses.replace(operator, max_step=step)],
-                data,
-                fixed=self.held_parameters(),
-                initial_state=self._free_run_state(),
-            )
+            starts = [dataclasses.replace(operator, max_step=step)]
+            result = self._refine(starts, data, "variable_projection")
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
 
@@ -402,8 +377,7 @@ def coercive_field(records):
 
     A tenth of the largest drive where no loop crosses its half height both ways.
     """
-    largest = max(float(np.abs(record.u).max()) for record in records) or 1.0
-    widths = []
+    largest, widths = largest_drive(records), []
     for record in records:
         above = record.y > 0.5 * (record.y.min() + record.y.max())
         crossed = np.flatnonzero(above[1:] != above[:-1]) + 1

@@ -22,16 +22,11 @@ __all__ = ["KrasnoselskiiPokrovskii", "KrasnoselskiiPokrovskiiOperator"]
 
 
 @jit
-def fill_ramps(value, levels, ramps):
-    """Write the ramps of all intervals."""
+def move(value, levels, ramps, kernels):
+    """Write the ramps of all intervals and update the kernels."""
     for k in range(ramps.size):
         part = 2.0 * (value - levels[k]) / (levels[k + 1] - levels[k]) - 1.0
         ramps[k] = min(max(part, -1.0), 1.0)
-
-
-@jit
-def move(ramps, kernels):
-    """Update the kernels."""
     start = 0
     for i in range(ramps.size):
         low = ramps[i]
@@ -41,26 +36,20 @@ def move(ramps, kernels):
 
 
 @jit
-def ramp_run(u, levels, weights, kernels, y):
-    """Write the weighted sum of the kernels to ``y``; ``kernels`` (K,) is updated."""
+def ramp_run(u, levels, weights, kernels, y, rows):
+    """Write the weighted sum of the kernels to ``y``; ``kernels`` (K,) is updated.
+
+    The kernels go to ``rows[:, :K]``, if it has rows.
+    """
     ramps = np.empty(levels.size - 1)
     for k in range(u.size):
-        fill_ramps(u[k], levels, ramps)
-        move(ramps, kernels)
+        move(u[k], levels, ramps, kernels)
         total = 0.0
         for c in range(kernels.size):
             total += weights[c] * kernels[c]
         y[k] = total
-
-
-@jit
-def ramp_basis(u, levels, kernels, out):
-    """Write the kernels to ``out[:, :K]``; ``kernels`` (K,) is updated."""
-    ramps = np.empty(levels.size - 1)
-    for k in range(u.size):
-        fill_ramps(u[k], levels, ramps)
-        move(ramps, kernels)
-        out[k, : kernels.size] = kernels
+        if rows.size > 0:
+            rows[k, : kernels.size] = kernels
 
 
 @jit
@@ -74,8 +63,7 @@ def ramp_tangents(u, du, levels, weights, kernels, out):
     held = np.zeros((kernels.size, m))
     for k in range(u.size):
         value = u[k]
-        fill_ramps(value, levels, ramps)
-        move(ramps, kernels)
+        move(value, levels, ramps, kernels)
         for t in range(m):
             out[k, t] = 0.0
         c = 0
@@ -143,7 +131,6 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
     non_negative: bool = True
 
     def init(self, u0, initial_state="rest"):
-        """Return the kernels before the first sample ``u0``."""
         middle = 0.5 * (self.levels[1:] + self.levels[:-1])
         i, j = cell_indices(self.levels.size)
         distance = 2.0 * self._center - middle[i] - middle[j]
@@ -151,22 +138,22 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         distance[np.abs(distance) < 1e-9 * np.ptp(self.levels)] = 0.0
         kernels = np.sign(distance)
         path = [self._center, float(u0)] if initial_state == "rest" else [self._center]
-        ramp_basis(as_signal(path), self.levels, kernels, np.empty((len(path), kernels.size)))
-        return kernels
+        return self._follow(path, kernels)[1]
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        kernels = self._before(u) if state is None else state.copy()
-        y = np.empty(u.size)
-        ramp_run(u, self.levels, self.weights, kernels, y)
-        y += self.intercept
-        return y, kernels
+        y, kernels = self._follow(u, self._before(u) if state is None else state)
+        return y + self.intercept, kernels
 
     def _fill(self, u, state, rows):
-        kernels = state.copy()
-        ramp_basis(u, self.levels, kernels, rows)
-        return kernels
+        return self._follow(u, state, rows)[1]
+
+    def _follow(self, u, state, rows=None):
+        u, kernels = as_signal(u), state.copy()
+        y = np.empty(u.size)
+        rows = np.empty((0, 0)) if rows is None else rows
+        ramp_run(u, self.levels, self.weights, kernels, y, rows)
+        return y, kernels
 
     def _carry(self, u, du, state, out):
         ramp_tangents(u, du, self.levels, self.weights, state.copy(), out)
@@ -181,56 +168,11 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
         z_{ij}(t) = \max(p_i(u), \min(p_j(u), z_{ij}(t^-)))
 
     The ramp :math:`p_k` rises from -1 at level k of the drive to 1 at level k + 1: a kernel is a
-    relay with slopes as wide as the grid. The weights are solved exactly by (non-negative) least
-    squares with a penalty on the differences of neighbours; no starting values are needed. A
-    prediction takes time in proportion to the number of kernels;
-    :class:`~skhyst.hysteresis.Preisach` spreads its relays over the cells and does not.
-
-    Parameters
-    ----------
-    n_levels : int, default=20
-        Number n of levels of the drive; there are n (n - 1) / 2 kernels. Ignored where ``levels``
-        is an array.
-    levels : {"grid", "response"} or array-like of shape (n_levels,), default="grid"
-        From the lowest to the highest drive in the records of the fit, evenly spaced or denser
-        where the response changes more (half of the levels follow the drive, half the response);
-        or given, in units of the drive. The second suits responses that are steep in a part of the
-        range and saturate in the rest. Beyond the levels the model is saturated: the response stays
-        constant.
-    smoothness : float, default=1e-3
-        Weight of the penalty relative to that of the data, without unit. It fills kernels that the
-        data do not determine from their neighbours. 0: none.
-    non_negative : bool, default=True
-        The weights are not negative: branches are monotone and the model dissipates.
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    center : float, default=0.0
-        Drive at which the virgin device is demagnetised, units of the drive. ``-inf`` (or any value
-        up to the lowest level, such as 0 for a drive from 0 to 150 V): all kernels are down at
-        first.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from ``center``; the
-        drive still at ``center``; or after a rest at a drive value that is fitted for each record.
-    dt, method
-        As for every model; the model does not depend on ``dt``, and any method solves it exactly.
-
-    Attributes
-    ----------
-    levels_ : ndarray of shape (n_levels,)
-        Units of the drive.
-    weights_, intercept_ : ndarray of shape (n_levels * (n_levels - 1) / 2,) and float
-        Units of the response; kernel (i, j) has the number i (i + 1) / 2 + j.
-    operator_ : KrasnoselskiiPokrovskiiOperator
-        The model as frozen numbers, to run sample by sample.
-    params_, params_std_ : dict
-        Parameters and their standard errors, which hold for the penalised estimate: its bias is
-        not in them. Kernels that have not moved are named in
-        ``identifiability_["undetermined"]``.
-
-    Notes
-    -----
-    In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum` all parameters are
-    refined jointly and without the penalty: use few levels there.
+    relay with slopes as wide as the grid. Those with the same ramp up and down are reversible. The
+    weights are solved exactly by (non-negative) least squares with a penalty on the differences of
+    neighbours; no starting values are needed. A prediction takes time in proportion to the number
+    of kernels, of which there is one a cell; :class:`~skhyst.hysteresis.Preisach` spreads its
+    relays over the cells and does not.
 
     References
     ----------
@@ -249,36 +191,5 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
     True
     """
 
+    operator_class = KrasnoselskiiPokrovskiiOperator
     _diagonal_is_reversible = True
-
-    def __init__(
-        self,
-        n_levels=20,
-        *,
-        levels="grid",
-        smoothness=1e-3,
-        non_negative=True,
-        fit_intercept=True,
-        center=0.0,
-        initial_state="rest",
-        dt=1.0,
-        method="variable_projection",
-    ):
-        self.n_levels = n_levels
-        self.levels = levels
-        self.smoothness = smoothness
-        self.non_negative = non_negative
-        self.fit_intercept = fit_intercept
-        self.center = center
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
-
-    def _operator(self, levels):
-        n = len(levels)
-        return KrasnoselskiiPokrovskiiOperator(
-            levels,
-            np.zeros(n * (n - 1) // 2),
-            center=self.center,
-            non_negative=self.non_negative,
-        )

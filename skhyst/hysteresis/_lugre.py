@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from ..operators import OneStateOperator, parameter
-from ._friction import FrictionModel, half_range, swing, top_speed
+from ._common import FrictionModel, half_range, swing, top_speed
 
 __all__ = ["LuGre", "LuGreOperator"]
 
@@ -172,10 +172,6 @@ class LuGre(FrictionModel):
         Whether ``sigma_1`` is fitted (0 otherwise).
     fit_damping : bool, default=True
         Whether the viscous friction ``sigma_2`` is fitted (0 otherwise).
-    fit_stiffness : bool, default=False
-        Whether a spring ``k`` beside the friction is fitted (0 otherwise).
-    fit_intercept : bool, default=True
-        Whether the response has a constant (a force offset).
 
     Attributes
     ----------
@@ -184,11 +180,6 @@ class LuGre(FrictionModel):
         ``coulomb_ratio`` F_c/F_s, ``static_force`` F_s in units of the response,
         ``bristle_damping`` sigma_1 and ``damping`` sigma_2 in response s/drive;
         ``bristle_stiffness`` sigma_0 and ``coulomb_force`` F_c follow.
-
-    Notes
-    -----
-    The velocity is constant between samples and the bristles are stepped exactly; at a sample the
-    velocity is the backward difference of the drive.
 
     References
     ----------
@@ -226,14 +217,12 @@ class LuGre(FrictionModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.stribeck = stribeck
         self.fit_bristle_damping = fit_bristle_damping
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         length, speed, force = swing(records), top_speed(records), half_range(records)
@@ -244,7 +233,5 @@ class LuGre(FrictionModel):
         ]
 
     def held_parameters(self):
-        fixed = super().held_parameters()
-        if not self.stribeck:
-            fixed |= {"stribeck_velocity", "coulomb_ratio"}
-        return fixed if self.fit_bristle_damping else fixed | {"bristle_damping"}
+        held = super().held_parameters()
+        return held if self.stribeck else held | {"stribeck_velocity", "coulomb_ratio"}

@@ -5,18 +5,17 @@ from functools import cached_property
 from numbers import Integral
 
 import numpy as np
-from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..operators import Operator, as_signal, parameter, play_thresholds
-from ._friction import FrictionModel, force_characteristics
-from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
+from ..operators import as_signal, parameter
+from ._common import FrictionModel, force_characteristics, require, show
+from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
 __all__ = ["MaxwellSlip", "MaxwellSlipOperator"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MaxwellSlipOperator(Operator):
+class MaxwellSlipOperator(PlaySum):
     """Elasto-slide elements, a spring, a dashpot and a constant: the law of :class:`MaxwellSlip`.
 
     An element is a spring of stiffness ``k_i`` that slides once it is deflected by ``r_i``, a stop
@@ -45,9 +44,9 @@ class MaxwellSlipOperator(Operator):
 
     Notes
     -----
-    The elements are evaluated from the turning points of the drive, like those of
-    :class:`PrandtlIshlinskiiOperator`; the state is its :class:`PlayMemory`. The velocity at a
-    sample is the slope of the straight line that ends there.
+    The elements are evaluated from the turning points of the drive, and the state is that of a
+    :class:`PrandtlIshlinskiiOperator`. The velocity at a sample is the slope of the straight line
+    that ends there.
 
     Examples
     --------
@@ -64,36 +63,9 @@ class MaxwellSlipOperator(Operator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     non_negative: bool = True
 
-    carries_scale = True
-    rank = 10
-
     def __post_init__(self):
-        for name in ("thresholds", "weights"):
-            constant = np.array(getattr(self, name), dtype=float, ndmin=1)
-            constant.flags.writeable = False
-            object.__setattr__(self, name, constant)
-        r = self.thresholds
-        if r.ndim != 1 or r.size == 0 or not (r[0] > 0.0 and np.all(r[1:] >= r[:-1])):
-            raise ValueError(
-                "The 'thresholds' parameter of MaxwellSlipOperator must be a list of ascending "
-                f"positive values. Got {r!r} instead."
-            )
-        if self.weights.shape != r.shape:
-            raise ValueError(
-                "The 'weights' parameter of MaxwellSlipOperator must have one value for each of "
-                f"the {r.size} thresholds. Got shape {self.weights.shape} instead."
-            )
-
-    def __reduce__(self):
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
-
-    def parameter_specs(self):
-        """Return the identifiable fields; the weights have a bound if ``non_negative``."""
-        specs = super().parameter_specs()
-        if not self.non_negative:
-            specs["weights"] = dataclasses.replace(specs["weights"], lower=-np.inf)
-        return specs
+        super().__post_init__()
+        require(self, "thresholds", self.thresholds[0] > 0.0, "be positive")
 
     def characteristics(self, seen):
         return force_characteristics(self.weights @ self.thresholds, np.sum(self.weights))
@@ -106,21 +78,17 @@ class MaxwellSlipOperator(Operator):
         )
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
         return self._plays.init(u0, initial_state)
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        if state is None:
-            state = self.init(u[0] if u.size else 0.0)
+        state = state or self.init(u[0] if u.size else 0.0)
         y, after = self._plays.run(u, dt, state)
-        change = np.diff(u, prepend=state.last)
+        change = np.diff(u, prepend=state[1])
         y += self.stiffness * u + (self.damping / dt) * change + self.intercept
         return y, after
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
         m, n_elements, rest = du.shape[1], self.thresholds.size, initial_state == "rest"
         y, plays = self._plays.linearize(u, du, dt, initial_state)
@@ -136,21 +104,10 @@ class MaxwellSlipOperator(Operator):
 
     def elements(self, state):
         """Return the deflections of the elements in a state, shape (n_elements,)."""
-        return state.last - self._plays.plays(state)[1:]
+        return state[1] - self._plays.plays(state)[1:]
 
     def state_from_elements(self, deflections, u):
-        """Return the state in which the elements are deflected while the drive is ``u``.
-
-        Parameters
-        ----------
-        deflections : array-like of shape (n_elements,)
-            Units of the drive.
-        u : float
-            Drive.
-
-        Returns
-        -------
-        state : PlayMemory
+        """Return the state in which :meth:`elements` are ``deflections`` at the drive ``u``.
 
         Raises
         ------
@@ -182,12 +139,6 @@ class MaxwellSlip(FrictionModel):
         quantiles of the drive's swings, or given, in units of the drive, positive.
     non_negative : bool, default=True
         Stiffnesses of the elements are not negative (the model dissipates); free otherwise.
-    fit_damping : bool, default=True
-        Whether a viscous force ``d`` times the velocity is fitted (0 otherwise).
-    fit_stiffness : bool, default=False
-        Whether a spring ``k`` that never slides is fitted (0 otherwise).
-    fit_intercept : bool, default=True
-        Whether the response has a constant (a force offset).
 
     Attributes
     ----------
@@ -199,8 +150,6 @@ class MaxwellSlip(FrictionModel):
         ``k_i r_i``, units of the response.
     intercept_ : float
         Units of the response.
-    operator_ : MaxwellSlipOperator
-        The model as frozen numbers, to run sample by sample.
 
     References
     ----------
@@ -241,32 +190,22 @@ class MaxwellSlip(FrictionModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_elements = n_elements
         self.thresholds = thresholds
         self.non_negative = non_negative
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
-        if isinstance(self.thresholds, str):
-            # the first of the thresholds of plays is zero: no stop at all
-            drives = [record.u for record in records]
-            thresholds = play_thresholds(drives, self.n_elements + 1, self.thresholds)[1:]
-        else:
-            thresholds = check_array(self.thresholds, ensure_2d=False, dtype=np.float64)
-        operator = MaxwellSlipOperator(
-            thresholds, np.zeros(len(thresholds)), non_negative=self.non_negative
-        )
-        return [operator]
+        # the first of the thresholds of plays is zero: no stop at all
+        thresholds = place_thresholds(self.thresholds, records, self.n_elements, 1)
+        zeros = np.zeros(len(thresholds))
+        return [MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)]
 
     def _adopt(self, result):
         super()._adopt(result)
-        self.thresholds_ = np.array(result.operator.thresholds)
-        self.weights_ = np.array(result.operator.weights)
+        show(self, result.operator, "thresholds", "weights", "intercept")
         self.saturation_forces_ = self.weights_ * self.thresholds_
-        self.intercept_ = float(result.operator.intercept)
         return self

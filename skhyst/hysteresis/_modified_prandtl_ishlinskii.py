@@ -9,16 +9,14 @@ from .._sklearn import Interval, StrOptions
 from ..operators import SeriesOperator
 from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
-from ._prandtl_ishlinskii import InvertibleModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from ._prandtl_ishlinskii import PlayModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
-__all__ = [
-    "ModifiedPrandtlIshlinskii",
-]
+__all__ = ["ModifiedPrandtlIshlinskii"]
 
 _STEEPEST = 10.0  # slope of the dead zones at the start; noise in the response asks for more
 
 
-class ModifiedPrandtlIshlinskii(InvertibleModel):
+class ModifiedPrandtlIshlinskii(PlayModel):
     r"""Modified Prandtl-Ishlinskii model: hysteresis that is asymmetric or saturates.
 
     .. math:: y = S[z], \quad z = c + \sum_k w_k F_{r_k}[u - u_0], \quad
@@ -36,38 +34,19 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
 
     Parameters
     ----------
-    n_operators : int, default=20
-        Number of play operators; ignored where ``thresholds`` is an array.
     n_dead_zones : int, default=3
         Number of dead zones a side; ignored where ``dead_zone_thresholds`` is an array.
-    thresholds : {"grid", "quantile"} or array-like of shape (n_operators,), default="grid"
-        Of the plays: evenly spaced over the half range of the drive, by quantiles of the drive's
-        swings, or given, in units of the drive.
     dead_zone_thresholds : "quantile" or array-like of shape (n_zones,), default="quantile"
         Of the dead zones: such that equally many samples of the response lie between neighbours,
         or given, in units of the response. The centre holds the median of the response; dead zones
         above it open upwards, those below it downwards.
-    non_negative : bool, default=True
-        Weights of the plays are not negative; free otherwise.
-    drive_offset : float or "fit", default=0.0
-        Drive at which the virgin device stands, units of the drive.
-    fit_intercept : bool, default=True
-        Whether the superposition of plays has a constant.
-    dt, method
-        As for every model; the model does not depend on ``dt``.
 
     Attributes
     ----------
-    thresholds_, weights_ : ndarray of shape (n_operators,)
-        Of the plays: units of the drive, units of the response over units of the drive.
     dead_zone_thresholds_, dead_zone_weights_ : ndarray of shape (n_zones,)
         Of the dead zones: units of the response, no unit.
-    intercept_ : float
-        Constant of the superposition of plays, units of the response.
     operator_ : SeriesOperator
         The stages ``plays`` (PrandtlIshlinskiiOperator) and ``zones`` (MonotoneDeadZoneOperator).
-    params_, params_std_ : dict
-        Parameters and their standard errors: weights of the plays, slopes of the dead zones.
 
     References
     ----------
@@ -88,11 +67,11 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
     """
 
     _parameter_constraints = {
-        **PrandtlIshlinskii._parameter_constraints,
+        **PlayModel._parameter_constraints,
+        "drive_offset": PrandtlIshlinskii._parameter_constraints["drive_offset"],
         "n_dead_zones": [Interval(Integral, 1, None, closed="left")],
         "dead_zone_thresholds": [StrOptions({"quantile"}), "array-like"],
     }
-    del _parameter_constraints["form"]
 
     operator_class = PrandtlIshlinskiiOperator
 
@@ -110,6 +89,7 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_operators = n_operators
         self.n_dead_zones = n_dead_zones
         self.thresholds = thresholds
@@ -117,9 +97,6 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
         self.non_negative = non_negative
         self.drive_offset = drive_offset
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
         plays = PrandtlIshlinskii(
@@ -177,15 +154,15 @@ class ModifiedPrandtlIshlinskii(InvertibleModel):
         return 1.0 + step[:n_zones], step[n_zones:-1], step[-1]
 
     def held_parameters(self):
-        fixed = set() if self.drive_offset == "fit" else {"plays__drive_offset"}
-        return frozenset(fixed if self.fit_intercept else fixed | {"plays__intercept"})
+        fitted = {"drive_offset": self.drive_offset == "fit", "intercept": self.fit_intercept}
+        return frozenset(f"plays__{name}" for name, is_fitted in fitted.items() if not is_fitted)
+
+    def _plays(self):
+        return self.operator_.stages[0]
 
     def _adopt(self, result):
         super()._adopt(result)
-        plays, zones = self.operator_.stages
-        self.thresholds_ = np.array(plays.thresholds)
-        self.weights_ = np.array(plays.weights)
-        self.intercept_ = float(plays.intercept)
+        zones = self.operator_.stages[1]
         self.dead_zone_thresholds_ = np.array(zones.thresholds)
         self.dead_zone_weights_ = zones.weights
         return self

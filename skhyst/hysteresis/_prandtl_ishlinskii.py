@@ -30,14 +30,9 @@ from ..operators import (
     play_tangents,
     play_thresholds,
 )
+from ._common import require, show
 
-__all__ = [
-    "InvertibleModel",
-    "PlayMemory",
-    "PlaySum",
-    "PrandtlIshlinskii",
-    "PrandtlIshlinskiiOperator",
-]
+__all__ = ["PlayModel", "PlaySum", "PrandtlIshlinskii", "PrandtlIshlinskiiOperator"]
 
 
 class PlaySum(Superposition):
@@ -45,37 +40,11 @@ class PlaySum(Superposition):
 
     def __post_init__(self):
         super().__post_init__()
-        kind, r = type(self).__name__, self.thresholds
-        if r.ndim != 1 or r.size == 0 or not (r[0] >= 0.0 and np.all(r[1:] >= r[:-1])):
-            raise ValueError(
-                f"The 'thresholds' parameter of {kind} must be a list of ascending values that "
-                f"are not negative. Got {r!r} instead."
-            )
-        if self.weights.shape != r.shape:
-            raise ValueError(
-                f"The 'weights' parameter of {kind} must have one value for each of the {r.size} "
-                f"thresholds. Got shape {self.weights.shape} instead."
-            )
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PlayMemory:
-    """What a set of play operators remembers of its past input.
-
-    Parameters
-    ----------
-    turning_points : ndarray of shape (n_points,)
-        Nested turning points of the drive (less its offset), the oldest and largest first. Empty:
-        the drive has only ever moved away from zero (first loading).
-    last : float
-        Last value of the drive (less its offset).
-    """
-
-    turning_points: np.ndarray
-    last: float
-
-
-_VIRGIN = PlayMemory(np.empty(0), 0.0)
+        r = self.thresholds
+        ascending = r.ndim == 1 and r.size and r[0] >= 0.0 and np.all(r[1:] >= r[:-1])
+        require(self, "thresholds", ascending, "be a list of ascending values, none negative")
+        matching = self.weights.shape == r.shape
+        require(self, "weights", matching, f"have one value for each of the {r.size} thresholds")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,8 +73,10 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     Notes
     -----
-    The state is a :class:`PlayMemory`. ``"rest"`` is the first loading from ``drive_offset`` to the
-    first sample; in ``"zero"`` that loading is still to come. Both give the same output.
+    The state is the tuple (turning points, last drive), less the drive's offset: the points are
+    nested, the oldest and largest first, and none in a first loading. ``"rest"`` is the first
+    loading from ``drive_offset`` to the first sample; in ``"zero"`` that loading is still to come.
+    Both give the same output.
 
     Examples
     --------
@@ -128,11 +99,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.form not in ("play", "stop"):
-            raise ValueError(
-                "The 'form' parameter of PrandtlIshlinskiiOperator must be 'play' or 'stop'. "
-                f"Got {self.form!r} instead."
-            )
+        require(self, "form", self.form in ("play", "stop"), "be 'play' or 'stop'")
 
     @cached_property
     def _play_form(self):
@@ -152,26 +119,17 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return play_sum_table(thresholds, weights)
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``, a :class:`PlayMemory`."""
         last = float(u0) - self.drive_offset if initial_state == "rest" else 0.0
-        return PlayMemory(np.empty(0), last)
+        return np.empty(0), last
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        if state is None:
-            state = self.init(u[0] if u.size else self.drive_offset)
+        points, last = state or self.init(u[0] if u.size else self.drive_offset)
         constants = float(self.drive_offset), float(self.intercept)
-        memory = state.turning_points, float(state.last)
-        y, turning_points, last = play_sum_run(u, *constants, self._tables, *memory)
-        return y, PlayMemory(turning_points, last)
+        y, *state = play_sum_run(u, *constants, self._tables, points, float(last))
+        return y, tuple(state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`.
-
-        A play that moves has the tangent of the drive, one that sticks keeps the tangent it had
-        when it moved last.
-        """
         u, du = as_signal(u), as_signal(du)
         y, _ = self.run(u, dt, self.init(u[0] if u.size else 0.0, initial_state))
         thresholds, _, sums = self._play_form
@@ -197,7 +155,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
     def plays(self, state):
         """Return the values of the plays in a state, shape (n_plays,), less the drive's offset."""
         plays = np.zeros(self.thresholds.size)
-        path = as_signal(np.append(state.turning_points, state.last))
+        path = as_signal(np.append(*state))
         play_basis(path, self.thresholds, plays, np.empty((path.size, plays.size)))
         return plays
 
@@ -225,7 +183,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
             )
         # From the widest play inwards, visit both ends of its slack; inner plays follow later.
         path = np.ravel(np.column_stack((plays + self.thresholds, plays - self.thresholds))[::-1])
-        return self.run(np.append(path, v) + self.drive_offset, 1.0, _VIRGIN)[1]
+        return self.run(np.append(path, v) + self.drive_offset, 1.0, (np.empty(0), 0.0))[1]
 
     def inverse(self):
         """Return the exact inverse: an operator from response to drive, in the play form.
@@ -260,18 +218,68 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     def inverse_state(self, state):
         """Return the state of :meth:`inverse` that belongs to a state of this operator."""
-        path = np.append(state.turning_points, state.last) + self.drive_offset
-        y = self.run(path, 1.0, _VIRGIN)[0] - self.intercept
-        return PlayMemory(y[:-1], float(y[-1]))
+        path = np.append(*state) + self.drive_offset
+        y = self.run(path, 1.0, (np.empty(0), 0.0))[0] - self.intercept
+        return y[:-1], float(y[-1])
 
 
-class InvertibleModel(ParametricModel):
-    """Base of the models whose operator has an ``inverse``."""
+def place_thresholds(thresholds, records, n_operators, n_left_out=0):
+    """Return thresholds that are given, or those by their name less the first few."""
+    if isinstance(thresholds, str):
+        drives = [record.u for record in records]
+        return play_thresholds(drives, n_operators + n_left_out, thresholds)[n_left_out:]
+    return check_array(thresholds, ensure_2d=False, dtype=np.float64)
+
+
+class PlayModel(ParametricModel):
+    """Base of the models that contain a weighted sum of plays and have an inverse.
+
+    Parameters
+    ----------
+    n_operators : int, default=20
+        Number of operators; ignored where ``thresholds`` is an array.
+    thresholds : {"grid", "quantile"} or array-like of shape (n_operators,), default="grid"
+        Of the plays (at rest): evenly spaced over the half range of the drive, by quantiles of the
+        drive's swings, or given, in units of the drive.
+    non_negative : bool, default=True
+        Weights of the plays (at rest) are not negative, so that the model dissipates; free
+        otherwise.
+    drive_offset : float or "fit", default=0.0
+        Drive at which the virgin device stands, units of the drive.
+    fit_intercept : bool, default=True
+        Whether the sum of plays has a constant.
+
+    Attributes
+    ----------
+    thresholds_, weights_ : ndarray of shape (n_operators,)
+        Of the plays (at rest): units of the drive; of the response over those of the drive.
+    intercept_ : float
+        Constant of the sum of plays, units of the response.
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "n_operators": [Interval(Integral, 1, None, closed="left")],
+        "thresholds": [StrOptions({"grid", "quantile"}), "array-like"],
+        "non_negative": ["boolean"],
+        "fit_intercept": ["boolean"],
+    }
+
+    def _plays(self):
+        """Return the sum of plays in the identified operator."""
+        return self.operator_
+
+    def _adopt(self, result):
+        super()._adopt(result)
+        show(self, self._plays(), "thresholds", "weights", "intercept")
+        return self
 
     def inverse_predict(self, X):
         """Return the drive that makes the response follow column 0 of ``X``.
 
-        The inverse is exact (Kuhnen 2003).
+        The inverse is exact (Kuhnen 2003), but for thresholds or weights that follow the rate of
+        the drive: the rates are then found by repetition, as far as that brings the response closer
+        to ``X``, and a small error is left where they change fast. Check ``predict`` of the result.
 
         Parameters
         ----------
@@ -290,10 +298,13 @@ class InvertibleModel(ParametricModel):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return run_records(self.operator_.inverse(), X[:, 0], slices, self._free_run_state())
+        return self._invert(X[:, 0], slices)
+
+    def _invert(self, y, slices):
+        return run_records(self.operator_.inverse(), y, slices, self._free_run_state())
 
 
-class PrandtlIshlinskii(InvertibleModel):
+class PrandtlIshlinskii(PlayModel):
     r"""Prandtl-Ishlinskii model of rate-independent hysteresis.
 
     .. math:: y = c + \sum_k w_k F_{r_k}[u - u_0], \quad
@@ -305,32 +316,10 @@ class PrandtlIshlinskii(InvertibleModel):
 
     Parameters
     ----------
-    n_operators : int, default=20
-        Number of operators; ignored where ``thresholds`` is an array.
     form : {"play", "stop"}, default="play"
         Superposition of plays or of stops. It matters where the weights are not negative: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
         over displacement).
-    thresholds : {"grid", "quantile"} or array-like of shape (n_operators,), default="grid"
-        Evenly spaced over the half range of the drive, by quantiles of the drive's swings, or
-        given, in units of the drive.
-    non_negative : bool, default=True
-        Weights are not negative (the model dissipates, and has an inverse); free otherwise.
-    drive_offset : float or "fit", default=0.0
-        Drive at which the virgin device stands, units of the drive.
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    dt, method
-        As for every model; the model does not depend on ``dt``.
-
-    Attributes
-    ----------
-    thresholds_, weights_ : ndarray of shape (n_operators,)
-        Units of the drive; of the response over those of the drive.
-    intercept_ : float
-        Units of the response.
-    operator_ : PrandtlIshlinskiiOperator
-        The model as frozen numbers, to run sample by sample.
 
     References
     ----------
@@ -349,13 +338,9 @@ class PrandtlIshlinskii(InvertibleModel):
     """
 
     _parameter_constraints = {
-        **InvertibleModel._parameter_constraints,
-        "n_operators": [Interval(Integral, 1, None, closed="left")],
+        **PlayModel._parameter_constraints,
         "form": [StrOptions({"play", "stop"})],
-        "thresholds": [StrOptions({"grid", "quantile"}), "array-like"],
-        "non_negative": ["boolean"],
         "drive_offset": [Interval(Real, None, None, closed="neither"), StrOptions({"fit"})],
-        "fit_intercept": ["boolean"],
     }
 
     operator_class = PrandtlIshlinskiiOperator
@@ -374,39 +359,21 @@ class PrandtlIshlinskii(InvertibleModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_operators = n_operators
         self.form = form
         self.thresholds = thresholds
         self.non_negative = non_negative
         self.drive_offset = drive_offset
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
-        thresholds = self.thresholds
-        if isinstance(thresholds, str):
-            drives = [record.u for record in records]
-            thresholds = play_thresholds(drives, self.n_operators, thresholds)
-        else:
-            thresholds = check_array(thresholds, ensure_2d=False, dtype=np.float64)
-        operator = PrandtlIshlinskiiOperator(
-            thresholds,
-            np.zeros(len(thresholds)),
-            drive_offset=0.0 if self.drive_offset == "fit" else self.drive_offset,
-            non_negative=self.non_negative,
-            form=self.form,
-        )
-        return [operator]
+        thresholds = place_thresholds(self.thresholds, records, self.n_operators)
+        offset = 0.0 if self.drive_offset == "fit" else self.drive_offset
+        options = {"non_negative": self.non_negative, "form": self.form}
+        zeros = np.zeros(len(thresholds))
+        return [PrandtlIshlinskiiOperator(thresholds, zeros, 0.0, offset, **options)]
 
     def held_parameters(self):
-        fixed = set() if self.drive_offset == "fit" else {"drive_offset"}
-        return frozenset(fixed if self.fit_intercept else fixed | {"intercept"})
-
-    def _adopt(self, result):
-        super()._adopt(result)
-        self.thresholds_ = np.array(self.operator_.thresholds)
-        self.weights_ = np.array(self.operator_.weights)
-        self.intercept_ = float(self.operator_.intercept)
-        return self
+        held = super().held_parameters()
+        return held if self.drive_offset == "fit" else held | {"drive_offset"}

@@ -2,10 +2,9 @@ r"""Preisach model: relays with a density on the half plane of their thresholds.
 
     y = c + integral of mu(alpha, beta) gamma[u] over alpha >= beta + sum_k g_k s_k(u)
 
-A relay gamma is +1 once ``u`` has reached alpha, -1 once it has fallen to beta. The density mu is
-constant in the cells of a grid, see ``_relay_grid``; the last sum is the density on the line
-alpha = beta, where ``s_k`` rises from -1 to 1 between levels ``k`` and ``k + 1``. The response is
-evaluated from the turning points of the drive, see ``_preisach_loops``.
+with relays gamma, and ``s_k`` that rise from -1 to 1 between levels ``k`` and ``k + 1``. The
+density mu is constant in the cells of a grid, see ``_relay_grid``; the response is evaluated from
+the turning points of the drive, see ``_preisach_loops``.
 """
 
 import dataclasses
@@ -14,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..operators import as_signal, parameter
+from ._common import require, show
 from ._preisach_loops import (
     build_bins,
     everett_run,
@@ -26,23 +26,7 @@ from ._preisach_loops import (
 )
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
-__all__ = ["Preisach", "PreisachMemory", "PreisachOperator"]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PreisachMemory:
-    """What the relays remember of their past drive: the corners of the staircase.
-
-    Parameters
-    ----------
-    turning_points : ndarray of shape (n_points,)
-        Nested turning points of the drive, the oldest and largest first. Empty: first loading.
-    last : float
-        Last value of the drive, clipped to the levels' range.
-    """
-
-    turning_points: np.ndarray
-    last: float
+__all__ = ["Preisach", "PreisachOperator"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,8 +62,10 @@ class PreisachOperator(RelayGridOperator):
 
     Notes
     -----
-    The state is a :class:`PreisachMemory`. ``"rest"`` is the first loading from ``center`` to the
-    first sample; in ``"zero"`` that loading is still to come. Both give the same output.
+    The state is the tuple (turning points, last drive), clipped to the levels' range: the points
+    are nested, the oldest and largest first, and none in a first loading. ``"rest"`` is the first
+    loading from ``center`` to the first sample; in ``"zero"`` that loading is still to come. Both
+    give the same output.
 
     Examples
     --------
@@ -99,12 +85,9 @@ class PreisachOperator(RelayGridOperator):
 
     def __post_init__(self):
         super().__post_init__()
-        size = self.reversible.size
-        if size not in (0, self.levels.size - 1):
-            raise ValueError(
-                "The 'reversible' parameter of PreisachOperator must be empty or have one value "
-                f"for each of the {self.levels.size - 1} intervals. Got {size} instead."
-            )
+        n = self.levels.size - 1
+        wanted = f"be empty or have one value for each of the {n} intervals"
+        require(self, "reversible", self.reversible.size in (0, n), wanted)
 
     @cached_property
     def _bins(self):
@@ -133,40 +116,37 @@ class PreisachOperator(RelayGridOperator):
         return *grid, loading, *self._bins
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``, a :class:`PreisachMemory`."""
         last = np.clip(u0, *self.levels[[0, -1]]) if initial_state == "rest" else self._center
-        return PreisachMemory(np.empty(0), float(last))
+        return np.empty(0), float(last)
 
     def _stack(self, state, n_samples):
-        """Return a stack with room for all turning points to come, and its depth."""
-        top = state.turning_points.size
+        """Return a stack with room for all turning points to come, its depth and the last drive."""
+        turning_points, last = state
+        top = turning_points.size
         points = np.empty(top + n_samples + 2)
-        points[1 : top + 1] = state.turning_points
+        points[1 : top + 1] = turning_points
         if top:
             points[0] = 2.0 * self._center - points[1]
-        return points, top
+        return points, top, float(last)
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
-        state = self._before(u) if state is None else state
-        points, top = self._stack(state, u.size)
+        points, top, last = self._stack(state or self._before(u), u.size)
         values, y = np.empty(points.size), np.empty(u.size)
         restore_values(points, top, values, *self._tables)
-        stack = points, values, top, float(state.last)
-        top, last = everett_run(u, self._center, *self._tables, *stack, y)
+        top, last = everett_run(u, self._center, *self._tables, points, values, top, last, y)
         y += self.intercept
-        return y, PreisachMemory(points[1 : top + 1].copy(), last)
+        return y, (points[1 : top + 1].copy(), last)
 
     def _fill(self, u, state, rows):
-        points, top = self._stack(state, u.size)
+        points, *place = self._stack(state, u.size)
         grid = self._center, self.levels, *self._bins, self.reversible.size
-        top, last = staircase_rows(u, *grid, points, top, float(state.last), rows)
-        return PreisachMemory(points[1 : top + 1].copy(), last)
+        top, last = staircase_rows(u, *grid, points, *place, rows)
+        return points[1 : top + 1].copy(), last
 
     def _carry(self, u, du, state, out):
-        points, _ = self._stack(state, u.size)
-        everett_tangents(u, du, self._center, *self._tables, points, state.last, out)
+        points, _, last = self._stack(state, u.size)
+        everett_tangents(u, du, self._center, *self._tables, points, last, out)
 
     def everett(self, alpha, beta):
         """Return the Everett function: half the response's change from ``beta`` up to ``alpha``.
@@ -195,56 +175,17 @@ class Preisach(RelayGridModel):
 
     Parameters
     ----------
-    n_levels : int, default=20
-        Number n of levels of the drive; there are n (n - 1) / 2 cells. Ignored where ``levels`` is
-        an array.
-    levels : {"grid", "response"} or array-like of shape (n_levels,), default="grid"
-        From the lowest to the highest drive in the records of the fit, evenly spaced or denser
-        where the response changes more (half of the levels follow the drive, half the response);
-        or given, in units of the drive. The second suits responses that are steep in a part of the
-        range and saturate in the rest. Beyond the levels the model is saturated: the response stays
-        constant.
-    smoothness : float, default=1e-3
-        Weight of the penalty relative to that of the data, without unit. It fills cells that the
-        data do not determine from their neighbours. 0: none.
     reversible : bool, default=True
         Whether there is a reversible part, without which the response does not follow a small
         reversal of the drive at first.
-    non_negative : bool, default=True
-        The density is not negative: branches are monotone and the model dissipates.
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    center : float, default=0.0
-        Drive at which the virgin device is demagnetised, units of the drive: relays with alpha +
-        beta above ``2 center`` are down, the others up. ``-inf`` (or any value up to the lowest
-        level, such as 0 for a drive from 0 to 150 V): all relays are down at first.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest after a first loading from ``center``; the
-        drive still at ``center``; or after a rest at a drive value that is fitted for each record.
-    dt, method
-        As for every model; the model does not depend on ``dt``, and any method solves it exactly.
 
     Attributes
     ----------
-    levels_ : ndarray of shape (n_levels,)
-        Units of the drive.
     density_ : ndarray of shape (n_levels - 1, n_levels - 1)
         Density in each cell, alpha by beta, zero above the diagonal; units of the response over
         those of the drive squared.
-    weights_, reversible_, intercept_ : ndarray, ndarray and float
-        Density times area of the n (n - 1) / 2 cells, weights of the reversible part (n - 1 or
-        none) and constant, units of the response.
-    operator_ : PreisachOperator
-        The model as frozen numbers, to run sample by sample.
-    params_, params_std_ : dict
-        Parameters and their standard errors, which hold for the penalised estimate: its bias is
-        not in them. Cells in which no relay has switched are named in
-        ``identifiability_["undetermined"]``.
-
-    Notes
-    -----
-    In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum` all parameters are
-    refined jointly and without the penalty: use few levels there.
+    reversible_ : ndarray of shape (n_levels - 1,) or (0,)
+        Weights of the reversible part, units of the response.
 
     References
     ----------
@@ -264,6 +205,8 @@ class Preisach(RelayGridModel):
 
     _parameter_constraints = {**RelayGridModel._parameter_constraints, "reversible": ["boolean"]}
 
+    operator_class = PreisachOperator
+
     def __init__(
         self,
         n_levels=20,
@@ -278,6 +221,7 @@ class Preisach(RelayGridModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_levels = n_levels
         self.levels = levels
         self.smoothness = smoothness
@@ -285,23 +229,15 @@ class Preisach(RelayGridModel):
         self.non_negative = non_negative
         self.fit_intercept = fit_intercept
         self.center = center
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
-    def _operator(self, levels):
-        n = len(levels)
-        return PreisachOperator(
-            levels,
-            np.zeros(n * (n - 1) // 2),
-            np.zeros(n - 1 if self.reversible else 0),
-            center=self.center,
-            non_negative=self.non_negative,
-        )
+    def starting_values(self, records):
+        (operator,) = super().starting_values(records)
+        zeros = np.zeros(operator.levels.size - 1 if self.reversible else 0)
+        return [dataclasses.replace(operator, reversible=zeros)]
 
     def _adopt(self, result):
         super()._adopt(result)
-        self.reversible_ = np.array(self.operator_.reversible)
+        show(self, self.operator_, "reversible")
         width = np.diff(self.levels_)
         area = np.outer(width, width)
         area[np.diag_indices_from(area)] *= 0.5

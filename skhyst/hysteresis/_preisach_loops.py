@@ -28,7 +28,6 @@ from .._jit import jit
 __all__ = [
     "build_bins",
     "everett_run",
-    "everett_slope",
     "everett_tangents",
     "everett_value",
     "find_interval",
@@ -132,14 +131,7 @@ def first_loading_table(knots, center, levels, everett, diagonal, bins, scale, t
 @jit
 def first_loading_row(value, table):
     """Return the row of the first-loading table for a value."""
-    low, high = 0, table.shape[0] - 2
-    while low < high:
-        middle = (low + high + 1) // 2
-        if value >= table[middle, 0]:
-            low = middle
-        else:
-            high = middle - 1
-    return low
+    return max(np.searchsorted(table[:-1, 0], value, side="right") - 1, 0)
 
 
 @jit

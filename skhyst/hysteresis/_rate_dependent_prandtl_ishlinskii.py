@@ -13,13 +13,12 @@ import dataclasses
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from sklearn.utils.validation import check_is_fitted
 
 from .._jit import jit
 from .._sklearn import StrOptions
-from ..base import ParametricModel, read_data
 from ..operators import as_signal, clip_play, parameter
-from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskii
+from ._common import fastest_change, require, show, swing
+from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
 __all__ = ["RateDependentPrandtlIshlinskii", "RateDependentPrandtlIshlinskiiOperator"]
 
@@ -164,12 +163,10 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.rate_weights.size and self.rate_weights.shape != self.thresholds.shape:
-            raise ValueError(
-                "The 'rate_weights' parameter of RateDependentPrandtlIshlinskiiOperator must have "
-                f"one value for each of the {self.thresholds.size} thresholds, or none. Got shape "
-                f"{self.rate_weights.shape} instead."
-            )
+        size = self.thresholds.size
+        matching = self.rate_weights.shape in {(0,), (size,)}
+        wanted = f"have one value for each of the {size} thresholds, or none"
+        require(self, "rate_weights", matching, wanted)
 
     def parameter_specs(self):
         """Return the identifiable fields; without ``dilation`` where it is zero."""
@@ -192,7 +189,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return np.clip(0.0, last - self.thresholds, last + self.thresholds), last
 
     def run(self, u, dt, state=None):
-        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
         u = as_signal(u)
         y = np.empty(u.size)
         plays, last = self.init(u[0] if u.size else 0.0) if state is None else state
@@ -203,7 +199,6 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return y, (plays, float(u[-1]) if u.size else last)
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
         state = self.init(u[0] if u.size else 0.0, initial_state)
         y, _ = self.run(u, dt, state)
@@ -315,7 +310,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return _RESERVE * np.min(slopes[falling] / falls[falling], initial=np.inf)
 
 
-class RateDependentPrandtlIshlinskii(ParametricModel):
+class RateDependentPrandtlIshlinskii(PlayModel):
     r"""Prandtl-Ishlinskii model that depends on the rate of the drive.
 
     With ``variant="threshold"`` (Al Janaideh and Krejci 2013) all thresholds but the one at zero
@@ -334,31 +329,15 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
 
     Parameters
     ----------
-    n_operators : int, default=20
-        Number of play operators; ignored where ``thresholds`` is an array.
     variant : {"threshold", "slope"}, default="threshold"
         What follows the rate.
-    thresholds : {"grid", "quantile"} or array-like of shape (n_operators,), default="grid"
-        Thresholds at rest: evenly spaced over the half range of the drive, by quantiles of the
-        drive's swings, or given, in units of the drive.
-    non_negative : bool, default=True
-        Weights at rest are not negative; free otherwise.
-    fit_intercept : bool, default=True
-        Whether the response has a constant.
-    dt, method
-        As for every model.
 
     Attributes
     ----------
-    thresholds_, weights_ : ndarray of shape (n_operators,)
-        At rest: units of the drive, units of the response over units of the drive.
     rate_weights_ : ndarray of shape (n_operators,) or (0,)
         Change of the weights with the rate (``variant="slope"``).
     dilation_ : float
         Growth of the thresholds with the rate, in s; 0 with ``variant="slope"``.
-    intercept_ : float
-        Units of the response.
-    operator_ : RateDependentPrandtlIshlinskiiOperator
 
     References
     ----------
@@ -382,10 +361,9 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     """
 
     _parameter_constraints = {
-        **PrandtlIshlinskii._parameter_constraints,
+        **PlayModel._parameter_constraints,
         "variant": [StrOptions({"threshold", "slope"})],
     }
-    del _parameter_constraints["form"], _parameter_constraints["drive_offset"]
 
     operator_class = RateDependentPrandtlIshlinskiiOperator
 
@@ -401,19 +379,16 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
         dt=1.0,
         method="variable_projection",
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_operators = n_operators
         self.variant = variant
         self.thresholds = thresholds
         self.non_negative = non_negative
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
-        plays = PrandtlIshlinskii(self.n_operators, thresholds=self.thresholds)
-        thresholds = plays.starting_values(records)[0].thresholds
-        zeros = np.zeros(thresholds.size)
+        thresholds = place_thresholds(self.thresholds, records, self.n_operators)
+        zeros = np.zeros(len(thresholds))
         if self.variant == "slope":
             rates, dilations = zeros, [0.0]
         else:
@@ -427,45 +402,14 @@ class RateDependentPrandtlIshlinskii(ParametricModel):
     @staticmethod
     def _dilations(records):
         """Return growths with which a threshold changes by a part of the drive's half range."""
-        fastest = max(np.abs(np.diff(record.u)).max(initial=0.0) / record.dt for record in records)
-        half_range = 0.5 * max(np.ptp(record.u) for record in records)
-        return _GROWTHS * (half_range / fastest if fastest > 0.0 else records[0].dt)
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})
+        fastest = fastest_change(records)
+        return _GROWTHS * (0.5 * swing(records) / fastest if fastest > 0.0 else records[0].dt)
 
     def _adopt(self, result):
         super()._adopt(result)
-        for name in ("thresholds", "weights", "rate_weights"):
-            setattr(self, f"{name}_", np.array(getattr(self.operator_, name)))
-        self.dilation_ = float(self.operator_.dilation)
-        self.intercept_ = float(self.operator_.intercept)
+        show(self, self.operator_, "rate_weights", "dilation")
         return self
 
-    def inverse_predict(self, X):
-        """Return the drive that makes the response follow column 0 of ``X``.
-
-        The inverse is exact at known rates of the drive. These are found by repetition, as far as
-        that brings the response closer to ``X``; a small error is left where the thresholds, or
-        weights, change fast. Check ``predict`` of the result.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Column 0 is the desired response, in its units; the index carries the records.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Drive.
-
-        Raises
-        ------
-        ValueError
-            If the model is not strictly monotone: the threshold zero needs a positive weight.
-        """
-        check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        state = self._free_run_state()
-        inverse = self.operator_.inverse_run
-        return np.concatenate([inverse(X[r.rows, 0], r.dt, state) for r in slices])
+    def _invert(self, y, slices):
+        inverse, state = self.operator_.inverse_run, self._free_run_state()
+        return np.concatenate([inverse(y[r.rows], r.dt, state) for r in slices])

@@ -17,7 +17,6 @@ equations are added up over stretches of the records.
 
 import dataclasses
 import time
-from abc import abstractmethod
 from numbers import Integral, Real
 
 import numpy as np
@@ -29,6 +28,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
+from ._common import require, show
 
 __all__ = ["RelayGridModel", "RelayGridOperator", "cell_indices"]
 
@@ -54,18 +54,12 @@ class RelayGridOperator(Superposition):
 
     def __post_init__(self):
         super().__post_init__()
-        kind, levels, weights = type(self).__name__, self.levels, self.weights
-        if levels.ndim != 1 or levels.size < 2 or not np.all(levels[1:] > levels[:-1]):
-            raise ValueError(
-                f"The 'levels' parameter of {kind} must be a list of two or more ascending values. "
-                f"Got {levels!r} instead."
-            )
-        n_cells = levels.size * (levels.size - 1) // 2
-        if weights.shape != (n_cells,):
-            raise ValueError(
-                f"The 'weights' parameter of {kind} must have one value for each of the {n_cells} "
-                f"cells between {levels.size} levels. Got shape {weights.shape} instead."
-            )
+        n, levels = self.levels.size, self.levels
+        ascending = levels.ndim == 1 and n > 1 and np.all(levels[1:] > levels[:-1])
+        require(self, "levels", ascending, "be a list of two or more ascending values")
+        n_cells = n * (n - 1) // 2
+        wanted = f"have one value for each of the {n_cells} cells between {n} levels"
+        require(self, "weights", self.weights.shape == (n_cells,), wanted)
 
     @property
     def _center(self):
@@ -85,7 +79,6 @@ class RelayGridOperator(Superposition):
         return rows, self._fill(u, self._before(u) if state is None else state, rows)
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
         u, du = as_signal(u), as_signal(du)
         state, m = self._before(u, initial_state), du.shape[1]
         dy = np.ones((u.size, m + self.n_parameters))
@@ -96,7 +89,47 @@ class RelayGridOperator(Superposition):
 
 
 class RelayGridModel(ParametricModel):
-    """Base of the models whose weights lie on a grid over the half plane."""
+    """Base of the models whose weights lie on a grid over the half plane.
+
+    Parameters
+    ----------
+    n_levels : int, default=20
+        Number n of levels of the drive; there are n (n - 1) / 2 cells. Ignored where ``levels`` is
+        an array.
+    levels : {"grid", "response"} or array-like of shape (n_levels,), default="grid"
+        From the lowest to the highest drive in the records of the fit, evenly spaced or denser
+        where the response changes more (half of the levels follow the drive, half the response);
+        or given, in units of the drive. The second suits responses that are steep in a part of the
+        range and saturate in the rest. Beyond the levels the model is saturated: the response stays
+        constant.
+    smoothness : float, default=1e-3
+        Weight of the penalty on the differences of neighbouring cells relative to that of the data,
+        without unit. It fills cells that the data do not determine from their neighbours. 0: none.
+        In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum` all parameters are
+        refined jointly and without the penalty: use few levels there.
+    non_negative : bool, default=True
+        The weights are not negative: branches are monotone and the model dissipates.
+    fit_intercept : bool, default=True
+        Whether the response has a constant.
+    center : float, default=0.0
+        Drive at which the virgin device is demagnetised, units of the drive: cells whose
+        ``alpha + beta`` is above ``2 center`` are down, the others up. ``-inf`` (or any value up to
+        the lowest level, such as 0 for a drive from 0 to 150 V): all are down at first.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample: at rest after a first loading from ``center``; the
+        drive still at ``center``; or after a rest at a drive value that is fitted for each record.
+
+    Attributes
+    ----------
+    levels_ : ndarray of shape (n_levels,)
+        Units of the drive.
+    weights_, intercept_ : ndarray of shape (n_levels * (n_levels - 1) / 2,) and float
+        Units of the response; the cell of interval i of alpha and interval j <= i of beta has the
+        number i (i + 1) / 2 + j.
+    params_, params_std_ : dict
+        Parameters and their standard errors, which hold for the penalised estimate: its bias is
+        not in them. Cells that have not moved are named in ``identifiability_["undetermined"]``.
+    """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
@@ -111,9 +144,26 @@ class RelayGridModel(ParametricModel):
     operator_class = RelayGridOperator
     _diagonal_is_reversible = False  # the cells (i, i) have no loop
 
-    @abstractmethod
-    def _operator(self, levels):
-        """Return the operator over a grid, all weights zero."""
+    def __init__(
+        self,
+        n_levels=20,
+        *,
+        levels="grid",
+        smoothness=1e-3,
+        non_negative=True,
+        fit_intercept=True,
+        center=0.0,
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        self.n_levels = n_levels
+        self.levels = levels
+        self.smoothness = smoothness
+        self.non_negative = non_negative
+        self.fit_intercept = fit_intercept
+        self.center = center
 
     def _levels(self, records):
         if not isinstance(self.levels, str):
@@ -129,14 +179,14 @@ class RelayGridModel(ParametricModel):
         return _response_levels(records, edges, self.n_levels)
 
     def starting_values(self, records):
-        return [self._operator(self._levels(records))]
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})
+        levels = self._levels(records)
+        zeros = np.zeros(len(cell_indices(len(levels))[0]))
+        options = {"center": self.center, "non_negative": self.non_negative}
+        return [self.operator_class(levels, zeros, **options)]
 
     def _identify(self, data):
         begin = time.perf_counter()
-        operator = self._operator(self._levels(data))
+        (operator,) = self.starting_values(data)
         problem = OperatorProblem(
             operator, data, fixed=self.held_parameters(), initial_state=self._free_run_state()
         )
@@ -176,9 +226,7 @@ class RelayGridModel(ParametricModel):
 
     def _adopt(self, result):
         super()._adopt(result)
-        self.levels_ = np.array(self.operator_.levels)
-        self.weights_ = np.array(self.operator_.weights)
-        self.intercept_ = float(self.operator_.intercept)
+        show(self, self.operator_, "levels", "weights", "intercept")
         return self
 
 

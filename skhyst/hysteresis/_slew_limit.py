@@ -7,10 +7,9 @@ follows the drive, or falls behind again where ``|s| > R``.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
+from ._common import fastest_change
 
 __all__ = ["SlewLimit", "SlewLimitOperator"]
 
@@ -82,8 +81,6 @@ class SlewLimit(ParametricModel):
     ----------
     operator_ : SlewLimitOperator
         ``rate`` R, units of the drive over s.
-    params_, params_std_ : dict
-        The rate and its standard error.
 
     Examples
     --------
@@ -97,11 +94,6 @@ class SlewLimit(ParametricModel):
 
     operator_class = SlewLimitOperator
 
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
-
     def starting_values(self, records):
-        fastest = max(np.abs(np.diff(r.u)).max(initial=0.0) / r.dt for r in records)
+        fastest = fastest_change(records)
         return [SlewLimitOperator(float(part * fastest or 1.0)) for part in _PARTS]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
-from ..optimize import identify
+from ._common import largest_drive
 
 __all__ = ["TanhHysteresis", "TanhHysteresisOperator"]
 
@@ -33,9 +33,6 @@ def tanh_step(nothing, u0, u1, dt, values):
 class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
     """Static curve plus a term in the drive's rate: the law of :class:`TanhHysteresis`.
 
-    The rate is the slope of the straight line that leads to a sample, the backward difference
-    ``(u[k] - u[k-1]) / dt``: it needs no future sample.
-
     Parameters
     ----------
     k0 : float
@@ -52,8 +49,7 @@ class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
     Notes
     -----
     The state is ``(0, last drive)``. ``"rest"`` has the last drive at the first sample, so that the
-    rate begins at zero; ``"zero"`` at zero. The model has no other memory: its loop closes through
-    ``alpha`` alone, and has an area in proportion to the frequency.
+    rate begins at zero; ``"zero"`` at zero.
 
     Examples
     --------
@@ -87,7 +83,7 @@ class TanhHysteresis(ParametricModel):
 
     (equation (3) of the paper, plus a constant that is zero by default). The rate is the causal
     backward difference ``(u[k] - u[k-1]) / dt``. The model has no rate-independent memory: its
-    loop closes only through ``alpha``, and its area vanishes at low frequency.
+    loop closes only through ``alpha``, and has an area in proportion to the frequency.
 
     Parameters
     ----------
@@ -140,17 +136,12 @@ class TanhHysteresis(ParametricModel):
     def __init__(
         self, fit_intercept=False, *, initial_state="rest", dt=1.0, method="variable_projection"
     ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.fit_intercept = fit_intercept
-        self.initial_state = initial_state
-        self.dt = dt
-        self.method = method
 
     def starting_values(self, records):
-        largest = _largest(records)
+        largest = largest_drive(records)
         return [_start(bend / largest) for bend in _BENDS]
-
-    def held_parameters(self):
-        return frozenset() if self.fit_intercept else frozenset({"intercept"})
 
     def _identify(self, data):
         """Prefer a step to a bend where the data do not tell them apart.
@@ -159,14 +150,9 @@ class TanhHysteresis(ParametricModel):
         """
         bend = super()._identify(data)
         magnitudes = np.abs(np.concatenate([record.u for record in data]))
-        largest = _largest(data)
+        largest = largest_drive(data)
         smallest = magnitudes[magnitudes > _NEGLIGIBLE * largest].min(initial=largest)
-        step = identify(
-            [_start(_STEP / smallest)],
-            data,
-            fixed=self.held_parameters(),
-            initial_state=self._free_run_state(),
-        )
+        step = self._refine([_start(_STEP / smallest)], data, "variable_projection")
         margin = _SIGNIFICANT / max(magnitudes.size - len(step.params), 1)
         power = np.mean(np.square(np.concatenate([record.y for record in data])))
         limit = bend.error**2 * (1.0 + margin) + _ROUNDING**2 * power
@@ -174,11 +160,6 @@ class TanhHysteresis(ParametricModel):
             step if step.error**2 <= limit else bend,
             n_evaluations=step.n_evaluations + bend.n_evaluations,
         )
-
-
-def _largest(records):
-    """Return the largest magnitude of the drive, 1 where it is zero throughout."""
-    return max(float(np.abs(record.u).max()) for record in records) or 1.0
 
 
 def _start(gamma):

@@ -61,11 +61,8 @@ def _weights(n):
     return places / np.sum(places**2)
 
 
-def test_short_and_constant_drives():
+def test_short_drives():
     model = CoulombFriction(fit_damping=False, fit_intercept=False, dt=DT)
-    with pytest.warns(UserWarning, match="do not determine"):
-        model.fit(np.full((50, 1), 2.0), np.ones(50))
-    assert np.isfinite(model.predict(np.full((50, 1), 2.0))).all()
     with pytest.warns(UserWarning, match="do not determine"):
         model.fit([[0.0], [1.0], [3.0]], [0.0, 1.0, 1.0])
     np.testing.assert_allclose(model.predict([[0.0], [1.0], [3.0]]), [0.0, 1.0, 1.0], atol=1e-9)

@@ -1,26 +1,28 @@
-"""What the friction models share: parameters that may be held, and scales to start from."""
+"""What the models share: scales of the data to start from, base of friction models, checks."""
 
 import numpy as np
 
 from ..base import ParametricModel
 from ..operators import slopes
 
-__all__ = [
-    "FrictionModel",
-    "force_characteristics",
-    "half_range",
-    "speed_noise",
-    "swing",
-    "top_speed",
-]
-
-
 _BLOCK = 20  # samples in which the noise is looked for
 _QUIET = 0.25  # part of the blocks in which the motion is too slow to be taken for noise
 
 
 class FrictionModel(ParametricModel):
-    """Base of the friction models: a spring, a dashpot and a constant beside the friction."""
+    """Base of the friction models: a spring, a dashpot and a constant beside the friction.
+
+    The drive is a displacement, the response a force (or anything that follows it).
+
+    Parameters
+    ----------
+    fit_damping : bool, default=True
+        Whether a viscous force ``d`` times the velocity is fitted (0 otherwise).
+    fit_stiffness : bool, default=False
+        Whether a spring ``k`` is fitted (0 otherwise).
+    fit_intercept : bool, default=True
+        Whether the response has a constant (a force offset).
+    """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
@@ -51,13 +53,22 @@ def half_range(records):
     return 0.5 * max(float(np.ptp(record.y)) for record in records) or 1.0
 
 
+def largest_drive(records):
+    """Return the largest magnitude of the drive, 1 where it is zero throughout."""
+    return max(float(np.abs(record.u).max()) for record in records) or 1.0
+
+
+def fastest_change(records):
+    """Return the largest rate of the drive between two samples, 0 where it never moves."""
+    return max(np.abs(np.diff(r.u)).max(initial=0.0) / r.dt for r in records)
+
+
 def top_speed(records, smoothing=1):
     """Return a speed that one in twenty samples exceeds, 1 where the drive never moves.
 
     Slopes are taken over ``smoothing`` intervals.
     """
-    speeds = [np.abs(slopes(r.u, r.dt, smoothing)) for r in records]
-    speeds = np.concatenate(speeds)
+    speeds = np.concatenate([np.abs(slopes(r.u, r.dt, smoothing)) for r in records])
     moving = speeds[speeds > 0.0]
     return float(np.quantile(moving, 0.95)) if moving.size else 1.0
 
@@ -78,3 +89,19 @@ def speed_noise(records, smoothing=1):
             # the squares of the weights 1, 5, 10, 10, 5, 1 add up to 252
             found.append(slope * np.sqrt(np.quantile(power, _QUIET) / 252.0) / record.dt)
     return float(max(found))
+
+
+def show(model, operator, *names):
+    """Store fields of an operator as attributes of a model, ``weights`` as ``weights_``."""
+    for name in names:
+        value = np.array(getattr(operator, name))
+        setattr(model, f"{name}_", value if value.ndim else float(value))
+
+
+def require(operator, name, valid, wanted):
+    """Raise the error that a field of an operator is not as wanted, unless it is valid."""
+    if not valid:
+        raise ValueError(
+            f"The '{name}' parameter of {type(operator).__name__} must {wanted}. "
+            f"Got {getattr(operator, name)!r} instead."
+        )
