@@ -9,8 +9,6 @@ import numpy as np
 from ..operators import SumOperator
 from ._report_text import unit_of
 
-__all__ = ["Claim"]
-
 
 @dataclass(frozen=True)
 class Seen:

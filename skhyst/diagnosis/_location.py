@@ -5,8 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-__all__ = ["locate"]
-
 _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 
 

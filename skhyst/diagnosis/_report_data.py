@@ -11,8 +11,6 @@ from ._effects import EFFECTS
 from ._location import locate
 from ._report_text import listed, number
 
-__all__ = ["collect", "looks", "next_steps"]
-
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 
 

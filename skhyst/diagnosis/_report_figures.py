@@ -11,8 +11,6 @@ from ..inspection import (
     svg_text,
 )
 
-__all__ = ["report_figures"]
-
 _WIDTH = 7.4  # inches
 
 

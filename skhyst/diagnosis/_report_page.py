@@ -5,8 +5,6 @@ import math
 from ._report_data import looks
 from ._report_text import change, in_words, listed, number, percent, plus_minus, share, unit_of
 
-__all__ = ["page", "verdict"]
-
 
 def verdict(report):
     """Return the headline and the sentence that says what a search found."""

@@ -14,8 +14,6 @@ J. Huber, "Robust estimation of a location parameter", Ann. Math. Statist. 35, 1
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
 
-__all__ = ["huber_weights"]
-
 
 def huber_weights(residuals, *, lost=None):
     """Return how much each sample counts, from 0 to 1, in a fit that no gross error must bend.
