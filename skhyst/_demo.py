@@ -7,8 +7,6 @@ import pandas as pd
 
 from .datasets.simulation import Plant, clip, dead_zones, kelvin_voigt, oscillate, plays
 
-__all__ = ["SECRETS", "make_demo_recording"]
-
 _SAMPLES = 1500  # a record
 _INTERVAL = 1e-3  # s
 _SUBSTEPS = 20

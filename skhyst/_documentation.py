@@ -1,9 +1,11 @@
-"""Docstrings of classes: what a base class says of a parameter is said once."""
+"""Docstrings: what that of a base class, or of a like function, says is said once."""
 
 import inspect
 from itertools import takewhile
 
-__all__ = ["inherit_documentation"]
+__all__ = ["documented_like", "inherit_documentation"]
+
+_TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in their order
 
 
 def inherit_documentation(cls):
@@ -11,18 +13,39 @@ def inherit_documentation(cls):
 
     Parameters come in the order of the constructor, attributes behind the class's own.
     """
-    if not cls.__dict__.get("__doc__"):
-        return
-    lines = inspect.cleandoc(cls.__doc__).split("\n")
-    order = list(inspect.signature(cls.__init__).parameters)
-    for title in ("Parameters", "Attributes"):
+    if cls.__dict__.get("__doc__"):
+        cls.__doc__ = _completed(cls.__doc__, cls.__init__, cls.__mro__[1:], _TITLES[:2])
+
+
+def documented_like(*others):
+    """Decorate a function: complete its docstring by what those of other functions say.
+
+    That is what they say of its parameters, what is returned and what is raised, where the function
+    has no such sections.
+    """
+
+    def decorate(function):
+        titles = [title for title in _TITLES if title != "Attributes"]
+        function.__doc__ = _completed(function.__doc__, function, others, titles)
+        return function
+
+    return decorate
+
+
+def _completed(docstring, call, sources, titles):
+    """Return a docstring with the entries of sources; ``call`` has the parameters."""
+    lines = inspect.cleandoc(docstring).split("\n")
+    order = list(inspect.signature(call).parameters)
+    for title in titles:
         start, stop = _section(lines, title)
         entries = _entries(lines[start:stop])
         described = {name for names in entries for name in names}
-        for base in cls.__mro__[1:]:
-            inherited = inspect.cleandoc(base.__doc__ or "").split("\n")
+        if title in ("Returns", "Raises") and entries:
+            continue
+        for source in sources:
+            inherited = inspect.cleandoc(source.__doc__ or "").split("\n")
             for names, entry in _entries(inherited[slice(*_section(inherited, title))]).items():
-                if described.isdisjoint(names) and (title == "Attributes" or names[0] in order):
+                if described.isdisjoint(names) and (title != "Parameters" or names[0] in order):
                     entries[names] = entry
                     described.update(names)
         if title == "Parameters":
@@ -32,7 +55,7 @@ def inherit_documentation(cls):
             text = [line for entry in entries.values() for line in entry]
             head = [] if start < stop else [title, "-" * len(title)]
             lines[start:stop] = [*head, *text, ""]
-    cls.__doc__ = "\n".join(lines)
+    return "\n".join(lines)
 
 
 def _section(lines, title):
@@ -41,7 +64,8 @@ def _section(lines, title):
     heads.append(len(lines))
     own = next((i for i in heads[:-1] if lines[i] == title), None)
     if own is None:
-        first = next(i for i in heads if i == len(lines) or lines[i] != "Parameters")
+        before = _TITLES[: _TITLES.index(title)]
+        first = next(i for i in heads if i == len(lines) or lines[i] not in before)
         return first, first
     return own + 2, heads[heads.index(own) + 1]
 
@@ -55,6 +79,6 @@ def _entries(lines):
         entry = [lines[start], *rest]
         while not entry[-1].strip():
             entry.pop()
-        names = tuple(name.strip() for name in lines[start].split(" :")[0].split(","))
+        names = tuple(name.strip(" *") for name in lines[start].split(" :")[0].split(","))
         entries[names] = entry
     return entries

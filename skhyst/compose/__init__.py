@@ -9,7 +9,6 @@ from ._columns import (
     OnColumn,
     amplitude,
     is_constant,
-    sensitivity_name,
 )
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledOperator, ScheduledParameters
@@ -47,7 +46,6 @@ __all__ = [
     "modulated",
     "put_beside_series",
     "scheduled",
-    "sensitivity_name",
     "series_stages",
     "snake_case",
     "stage_values",

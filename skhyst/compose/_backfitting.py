@@ -24,8 +24,6 @@ from ..operators import FrozenOperator, SeriesOperator, SumOperator
 from ._columns import ColumnOperator, ModulatedOperator
 from ._scheduled_parameters import ScheduledOperator
 
-__all__ = ["Backfitting", "Turn", "explained_change", "fold_of_rows"]
-
 _DAMPING = 0.1  # lambda: the squared gain of the effects above which they are undone
 _STEPS = 12  # of conjugate gradients
 _ENOUGH = 1e-4  # reduction of the gradient

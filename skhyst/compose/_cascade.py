@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 from sklearn.frozen import FrozenEstimator
@@ -11,8 +12,6 @@ from .._sklearn import BaseComposition
 from ..base import ParametricModel, informed
 from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
-
-__all__ = ["Cascade", "Composition", "HeldStep", "thin_records"]
 
 _DYNAMICS = 30  # rank of linear dynamics, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
@@ -30,24 +29,6 @@ class HeldStep(ParametricModel):
     def __init__(self, model):
         self.model = model
 
-    @property
-    def series_rank(self):
-        return self.model.series_rank
-
-    @property
-    def _any_interval(self):
-        return self.model._any_interval
-
-    @property
-    def _reads_columns(self):
-        return self.model._reads_columns
-
-    def _signal(self, X, slices):
-        return self.model._signal(X, slices)
-
-    def _schedules(self, slices, X):
-        return self.model._schedules(slices, X)
-
     def starting_values(self, records):
         return [FrozenOperator(self.model.operator_)]
 
@@ -55,8 +36,30 @@ class HeldStep(ParametricModel):
         return FrozenOperator(operator) if operator.n_parameters else operator
 
 
+for _name in ("series_rank", "_any_interval", "_reads_columns", "_signal", "_schedules"):
+    setattr(HeldStep, _name, property(attrgetter(f"model.{_name}")))
+
+
 class Composition(ParametricModel, BaseComposition):
-    """Base of the compositions: named steps, whose parameters are ``name__parameter``."""
+    """Base of the compositions: named steps, whose parameters are ``name__parameter``.
+
+    Parameters
+    ----------
+    steps : list of (str, estimator)
+        Names and models; fitted models in a FrozenEstimator are held.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; that of the steps is not used.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index; that of the steps is not used.
+
+    Attributes
+    ----------
+    operators_ : dict of str to Operator
+        The identified operator of each step.
+    params_, params_std_ : dict
+        Parameters, named ``step__parameter``, and their standard errors; those of steps that are
+        held are not among them.
+    """
 
     _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
 
@@ -174,12 +177,6 @@ class Cascade(Composition):
 
     Parameters
     ----------
-    steps : list of (str, estimator)
-        Names and models, in the order of the signal; fitted models in a FrozenEstimator are held.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the steps is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the steps is not used.
     warm_start : bool, default=False
         Whether a further ``fit`` starts from the parameters found before, where the steps still
         have the same names and parameters.
@@ -187,11 +184,6 @@ class Cascade(Composition):
     Attributes
     ----------
     operator_ : SeriesOperator
-    operators_ : dict of str to Operator
-        The identified operator of each step.
-    params_, params_std_ : dict
-        Parameters, named ``step__parameter``, and their standard errors; those of steps that are
-        held are not among them.
 
     Raises
     ------
@@ -205,8 +197,7 @@ class Cascade(Composition):
     >>> import numpy as np
     >>> from skhyst.compose import Cascade
     >>> from skhyst.hysteresis import PrandtlIshlinskii
-    >>> from skhyst.linear import FirstOrderLag
-    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
     >>> drive = np.sin(np.linspace(0, 40, 2000)) * np.linspace(0, 1, 2000)
     >>> y, _ = FirstOrderLagOperator(0.05).run(drive, 0.01)
     >>> steps = [("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]
@@ -227,13 +218,7 @@ class Cascade(Composition):
     _parameter_constraints = {**Composition._parameter_constraints, "warm_start": ["boolean"]}
 
     def __init__(
-        self,
-        steps,
-        *,
-        initial_state="rest",
-        dt=1.0,
-        method="variable_projection",
-        warm_start=False,
+        self, steps, *, initial_state="rest", dt=1.0, method="variable_projection", warm_start=False
     ):
         super().__init__(steps, initial_state=initial_state, dt=dt, method=method)
         self.warm_start = warm_start
@@ -401,13 +386,7 @@ def _thin(record, step):
         change = np.sqrt(np.mean(np.square(record.u[:covered] - lines)))
         if len(kept) > 1 and change <= _CHANGE * record.u.std():
             weights = None if record.weights is None else record.weights[::step]
-            return replace(
-                record,
-                u=kept,
-                y=record.y[::step],
-                dt=step * record.dt,
-                segments=(),
-                weights=weights,
-            )
+            own = {"u": kept, "y": record.y[::step], "dt": step * record.dt, "weights": weights}
+            return replace(record, segments=(), **own)
         step //= 2
     return record

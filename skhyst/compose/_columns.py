@@ -12,16 +12,6 @@ from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed
 from ..operators import Operator, ParameterSpec, WrappedOperator, put_beside, take_apart
 
-__all__ = [
-    "ColumnOperator",
-    "Modulated",
-    "ModulatedOperator",
-    "OnColumn",
-    "amplitude",
-    "is_constant",
-    "sensitivity_name",
-]
-
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 _SENSITIVITY = ParameterSpec(unit="1/column")
 
@@ -104,7 +94,8 @@ class ModulatedOperator(WrappedOperator):
         return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
 
     def entries(self):
-        return [*self.operator.entries(), (sensitivity_name(self._depth), _SENSITIVITY)]
+        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
+        return [*self.operator.entries(), (name, _SENSITIVITY)]
 
     def pack(self):
         return np.append(self.operator.pack(), self.sensitivity)
@@ -113,14 +104,8 @@ class ModulatedOperator(WrappedOperator):
         operator = self.operator.unpack(vector[:-1])
         return replace(self, operator=operator, sensitivity=float(vector[-1]))
 
-    def linear_mask(self):
-        return np.append(self.operator.linear_mask(), False)
-
-    def gauge_entries(self):
-        return np.append(self.operator.gauge_entries(), False)
-
-    def gauge_mask(self):
-        return np.append(self.operator.gauge_mask(), False)
+    def _marks(self, mask):
+        return np.append(mask, False)
 
     def constant_mask(self):
         return np.zeros(self.n_parameters, dtype=bool)
@@ -139,11 +124,6 @@ class ModulatedOperator(WrappedOperator):
         return y * factor, np.column_stack([dy * factor[:, None], own])
 
 
-def sensitivity_name(number):
-    """Return what the sensitivity to the first, second, ... column is called as a parameter."""
-    return "sensitivity" if number == 1 else f"sensitivity_{number}"
-
-
 def amplitude(drive):
     """Return half the range of a record's drive."""
     return 0.5 * float(np.ptp(drive))
@@ -159,12 +139,40 @@ def _one(u, column):
     return np.ascontiguousarray(part) if part.ndim else float(part)
 
 
-class _ColumnModel(ParametricModel):
-    """Base of the models that read more of X than its first column."""
+class AroundModel(ParametricModel):
+    """Base of what stands around another model.
+
+    Parameters
+    ----------
+    estimator : estimator
+        A parametric model of skhyst, or a cascade of them, of one input.
+    initial_state : {"rest", "zero", "estimate"}, default="rest"
+        State before each record's first sample; that of the model is not used.
+    dt : float, default=1.0
+        Sampling interval in s of data without a time index; that of the model is not used.
+    """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "estimator": [HasMethods(["fit", "predict"])],
+    }
+
+    def held_parameters(self):
+        return self.estimator.held_parameters()
+
+    def _check_estimator(self):
+        if not isinstance(self.estimator, ParametricModel):
+            raise TypeError(
+                f"The 'estimator' parameter of {type(self).__name__} must be a parametric model of "
+                f"skhyst. Got {self.estimator!r} instead."
+            )
+
+
+class _ColumnModel(AroundModel):
+    """Base of the models that read more of X than its first column."""
+
+    _parameter_constraints = {
+        **AroundModel._parameter_constraints,
         "column": [Interval(Integral, 0, None, closed="left")],
     }
     _reads_columns = True
@@ -183,11 +191,7 @@ class _ColumnModel(ParametricModel):
         return self.estimator.series_rank
 
     def _signal(self, X, slices):
-        if not isinstance(self.estimator, ParametricModel):
-            raise TypeError(
-                f"The 'estimator' parameter of {type(self).__name__} must be a parametric model of "
-                f"skhyst. Got {self.estimator!r} instead."
-            )
+        self._check_estimator()
         model = informed(self.estimator, self)
         signal = model._signal(X, slices) if model._reads_columns else X
         if self.column != "amplitude":
@@ -207,9 +211,6 @@ class _ColumnModel(ParametricModel):
     def _schedules(self, slices, X):
         return informed(self.estimator, self)._schedules(slices, X)
 
-    def held_parameters(self):
-        return self.estimator.held_parameters()
-
 
 class OnColumn(_ColumnModel):
     """A model that one column of X drives, such as a temperature.
@@ -218,14 +219,8 @@ class OnColumn(_ColumnModel):
 
     Parameters
     ----------
-    estimator : estimator
-        A parametric model of skhyst, or a cascade of them, of one input.
     column : int, default=1
         Number of the column of X.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the model is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the model is not used.
 
     Attributes
     ----------
@@ -269,10 +264,6 @@ class Modulated(_ColumnModel):
         A parametric model of skhyst, or a cascade of them, of one input; or another `Modulated`.
     column : int or "amplitude", default=1
         Number of the column of X, or the half range of the drive in a record.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the model is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the model is not used.
 
     Attributes
     ----------

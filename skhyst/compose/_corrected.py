@@ -8,13 +8,12 @@ import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
 from ..base import ParametricModel, one_thread, read_data, run_records
 from ..linear import Gain
 from ..optimize import OperatorProblem
 from ._backfitting import Backfitting, Turn, fold_of_rows
-
-__all__ = ["Corrected"]
 
 
 class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -70,8 +69,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     >>> import numpy as np
     >>> from sklearn.linear_model import LinearRegression
     >>> from skhyst.compose import Corrected
-    >>> from skhyst.linear import FirstOrderLag
-    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
     >>> u = np.random.default_rng(0).normal(size=1000).cumsum()
     >>> y, _ = FirstOrderLagOperator(0.05).run(2.0 * u + 1.0, 0.01)
     >>> model = Corrected(LinearRegression(), FirstOrderLag(), dt=0.01).fit(u.reshape(-1, 1), y)
@@ -100,19 +98,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return tags
 
     @fit_context(prefer_skip_nested_validation=False)
+    @documented_like(ParametricModel.fit)
     def fit(self, X, y):
         """Fit the regressor and the effects in turn.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            The index carries records and time.
-        y : array-like of shape (n_samples,)
-            Response.
-
-        Returns
-        -------
-        self
 
         Raises
         ------
@@ -191,17 +179,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Standard errors of the parameters of the effects."""
         return self.effects_.params_std_
 
+    @documented_like(ParametricModel.predict)
     def predict(self, X):
-        """Return the response, shape (n_samples,), each record from its own start.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """Return the response, each record from its own start."""
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=self.dt)
         p = np.ravel(self.estimator_.predict(X)).astype(float)

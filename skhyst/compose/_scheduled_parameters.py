@@ -12,17 +12,12 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from sklearn.base import clone
 
-from .._sklearn import HasMethods, Interval
-from ..base import ParametricModel, informed
+from .._sklearn import Interval
+from ..base import informed
 from ..exceptions import RecordError
 from ..operators import Operator, WrappedOperator
 from ..optimize import RecordData, VariableProjection
-from ._columns import amplitude, is_constant
-
-__all__ = [
-    "ScheduledOperator",
-    "ScheduledParameters",
-]
+from ._columns import AroundModel, amplitude, is_constant
 
 
 @dataclass(frozen=True)
@@ -76,17 +71,8 @@ class ScheduledOperator(WrappedOperator):
     def unpack(self, vector):
         return replace(self, coefficients=np.array(vector, dtype=float))
 
-    def linear_mask(self):
-        return np.repeat(self.base.linear_mask(), self._counts)
-
-    def gauge_entries(self):
-        return np.repeat(self.base.gauge_entries(), self._counts)
-
-    def gauge_mask(self):
-        return np.repeat(self.base.gauge_mask(), self._counts)
-
-    def constant_mask(self):
-        return np.repeat(self.base.constant_mask(), self._counts)
+    def _marks(self, mask):
+        return np.repeat(mask, self._counts)
 
     @property
     def _counts(self):
@@ -149,7 +135,7 @@ _LEAST = 1e-3  # of a positive parameter, relative to its constant value
 _ROUGH = VariableProjection(tolerance=1e-4)
 
 
-class ScheduledParameters(ParametricModel):
+class ScheduledParameters(AroundModel):
     r"""A model whose parameters are polynomials of the record's amplitude or of a column.
 
     .. math:: p_i(s) = \sum_{k=0}^{d} c_{ik} s^k
@@ -170,10 +156,6 @@ class ScheduledParameters(ParametricModel):
     parameters : list of str or None, default=None
         Names of the parameters that depend on the schedule, as in ``params_`` of the model;
         ``"weights"`` stands for all of ``"weights[0]"``, ... None: all free parameters.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the model is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the model is not used.
 
     Attributes
     ----------
@@ -210,8 +192,7 @@ class ScheduledParameters(ParametricModel):
     """
 
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
-        "estimator": [HasMethods(["fit", "predict"])],
+        **AroundModel._parameter_constraints,
         "by": [str, Interval(Integral, 0, None, closed="left")],
         "degree": [Interval(Integral, 0, None, closed="left")],
         "parameters": ["array-like", None],
@@ -266,11 +247,7 @@ class ScheduledParameters(ParametricModel):
         )
 
     def _record_data(self, slices, X, y):
-        if not isinstance(self.estimator, ParametricModel):
-            raise TypeError(
-                "The 'estimator' parameter of ScheduledParameters must be a parametric model of "
-                f"skhyst. Got {self.estimator!r} instead."
-            )
+        self._check_estimator()
         data = super()._record_data(slices, X, y)
         self.schedule_ = np.array([record.schedule for record in data])
         return data
@@ -309,9 +286,6 @@ class ScheduledParameters(ParametricModel):
                 )
             free = chosen
         return [self.degree if name in free else 0 for name, _ in result.operator.entries()]
-
-    def held_parameters(self):
-        return self.estimator.held_parameters()
 
     def _adopt(self, result):
         super()._adopt(result)

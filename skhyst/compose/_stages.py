@@ -19,18 +19,6 @@ from ._columns import ColumnOperator, Modulated, ModulatedOperator, OnColumn
 from ._scheduled_parameters import ScheduledOperator, ScheduledParameters
 from ._sum import Sum
 
-__all__ = [
-    "Stage",
-    "modulated",
-    "put_beside_series",
-    "scheduled",
-    "series_stages",
-    "snake_case",
-    "stage_values",
-    "with_series_stages",
-    "with_stage_values",
-]
-
 _DRIVEN = "model"  # name of what follows the drive, where that is several models
 _AROUND = (Sum, Modulated, OnColumn, ScheduledParameters)  # a series, from outside to inside
 

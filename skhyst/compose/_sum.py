@@ -8,8 +8,6 @@ from ..operators import Operator, SumOperator, take_apart
 from ._cascade import Composition, HeldStep
 from ._columns import OnColumn
 
-__all__ = ["Sum", "constant_entries"]
-
 
 class Sum(Composition):
     """Models in parallel, identified jointly: their outputs are added.
@@ -19,24 +17,11 @@ class Sum(Composition):
     the driven models have no intercept. A step that is known already is held as in a
     :class:`Cascade`: the fitted model in a :class:`sklearn.frozen.FrozenEstimator`.
 
-    Parameters
-    ----------
-    steps : list of (str, estimator)
-        Names and models; fitted models in a FrozenEstimator are held.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the steps is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the steps is not used.
-
     Attributes
     ----------
     operator_ : SumOperator
-    operators_ : dict of str to Operator
-        The identified operator of each step.
     record_coefficients_ : ndarray of shape (n_records, n_coefficients)
         Of the disturbances, where there are any.
-    params_, params_std_ : dict
-        Parameters, named ``step__parameter``, and their standard errors.
 
     Examples
     --------

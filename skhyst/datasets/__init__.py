@@ -2,14 +2,7 @@
 
 from ._inchworm_motor import make_inchworm_motor, walking_drive
 from ._scanning_stage import load_scanning_stage_parameters, make_scanning_stage
-from ._signals import (
-    decaying_sine,
-    first_order_reversal_curves,
-    sine,
-    steps,
-    swept_sine,
-    triangle,
-)
+from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
 from ._signals_random import band_limited_noise, multisine
 from ._tanh_paper import load_tanh_parameters, make_tanh_recording
 

@@ -14,8 +14,6 @@ from ._effects import Device, complete_effects, path, simulate
 from ._signals import decaying_sine
 from .simulation import bouc_wen, oscillate, plays, refine
 
-__all__ = ["make_inchworm_motor", "walking_drive"]
-
 _MASS, _DAMPING, _STIFFNESS = 3.04, 58.0, 2.312e6  # kg, N s/m, N/m, from (15)
 _BENDING = 0.2657 / _STIFFNESS * 1e6  # c1, um/V
 _EXTENDING = 0.05  # c2, um/V: chosen, the paper has none

@@ -15,8 +15,6 @@ from ._effects import Device, complete_effects, path, simulate
 from ._signals import triangle
 from .simulation import kelvin_voigt, oscillate, plays, refine
 
-__all__ = ["load_scanning_stage_parameters", "make_scanning_stage"]
-
 _RATE = 250e3  # Hz, of the data acquisition
 _SPAN = 40.0  # V, half of the largest peak-to-peak drive
 _SUBSTEPS = 8

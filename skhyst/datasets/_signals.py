@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from .._documentation import documented_like
 from . import _checks as check
 
 
@@ -55,6 +56,7 @@ def triangle(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, u
     return check.signal_frame([offset + height * shape], dt)
 
 
+@documented_like(triangle)
 def sine(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False):
     r"""Sines, with a programme of amplitudes and frequencies.
 
@@ -62,31 +64,6 @@ def sine(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipo
        u = u_0 + \tfrac{a}{2} (1 - \cos 2 \pi \phi)
 
     The phase :math:`\phi` grows with the frequency of its stretch and has no jumps.
-
-    Parameters
-    ----------
-    amplitude, frequency : float or sequence of float, default=1.0
-        Largest deviation from the rest value, units of the drive (a negative one starts downwards),
-        and Hz.
-    n_cycles : int or sequence of int, default=1
-        Cycles of each stretch.
-    dt : float, default=1e-3
-        Sampling interval in s.
-    offset : float, default=0.0
-        Rest value, units of the drive: the first sample.
-    unipolar : bool, default=False
-        Whether the drive stays between ``offset`` and ``offset + amplitude``.
-
-    Returns
-    -------
-    DataFrame of shape (n_samples, 1)
-        Column ``drive``, one record ``0``; the end of the last cycle is left out.
-
-    Raises
-    ------
-    ValueError
-        If the programmes differ in length, a number of cycles is not whole, or a frequency is not
-        below half the sampling rate.
 
     Examples
     --------
@@ -120,6 +97,7 @@ def _programme(function, amplitude, frequency, n_cycles, dt):
     return phase, amplitude[stretch]
 
 
+@documented_like(triangle)
 def swept_sine(
     start_frequency,
     stop_frequency,
@@ -144,8 +122,6 @@ def swept_sine(
         :math:`T` in s.
     amplitude, offset : float, default=1.0 and 0.0
         Largest deviation from the rest value, and that value, units of the drive.
-    dt : float, default=1e-3
-        Sampling interval in s.
     phase : float, default=0.0
         Phase at the start, rad. With 0 the drive starts at the rest value.
     spacing : {"linear", "logarithmic"}, default="linear"
@@ -197,6 +173,7 @@ def swept_sine(
     )
 
 
+@documented_like(swept_sine)
 def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1e-4, offset=0.0):
     r"""A sine that dies away, and with it the hysteresis memory.
 
@@ -212,11 +189,6 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
         :math:`\lambda` in 1/s.
     duration, dt : float, default=3.5 and 1e-4
         Duration and sampling interval in s.
-
-    Returns
-    -------
-    DataFrame of shape (n_samples, 1)
-        Column ``drive``, one record ``0``; start and end are included.
 
     Raises
     ------
@@ -245,6 +217,7 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
     return check.signal_frame([check.scalar(function, "offset", offset) + u], dt)
 
 
+@documented_like(triangle)
 def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3):
     """Levels with rests: what shows creep, drift and ringing.
 
@@ -257,8 +230,6 @@ def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3):
     rise_time : float, default=0.0
         Time of the straight line from one level to the next in s; below two sampling intervals the
         next level follows within one.
-    dt : float, default=1e-3
-        Sampling interval in s.
 
     Returns
     -------
@@ -294,6 +265,7 @@ def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3):
     return check.signal_frame([np.concatenate(parts)], dt)
 
 
+@documented_like(triangle)
 def first_order_reversal_curves(
     amplitude=1.0, n_curves=10, *, rate=1.0, dt=1e-3, offset=0.0, both_sides=False
 ):
@@ -312,10 +284,6 @@ def first_order_reversal_curves(
         Number of reversal values.
     rate : float, default=1.0
         Largest slope, units of the drive over s.
-    dt : float, default=1e-3
-        Sampling interval in s.
-    offset : float, default=0.0
-        Rest value, units of the drive: the first sample.
     both_sides : bool, default=False
         Whether the mirrored curves, from ``offset - amplitude``, follow.
 

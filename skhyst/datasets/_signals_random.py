@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._documentation import documented_like
 from . import _checks as check
 
 
@@ -139,6 +140,7 @@ def _amplitudes(amplitude, frequency, n_lines):
     return sizes / sizes.max()
 
 
+@documented_like(multisine)
 def band_limited_noise(
     n_samples=1024,
     *,
@@ -159,16 +161,8 @@ def band_limited_noise(
     ----------
     n_samples : int, default=1024
         Samples of a record.
-    band : (float, float) or None, default=None
-        Lowest and highest frequency, Hz, both included; all below half the sampling rate by
-        default. The constant is never excited.
-    rms, offset : float or sequence of float of shape (n_inputs,), default=1.0 and 0.0
-        Root mean square of each input about its mean, and that mean, units of the drive: exact in
-        each record.
     n_realizations, n_inputs : int, default=1
         Independent records and inputs.
-    dt : float, default=1e-3
-        Sampling interval in s.
     random_state : int, Generator or None, default=None
         Seed.
 

@@ -5,8 +5,6 @@ import pandas as pd
 
 from ..records import stack_records
 
-__all__ = ["load_tanh_parameters", "make_tanh_recording"]
-
 # a row for each of Tables 2 to 4, drives of 20, 40 and 60 V, a column for each 10 Hz
 _PARAMETERS = {
     "k0": [  # um/V

@@ -94,9 +94,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Whether what is left is noise, or structure that no effect explains.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
-        of the response. Constants that belong to a record (offset, drift, phase) are taken from
-        one half of a held-out record's segments to predict the other half. A sample counts the
-        less, the more open the other folds leave the declared model's prediction of it.
+        of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
+        drift, phase) are taken from one half of a held-out record's segments to predict the other
+        half.
+    weights_ : ndarray of shape (n_samples,)
+        How much each held-out sample counts: the less, the more open the other folds leave the
+        declared model's prediction of it, as where a record goes further than all others; and
+        the weights of Huber's loss where that is asked for.
     noise_floor_ : float
         The error that no model is known to beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
@@ -281,6 +285,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         for name, contestant in (("before", first), ("after", base)):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
+        ones = (np.ones(len(own)) for own in base.residuals)
+        weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
+        self.weights_ = np.concatenate(list(weights))
         self._judge(declared.measured(records), base, rounds)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
         self.seconds_["noise floor"] = time.perf_counter() - begin

@@ -1,20 +1,61 @@
-"""The part that displays of a recording and its predictions share."""
+"""The parts that displays share."""
 
+from abc import ABC, abstractmethod
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 
+from .._documentation import documented_like, inherit_documentation
 from ..records import record_slices
 
 
-def search_labels(search):
-    """Return the names of the two models of a search: declared, and with what was found."""
-    return "declared model", "with " + ", ".join(search.effects_)
+class Display(ABC):
+    """Base of the displays, which store data first and draw afterwards.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes
+        Where it was drawn.
+    figure_ : matplotlib Figure
+    """
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
+
+    @abstractmethod
+    def plot(self, ax=None):
+        """Draw it.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or None, default=None
+            Where to draw; None makes a new figure.
+
+        Returns
+        -------
+        self
+        """
 
 
-class SignalDisplay:
-    """Base of the displays that show a recording beside the predictions of models."""
+class SignalDisplay(Display):
+    """Base of the displays that show a recording beside the predictions of models.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+        Drive, in its own unit.
+    response : ndarray of shape (n_samples,)
+        Measured response, in its own unit.
+    predictions : dict of str to ndarray of shape (n_samples,)
+        Model name to prediction, units of the response; NaN where there is none.
+    records : sequence of RecordSlice
+        The records, as :func:`skhyst.records.record_slices` returns them.
+    drive_name, response_name : str, default="drive", "response"
+        Names for the axes.
+    noise_floor : float or None, default=None
+        Error that no model can beat, unit of the response.
+    """
 
     def __init__(
         self,
@@ -64,6 +105,7 @@ class SignalDisplay:
         )
 
     @classmethod
+    @documented_like(from_estimator)
     def from_predictions(cls, X, y, y_pred, *, dt=1.0, ax=None, **plot_options):
         """Draw predictions beside the measured response.
 
@@ -71,20 +113,10 @@ class SignalDisplay:
         ----------
         X : array-like of shape (n_samples, n_inputs)
             Column 0 is the drive; an index carries records and time.
-        y : array-like of shape (n_samples,)
-            Measured response.
         y_pred : array-like of shape (n_samples,), or dict of str to such
             One prediction, or several by name.
         dt : float, default=1.0
             Sampling interval in s, where the index carries no time.
-        ax : matplotlib Axes, array of Axes or None, default=None
-            Where to draw; None makes a new figure.
-        **plot_options
-            Passed to ``plot``.
-
-        Returns
-        -------
-        display
 
         Raises
         ------
@@ -117,6 +149,7 @@ class SignalDisplay:
         return display.plot(ax=ax, **plot_options)
 
     @classmethod
+    @documented_like(from_estimator)
     def from_search(cls, search, *, ax=None, **plot_options):
         """Draw the held-out predictions of a fitted search, before and after.
 
@@ -124,27 +157,19 @@ class SignalDisplay:
         ----------
         search : EffectSearchCV
             Fitted.
-        ax : matplotlib Axes, array of Axes or None, default=None
-            Where to draw; None makes a new figure.
-        **plot_options
-            Passed to ``plot``.
-
-        Returns
-        -------
-        display
         """
-        before, after = search_labels(search)
-        predictions = {before: np.asarray(search.prediction_before_, dtype=float)}
+        predictions = {"declared model": np.asarray(search.prediction_before_, dtype=float)}
         if search.effects_:
+            after = "with " + ", ".join(search.effects_)
             predictions[after] = np.asarray(search.prediction_after_, dtype=float)
-        names = signal_names(search)
+        drive_name, response_name = signal_names(search)
         display = cls(
             drive=np.asarray(search.drive_, dtype=float),
             response=np.asarray(search.response_, dtype=float),
             predictions=predictions,
             records=tuple(search.records_),
-            drive_name=names.drive,
-            response_name=names.response,
+            drive_name=drive_name,
+            response_name=response_name,
             noise_floor=float(search.noise_floor_),
         )
         return display.plot(ax=ax, **plot_options)
@@ -172,7 +197,5 @@ class SignalDisplay:
 def signal_names(search):
     """Return the names of drive and response that a search saw, where the data had names."""
     columns = getattr(search, "feature_names_in_", None)
-    return SimpleNamespace(
-        drive="drive" if columns is None else str(columns[0]),
-        response=str(getattr(search, "response_name_", None) or "response"),
-    )
+    drive = "drive" if columns is None else str(columns[0])
+    return drive, str(getattr(search, "response_name_", None) or "response")

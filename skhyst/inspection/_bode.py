@@ -4,18 +4,18 @@ from itertools import count
 
 import numpy as np
 
+from .._documentation import documented_like
 from ..linear import FrequencyResponse, frequency_response
+from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 from ._signals import log_average
-
-__all__ = ["FrequencyResponseDisplay"]
 
 _POINTS = 1000  # at which the curve of a model is drawn, beside the measured lines
 _DISTORTION = COLORS[2]
 _MODELS = (COLORS[0], COLORS[1], COLORS[3])
 
 
-class FrequencyResponseDisplay:
+class FrequencyResponseDisplay(Display):
     """Bode diagram of a frequency response: magnitude, phase, and what is known of its errors.
 
     Make one with :meth:`from_response` or :meth:`from_recording`. All parameters are kept as
@@ -35,7 +35,6 @@ class FrequencyResponseDisplay:
     ----------
     ax_ : ndarray of Axes of shape (2 or 3, n_inputs)
         Where it was drawn: magnitude, phase, and coherence where there is one.
-    figure_ : matplotlib Figure
 
     Examples
     --------
@@ -55,6 +54,7 @@ class FrequencyResponseDisplay:
         self.models = models
 
     @classmethod
+    @documented_like(SignalDisplay.from_estimator)
     def from_response(cls, response, models=None, *, ax=None, **plot_options):
         """Draw a frequency response.
 
@@ -66,14 +66,6 @@ class FrequencyResponseDisplay:
             Drawn over it. A model is whatever has ``frequency_response(frequency)`` with
             frequencies in Hz, an estimator whose ``operator_`` has that, or another
             :class:`~skhyst.linear.FrequencyResponse`.
-        ax : array of Axes or None, default=None
-            Where to draw; None makes a new figure.
-        **plot_options
-            Passed to ``plot``.
-
-        Returns
-        -------
-        display
 
         Raises
         ------
@@ -86,6 +78,7 @@ class FrequencyResponseDisplay:
         return cls(response=response, models=named).plot(ax=ax, **plot_options)
 
     @classmethod
+    @documented_like(SignalDisplay.from_estimator)
     def from_recording(cls, X, y, models=None, *, ax=None, **options):
         """Estimate the frequency response of a recording and draw it.
 
@@ -97,17 +90,12 @@ class FrequencyResponseDisplay:
             Response.
         models : model, list of models, dict of str to model, or None, default=None
             Drawn over it, see :meth:`from_response`.
-        ax : array of Axes or None, default=None
-            Where to draw; None makes a new figure.
         **options
             Passed to :func:`skhyst.linear.frequency_response`.
-
-        Returns
-        -------
-        display
         """
         return cls.from_response(frequency_response(X, y, **options), models, ax=ax)
 
+    @documented_like(Display.plot)
     def plot(self, ax=None, *, level=0.95, log_frequency=True):
         """Draw it.
 
@@ -119,10 +107,6 @@ class FrequencyResponseDisplay:
             Probability of the bands.
         log_frequency : bool, default=True
             Whether the axis of frequency is logarithmic.
-
-        Returns
-        -------
-        self
         """
         found = self.response
         n_rows, n_inputs = 2 + (found.coherence is not None), found.n_inputs

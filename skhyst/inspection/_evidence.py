@@ -4,15 +4,15 @@ from itertools import cycle
 
 import numpy as np
 
+from .._documentation import documented_like
+from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, MEASURED, new_axes, plain, tidy
 from ._signals import thin_path
-
-__all__ = ["EvidenceDisplay"]
 
 _FEW = 100  # points that are drawn large, on top of the lines
 
 
-class EvidenceDisplay:
+class EvidenceDisplay(Display):
     """The picture that belongs to a claimed effect.
 
     Parameters
@@ -25,7 +25,6 @@ class EvidenceDisplay:
     ----------
     ax_ : matplotlib Axes or ndarray of Axes of shape (2,)
         Two where a second picture stands below, such as the phase below the gain.
-    figure_ : matplotlib Figure
 
     Examples
     --------
@@ -42,23 +41,14 @@ class EvidenceDisplay:
         self.picture = picture
 
     @classmethod
+    @documented_like(SignalDisplay.from_search)
     def from_search(cls, search, effect, *, ax=None, **plot_options):
         """Draw the evidence for an effect that a search has claimed.
 
         Parameters
         ----------
-        search : EffectSearchCV
-            Fitted.
         effect : str
             One of ``search.effects_``.
-        ax : matplotlib Axes or None, default=None
-            Where to draw; None makes a new figure.
-        **plot_options
-            Passed to ``plot``.
-
-        Returns
-        -------
-        display
 
         Raises
         ------
@@ -72,19 +62,14 @@ class EvidenceDisplay:
             )
         return cls(search.evidence_[effect].picture).plot(ax=ax, **plot_options)
 
+    @documented_like(Display.plot)
     def plot(self, ax=None, *, max_points=2000):
         """Draw the picture.
 
         Parameters
         ----------
-        ax : matplotlib Axes or None, default=None
-            Where to draw; None makes a new figure.
         max_points : int, default=2000
             Points to draw for each curve; a longer one is drawn by its outline.
-
-        Returns
-        -------
-        self
         """
         below = getattr(self.picture, "below", None)
         pictures = [self.picture] if below is None else [self.picture, below]

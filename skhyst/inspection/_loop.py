@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from .._documentation import documented_like
 from ._base import SignalDisplay
 from ._drawing import COLORS, MEASURED, new_axes, plain, tidy
 from ._signals import loop_spans, thin_path
-
-__all__ = ["HysteresisLoopDisplay"]
 
 _POINTS = 240  # drawn of a cycle
 
@@ -17,26 +16,10 @@ class HysteresisLoopDisplay(SignalDisplay):
     Make one with :meth:`from_estimator`, :meth:`from_predictions` or :meth:`from_search`. All
     parameters are kept as attributes.
 
-    Parameters
-    ----------
-    drive : ndarray of shape (n_samples,)
-        Drive, in its own unit.
-    response : ndarray of shape (n_samples,)
-        Measured response, in its own unit.
-    predictions : dict of str to ndarray of shape (n_samples,)
-        Model name to prediction, units of the response; NaN where there is none.
-    records : sequence of RecordSlice
-        The records, as :func:`skhyst.records.record_slices` returns them.
-    drive_name, response_name : str, default="drive", "response"
-        Names for the axes.
-    noise_floor : float or None, default=None
-        Error that no model can beat, unit of the response.
-
     Attributes
     ----------
     ax_ : matplotlib Axes or ndarray of Axes
         Where it was drawn: one Axes for each model if they stand side by side.
-    figure_ : matplotlib Figure
 
     Examples
     --------
@@ -50,6 +33,7 @@ class HysteresisLoopDisplay(SignalDisplay):
     ('drive', 'response')
     """
 
+    @documented_like(SignalDisplay.plot)
     def plot(self, ax=None, *, subtract_line=False, max_cycles=10):
         """Draw the loops.
 
@@ -64,10 +48,6 @@ class HysteresisLoopDisplay(SignalDisplay):
         max_cycles : int, default=10
             Cycles of the drive to draw. Of a longer recording every record gives a stretch of
             whole cycles around its largest excursion.
-
-        Returns
-        -------
-        self
         """
         n_models = len(self.predictions)
         one = ax is not None and np.size(np.asarray(ax, dtype=object)) == 1

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.stats import chi2
 from sklearn.utils.validation import check_is_fitted
 
+from .._documentation import documented_like
+from ._base import Display, SignalDisplay
 from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
-
-__all__ = ["PoleZeroDisplay"]
 
 _DAMPING = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _APART = 0.08  # of the width, between rays of constant damping
@@ -14,7 +14,7 @@ _FRAME = 0.12  # of the range, left around the poles
 _WIDE = 15.0  # ratio of the largest real part to the median from which the axis is logarithmic
 
 
-class PoleZeroDisplay:
+class PoleZeroDisplay(Display):
     """Poles and zeros of one linear model or several, with confidence ellipses.
 
     Make one with :meth:`from_estimator`. All parameters are kept as attributes. A cross is a pole,
@@ -31,11 +31,6 @@ class PoleZeroDisplay:
         Model name to zeros, rad/s; of all inputs together.
     covariances : dict of str to ndarray of shape (n_poles, 2, 2) or None
         Of real and imaginary part of the poles, (rad/s)^2.
-
-    Attributes
-    ----------
-    ax_ : matplotlib Axes
-    figure_ : matplotlib Figure
 
     Examples
     --------
@@ -54,6 +49,7 @@ class PoleZeroDisplay:
         self.covariances = covariances
 
     @classmethod
+    @documented_like(SignalDisplay.from_estimator)
     def from_estimator(cls, estimator, *, ax=None, **plot_options):
         """Draw the poles and zeros of fitted linear models.
 
@@ -61,14 +57,6 @@ class PoleZeroDisplay:
         ----------
         estimator : TransferFunction, ModalModel, or dict of str to such
             Fitted; one, or several by name.
-        ax : matplotlib Axes or None, default=None
-            Where to draw; None makes a new figure.
-        **plot_options
-            Passed to :meth:`plot`.
-
-        Returns
-        -------
-        display
 
         Raises
         ------
@@ -90,13 +78,12 @@ class PoleZeroDisplay:
             covariances[name] = model.poles_covariance_
         return cls(poles, zeros, covariances).plot(ax=ax, **plot_options)
 
+    @documented_like(Display.plot)
     def plot(self, ax=None, *, level=0.95, max_frequency=None, real_scale="auto"):
         """Draw the poles and zeros.
 
         Parameters
         ----------
-        ax : matplotlib Axes or None, default=None
-            Where to draw; None makes a new figure.
         level : float, default=0.95
             Probability that an ellipse holds its pole.
         max_frequency : float or None, default=None
@@ -104,10 +91,6 @@ class PoleZeroDisplay:
             to twice the fastest pole.
         real_scale : {"auto", "linear", "symlog"}, default="auto"
             Scale of the real axis.
-
-        Returns
-        -------
-        self
         """
         axes = new_axes(ax, 1, 1, "PoleZeroDisplay", size=(7.4, 5.0))[0, 0]
         hertz, seen = 2.0 * np.pi, []

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from ._base import signal_names
+from .._documentation import documented_like
+from ._base import Display, SignalDisplay, signal_names
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 
-__all__ = ["EffectRankingDisplay"]
 
-
-class EffectRankingDisplay:
+class EffectRankingDisplay(Display):
     """Candidates of a round: held-out error with each, against the error without and the noise.
 
     Make one with :meth:`from_search`. All parameters are kept as attributes. A filled mark is an
@@ -28,11 +27,6 @@ class EffectRankingDisplay:
         Contested effects that the data cannot tell from the one claimed.
     response_name : str, default="response"
         Name for the axis.
-
-    Attributes
-    ----------
-    ax_ : matplotlib Axes
-    figure_ : matplotlib Figure
 
     Examples
     --------
@@ -54,23 +48,14 @@ class EffectRankingDisplay:
         self.response_name = response_name
 
     @classmethod
+    @documented_like(SignalDisplay.from_search)
     def from_search(cls, search, *, round=1, ax=None, **plot_options):
         """Draw one round of a fitted search.
 
         Parameters
         ----------
-        search : EffectSearchCV
-            Fitted.
         round : int, default=1
             The round, counted from 1.
-        ax : matplotlib Axes or None, default=None
-            Where to draw; None makes a new figure.
-        **plot_options
-            Passed to ``plot``.
-
-        Returns
-        -------
-        display
 
         Raises
         ------
@@ -91,23 +76,18 @@ class EffectRankingDisplay:
             ranking.reset_index(drop=True),
             noise_floor=float(search.noise_floor_),
             ambiguous_with=tuple(name for names in ambiguous for name in names),
-            response_name=signal_names(search).response,
+            response_name=signal_names(search)[1],
         )
         return display.plot(ax=ax, **plot_options)
 
+    @documented_like(Display.plot)
     def plot(self, ax=None, *, title=None):
         """Draw the candidates.
 
         Parameters
         ----------
-        ax : matplotlib Axes or None, default=None
-            Where to draw; None makes a new figure.
         title : str or None, default=None
             Title of the picture.
-
-        Returns
-        -------
-        self
         """
         table = self.ranking.sort_values(
             ["error_after", "screen"], ascending=[True, False], na_position="last", kind="stable"

@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from .._documentation import documented_like
 from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 from ._signals import binned_statistics, branch, envelope, spectrum
-
-__all__ = ["ResidualDisplay"]
 
 KINDS = ("time", "drive", "prediction", "spectrum")
 
@@ -25,16 +24,6 @@ class ResidualDisplay(SignalDisplay):
 
     Parameters
     ----------
-    drive : ndarray of shape (n_samples,)
-        Drive, in its own unit.
-    response : ndarray of shape (n_samples,)
-        Measured response, in its own unit.
-    predictions : dict of str to ndarray of shape (n_samples,)
-        Model name to prediction, units of the response; NaN where there is none.
-    records : sequence of RecordSlice
-        The records, as :func:`skhyst.records.record_slices` returns them.
-    drive_name, response_name : str, default="drive", "response"
-        Names for the axes.
     noise_floor : float or None, default=None
         Error that no model can beat, unit of the response; drawn as a flat spectrum.
 
@@ -42,7 +31,6 @@ class ResidualDisplay(SignalDisplay):
     ----------
     ax_ : matplotlib Axes or ndarray of Axes of shape (2, 2)
         Where it was drawn.
-    figure_ : matplotlib Figure
 
     Examples
     --------
@@ -61,6 +49,7 @@ class ResidualDisplay(SignalDisplay):
         """Return model name -> residual, arrays of shape (n_samples,), NaN where not scored."""
         return {name: self.response - values for name, values in self.predictions.items()}
 
+    @documented_like(SignalDisplay.plot)
     def plot(self, ax=None, *, kind="all", max_points=2000):
         """Draw the residuals.
 
@@ -73,10 +62,6 @@ class ResidualDisplay(SignalDisplay):
         max_points : int, default=2000
             Points to draw for each curve in time; a longer one is drawn by its outline, which
             keeps every peak.
-
-        Returns
-        -------
-        self
 
         Raises
         ------

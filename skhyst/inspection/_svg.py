@@ -7,8 +7,6 @@ import warnings
 
 from ._drawing import INK, import_matplotlib
 
-__all__ = ["svg_text"]
-
 _PAPER = "#fdfdfe"
 
 

@@ -9,8 +9,6 @@ from numbers import Integral
 
 import numpy as np
 
-__all__ = ["by_content", "segment_folds", "stretches"]
-
 _WASHOUT = 0.05  # of a block of a single record
 
 

@@ -10,8 +10,6 @@ from ..metrics import fit_percent, mape, nrmse, smape
 from ..records import record_slices
 from ._folds import check_integer
 
-__all__ = ["washout_scorer"]
-
 # Names in scikit-learn say which way is better; the metrics of skhyst are known.
 BETTER_HIGH = ("_score",)
 BETTER_LOW = ("_error", "_loss", "_deviance")

@@ -16,8 +16,6 @@ from ..exceptions import RecordError
 from ..records import record_slices
 from ._folds import by_content, check_integer, runs
 
-__all__ = ["BlockedTimeSeriesSplit", "RecordKFold"]
-
 
 class _RecordSplitter(BaseCrossValidator):
     """Splitter that reads the records from the index of X, and checks what it is asked to do."""

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["check_operator"]
-
 _STEP = 1e-6  # of a difference, relative to what is moved
 _TOLERANCE = 1e-6  # relative to the largest derivative, or to 1
 _ROUNDING = 1e-9

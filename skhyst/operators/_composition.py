@@ -8,15 +8,6 @@ import numpy as np
 
 from ._protocol import Operator
 
-__all__ = [
-    "FrozenOperator",
-    "SeriesOperator",
-    "SumOperator",
-    "WrappedOperator",
-    "put_beside",
-    "take_apart",
-]
-
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
 
 
@@ -31,11 +22,18 @@ class _ByEntries(Operator):
 
 
 class WrappedOperator(_ByEntries):
-    """Base of what wraps one operator, the field ``operator``, and is like it by default."""
+    """Base of what wraps one operator, the field ``operator``, and is like it by default.
+
+    A subclass with entries of its own says in ``_marks`` what becomes of a mask over those of the
+    operator.
+    """
 
     @property
     def _like(self):
         return self.operator
+
+    def _marks(self, mask):
+        return mask
 
     def unpack(self, vector):
         return replace(self, operator=self.operator.unpack(vector))
@@ -54,9 +52,13 @@ class WrappedOperator(_ByEntries):
 for _name in (
     *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless"),
     *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "characteristics"),
-    *("entries", "pack", "linear_mask", "gauge_entries", "gauge_mask", "constant_mask"),
+    *("entries", "pack"),
 ):
     setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
+for _name in ("linear_mask", "gauge_entries", "gauge_mask", "constant_mask"):
+    setattr(
+        WrappedOperator, _name, lambda self, name=_name: self._marks(getattr(self._like, name)())
+    )
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,8 @@ class FrozenOperator(WrappedOperator):
     def unpack(self, vector):
         return self
 
-    def linear_mask(self):
-        return np.empty(0, dtype=bool)
-
-    gauge_entries = gauge_mask = constant_mask = linear_mask
+    def _marks(self, mask):
+        return mask[:0]
 
     def linearize(self, u, du, dt, initial_state="rest"):
         return self.operator.carry(u, du, dt, initial_state)
@@ -177,9 +177,8 @@ class _Composition(_ByEntries):
     def at(self, schedule):
         return type(self)(self.names, tuple(stage.at(schedule) for stage in self.stages))
 
-    def _masks(self, name):
-        """Return what the stages say of their own entries, one after the other."""
-        return np.concatenate([np.empty(0, bool), *(getattr(s, name)() for s in self.stages)])
+    def gauge_entries(self):
+        return _joined(stage.gauge_entries() for stage in self.stages)
 
 
 class SeriesOperator(_Composition):
@@ -197,17 +196,14 @@ class SeriesOperator(_Composition):
                 best, masks[i] = i, mask
             if not self.stages[i].signal_linear:
                 break
-        return np.concatenate([np.empty(0, bool), *masks])
-
-    def gauge_entries(self):
-        return self._masks("gauge_entries")
+        return _joined(masks)
 
     def constant_mask(self):
         masks = [stage.constant_mask() for stage in self.stages]
         for i in reversed(range(1, len(masks))):  # before a stage that is not linear none is left
             if not self.stages[i].signal_linear:
                 masks[:i] = [np.zeros_like(mask) for mask in masks[:i]]
-        return np.concatenate([np.empty(0, bool), *masks])
+        return _joined(masks)
 
     def gauge_mask(self):
         gauges = [stage.gauge_entries() for stage in self.stages]
@@ -217,7 +213,7 @@ class SeriesOperator(_Composition):
             stage.gauge_mask() | (gauge & (i not in owners))
             for i, (stage, gauge) in enumerate(zip(self.stages, gauges, strict=True))
         ]
-        return np.concatenate([np.empty(0, bool), *masks])
+        return _joined(masks)
 
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge.
@@ -278,28 +274,28 @@ class SumOperator(_Composition):
     """Operators in parallel: their outputs are added."""
 
     def linear_mask(self):
-        return self._masks("linear_mask")
+        return _joined(stage.linear_mask() for stage in self.stages)
 
     def constant_mask(self):
-        return self._masks("constant_mask")
+        return _joined(stage.constant_mask() for stage in self.stages)
 
     def gauge_entries(self):
         # a common gain can be taken out of the first branch only
         masks = [
-            stage.gauge_entries() & (_is_intercept(stage) | (i == 0))
+            stage.gauge_entries() & (Operator.constant_mask(stage) | (i == 0))
             for i, stage in enumerate(self.stages)
         ]
-        return np.concatenate([np.empty(0, bool), *masks])
+        return _joined(masks)
 
     def gauge_mask(self):
         # several intercepts add up to one: the first branch that has one keeps it
-        masks, taken = [np.empty(0, bool)], False
+        masks, taken = [], False
         for stage in self.stages:
             mask = stage.gauge_mask()
-            intercept = _is_intercept(stage)
+            intercept = Operator.constant_mask(stage)
             masks.append(mask | (intercept & taken))
             taken = taken or bool((intercept & ~mask).any())
-        return np.concatenate(masks)
+        return _joined(masks)
 
     def init(self, u0, initial_state="rest"):
         return tuple(stage.init(u0, initial_state) for stage in self.stages)
@@ -320,6 +316,10 @@ class SumOperator(_Composition):
             carried += dy[:, : du.shape[1]]
             own.append(dy[:, du.shape[1] :])
         return total, np.concatenate([carried, *own], axis=1)
+
+
+def _joined(masks):
+    return np.concatenate([np.empty(0, bool), *masks])
 
 
 def _gathered(stages, without=None):
@@ -401,7 +401,3 @@ def _released(operator):
     if isinstance(operator, FrozenOperator):
         operator = operator.operator
     return operator.released() if isinstance(operator, _Composition) else operator
-
-
-def _is_intercept(operator):
-    return np.array([spec.gauge == 0.0 for _, spec in operator.entries()], dtype=bool)

@@ -10,12 +10,6 @@ from functools import cache
 
 import numpy as np
 
-__all__ = [
-    "latest",
-    "samples_before",
-    "slopes",
-]
-
 
 @cache
 def _weights(n):

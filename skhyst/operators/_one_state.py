@@ -13,8 +13,6 @@ import numpy as np
 from .._jit import jit
 from ._protocol import Operator, as_signal
 
-__all__ = ["OneStateOperator"]
-
 
 def step(x, u0, u1, dt, values):
     """Stand for the step of a law, see :class:`OneStateOperator`."""

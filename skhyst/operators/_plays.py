@@ -28,18 +28,6 @@ import numpy as np
 from .._jit import jit
 from ._protocol import Operator, as_constant, as_signal
 
-__all__ = [
-    "Superposition",
-    "clip_play",
-    "play_basis",
-    "play_sum_run",
-    "play_sum_table",
-    "play_tangents",
-    "play_thresholds",
-    "stop_basis",
-    "turning_points",
-]
-
 
 @jit
 def clip_play(play, low, high):
@@ -68,14 +56,10 @@ def play_basis(u, thresholds, plays, out):
 @jit
 def stop_basis(u, thresholds, plays, out):
     """Write the stops ``u - play`` to ``out``, shape (n, K); ``plays`` (K,) is updated."""
-    n_plays = thresholds.size
+    play_basis(u, thresholds, plays, out)
     for i in range(u.size):
-        value = u[i]
-        row = out[i]
-        for k in range(n_plays):
-            play = clip_play(plays[k], value - thresholds[k], value + thresholds[k])
-            plays[k] = play
-            row[k] = value - play
+        for k in range(thresholds.size):
+            out[i, k] = u[i] - out[i, k]
 
 
 @jit

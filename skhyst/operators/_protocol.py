@@ -23,14 +23,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "Operator",
-    "ParameterSpec",
-    "as_constant",
-    "as_signal",
-    "parameter",
-]
-
 
 def as_signal(values):
     """Return a contiguous read-only view of floats, copied only where needed.

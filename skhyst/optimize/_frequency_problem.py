@@ -1,13 +1,9 @@
 """An operator and a frequency response as a least-squares problem."""
 
-import time
-
 import numpy as np
 
-from ._identify import METHODS, summarize
+from ._identify import solve
 from ._problem import Unknowns
-
-__all__ = ["FrequencyProblem", "identify_response"]
 
 
 class FrequencyProblem(Unknowns):
@@ -89,7 +85,4 @@ def identify_response(problems, *, method="variable_projection"):
     IdentificationResult
         ``error`` is the root mean square of the weighted residual, real and imaginary parts.
     """
-    begin = time.perf_counter()
-    method = METHODS[method]() if isinstance(method, str) else method
-    problem, solution, evaluations = method.solve(problems)
-    return summarize(problem, solution, evaluations, time.perf_counter() - begin)
+    return solve(problems, method)

@@ -7,16 +7,9 @@ import numpy as np
 
 from ..operators import take_apart
 from ._levenberg_marquardt import LevenbergMarquardt
-from ._population import (
-    CuckooSearch,
-    DifferentialEvolution,
-    ModifiedCuckooSearch,
-    ParticleSwarm,
-)
+from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
 from ._variable_projection import VariableProjection
-
-__all__ = ["METHODS", "IdentificationResult", "identify", "summarize", "uncertainty"]
 
 METHODS = {
     "variable_projection": VariableProjection,
@@ -86,15 +79,12 @@ class IdentificationResult:
     def outputs(self, records, initial_state="rest"):
         """Return the fitted response of each record, its own disturbance coefficients included."""
         problem = OperatorProblem(
-            self.operator,
-            records,
-            disturbances=self.disturbances,
-            initial_state=initial_state,
+            self.operator, records, disturbances=self.disturbances, initial_state=initial_state
         )
         return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
 
 
-def uncertainty(problem, solution, n_samples, powers):
+def _uncertainty(problem, solution, n_samples, powers):
     """Return standard errors, undetermined names, the condition number and the covariance.
 
     ``powers`` are the sums of squares of the columns of the Jacobian before the disturbances have
@@ -156,35 +146,31 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
     -------
     IdentificationResult
     """
-    begin = time.perf_counter()
     if not any(record.segment_weights().any() for record in records):
         raise ValueError(
             "The records' 'weights' must be above zero for some samples. Got zero for all instead."
         )
-    if isinstance(method, str):
-        method = METHODS[method]()
     problems = [
         OperatorProblem(
-            operator,
-            records,
-            disturbances=disturbances,
-            fixed=fixed,
-            initial_state=initial_state,
+            operator, records, disturbances=disturbances, fixed=fixed, initial_state=initial_state
         )
         for operator, disturbances in map(take_apart, starts)
     ]
-    problem, solution, evaluations = method.solve(problems)
-    return summarize(problem, solution, evaluations, time.perf_counter() - begin)
+    return solve(problems, method)
 
 
-def summarize(problem, solution, n_evaluations, seconds):
-    """Turn a solution into a result in physical units."""
+def solve(problems, method):
+    """Solve problems of one structure; return the result in physical units."""
+    begin = time.perf_counter()
+    method = METHODS[method]() if isinstance(method, str) else method
+    problem, solution, n_evaluations = method.solve(problems)
+    seconds = time.perf_counter() - begin
     n_samples = problem.segment_weight.sum()  # a sample of weight 2 stands for two
     operator, disturbances = problem.unpack(solution.x)
     blocks = problem.evaluate(solution.x)
     coefficients = problem.coefficients(blocks)
     # the coefficients of the disturbances are unknowns too
-    std, undetermined, condition, covariance = uncertainty(
+    std, undetermined, condition, covariance = _uncertainty(
         problem, solution, n_samples - coefficients.size, problem.powers(blocks)
     )
     start, filled = 0, []

@@ -6,8 +6,6 @@ import numpy as np
 
 from ._variable_projection import Method, restrict, variable_projection
 
-__all__ = ["LevenbergMarquardt"]
-
 _FULL_RUNS = 2  # of many starts, so many are followed to the end
 _TRIAL_EPOCHS = 3
 
@@ -38,8 +36,8 @@ class LevenbergMarquardt(Method):
         Factors after a step that reduces the error and after one that does not.
     mu_max : float, default=1e10
         Damping at which the training ends: no step reduces the error.
-    bounds, random_state, callback, verbose
-        See :class:`Method`. Nothing is random.
+    random_state : int or None, default=0
+        Not used: nothing is random.
 
     References
     ----------
@@ -51,8 +49,7 @@ class LevenbergMarquardt(Method):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import SystemLevelHysteresis
-    >>> from skhyst.hysteresis import SystemLevelOperator
+    >>> from skhyst.hysteresis import SystemLevelHysteresis, SystemLevelOperator
     >>> drive = 50.0 - 50.0 * np.cos(np.linspace(0.0, 20.0, 500))
     >>> y, _ = SystemLevelOperator(0.1, 0.002, 0.03).run(drive, 1.0)
     >>> model = SystemLevelHysteresis(method="levenberg_marquardt").fit(drive.reshape(-1, 1), y)

@@ -14,8 +14,6 @@ from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from ._starts import sections
 
-__all__ = ["ModalProblem", "modal_start"]
-
 
 def _resolvent(s, time_constants, w, zeta):
     """Return the entries of ``(s I - A)^-1``: first order (n, n_first), second (n, n_second)."""

@@ -1,9 +1,8 @@
 """Quadratic programs of many unknowns that must not be negative."""
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
-__all__ = ["nonnegative_minimum"]
+from ._variable_projection import solve_definite
 
 _TOLERANCE = 1e-11  # relative to the largest unknown or slope
 _PATIENCE = 3  # exchanges of whole blocks without progress
@@ -37,7 +36,7 @@ def nonnegative_minimum(hessian, gradient, bounded=None):
     fewest, patience = n + 1, _PATIENCE
     for _ in range(10 * n + 10):
         x = np.zeros(n)
-        x[free] = _solve(hessian[np.ix_(free, free)], -gradient[free])
+        x[free] = solve_definite(hessian[np.ix_(free, free)], -gradient[free])
         slope = hessian @ x + gradient
         wrong = bounded & free & (x < -_TOLERANCE * np.abs(x).max(initial=0.0))
         wrong |= ~free & (slope < -_TOLERANCE * np.abs(gradient).max(initial=0.0))
@@ -52,10 +51,3 @@ def nonnegative_minimum(hessian, gradient, bounded=None):
             wrong[: np.flatnonzero(wrong)[-1]] = False
         free ^= wrong
     return np.where(bounded, np.maximum(x, 0.0), x), free
-
-
-def _solve(matrix, right):
-    if not len(right):
-        return right
-    _, solution, failed = dposv(matrix, right)
-    return np.linalg.lstsq(matrix, right, rcond=None)[0] if failed else solution

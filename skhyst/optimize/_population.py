@@ -1,6 +1,5 @@
 """Methods that move a population of candidates: the box, the objective, the budget, the polish."""
 
-import time
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from math import gamma
@@ -16,14 +15,6 @@ from ._variable_projection import (
     solve_linear,
     variable_projection,
 )
-
-__all__ = [
-    "CuckooSearch",
-    "DifferentialEvolution",
-    "ModifiedCuckooSearch",
-    "ParticleSwarm",
-    "PopulationMethod",
-]
 
 _LEVY = 1.5  # exponent of the flights
 # Mantegna (Phys. Rev. E 49, 1994); tanh paper (8)
@@ -54,9 +45,9 @@ class PopulationMethod(Method):
         searched like the others, as the papers do.
     polish : bool, default=True
         The best candidate is refined by variable projection.
-    bounds, random_state, callback, verbose
-        See :class:`Method`. Without bounds the search is confined to a box around the model's
-        starting values.
+    bounds : mapping of str to (float, float), optional
+        Bounds of parameters by name, in their own units, within the model's own. Without them the
+        search is confined to a box around the model's starting values.
     """
 
     population: int = 50
@@ -73,7 +64,6 @@ class PopulationMethod(Method):
         """
 
     def solve(self, problems):
-        begin = time.perf_counter()
         for problem in problems:
             restrict(problem, self.bounds)
         problem = problems[0]
@@ -92,14 +82,10 @@ class PopulationMethod(Method):
             solution = variable_projection(problem, objective.best, callback=self._report)
         else:
             gram = problem.total(problem.evaluate(objective.best))
-            solution = Solution(objective.best, gram[-1, -1], gram, 1, True, message, 0.0)
+            solution = Solution(objective.best, gram[-1, -1], gram, 1, True, message)
         n_evaluations += solution.n_evaluations
         shifted = [(objective.n_evaluations + 1 + n, cost) for n, cost in solution.history]
-        solution = replace(
-            solution,
-            seconds=time.perf_counter() - begin,
-            history=objective.history + shifted,
-        )
+        solution = replace(solution, history=objective.history + shifted)
         return problem, solution, n_evaluations
 
 
@@ -153,10 +139,6 @@ class DifferentialEvolution(PopulationMethod):
         See :func:`scipy.optimize.differential_evolution`.
     tolerance : float, default=0.0
         Relative spread of the population at which the search ends; 0 uses all iterations.
-    population, max_iterations, max_evaluations, project, polish
-        See :class:`PopulationMethod`.
-    bounds, random_state, callback, verbose
-        See :class:`Method`.
     """
 
     strategy: str = "best1bin"
@@ -194,10 +176,6 @@ class ParticleSwarm(PopulationMethod):
         At the first and at the last iteration; linear between.
     acceleration : float, default=1.5
         Towards a particle's own best place, and towards the swarm's.
-    population, max_iterations, max_evaluations, project, polish
-        See :class:`PopulationMethod`.
-    bounds, random_state, callback, verbose
-        See :class:`Method`.
     """
 
     inertia: tuple = (0.9, 0.1)
@@ -256,7 +234,8 @@ class CuckooSearch(_Cuckoos):
 
     In each iteration every nest flies, :math:`x + s\,u / |v|^{1/\beta}\,(x - x_{best})` ((5)-(8)),
     with normal u and v; then each coordinate of a nest is discovered with probability p and moves
-    by the difference of two other nests. A nest is replaced by a better one only.
+    by the difference of two other nests. A nest is replaced by a better one only, so that an
+    iteration evaluates every nest twice.
 
     Parameters
     ----------
@@ -264,10 +243,6 @@ class CuckooSearch(_Cuckoos):
         Probability p.
     step : float, default=1.0
         Factor s.
-    population, max_iterations, max_evaluations, project, polish
-        See :class:`PopulationMethod`. An iteration evaluates every nest twice.
-    bounds, random_state, callback, verbose
-        See :class:`Method`.
     """
 
     discovery: float = 0.25
@@ -291,10 +266,6 @@ class ModifiedCuckooSearch(_Cuckoos):
         Least and largest probability.
     step_range : (float, float), default=(0.5, 2.0)
         Least and largest factor.
-    population, max_iterations, max_evaluations, project, polish
-        See :class:`PopulationMethod`.
-    bounds, random_state, callback, verbose
-        See :class:`Method`.
     """
 
     discovery_range: tuple = (0.0, 1.0)

@@ -6,8 +6,6 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-__all__ = ["OperatorProblem", "RecordData", "Unknowns"]
-
 _OPEN = 1e-10  # of a column's sum of squares: what other segments tell less of it is rounding
 _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
 

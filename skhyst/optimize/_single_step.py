@@ -4,8 +4,6 @@ import numpy as np
 
 from ._variable_projection import STALE, damped_step, solve_linear
 
-__all__ = ["predicted_cost", "single_step"]
-
 _PARTS_OF_STEP = (1.0, 0.25, 0.06)
 
 

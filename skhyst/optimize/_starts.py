@@ -7,8 +7,6 @@ from scipy.signal import lfilter
 
 from ._vector_fitting import RationalBlock, vector_fit
 
-__all__ = ["distribute_poles", "pole_starts", "record_poles", "sections", "warp"]
-
 _ITERATIONS = 5
 _DECIMATIONS = (1, 3, 9, 27)
 _MIN_SAMPLES = 30  # a parameter

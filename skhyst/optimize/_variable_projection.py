@@ -13,7 +13,6 @@ is why SciPy's ``least_squares`` is not used here: it wants the Jacobian itself,
 """
 
 import sys
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,18 +21,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.linalg.lapack import dposv
 
-__all__ = [
-    "STALE",
-    "Method",
-    "Solution",
-    "VariableProjection",
-    "bounded_step",
-    "damped_step",
-    "restrict",
-    "search_box",
-    "solve_linear",
-    "variable_projection",
-]
+from .._documentation import inherit_documentation
 
 _LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
@@ -80,7 +68,7 @@ def bounded_step(hessian, gradient, lower, upper):
     g = gradient * inverse
     low, high = lower * scale, upper * scale
     n = len(g)
-    s = -_solve(h, g)
+    s = -solve_definite(h, g)
     if np.all((low <= s) & (s <= high)):
         return s * inverse
     s = np.zeros(n)
@@ -88,7 +76,7 @@ def bounded_step(hessian, gradient, lower, upper):
     for _ in range(10 * n + 10):
         if free.any():
             residual = g[free] + h[np.ix_(free, ~free)] @ s[~free]
-            target = -_solve(h[np.ix_(free, free)], residual)
+            target = -solve_definite(h[np.ix_(free, free)], residual)
             move = target - s[free]
             with np.errstate(divide="ignore", invalid="ignore"):
                 room = np.where(move > 0.0, (high[free] - s[free]) / move, np.inf)
@@ -112,7 +100,10 @@ def bounded_step(hessian, gradient, lower, upper):
     return s * inverse
 
 
-def _solve(h, g):
+def solve_definite(h, g):
+    """Solve ``h x = g`` by Cholesky factors, or as least squares where h is not definite."""
+    if not len(g):
+        return g
     # LAPACK itself: the checks of scipy.linalg cost more than these few unknowns
     _, solution, failed = dposv(h, g)
     return np.linalg.lstsq(h, g, rcond=None)[0] if failed else solution
@@ -128,7 +119,6 @@ class Solution:
     n_evaluations: int
     converged: bool
     message: str
-    seconds: float
     history: list = field(default_factory=list)
     damping: list = field(default_factory=list)  # one value an entry of the history, if recorded
 
@@ -191,10 +181,9 @@ def variable_projection(
     -------
     Solution
     """
-    start = time.perf_counter()
     x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
-    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "", 0.0)
+    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "")
     if not np.isfinite(gram).all():
         solution.cost, solution.n_evaluations = np.inf, 1
         solution.message = "The model is not finite at the starting values."
@@ -213,7 +202,6 @@ def variable_projection(
         else:
             limits = tolerance, max_evaluations
             _descend(problem, solution, limits, callback, (select, project), **options)
-    solution.seconds = time.perf_counter() - start
     return solution
 
 
@@ -323,6 +311,10 @@ class Method(ABC):
     callback: Callable | None = None
     verbose: int = 0
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls)
+
     @abstractmethod
     def solve(self, problems):
         """Solve the first of several problems that differ in their starting values.
@@ -412,14 +404,11 @@ class VariableProjection(Method):
     n_random_starts : int, default=0
         Starts drawn at random within the bounds, in about half of the unknowns each, from the best
         solution that the starts from the data have led to.
-    bounds, random_state, callback, verbose
-        See :class:`Method`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.linear import SecondOrderMode
-    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
     >>> from skhyst.optimize import VariableProjection
     >>> drive = np.random.default_rng(0).normal(size=500)
     >>> y, _ = SecondOrderModeOperator(60.0, 0.01).run(drive, 0.01)

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["RationalBlock", "rational_residues", "vector_fit"]
-
 _ITERATIONS = 10
 _DAMPING = 0.02  # of the first poles
 _SLOWEST = 1e-9  # part of its size that a stable pole keeps from the imaginary axis

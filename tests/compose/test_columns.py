@@ -4,20 +4,29 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.compose import Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.compose import (
+    ColumnOperator,
+    Modulated,
+    ModulatedOperator,
+    OnColumn,
+    ScheduledOperator,
+    ScheduledParameters,
+    Sum,
+)
 from skhyst.disturbance import Offset
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, Gain
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, GainOperator
+from skhyst.operators import SumOperator, check_operator
 
 DT, N = 0.01, 400
 
 
-def plays(u):
-    y, out = 0.0, np.empty(len(u))
-    for i, value in enumerate(u):
-        y = max(value - 0.3, min(value + 0.3, y))
-        out[i] = 0.6 * value + 0.4 * y
-    return out
+LAG = FirstOrderLagOperator(0.05, gain=1.2)
+PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.6, 0.4])
+
+
+def plays(part):
+    return PLAYS.run(part["drive"].to_numpy(), DT)[0]
 
 
 @pytest.fixture
@@ -42,18 +51,8 @@ def thresholds():
 
 
 def test_a_column_acts_through_a_lag_of_its_own(X):
-    def law(part):
-        load, state = part["load"].to_numpy(), part["load"].iloc[0]
-        out = np.empty(N)
-        a, tau = np.exp(-DT / 0.1), 0.1
-        for i, value in enumerate(load):
-            if i:  # exact for a straight line between samples
-                slope = (value - load[i - 1]) / DT
-                state = a * (state - load[i - 1] + slope * tau) + value - slope * tau
-            out[i] = state
-        return plays(part["drive"].to_numpy()) + 0.8 * out
-
-    y = by_record(X, law)
+    lag = FirstOrderLagOperator(0.1, 0.8)
+    y = by_record(X, lambda part: plays(part) + lag.run(part["load"].to_numpy(), DT)[0])
     model = Sum([("drive", thresholds()), ("load", OnColumn(FirstOrderLag(), 1))]).fit(X, y)
     assert model.operators_["load"].operator.time_constant == pytest.approx(0.1, rel=1e-6)
     assert model.operators_["load"].operator.gain == pytest.approx(0.8, rel=1e-6)
@@ -61,11 +60,7 @@ def test_a_column_acts_through_a_lag_of_its_own(X):
 
 
 def test_a_column_scales_the_response_beside_an_offset(X):
-    def law(part):
-        scaled = plays(part["drive"].to_numpy()) * (1.0 + 0.2 * part["load"].to_numpy())
-        return scaled + part.index[0][0]
-
-    y = by_record(X, law)
+    y = by_record(X, lambda part: plays(part) * (1.0 + 0.2 * part["load"]) + part.index[0][0])
     model = Sum([("model", Modulated(thresholds(), 1)), ("offset", Offset())]).fit(X, y)
     operator = model.operators_["model"]
     slope = operator.sensitivity / (1.0 - operator.sensitivity * operator.reference)
@@ -75,7 +70,7 @@ def test_a_column_scales_the_response_beside_an_offset(X):
 def test_the_amplitude_and_a_column_scale_the_response(X):
     amplitude = X["drive"].groupby(level="record").transform(np.ptp) / 2
     factor = (1.0 + 0.3 * amplitude) * (1.0 - 0.2 * X["load"])
-    y = by_record(X, lambda part: plays(part["drive"].to_numpy())) * factor
+    y = by_record(X, plays) * factor
     for model in (
         Modulated(Modulated(thresholds(), "amplitude"), 1),
         Modulated(Modulated(thresholds(), 1), "amplitude"),
@@ -105,7 +100,58 @@ def test_scheduled_parameters_beside_a_column_and_an_offset(X):
 @pytest.mark.parametrize("kind", [OnColumn, Modulated])
 def test_wrong_columns_and_models(kind, X):
     y = X["drive"]
-    with pytest.raises(ValueError, match="column"):
-        kind(Gain(), 2).fit(X, y)
-    with pytest.raises(ValueError, match="column"):
-        kind(Gain(), "load").fit(X, y)
+    for column in (2, "load"):
+        with pytest.raises(ValueError, match="column"):
+            kind(Gain(), column).fit(X, y)
+
+
+# --------------------------------------------------------------------------------- the operators
+
+
+OPERATORS = {
+    "column": ColumnOperator(LAG, 1),
+    "modulated": ModulatedOperator(ColumnOperator(PLAYS, 0), 2, 0.4, 0.3),
+    "modulated twice": ModulatedOperator(
+        ModulatedOperator(ColumnOperator(PLAYS, 0), 2, 0.4, 0.3), 1, -0.1, 0.2
+    ),
+    "sum": SumOperator(
+        ("model", "load"),
+        (
+            ModulatedOperator(ColumnOperator(LAG, 0), -1, 0.1, -0.2),
+            ColumnOperator(GainOperator(0.7), 1),
+        ),
+    ),
+}
+
+
+U = np.cumsum(np.random.default_rng(0).normal(size=(80, 3)), axis=0) / 5
+
+
+def test_a_column_drives_the_operator():
+    expected, _ = LAG.run(U[:, 1], DT, LAG.init(U[0, 1]))
+    found = ColumnOperator(LAG, 1)
+    np.testing.assert_array_equal(found.run(U, DT, found.init(U[0]))[0], expected)
+
+
+def test_modulation_scales_the_output():
+    expected = PLAYS.run(U[:, 0], DT)[0] * (1.0 + 0.3 * (U[:, 2] - 0.4))
+    found = OPERATORS["modulated"]
+    np.testing.assert_allclose(found.run(U, DT, found.init(U[0]))[0], expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def test_derivatives_and_pieces(name):
+    check_operator(OPERATORS[name], U, DT)
+
+
+def test_a_scheduled_operator_within_takes_the_number_of_the_record():
+    scheduled = ScheduledOperator.constant(LAG, (1, 0, 0), 1.0, 3.0)
+    x = scheduled.pack()
+    x[:2] = 0.05, 0.15
+    inside = SumOperator(
+        ("model", "load"),
+        (ColumnOperator(scheduled.unpack(x), 0), ColumnOperator(GainOperator(0.0), 1)),
+    )
+    own = inside.at(2.0)
+    expected = FirstOrderLagOperator(0.1, gain=1.2).run(U[:, 0], DT)[0]
+    np.testing.assert_allclose(own.run(U, DT, own.init(U[0]))[0], expected, rtol=1e-12)

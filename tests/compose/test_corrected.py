@@ -1,10 +1,10 @@
 """A regressor with effects behind it: what it learns, what it need not, and that nothing leaks."""
 
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.linear_model import LinearRegression, Ridge
@@ -58,23 +58,15 @@ def loops(u):
     return y
 
 
-def low_pass(y, tau=0.05):
-    """Integrate ``tau x' = y - x`` exactly, y straight between samples, from rest."""
-    a = np.exp(-DT / tau)
-    ramp = 1.0 - tau / DT * (1.0 - a)
-    x = lfilter([ramp, 1.0 - a - ramp], [1.0, -a], y - y[0])
-    return y[0] + x
+def low_pass(y, i):
+    return FirstOrderLagOperator(0.05).run(y, DT)[0]
 
 
 def recordings(change, count=6, seed=0, noise=0.005):
     rng = np.random.default_rng(seed + 99)
-    return stack_records(
-        [
-            (u, change(loops(u), i) + noise * rng.normal(size=N))
-            for i, u in enumerate(drives(count, seed))
-        ],
-        dt=DT,
-    )
+    parts = enumerate(drives(count, seed))
+    records = [(u, change(loops(u), i) + noise * rng.normal(size=N)) for i, u in parts]
+    return stack_records(records, dt=DT)
 
 
 def pipeline():
@@ -86,8 +78,8 @@ def rms(values):
 
 
 def test_a_lag_is_not_left_to_the_regressor():
-    X, y = recordings(lambda y, i: low_pass(y))
-    X_new, y_new = recordings(lambda y, i: low_pass(y), seed=5)
+    X, y = recordings(low_pass)
+    X_new, y_new = recordings(low_pass, seed=5)
     alone = rms(pipeline().fit(X, y).predict(X_new) - y_new)
     once = Corrected(pipeline(), FirstOrderLag(), max_iter=0).fit(X, y)
     model = Corrected(pipeline(), FirstOrderLag()).fit(X, y)
@@ -155,60 +147,42 @@ def test_what_is_refused():
 @pytest.mark.parametrize("count", [1, 6])
 def test_nothing_is_learned_from_the_scored_fold(count):
     """Other responses in one fold change no prediction of it, nor what its clone is taught."""
-    X, y = recordings(lambda y, i: low_pass(y), count=count)
+    X, y = recordings(low_pass, count=count)
     y = y.to_numpy()
     slices = record_slices(X)
     fold = fold_of_rows(slices, 3)
     other = np.where(fold == 1, np.random.default_rng(1).normal(size=len(y)), y)
     operator = SeriesOperator(("gain", "lag"), (GainOperator(), FirstOrderLagOperator(0.05)))
-    results = []
-    for response in (y, other):
-        backfitting = Backfitting(KNeighborsRegressor(3), X, slices, fold)
-        segments = [
-            tuple(
-                (int(a[0]), int(a[-1]) + 1)
-                for a in np.split(np.arange(len(f)), np.flatnonzero(np.diff(f)) + 1)
-            )
-            for f in (fold[s.rows] for s in slices)
-        ]
-        of_segment = np.array(
-            [fold[s.rows][a] for s, own in zip(slices, segments, strict=True) for a, _ in own]
-        )
+    segments = []
+    for own in (fold[s.rows] for s in slices):
+        edges = np.flatnonzero(np.diff(own, prepend=-1, append=-1)).tolist()
+        segments.append(tuple(pairwise(edges)))
+    starts = [s.rows.start + a for s, own in zip(slices, segments, strict=True) for a, _ in own]
+    train = [fold[starts] != k for k in range(3)]
 
-        def problem_of(effects, p, response=response, segments=segments):
+    def taught_and_predicted(response):
+        backfitting = Backfitting(KNeighborsRegressor(3), X, slices, fold)
+
+        def problem_of(effects, p):
             data = [
                 RecordData(p[s.rows], response[s.rows], s.dt, segments=own)
                 for s, own in zip(slices, segments, strict=True)
             ]
             return OperatorProblem(operator, data)
 
-        errors = iter([0.5, 0.2])
         targets = np.tile(response, (3, 1))
         start = Turn(targets, backfitting.predict(targets), None, 1.0)
-        last = backfitting.alternate(
-            start,
-            problem_of,
-            lambda e, p, errors=errors: (None, next(errors)),
-            [of_segment != k for k in range(3)],
-            1,
-        )
-        results.append(
-            (last.targets[1][fold != 1], backfitting.out_of_fold(last.predictions)[fold == 1])
-        )
-    for a, b in zip(*results, strict=True):
+        last = backfitting.alternate(start, problem_of, lambda e, p: (None, 0.5), train, 1)
+        return last.targets[1][fold != 1], backfitting.out_of_fold(last.predictions)[fold == 1]
+
+    for a, b in zip(taught_and_predicted(y), taught_and_predicted(other), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 def test_folds():
     X, _ = recordings(lambda y, i: y, count=6)
-    assert [set(fold_of_rows(record_slices(X), 4)[i * N : (i + 1) * N]) for i in range(6)] == [
-        {0},
-        {1},
-        {2},
-        {3},
-        {0},
-        {1},
-    ]
+    whole = fold_of_rows(record_slices(X), 4)
+    np.testing.assert_array_equal(whole, np.repeat([0, 1, 2, 3, 0, 1], N))
     single = fold_of_rows(record_slices(X.iloc[:N]), 4)
     assert np.all(np.diff(single) >= 0)
     assert set(np.bincount(single)) == {N // 4}
@@ -230,12 +204,8 @@ def test_the_change_is_that_of_damped_least_squares(operator):
     u, residual = rng.normal(size=n), np.r_[np.zeros(5), rng.normal(size=n - 5)]
     u[0] = 0.0
     base = operator.run(u, DT)[0]
-    columns = []
-    for i in range(n):
-        moved = u.copy()
-        moved[i] += 1.0
-        columns.append(operator.run(moved, DT, operator.init(u[0]))[0] - base)
-    L = np.stack(columns, axis=1)
+    start = operator.init(u[0])
+    L = np.stack([operator.run(u + one, DT, start)[0] - base for one in np.eye(n)], axis=1)
     expected = np.linalg.solve(L.T @ L + 0.1 * np.eye(n), L.T @ residual)
     found = explained_change(operator, RecordData(u, base, DT), residual)
 
@@ -249,10 +219,9 @@ def test_a_forest_behind_which_there_is_a_mode():
     rng = np.random.default_rng(0)
     mode = SecondOrderModeOperator(2 * np.pi * 10, 0.05)
     records = [(u, mode.run(np.tanh(u), DT)[0] + 0.005 * rng.normal(size=N)) for u in drives(8)]
-    X, y = stack_records(records, dt=DT)
+    known, (X, y) = stack_records(records[:6], dt=DT), stack_records(records[6:], dt=DT)
     forest = RandomForestRegressor(15, min_samples_leaf=5, random_state=0)
-    model = Corrected(forest, SecondOrderMode(), max_iter=3).fit(X.iloc[: 6 * N], y.iloc[: 6 * N])
-    rest = X.iloc[6 * N :], y.iloc[6 * N :]
-    alone = forest.fit(X.iloc[: 6 * N], y.iloc[: 6 * N])
-    assert rms(model.predict(rest[0]) - rest[1]) < 0.5 * rms(alone.predict(rest[0]) - rest[1])
+    model = Corrected(forest, SecondOrderMode(), max_iter=3).fit(*known)
+    alone = forest.fit(*known)
+    assert rms(model.predict(X) - y) < 0.5 * rms(alone.predict(X) - y)
     assert model.params_["natural_frequency"] == pytest.approx(2 * np.pi * 10, rel=0.02)

@@ -61,14 +61,10 @@ def test_the_hysteresis_is_that_of_the_figures(law):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_finer_steps_converge(law):
-    runs = {
-        n: make_inchworm_motor(
-            decaying(4001)[::10], dt=10 * DT, hysteresis=law, substeps=n, **SILENT
-        )[1].to_numpy()
-        for n in (4, 16, 200)
-    }
-    errors = [np.abs(runs[n] - runs[200]).max() for n in (4, 16)]
-    assert errors[1] < 2e-4 * np.ptp(runs[200])
+    drive, options = decaying(4001)[::10], {"dt": 10 * DT, "hysteresis": law, **SILENT}
+    *runs, fine = (make_inchworm_motor(drive, substeps=n, **options)[1] for n in (4, 16, 200))
+    errors = [np.abs(run - fine).max() for run in runs]
+    assert errors[1] < 2e-4 * np.ptp(fine)
     assert errors[0] > 4.0 * errors[1]
 
 
@@ -101,6 +97,9 @@ def test_records_are_simulated_one_by_one_and_keep_their_index():
     still = make_inchworm_motor(np.full(200, -2.0), **SILENT)[1]
     assert np.ptp(still) < 1e-12
     assert y.index.equals(X.index)
+    uneven = pd.DataFrame({"drive": np.zeros(4)}, pd.Index([0.0, 1.0, 2.1, 9.0], name="time"))
+    with pytest.raises(RecordError):
+        make_inchworm_motor(uneven)
     # an array, a list and a frame without times are one record
     for drive in (first, first[:, None], list(first), pd.DataFrame({"voltage": first})):
         X, y, _ = make_inchworm_motor(drive, **SILENT)
@@ -160,12 +159,6 @@ def test_wrong_parameters_are_refused(options, message):
 def test_wrong_walks_are_refused(options):
     with pytest.raises(ValueError, match=f"'{next(iter(options))}' parameter of walking_drive"):
         walking_drive(**options)
-
-
-def test_uneven_sampling_is_refused():
-    uneven = pd.DataFrame({"drive": np.zeros(4)}, pd.Index([0.0, 1e-4, 2.1e-4, 9e-4], name="time"))
-    with pytest.raises(RecordError):
-        make_inchworm_motor(uneven)
 
 
 def test_the_first_mode_is_found_through_the_hysteresis():

@@ -11,6 +11,7 @@ from skhyst.datasets import load_scanning_stage_parameters, make_scanning_stage
 from skhyst.exceptions import RecordError
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FrequencyResponse, KelvinVoigt, TransferFunction, frequency_response
+from skhyst.records import record_slices
 
 RATE = 250e3
 STAGE = load_scanning_stage_parameters()
@@ -56,12 +57,10 @@ def test_stage_by_an_ordinary_differential_equation():
     u, response = X.loc["1000 Hz", "drive"].to_numpy()[:250], y.loc["1000 Hz"].to_numpy()[:250]
     fine = np.linspace(0.0, 249 / RATE, 249 * 40 + 1)
     drive = np.interp(fine, np.arange(250) / RATE, u)
-    hysteresis = np.zeros(len(fine))
-    for r, w in zip(STAGE.thresholds, STAGE.weights, strict=True):
-        play = 0.0
-        for i, value in enumerate(drive):
-            play = max(value - r, min(value + r, play))
-            hysteresis[i] += w * play
+    hysteresis, play = np.zeros(len(fine)), np.zeros(6)
+    for i, value in enumerate(drive):
+        play = np.clip(play, value - STAGE.thresholds, value + STAGE.thresholds)
+        hysteresis[i] = STAGE.weights @ play
     np.testing.assert_allclose(hysteresis[::40], truth.hysteresis.loc["1000 Hz"][:250], atol=1e-9)
     unit = 1e5  # rad/s
     powers = unit ** np.arange(9.0)
@@ -76,16 +75,8 @@ def test_stage_by_an_ordinary_differential_equation():
         chain = np.append(x[4:], force - denominator[:0:-1] @ x[3:])
         return np.concatenate([bending, unit * chain])
 
-    found = solve_ivp(
-        motion,
-        (0.0, fine[-1]),
-        np.zeros(11),
-        t_eval=fine[::40],
-        method="LSODA",
-        rtol=1e-8,
-        atol=1e-10,
-        max_step=1e-6,
-    ).y
+    options = {"method": "LSODA", "rtol": 1e-8, "atol": 1e-10, "max_step": 1e-6}
+    found = solve_ivp(motion, (0.0, fine[-1]), np.zeros(11), t_eval=fine[::40], **options).y
     np.testing.assert_allclose(numerator[::-1] @ found[3:6], response, atol=2e-4 * np.ptp(response))
 
 
@@ -99,9 +90,7 @@ def test_sensor():
     pd.testing.assert_series_equal(y, again)
     other = make_scanning_stage(random_state=1)[1]
     assert np.std(other - y) > 5e-4
-    intervals = X.groupby("record", sort=False).apply(
-        lambda f: np.diff(f.index[:2].get_level_values(1))[0]
-    )
+    intervals = [record.dt for record in record_slices(X, one_interval=False)]
     np.testing.assert_allclose(intervals, [2e-3, 2e-4, 2e-5, 4e-6])
 
 

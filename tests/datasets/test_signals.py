@@ -106,18 +106,8 @@ def test_decaying_sine_is_that_of_the_paper():
 @pytest.mark.parametrize("grid", ["full", "odd", "random_odd"])
 def test_multisine_excites_its_lines_and_no_others(grid):
     n, band = 1000, (20.0, 300.0)
-    X = multisine(
-        n,
-        band=band,
-        grid=grid,
-        amplitude=lambda f: 1.0 / f,
-        rms=3.0,
-        offset=0.5,
-        n_periods=2,
-        n_realizations=3,
-        dt=DT,
-        random_state=1,
-    )
+    own = {"rms": 3.0, "offset": 0.5, "n_periods": 2, "n_realizations": 3, "random_state": 1}
+    X = multisine(n, band=band, grid=grid, amplitude=lambda f: 1.0 / f, dt=DT, **own)
     assert list(X.index.unique("record")) == [f"realization{i}" for i in range(3)]
     excited, spectra = None, []
     for part in records(X):
@@ -164,15 +154,8 @@ def test_experiments_are_orthogonal_at_each_line(n_inputs):
 
 
 def test_noise_is_gaussian_and_stays_in_its_band():
-    X = band_limited_noise(
-        2000,
-        band=(50.0, 200.0),
-        rms=[2.0, 0.1],
-        n_realizations=40,
-        n_inputs=2,
-        dt=DT,
-        random_state=0,
-    )
+    own = {"n_realizations": 40, "n_inputs": 2, "random_state": 0}
+    X = band_limited_noise(2000, band=(50.0, 200.0), rms=[2.0, 0.1], dt=DT, **own)
     parts = np.array(records(X))
     np.testing.assert_allclose(parts.std(axis=1), np.tile([2.0, 0.1], (40, 1)), rtol=1e-12)
     power = np.abs(np.fft.rfft(parts, axis=1)) ** 2 / np.array([4.0, 0.01])
@@ -201,12 +184,7 @@ def test_steps_rest_and_rise():
 
 
 @settings(deadline=None, max_examples=40)
-@given(
-    st.integers(1, 7),
-    st.sampled_from([-30.0, 1e-3]),
-    st.floats(0.05, 1.0),
-    st.booleans(),
-)
+@given(st.integers(1, 7), st.sampled_from([-30.0, 1e-3]), st.floats(0.05, 1.0), st.booleans())
 def test_reversal_curves_turn_where_they_should(n_curves, amplitude, share, both_sides):
     rate = share * abs(amplitude) / (n_curves * DT)
     X = first_order_reversal_curves(

@@ -48,7 +48,7 @@ def test_what_makes_data_and_what_finds_effects_share_the_recording_alone():
                 origin = resolve_name("." * node.level + (node.module or ""), package)
                 imported |= {f"{origin}.{alias.name}" for alias in node.names}
     own = {name.split(".")[1] for name in imported if name.split(".")[0] == "skhyst"}
-    assert own == {"_jit", "records", "exceptions", "datasets"}
+    assert own == {"_documentation", "_jit", "records", "exceptions", "datasets"}
 
 
 def test_refined_drive_is_the_piecewise_linear_one():
@@ -148,8 +148,7 @@ def test_bouc_wen_is_exact(shape):
 
     h, expected = 0.0, 0.0
     # exact for any steps that end where the drive turns
-    points = np.concatenate([[0.0], np.pi * (np.arange(4) + 0.5), [12.0]])
-    for start, end in pairwise(points):
+    for start, end in pairwise([0.0, *(np.pi * (np.arange(4) + 0.5)), 12.0]):
         h = bouc_wen(h, drive(end) - drive(start), 0.7, shape)
         run = solve_ivp(law, (start, end), [expected], rtol=1e-10, atol=1e-12, max_step=0.02)
         expected = run.y[0, -1]

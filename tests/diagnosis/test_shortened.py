@@ -38,7 +38,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
     records = some_records()
     level = [np.ones(900), np.r_[np.zeros(450), np.ones(450)], np.r_[np.ones(450), np.zeros(450)]]
     parts = shortened(records, level)
-    assert [len(part.u) for part in parts] == [166, 900, 166]
+    assert [len(part.u) for part in parts] == [333, 900, 333]
     for part, record in zip(parts, records, strict=True):
         np.testing.assert_array_equal(part.y, record.y[: len(part.y)])
         assert len(part.segments) == len(record.segments)

@@ -27,12 +27,8 @@ def recording():
 def periodic():
     rng = np.random.default_rng(1)
     drives = [np.tile(rng.normal(size=(200, 2)), (4, 1)) for _ in range(3)]
-    return frequency_response(
-        *stack_records(
-            [(u, u @ [1.0, 2.0] + u[:, 0] ** 3 + 0.01 * rng.normal(size=800)) for u in drives],
-            dt=0.01,
-        )
-    )
+    records = [(u, u @ [1.0, 2.0] + u[:, 0] ** 3 + 0.01 * rng.normal(size=800)) for u in drives]
+    return frequency_response(*stack_records(records, dt=0.01))
 
 
 class TwoInputs:
@@ -80,15 +76,9 @@ def test_levels_of_noise_and_distortion(periodic):
 
 
 def test_bands_have_the_promised_level(periodic):
-    wide, narrow = (
-        FrequencyResponseDisplay.from_response(periodic, level=level)
-        .ax_[0, 0]
-        .collections[0]
-        .get_paths()[0]
-        .vertices[:, 1]
-        .max()
-        for level in (0.99, 0.5)
-    )
+    displays = [FrequencyResponseDisplay.from_response(periodic, level=a) for a in (0.99, 0.5)]
+    bands = [display.ax_[0, 0].collections[0].get_paths()[0] for display in displays]
+    wide, narrow = (band.vertices[:, 1].max() for band in bands)
     assert wide > narrow
     top = np.abs(periodic.response[:, 0]) + periodic.confidence_radius(0.99)[:, 0]
     assert wide == pytest.approx(top.max())

@@ -87,24 +87,29 @@ def test_blocks_that_differ_by_a_sample_get_equally_many_segments(cv):
     assert np.sum(lengths) == len(X)
 
 
-@settings(deadline=None, max_examples=30)
+SPLITTERS = [
+    RecordKFold(3),
+    RecordKFold(3, shuffle=True, random_state=1),
+    BlockedTimeSeriesSplit(4),
+    BlockedTimeSeriesSplit(2, washout=7, staggered=True),
+    KFold(2),
+    TimeSeriesSplit(2, gap=4),
+    GroupKFold(3),
+]
+several = st.lists(st.integers(5, 60).map(lambda n: 12 * n), min_size=3, max_size=5)
+blocks = st.integers(2, 5).map(lambda n: BlockedTimeSeriesSplit(n, washout=3))
+single = st.tuples(st.tuples(st.integers(60, 900)), blocks)
+
+
+@settings(deadline=None, max_examples=50)
 @given(
-    st.lists(st.integers(5, 60).map(lambda n: 12 * n), min_size=3, max_size=5),
+    st.one_of(st.tuples(several, st.sampled_from(SPLITTERS)), single),
     washouts,
-    st.sampled_from(
-        [
-            RecordKFold(3),
-            RecordKFold(3, shuffle=True, random_state=1),
-            BlockedTimeSeriesSplit(4),
-            BlockedTimeSeriesSplit(2, washout=7, staggered=True),
-            KFold(2),
-            TimeSeriesSplit(2, gap=4),
-            GroupKFold(3),
-        ]
-    ),
     st.integers(4, 40),
 )
-def test_a_splitter_is_followed_row_by_row(lengths, washout, cv, n_segments):
+def test_a_splitter_is_followed_row_by_row(case, washout, n_segments):
+    """What is washed out starts a record, or each block of a single one, whose past is unknown."""
+    lengths, cv = case
     X, y = recording(lengths)
     records, groups = record_slices(X, y), X.index.codes[0]
     own = {"groups": groups} if isinstance(cv, GroupKFold) else {}
@@ -114,24 +119,15 @@ def test_a_splitter_is_followed_row_by_row(lengths, washout, cv, n_segments):
     )
     check_partition(records, segments, folds)
     masks = by_rows(records, segments, folds)
-    start = np.concatenate([np.arange(n) for n in lengths]) >= (washout or 0)
+    start = np.concatenate([np.arange(n) for n in lengths])
     for (train, test), (fitted, scored) in zip(splits, masks, strict=True):
+        if len(lengths) == 1:
+            lost = int(0.05 * (lengths[0] // cv.n_splits)) if washout is None else washout
+            expected = test[min(lost, len(test) - 1) :]
+        else:
+            expected = test[start[test] >= (washout or 0)]
         np.testing.assert_array_equal(np.flatnonzero(fitted), train)
-        np.testing.assert_array_equal(np.flatnonzero(scored), test[start[test]])
-
-
-@settings(deadline=None, max_examples=20)
-@given(st.integers(60, 900), st.integers(2, 5), washouts)
-def test_blocks_of_a_single_record_start_with_a_washout(n, n_splits, washout):
-    X, y = recording([n])
-    cv = BlockedTimeSeriesSplit(n_splits, washout=3)
-    segments, folds = segment_folds(record_slices(X), cv, X, y, washout=washout)
-    check_partition(record_slices(X), segments, folds)
-    lost = int(0.05 * (n // n_splits)) if washout is None else washout
-    masks = by_rows(record_slices(X), segments, folds)
-    for (train, test), (fitted, scored) in zip(cv.split(X), masks, strict=True):
-        np.testing.assert_array_equal(np.flatnonzero(fitted), train)
-        np.testing.assert_array_equal(np.flatnonzero(scored), test[min(lost, len(test) - 1) :])
+        np.testing.assert_array_equal(np.flatnonzero(scored), expected)
 
 
 @settings(deadline=None, max_examples=25)
@@ -145,19 +141,16 @@ def test_the_order_of_records_does_not_matter(lengths, cv, random):
     parts = [tuple(rng.normal(size=(2, n))) for n in lengths]
     order = list(range(len(parts)))
     random.shuffle(order)
-    seen = []
-    for places in (range(len(parts)), order):
+
+    def seen(places):
         X, y = stack_records([parts[i] for i in places], dt=0.01)
-        records = record_slices(X, y)
-        segments, folds = segment_folds(records, cv, X, y, washout=5)
-        own = np.cumsum([0, *map(len, segments)])
-        seen.append(
-            {
-                i: (segments[k], [[m[own[k] : own[k + 1]].tolist() for m in f] for f in folds])
-                for k, i in enumerate(places)
-            }
-        )
-    assert seen[0] == seen[1]
+        segments, folds = segment_folds(record_slices(X, y), cv, X, y, washout=5)
+        cuts = np.cumsum(list(map(len, segments)))[:-1]
+        masks = [np.split(mask, cuts) for fold in folds for mask in fold]
+        sorted_masks = [[own[k].tolist() for k in np.argsort(places)] for own in masks]
+        return [segments[k] for k in np.argsort(places)], sorted_masks
+
+    assert seen(range(len(parts))) == seen(order)
 
 
 def test_a_generator_is_consumed_once():

@@ -1,69 +1,29 @@
 """One operator of every kind, and what it answers to one drive."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 
-from skhyst.compose import ScheduledOperator
-from skhyst.disturbance import DriftOperator, OffsetOperator, SinusoidOperator
-from skhyst.fluid import TankChainOperator
-from skhyst.hysteresis import (
-    BacklashOperator,
-    BoucWenOperator,
-    BoucWenStageOperator,
-    CoulombFrictionOperator,
-    DahlOperator,
-    DuhemOperator,
-    FrictionStageOperator,
-    JilesAthertonOperator,
-    KrasnoselskiiPokrovskiiOperator,
-    LuGreOperator,
-    MaxwellSlipOperator,
-    PrandtlIshlinskiiOperator,
-    PreisachOperator,
-    RateDependentPrandtlIshlinskiiOperator,
-    RestoringForceOperator,
-    SlewLimitOperator,
-    SystemLevelOperator,
-    TanhHysteresisOperator,
-)
-from skhyst.linear import (
-    DelayOperator,
-    DynamicStiffnessOperator,
-    FirstOrderLagOperator,
-    GainOperator,
-    KelvinVoigtOperator,
-    LogCreepOperator,
-    SecondOrderModeOperator,
-    TransferFunctionOperator,
-)
-from skhyst.neural import GrayBoxOperator
-from skhyst.operators import FrozenOperator, SeriesOperator, SumOperator
-from skhyst.static import (
-    DeadBandOperator,
-    DeadZoneOperator,
-    MonotoneDeadZoneOperator,
-    PolynomialCurveOperator,
-    SaturationOperator,
-    SoftSaturationOperator,
-)
+from skhyst.discovery import all_operators
 
+op = SimpleNamespace(**dict(all_operators()))
 DT = 0.01
 N = 60
 
 
 def make_operators():
-    lag = FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
-    mode = SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1)
-    plays = PrandtlIshlinskiiOperator(
+    lag = op.FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
+    mode = op.SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1)
+    plays = op.PrandtlIshlinskiiOperator(
         np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), 0.05, 0.031
     )
-    transfer = TransferFunctionOperator(
+    transfer = op.TransferFunctionOperator(
         np.array([0.02]), np.array([70.0]), np.array([0.3]), np.array([0.2, -0.1]), 1.3, 0.4
     )
-    creep = KelvinVoigtOperator(np.array([0.2, 0.1]), np.array([0.02, 0.3]), 1.5, 0.3)
-    drift = DriftOperator(np.array([0.3, -0.5, 0.2]), 0.4)
-    zones = DeadZoneOperator(np.array([0.4, -0.2]), np.array([0.313, -0.207]), np.array([1, -1]))
+    creep = op.KelvinVoigtOperator(np.array([0.2, 0.1]), np.array([0.02, 0.3]), 1.5, 0.3)
+    drift = op.DriftOperator(np.array([0.3, -0.5, 0.2]), 0.4)
+    zones = op.DeadZoneOperator(np.array([0.4, -0.2]), np.array([0.313, -0.207]), np.array([1, -1]))
     return {
         "lag": lag,
         "lag, zero-order hold": dataclasses.replace(lag, hold="zoh"),
@@ -72,25 +32,25 @@ def make_operators():
         "mode, zero-order hold": dataclasses.replace(mode, hold="zoh"),
         "creep": creep,
         "creep, zero-order hold": dataclasses.replace(creep, hold="zoh"),
-        "creep, logarithmic": LogCreepOperator(0.3, 0.05, 1.5, 0.3, longest=10.0),
-        "creep, logarithmic, zero-order hold": LogCreepOperator(0.3, 0.05, 1.5, 0.3, hold="zoh"),
+        "creep, logarithmic": op.LogCreepOperator(0.3, 0.05, 1.5, 0.3, longest=10.0),
+        "creep, logarithmic, zero-order hold": op.LogCreepOperator(0.3, 0.05, 1.5, 0.3, hold="zoh"),
         "transfer function": transfer,
-        "transfer function, feed-through": TransferFunctionOperator(
+        "transfer function, feed-through": op.TransferFunctionOperator(
             np.empty(0), np.array([70.0]), np.array([0.3]), np.array([0.2, -0.1]), hold="zoh"
         ),
-        "transfer function, no zeros": TransferFunctionOperator(
+        "transfer function, no zeros": op.TransferFunctionOperator(
             np.array([0.02, 0.05]), np.empty(0), np.empty(0), np.empty(0)
         ),
-        "delay below one sample": DelayOperator(0.0037),
-        "delay of several samples": DelayOperator(0.0537),
-        "delay beyond the record": DelayOperator(7.3),
-        "no limit": SaturationOperator(),
-        "upper limit": SaturationOperator(upper=0.413),
-        "both limits": SaturationOperator(-0.311, 0.413),
-        "tanks": TankChainOperator(
+        "delay below one sample": op.DelayOperator(0.0037),
+        "delay of several samples": op.DelayOperator(0.0537),
+        "delay beyond the record": op.DelayOperator(7.3),
+        "no limit": op.SaturationOperator(),
+        "upper limit": op.SaturationOperator(upper=0.413),
+        "both limits": op.SaturationOperator(-0.311, 0.413),
+        "tanks": op.TankChainOperator(
             [0.11, 0.23], [0.5, 0.7], drive_offset=-0.73, gain=1.3, intercept=0.1, scale=0.8
         ),
-        "tanks, overflow": TankChainOperator(
+        "tanks, overflow": op.TankChainOperator(
             [0.11, 0.23, 0.03],
             [0.5, 0.7, 1.6],
             [1.07, 1.13, 1.11],
@@ -100,131 +60,135 @@ def make_operators():
             hold="zoh",
             n_substeps=2,
         ),
-        "tanks, limited reading": TankChainOperator(
+        "tanks, limited reading": op.TankChainOperator(
             [0.11, 0.03], [0.5, 0.7], [0.83, 0.77], [0.9], drive_offset=-0.37, limit="reading"
         ),
-        "soft saturation": SoftSaturationOperator(0.413, 1.7, 0.037),
-        "soft saturation, upper": SoftSaturationOperator(0.213, 7.3, -0.037, side=1, rank=0),
-        "dead band": DeadBandOperator(0.213, 0.037),
-        "backlash": BacklashOperator(0.137),
-        "slew limit": SlewLimitOperator(13.7),
-        "slew limit, always": SlewLimitOperator(0.37),
+        "soft saturation": op.SoftSaturationOperator(0.413, 1.7, 0.037),
+        "soft saturation, upper": op.SoftSaturationOperator(0.213, 7.3, -0.037, side=1, rank=0),
+        "dead band": op.DeadBandOperator(0.213, 0.037),
+        "backlash": op.BacklashOperator(0.137),
+        "slew limit": op.SlewLimitOperator(13.7),
+        "slew limit, always": op.SlewLimitOperator(0.37),
         "dead zones": zones,
-        "curve": PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
-        "Coulomb friction": CoulombFrictionOperator(
+        "curve": op.PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
+        "Coulomb friction": op.CoulombFrictionOperator(
             1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1, slowest=0.01, fastest=50.0, smoothing=3
         ),
-        "dynamic stiffness": DynamicStiffnessOperator(1e-3, 0.02, 0.7, 0.1, smoothing=2),
-        "dynamic stiffness, of a velocity": DynamicStiffnessOperator(
+        "dynamic stiffness": op.DynamicStiffnessOperator(1e-3, 0.02, 0.7, 0.1, smoothing=2),
+        "dynamic stiffness, of a velocity": op.DynamicStiffnessOperator(
             0.02, 0.7, intercept=0.1, drive="velocity"
         ),
-        "Dahl friction": DahlOperator(0.11, 0.8, stiffness=0.3, damping=0.02, intercept=0.1),
-        "Dahl friction, soft": DahlOperator(0.11, 0.8, damping=0.01, exponent=1.7),
-        "Dahl friction, hard": DahlOperator(0.31, 0.8, exponent=0.6),
-        "LuGre friction": LuGreOperator(0.11, 2.3, 0.6, 0.8, 0.03, 0.3, 0.02, 0.1),
-        "slip elements": MaxwellSlipOperator(
+        "Dahl friction": op.DahlOperator(0.11, 0.8, stiffness=0.3, damping=0.02, intercept=0.1),
+        "Dahl friction, soft": op.DahlOperator(0.11, 0.8, damping=0.01, exponent=1.7),
+        "Dahl friction, hard": op.DahlOperator(0.31, 0.8, exponent=0.6),
+        "LuGre friction": op.LuGreOperator(0.11, 2.3, 0.6, 0.8, 0.03, 0.3, 0.02, 0.1),
+        "slip elements": op.MaxwellSlipOperator(
             np.array([0.11, 0.213, 0.43]), np.array([0.6, 0.4, 0.3]), 0.2, 0.013, 0.1
         ),
-        "Duhem": DuhemOperator(3.1, np.array([0.9]), np.array([0.4]), 0.1),
-        "Duhem, cubic": DuhemOperator(
+        "Duhem": op.DuhemOperator(3.1, np.array([0.9]), np.array([0.4]), 0.1),
+        "Duhem, cubic": op.DuhemOperator(
             2.3, np.array([0.9, 0.1, -0.2]), np.array([0.4, 0.1, 0.2]), 0.1, 0.21, 1.3
         ),
-        "relays": PreisachOperator(
+        "relays": op.PreisachOperator(
             np.array([-0.41, -0.1, 0.23, 0.5, 0.83]),
             np.array([0.3, 0.1, 0.4, 0.2, 0.5, 0.1, 0.3, 0.1, 0.2, 0.6]),
             np.array([0.2, 0.1, 0.4, 0.3]),
             0.1,
             0.117,
         ),
-        "relays, all down at first": PreisachOperator(
+        "relays, all down at first": op.PreisachOperator(
             np.array([-0.1, 0.23, 0.5]), np.array([0.3, 0.1, 0.4]), center=-np.inf
         ),
-        "ramps": KrasnoselskiiPokrovskiiOperator(
+        "ramps": op.KrasnoselskiiPokrovskiiOperator(
             np.array([-0.41, -0.1, 0.23, 0.83]),
             np.array([0.3, 0.1, 0.4, 0.2, 0.5, 0.1]),
             0.1,
             0.117,
         ),
-        "tanh": TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1),
-        "system level": SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
-        "system level, as printed": SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
-        "gray box": GrayBoxOperator(
-            SystemLevelOperator(1.1, 0.4, 0.7, 0.1), np.array([0.3, -0.1, 0.4, -0.3])
+        "tanh": op.TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1),
+        "system level": op.SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
+        "system level, as printed": op.SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+        "gray box": op.GrayBoxOperator(
+            op.SystemLevelOperator(1.1, 0.4, 0.7, 0.1), np.array([0.3, -0.1, 0.4, -0.3])
         ),
-        "gray box, products": GrayBoxOperator(
-            SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
+        "gray box, products": op.GrayBoxOperator(
+            op.SystemLevelOperator(1.1, 0.4, 2.7, 0.1, 0.003, "printed"),
             np.r_[0.3, 0.4, -0.3, 0.02 * np.cos(np.arange(9))],
             1,
             2,
             2,
         ),
-        "gray box, as printed": GrayBoxOperator(
-            SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
+        "gray box, as printed": op.GrayBoxOperator(
+            op.SystemLevelOperator(1.1, 0.4, 0.7, 0.1),
             np.r_[0.3, -0.1, 0.4, -0.3, 0.02 * np.cos(np.arange(10))],
             degree=2,
             dynamics="printed",
         ),
-        "Jiles-Atherton": JilesAthertonOperator(1.3, 0.11, 0.15, 0.6, 0.2, 0.3, 0.1),
-        "Bouc-Wen": BoucWenOperator(0.4, 0.7, 0.31, 0.6, 1.0, 0.0, 0.1),
-        "Bouc-Wen, asymmetric": BoucWenOperator(0.4, -0.3, 0.47, 1.6, 1.7, 0.3, 0.1),
-        "offset": OffsetOperator(np.array([0.7])),
+        "Jiles-Atherton": op.JilesAthertonOperator(1.3, 0.11, 0.15, 0.6, 0.2, 0.3, 0.1),
+        "Bouc-Wen": op.BoucWenOperator(0.4, 0.7, 0.31, 0.6, 1.0, 0.0, 0.1),
+        "Bouc-Wen, asymmetric": op.BoucWenOperator(0.4, -0.3, 0.47, 1.6, 1.7, 0.3, 0.1),
+        "offset": op.OffsetOperator(np.array([0.7])),
         "drift": drift,
-        "sinusoid": SinusoidOperator(np.array([0.5, 0.1, -0.2, 0.3]), np.array([3.0, 11.0])),
+        "sinusoid": op.SinusoidOperator(np.array([0.5, 0.1, -0.2, 0.3]), np.array([3.0, 11.0])),
         "plays": plays,
         "plays, stop form": dataclasses.replace(plays, form="stop"),
-        "plays, stop form, no spring left": PrandtlIshlinskiiOperator(
+        "plays, stop form, no spring left": op.PrandtlIshlinskiiOperator(
             np.array([0.21, 0.43]), np.array([1.0, 0.4]), form="stop"
         ),
-        "monotone dead zones": MonotoneDeadZoneOperator(
+        "monotone dead zones": op.MonotoneDeadZoneOperator(
             np.array([0.6, 1.3, 0.4]), np.array([-0.207, 0.313, 0.611]), n_lower=1
         ),
-        "rate-dependent plays, thresholds": RateDependentPrandtlIshlinskiiOperator(
+        "rate-dependent plays, thresholds": op.RateDependentPrandtlIshlinskiiOperator(
             np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), (), 0.1, 0.011
         ),
-        "rate-dependent plays, weights": RateDependentPrandtlIshlinskiiOperator(
+        "rate-dependent plays, weights": op.RateDependentPrandtlIshlinskiiOperator(
             np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), np.array([0.01, -0.02, 0.03])
         ),
-        "series": SeriesOperator(
-            ("delay", "plays", "zones", "lag"), (DelayOperator(0.013), plays, zones, lag)
+        "series": op.SeriesOperator(
+            ("delay", "plays", "zones", "lag"), (op.DelayOperator(0.013), plays, zones, lag)
         ),
-        "series of linear ones": SeriesOperator(("lag", "mode"), (lag, mode)),
-        "sum": SumOperator(("plays", "mode", "drift"), (plays, mode, drift)),
-        "series of sums": SeriesOperator(
-            ("plays", "modes"), (plays, SumOperator(("first", "second"), (mode, transfer)))
+        "series of linear ones": op.SeriesOperator(("lag", "mode"), (lag, mode)),
+        "sum": op.SumOperator(("plays", "mode", "drift"), (plays, mode, drift)),
+        "series of sums": op.SeriesOperator(
+            ("plays", "modes"), (plays, op.SumOperator(("first", "second"), (mode, transfer)))
         ),
-        "sum of series": SumOperator(
-            ("series", "creep"), (SeriesOperator(("plays", "lag"), (plays, lag)), creep)
+        "sum of series": op.SumOperator(
+            ("series", "creep"), (op.SeriesOperator(("plays", "lag"), (plays, lag)), creep)
         ),
-        "friction stage": FrictionStageOperator(
+        "friction stage": op.FrictionStageOperator(
             90.0, 0.15, 0.29, 0.7, 3.0, 8.0, 0.1, 0.8, 0.1, n_substeps=4
         ),
-        "friction stage, stiff bristles": FrictionStageOperator(
+        "friction stage, stiff bristles": op.FrictionStageOperator(
             20.0, 3.0, 0.03, 0.7, 0.3, 1e3, n_substeps=1
         ),
-        "restoring force": RestoringForceOperator(
+        "restoring force": op.RestoringForceOperator(
             90.0, 0.15, [0.2, 0.05], [0.1], 2.0, 0.1, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
         ),
-        "restoring force, no polynomials": RestoringForceOperator(
+        "restoring force, no polynomials": op.RestoringForceOperator(
             20.0, 3.0, [], [], 1e3, 0.1, n_substeps=1
         ),
-        "restoring force, no hysteresis": RestoringForceOperator(
+        "restoring force, no hysteresis": op.RestoringForceOperator(
             90.0, 0.15, [0.2], [0.1], 0.0, 0.5, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
         ),
-        "Bouc-Wen stage": BoucWenStageOperator(
+        "Bouc-Wen stage": op.BoucWenStageOperator(
             90.0, 0.15, 2.0, 0.1, 0.3, 1.7, 0.8, 0.1, n_substeps=4
         ),
-        "Bouc-Wen stage without limit": BoucWenStageOperator(
+        "Bouc-Wen stage without limit": op.BoucWenStageOperator(
             20.0, 3.0, 3.0, 0.8, -1.3, 1.01, n_substeps=1
         ),
-        "empty sum": SumOperator((), ()),
-        "gain": GainOperator(1.3, 0.2),
-        "held": FrozenOperator(plays),
-        "series with a held series": SeriesOperator(
+        "empty sum": op.SumOperator((), ()),
+        "gain": op.GainOperator(1.3, 0.2),
+        "held": op.FrozenOperator(plays),
+        "series with a held series": op.SeriesOperator(
             ("delay", "held", "lag"),
-            (DelayOperator(0.013), FrozenOperator(SeriesOperator(("p", "z"), (plays, zones))), lag),
+            (
+                op.DelayOperator(0.013),
+                op.FrozenOperator(op.SeriesOperator(("p", "z"), (plays, zones))),
+                lag,
+            ),
         ),
-        "sum with a held one": SumOperator(("lag", "creep"), (lag, FrozenOperator(creep))),
-        "scheduled": ScheduledOperator(
+        "sum with a held one": op.SumOperator(("lag", "creep"), (lag, op.FrozenOperator(creep))),
+        "scheduled": op.ScheduledOperator(
             mode, (1, 0, 2, 0), np.array([80.0, 95.0, 0.15, 0.8, 0.9, 1.1, 0.1]), 1.0, 5.0, 2.3
         ),
     }

@@ -2,17 +2,23 @@
 
 import copy
 import dataclasses
+import os
 import pickle
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from operator_cases import DT, OPERATORS, N, make_drive
+from operator_cases import DT, OPERATORS, N, make_drive, responses
 
+import skhyst
 from skhyst.compose import ColumnOperator, ModulatedOperator
 from skhyst.discovery import all_operators
 from skhyst.linear import MultiInputTransferFunctionOperator
+from skhyst.operators import check_operator
 from skhyst.static import StaticOperator
 
 ABSTRACT = {StaticOperator}
@@ -54,6 +60,7 @@ def test_every_operator_is_covered():
 @settings(deadline=None, max_examples=8)
 @given(cuts=st.lists(st.integers(1, N - 1), max_size=5, unique=True))
 def test_cut_signal_gives_the_whole(operator, u, initial_state, cuts):
+    """So the past does not know the future either."""
     state = operator.init(u[0], initial_state)
     whole, last = operator.run(u, DT, state)
     parts = []
@@ -64,7 +71,7 @@ def test_cut_signal_gives_the_whole(operator, u, initial_state, cuts):
     np.testing.assert_allclose(flatten(state), flatten(last), rtol=1e-11, atol=1e-12)
 
 
-def test_step_by_step_equals_run(operator, u):
+def test_step_by_step_from_rest_equals_run(operator, u):
     state = operator.init(u[0])
     y = np.empty(N)
     for k, value in enumerate(u):
@@ -81,35 +88,18 @@ def test_linearize_returns_what_run_returns(operator, u, initial_state):
     assert dy.flags.c_contiguous
 
 
-@pytest.mark.parametrize("initial_state", ["rest", "zero"])
-def test_tangents_are_central_differences(operator, u, initial_state):
-    rng = np.random.default_rng(0)
-    du = np.cumsum(rng.normal(size=(N, 2)), axis=0)
-    _, dy = operator.linearize(u, du, DT, initial_state)
-
-    def output(vector, signal):
-        moved = operator.unpack(vector)
-        return moved.run(signal, DT, moved.init(signal[0], initial_state))[0]
-
-    vector = operator.pack()
-    expected = np.empty_like(dy)
-    for j in range(2):
-        h = 1e-6 / np.abs(du[:, j]).max()
-        above, below = output(vector, u + h * du[:, j]), output(vector, u - h * du[:, j])
-        expected[:, j] = (above - below) / (2 * h)
-    for j in range(len(vector)):
-        h = np.zeros(len(vector))
-        h[j] = 1e-6 * max(abs(vector[j]), 1e-2)
-        expected[:, 2 + j] = (output(vector + h, u) - output(vector - h, u)) / (2 * h[j])
-    for j in range(dy.shape[1]):
-        scale = max(np.abs(expected[:, j]).max(), 1.0)
-        np.testing.assert_allclose(dy[:, j], expected[:, j], atol=1e-6 * scale, rtol=0)
+def test_derivatives_and_pieces(operator, u):
+    check_operator(operator, u, DT)
 
 
-def test_tangents_without_upstream_parameters_are_the_same(operator, u):
+def test_tangents_are_carried_one_by_one(operator, u):
+    du = np.cumsum(np.random.default_rng(0).normal(size=(N, 2)), axis=0)
+    _, both = operator.linearize(u, du, DT)
     _, alone = operator.linearize(u, np.empty((N, 0)), DT)
-    _, beside = operator.linearize(u, np.ones((N, 1)), DT)
-    np.testing.assert_allclose(alone, beside[:, 1:], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(alone, both[:, 2:], rtol=1e-12, atol=1e-13)
+    for j in range(2):
+        _, one = operator.linearize(u, du[:, [j]], DT)
+        np.testing.assert_allclose(one, both[:, [j, *range(2, both.shape[1])]], 1e-12, 1e-13)
 
 
 @pytest.mark.parametrize("level", [0.0, 0.4, -1.3])
@@ -120,12 +110,6 @@ def test_rest_stays_at_rest(driven, level):
     np.testing.assert_allclose(y, y[0], rtol=1e-12, atol=1e-13)
     later, _ = operator.run(np.full(N, level), DT, state)
     np.testing.assert_allclose(later, y[0], rtol=1e-11, atol=1e-12)
-
-
-def test_default_state_is_rest_at_the_first_sample(operator, u):
-    np.testing.assert_array_equal(
-        operator.run(u, DT)[0], operator.run(u, DT, operator.init(u[0], "rest"))[0]
-    )
 
 
 def test_states_and_inputs_are_left_alone(operator, u):
@@ -188,13 +172,6 @@ def test_signal_linear_means_affine_in_the_signal(name, operator, u):
     assert bent == (not (operator.signal_linear or name == "no limit"))
 
 
-def test_past_does_not_know_the_future(operator, u):
-    changed = np.r_[u[: N // 2], u[N // 2 :] + 1.0]
-    np.testing.assert_array_equal(
-        operator.run(u, DT)[0][: N // 2], operator.run(changed, DT)[0][: N // 2]
-    )
-
-
 def test_pickle_and_copy_keep_the_output(operator, u):
     expected = operator.run(u, DT)[0]
     operator.linearize(u, np.empty((N, 0)), DT)
@@ -206,3 +183,32 @@ def test_operators_are_frozen(operator):
     field = next(iter(dataclasses.fields(operator)))
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(operator, field.name, None)
+
+
+# ------------------------------------------------------------------------------- compiled loops
+
+PLAIN = (
+    "import operator_cases, pickle, sys; pickle.dump(operator_cases.responses(), sys.stdout.buffer)"
+)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    folders = [Path(skhyst.__file__).parents[1], Path(__file__).parent]
+    environment = os.environ | {
+        "NUMBA_DISABLE_JIT": "1",
+        "PYTHONPATH": os.pathsep.join(map(str, folders)),
+    }
+    run = subprocess.run([sys.executable, "-c", PLAIN], env=environment, capture_output=True)
+    assert run.returncode == 0, run.stderr.decode()
+    return pickle.loads(run.stdout)
+
+
+def test_compiled_equals_plain_python(plain):
+    compiled = responses()
+    assert set(compiled) == set(plain)
+    for name, found in compiled.items():
+        scale = np.abs(plain[name]).max(axis=0, initial=1e-300)
+        np.testing.assert_allclose(
+            found / scale, plain[name] / scale, rtol=0, atol=1e-12, err_msg=name
+        )

@@ -8,9 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import skhyst
-from skhyst.operators import OneStateOperator, parameter
+from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskiiOperator, SlewLimitOperator
+from skhyst.operators import OneStateOperator, check_operator, parameter
+from skhyst.static import DeadBandOperator
 
 COUNT = """
 import numpy as np
@@ -63,24 +67,15 @@ class LowPassOperator(OneStateOperator, step=low_pass):
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
 def test_law_equals_a_loop_written_by_hand(initial_state):
-    rng = np.random.default_rng(0)
-    u, du, tau, gain, share = rng.normal(size=50), rng.normal(size=(50, 2)), 0.3, 1.7, 0.1 / 0.4
-    rest = initial_state == "rest"
-    # state and its derivatives by both tangents and tau
-    x, dx = (u[0], np.append(du[0], 0.0)) if rest else (0.0, np.zeros(3))
-    expected = np.empty((50, 5))
-    for k in range(50):
-        x1 = x + share * (u[k] - x)
-        dx1 = dx + share * (np.append(du[k], 0.0) - dx)
-        dx1[2] -= share * (u[k] - x) / 0.4
-        expected[k] = 0.5 * np.array([gain * (x + x1), *(gain * (dx + dx1)), x + x1])
-        x, dx = x1, dx1
-    operator = LowPassOperator(tau, gain)
-    y, dy = operator.linearize(u, du, 0.1, initial_state)
-    np.testing.assert_allclose(np.column_stack([y, dy]), expected, rtol=0, atol=1e-12)
-    y, (last, before) = operator.run(u, 0.1, operator.init(u[0], initial_state))
-    np.testing.assert_allclose(y, expected[:, 0], rtol=0, atol=1e-12)
-    assert (last, before) == (pytest.approx(x, abs=1e-12), u[-1])
+    u, operator, share = np.random.default_rng(0).normal(size=50), LowPassOperator(0.3, 1.7), 0.25
+    x, expected = u[0] if initial_state == "rest" else 0.0, []
+    for value in u:
+        before, x = x, x + share * (value - x)
+        expected.append(0.5 * 1.7 * (before + x))
+    y, state = operator.run(u, 0.1, operator.init(u[0], initial_state))
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12)
+    assert state == (pytest.approx(x, abs=1e-12), u[-1])
+    check_operator(operator, u, 0.1)
 
 
 def test_empty_signal():
@@ -93,3 +88,52 @@ def test_empty_signal():
 def test_base_alone_is_abstract():
     with pytest.raises(TypeError, match="abstract"):
         OneStateOperator()
+
+
+# ------------------------------------------------------------------------- limits of the drive
+
+DT = 0.01
+
+
+@pytest.fixture
+def u():
+    return np.cumsum(np.random.default_rng(1).normal(size=400)) / 10
+
+
+def test_backlash_is_one_play(u):
+    expected, _ = PrandtlIshlinskiiOperator([0.3], [1.0]).run(u, DT)
+    np.testing.assert_allclose(BacklashOperator(0.3).run(u, DT)[0], expected, atol=1e-14)
+
+
+@given(a=st.floats(0.01, 0.5), b=st.floats(0.01, 0.5))
+@settings(deadline=None, max_examples=20)
+def test_gaps_in_series_add_up(a, b):
+    u = np.cumsum(np.random.default_rng(2).normal(size=300)) / 10
+    twice = BacklashOperator(b).run(BacklashOperator(a).run(u, DT)[0], DT)[0]
+    np.testing.assert_allclose(twice, BacklashOperator(a + b).run(u, DT)[0], atol=1e-12)
+
+
+def test_dead_band_and_clipping_add_up_to_the_drive(u):
+    band = DeadBandOperator(half_width=0.4, center=0.1)
+    np.testing.assert_allclose(band.run(u, DT)[0] + np.clip(u, -0.3, 0.5), u, atol=1e-14)
+
+
+def test_slew_limit_of_a_slow_drive_is_the_drive(u):
+    fastest = np.abs(np.diff(u)).max() / DT
+    np.testing.assert_array_equal(SlewLimitOperator(fastest).run(u, DT)[0], u)
+
+
+@pytest.mark.parametrize("part", [0.02, 0.2, 0.7])
+def test_slew_limit_solves_its_law(u, part):
+    u, fine = u[:120], 100
+    rate = part * np.abs(np.diff(u)).max() / DT
+    time = DT * np.arange(len(u))
+    signal = np.interp(np.linspace(0.0, time[-1], fine * (len(u) - 1) + 1), time, u)
+    y, reach, slow = signal[0], rate * DT / fine, [signal[0]]
+    for value in signal[1:]:
+        y += np.clip(value - y, -reach, reach)
+        slow.append(y)
+    exact = SlewLimitOperator(rate).run(u, DT)[0]
+    # the plain steps are late by less than one of them
+    np.testing.assert_allclose(exact, slow[::fine], atol=3.0 * np.abs(np.diff(u)).max() / fine)
+    assert np.abs(np.diff(exact)).max() <= rate * DT * (1 + 1e-12)

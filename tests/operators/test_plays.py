@@ -6,13 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from skhyst.operators import (
-    play_basis,
-    play_tangents,
-    play_thresholds,
-    stop_basis,
-    turning_points,
-)
+from skhyst.operators import play_basis, play_tangents, play_thresholds, stop_basis, turning_points
 
 drives = arrays(float, st.integers(1, 60), elements=st.floats(-1e3, 1e3))
 thresholds = arrays(float, st.integers(1, 9), elements=st.floats(0, 500)).map(np.sort)

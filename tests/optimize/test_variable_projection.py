@@ -1,7 +1,7 @@
 """Separable least squares from Gram matrices: the truth, SciPy's answer, folds, disturbances."""
 
 import dataclasses
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 import pytest
@@ -58,10 +58,7 @@ def chain(time_constant=0.03, natural_frequency=60.0, damping_ratio=0.1, weights
 
 FIXED = ("plays__drive_offset",)
 CASES = {
-    "lag": (
-        FirstOrderLagOperator(0.04, gain=2.0, intercept=0.3),
-        FirstOrderLagOperator(0.4),
-    ),
+    "lag": (FirstOrderLagOperator(0.04, gain=2.0, intercept=0.3), FirstOrderLagOperator(0.4)),
     "mode": (
         SecondOrderModeOperator(40.0, 0.08, gain=2.0, intercept=0.3),
         SecondOrderModeOperator(30.0, 0.3),
@@ -83,7 +80,13 @@ CASES = {
 
 @pytest.fixture(params=CASES)
 def case(request):
-    return CASES[request.param]
+    return request.param
+
+
+def problem_of(case, **options):
+    """Return the problem of a case, from its start."""
+    truth, start = CASES[case]
+    return OperatorProblem(start, records(truth, **options), fixed=FIXED)
 
 
 def residuals(problem, x):
@@ -92,17 +95,15 @@ def residuals(problem, x):
 
 
 def test_recovers_the_truth(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth), fixed=FIXED)
+    problem = problem_of(case)
     solution = variable_projection(problem, problem.x0)
     assert solution.converged
     found, _ = problem.unpack(solution.x)
-    np.testing.assert_allclose(found.pack(), truth.pack(), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(found.pack(), CASES[case][0].pack(), rtol=1e-5, atol=1e-6)
 
 
 def test_agrees_with_scipy(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of(case, noise=0.05)
     solution = variable_projection(problem, problem.x0, tolerance=1e-15)
     scipy = least_squares(
         lambda x: residuals(problem, x),
@@ -119,8 +120,7 @@ def test_agrees_with_scipy(case):
 
 
 def test_default_tolerance_is_far_below_the_standard_errors(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of(case, noise=0.05)
     rough = variable_projection(problem, problem.x0)
     exact = variable_projection(problem, problem.x0, tolerance=1e-15)
     curvature = exact.gram[:-1, :-1]
@@ -130,16 +130,13 @@ def test_default_tolerance_is_far_below_the_standard_errors(case):
 
 
 def test_gram_holds_cost_gradient_and_curvature(case):
-    truth, start = case
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of(case, noise=0.05)
     rng = np.random.default_rng(0)
     x = problem.x0 + np.where(problem.linear, 0.1, 0.05) * rng.uniform(0.5, 1, len(problem.x0))
     gram = problem.total(problem.evaluate(x))
     r = residuals(problem, x)
     columns = []
-    for j in range(len(x)):
-        h = np.zeros(len(x))
-        h[j] = 1e-6
+    for h in 1e-6 * np.eye(len(x)):
         columns.append((residuals(problem, x + h) - residuals(problem, x - h)) / 2e-6)
     full = np.stack([*columns, r], axis=1)
     expected = full.T @ full
@@ -159,19 +156,14 @@ def cut(record, count):
 @pytest.mark.parametrize("count", [4, 7])
 def test_fold_equals_a_problem_of_its_rows(disturbances, count):
     data = [cut(record, count) for record in records(chain(), noise=0.05)]
-    start = CASES["chain"][1]
-    whole = OperatorProblem(start, data, disturbances=disturbances, fixed=FIXED)
+    options = {"disturbances": disturbances, "fixed": FIXED}
+    whole = OperatorProblem(CASES["chain"][1], data, **options)
     select = np.random.default_rng(1).random(2 * count) < 0.6
-    kept = [
-        dataclasses.replace(
-            record,
-            segments=tuple(
-                s for s, k in zip(record.segments, select[i * count :], strict=False) if k
-            ),
-        )
-        for i, record in enumerate(data)
-    ]
-    part = OperatorProblem(start, kept, disturbances=disturbances, fixed=FIXED)
+    kept = []
+    for record, own in zip(data, select.reshape(2, count), strict=True):
+        segments = tuple(compress(record.segments, own))
+        kept.append(dataclasses.replace(record, segments=segments))
+    part = OperatorProblem(CASES["chain"][1], kept, **options)
     x = whole.x0 + 0.01
     one, other = whole.total(whole.evaluate(x), select), part.total(part.evaluate(x))
     np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max())
@@ -227,18 +219,11 @@ def test_eliminated_disturbances_equal_explicit_columns(disturbances):
     fixed = ("drive_offset", "intercept", "frequencies[0]")
     problem = OperatorProblem(plays, data, disturbances=disturbances, fixed=fixed)
     moving = np.array([name.startswith("disturbance") for name in problem.names])
-    own, blocks, y = [], [], []
-    for record in data:
-        own.append(plays.linearize(record.u, np.empty((400, 0)), DT)[1][:, :3])
-        time = DT * np.arange(400)
-        blocks.append(np.concatenate([d.basis(time) for d in disturbances], axis=1))
-        y.append(record.y)
-    width = blocks[0].shape[1]
-    design = np.zeros((1200, 3 + 3 * width))
-    design[:, :3] = np.concatenate(own)
-    for i, block in enumerate(blocks):
-        design[400 * i : 400 * (i + 1), 3 + width * i : 3 + width * (i + 1)] = block
-    y = np.concatenate(y)
+    own = [plays.linearize(record.u, np.empty((400, 0)), DT)[1][:, :3] for record in data]
+    block = np.concatenate([d.basis(DT * np.arange(400)) for d in disturbances], axis=1)
+    width = block.shape[1]
+    design = np.column_stack([np.concatenate(own), np.kron(np.eye(3), block)])
+    y = np.concatenate([record.y for record in data])
     expected, cost, *_ = np.linalg.lstsq(design, y, rcond=None)
     if moving.any():  # the frequency would move: hold it, by solving the linear part only
         problem.lower = np.where(moving, problem.x0, problem.lower)
@@ -248,22 +233,6 @@ def test_eliminated_disturbances_equal_explicit_columns(disturbances):
     assert solution.cost == pytest.approx(cost[0], rel=1e-8)
     coefficients = problem.coefficients(problem.evaluate(solution.x))
     np.testing.assert_allclose(coefficients, expected[3:].reshape(3, width), rtol=1e-6, atol=1e-8)
-
-
-def test_frequency_of_a_line_is_found_with_its_amplitudes():
-    lag = FirstOrderLagOperator(0.05, gain=2.0)
-    data = []
-    for i, record in enumerate(records(lag, noise=0.02)):
-        line = (0.3 + i) * np.sin(2 * np.pi * 7.31 * DT * np.arange(400) + i)
-        data.append(dataclasses.replace(record, y=record.y + line))
-    start = SinusoidOperator(np.zeros(2), np.array([7.25]))
-    problem = OperatorProblem(FirstOrderLagOperator(0.1), data, disturbances=(start,))
-    solution = variable_projection(problem, problem.x0)
-    operator, (line,) = problem.unpack(solution.x)
-    assert line.frequencies[0] == pytest.approx(7.31, abs=0.005)
-    assert operator.time_constant == pytest.approx(0.05, rel=0.02)
-    coefficients = problem.coefficients(problem.evaluate(solution.x))
-    np.testing.assert_allclose(np.linalg.norm(coefficients, axis=1), [0.3, 1.3], atol=0.01)
 
 
 def test_predictions_do_not_see_what_they_predict():
@@ -308,8 +277,7 @@ def test_bounds_hold_at_every_step():
     problem = OperatorProblem(start, records(truth), fixed=("drive_offset",))
     x = variable_projection(problem, problem.x0).x
     assert x[1] == 0.0
-    u = np.concatenate([r.u for r in problem.records])
-    y = np.concatenate([r.y for r in problem.records])
+    u, y = np.concatenate([(r.u, r.y) for r in problem.records], axis=1)
     slope, intercept = np.polyfit(u, y, 1)
     assert x[0] == pytest.approx(slope, rel=1e-6)
     assert x[2] == pytest.approx(intercept, abs=1e-6)
@@ -333,8 +301,7 @@ def test_a_positive_parameter_moves_by_a_bounded_factor_a_step():
 
 
 def test_history_and_callback_go_down():
-    truth, start = CASES["chain"]
-    problem = OperatorProblem(start, records(truth, noise=0.05), fixed=FIXED)
+    problem = problem_of("chain", noise=0.05)
     calls = []
     solution = variable_projection(problem, problem.x0, callback=lambda *c: calls.append(c))
     assert solution.history[1:] == calls
@@ -343,13 +310,11 @@ def test_history_and_callback_go_down():
     assert list(costs) == sorted(costs, reverse=True)
     assert evaluations[-1] <= solution.n_evaluations
     assert costs[-1] == solution.cost
-    assert solution.seconds > 0.0
 
 
 @pytest.mark.parametrize("budget", [1, 2, 5])
 def test_budget(budget):
-    truth, start = CASES["chain"]
-    problem = OperatorProblem(start, records(truth), fixed=FIXED)
+    problem = problem_of("chain")
     solution = variable_projection(problem, problem.x0, max_evaluations=budget)
     assert not solution.converged
     assert "budget" in solution.message
@@ -357,8 +322,7 @@ def test_budget(budget):
 
 
 def test_known_blocks_cost_no_evaluation():
-    truth, start = CASES["lag"]
-    problem = OperatorProblem(start, records(truth))
+    problem = problem_of("lag")
     plain = variable_projection(problem, problem.x0)
     given = variable_projection(problem, problem.x0, blocks=problem.evaluate(problem.x0))
     np.testing.assert_allclose(given.x, plain.x, rtol=1e-9)
@@ -366,8 +330,7 @@ def test_known_blocks_cost_no_evaluation():
 
 
 def test_start_that_is_not_finite_is_given_up():
-    truth, start = CASES["lag"]
-    problem = OperatorProblem(start, records(truth))
+    problem = problem_of("lag")
     problem.evaluate = lambda x, **options: np.full((2, 4, 4), np.nan)
     solution = variable_projection(problem, problem.x0)
     assert solution.cost == np.inf
@@ -377,8 +340,7 @@ def test_start_that_is_not_finite_is_given_up():
 
 def test_predicted_cost_is_exact_for_linear_parameters():
     plays = PrandtlIshlinskiiOperator(np.array([0.0, 0.3]), np.zeros(2), non_negative=False)
-    data = records(chain(), noise=0.1)
-    problem = OperatorProblem(plays, data, fixed=("drive_offset",))
+    problem = OperatorProblem(plays, records(chain(), noise=0.1), fixed=("drive_offset",))
     solution = variable_projection(problem, problem.x0)
     assert predicted_cost(problem, problem.x0) == pytest.approx(solution.cost, rel=1e-9)
 
@@ -416,8 +378,7 @@ def test_single_step_never_makes_the_fit_worse(frequency):
 
 
 def test_single_step_that_leads_nowhere_is_not_taken():
-    truth, start = CASES["mode"]
-    problem = OperatorProblem(start, records(truth))
+    problem = problem_of("mode")
     blocks = problem.evaluate(problem.x0)
     problem.evaluate = lambda x, **options: np.full_like(blocks, np.nan)
     x = single_step(problem, problem.x0, blocks, np.ones(len(blocks), dtype=bool))

@@ -1,0 +1,204 @@
+"""Every composition: fitted from the operator that it has, taken apart and put together again."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.frozen import FrozenEstimator
+
+from skhyst.compose import (
+    Cascade,
+    Modulated,
+    OnColumn,
+    ScheduledParameters,
+    Stage,
+    Sum,
+    series_stages,
+    stage_values,
+    with_series_stages,
+    with_stage_values,
+)
+from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    KelvinVoigt,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+    TransferFunction,
+    TransferFunctionOperator,
+)
+from skhyst.operators import SeriesOperator, take_apart
+from skhyst.optimize import RecordData, VariableProjection
+from skhyst.records import stack_records
+
+DT, N = 0.01, 300
+PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.4])
+PLANT = SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(0.04)))
+
+
+def make_data():
+    records = []
+    for k in range(3):
+        rng = np.random.default_rng(k)
+        u = np.cumsum(rng.normal(size=N)) / 6
+        load = np.full(N, 10.0 * k)
+        y = PLANT.run(u, DT)[0] * (1.0 + 0.01 * load) + 0.1 * k
+        y += 0.05 * np.sin(2 * np.pi * 11.3 * DT * np.arange(N) + k) + 0.002 * rng.normal(size=N)
+        records.append((pd.DataFrame({"drive": u, "load": load}), y))
+    return stack_records(records, dt=DT)
+
+
+X, Y = make_data()
+
+
+def cascade():
+    plays = PrandtlIshlinskii(thresholds=[0.0, 0.3])
+    return Cascade([("plays", plays), ("lag", FirstOrderLag())])
+
+
+def known_lag():
+    y = FirstOrderLagOperator(0.04).run(X["drive"], DT)[0]
+    return FrozenEstimator(FirstOrderLag().fit(X, y))
+
+
+BOTH, CHAIN = [("plays", PrandtlIshlinskii(3)), ("lag", FirstOrderLag())], ["plays", "lag"]
+LINE, OFFSET, LOAD = PeriodicDisturbance(), ("offset", Offset()), ("load", OnColumn(Gain(), 1))
+PLAYS_BY_LOAD = ScheduledParameters(PrandtlIshlinskii(3), by="load")
+WEIGHTS_BY_LOAD = ScheduledParameters(cascade(), by="load", parameters=["plays__weights"])
+MODELS = {  # and the names of the stages that follow the drive, where they can be exchanged
+    "one model": (KelvinVoigt(1), ["kelvin_voigt"]),
+    "cascade": (cascade(), CHAIN),
+    "nested cascade": (
+        Cascade([("inner", cascade()), ("mode", SecondOrderMode())]),
+        ["inner", "mode"],
+    ),
+    "held step": (Cascade([("plays", PrandtlIshlinskii(4)), ("lag", known_lag())]), CHAIN),
+    "offset alone": (Offset(), None),
+    "sum": (Sum([("model", cascade()), ("line", LINE), ("drift", Drift(1))]), CHAIN),
+    "sum of two": (Sum(BOTH), ["sum"]),
+    "sum of two beside": (Sum([*BOTH, OFFSET]), ["model"]),
+    "sum with a column": (Sum([("model", cascade()), LOAD]), CHAIN),
+    "modulated": (Modulated(cascade(), 1), CHAIN),
+    "modulated twice": (Modulated(Modulated(cascade(), 1), "amplitude"), CHAIN),
+    "modulated beside": (Sum([("model", Modulated(cascade(), 1)), LOAD, OFFSET]), CHAIN),
+    "scheduled": (WEIGHTS_BY_LOAD, CHAIN),
+    "scheduled beside": (Sum([("plays", PLAYS_BY_LOAD), OFFSET]), ["plays"]),
+    # a schedule of the gain alone goes with the stage that has the gain, and is lost with it
+    "scheduled and modulated": (
+        Modulated(ScheduledParameters(Gain(), by="load"), "amplitude"),
+        None,
+    ),
+}
+
+
+@pytest.fixture(params=MODELS, scope="module")
+def fitted(request):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "The data do not determine")
+        return clone(MODELS[request.param][0]).fit(X, Y), MODELS[request.param][1]
+
+
+@pytest.mark.filterwarnings("ignore:The data do not determine")
+def test_a_fit_from_the_solution_stays_there(fitted):
+    model, _ = fitted
+    again = clone(model).fit_from(model.operator_, X, Y)
+    assert again.params_.keys() == model.params_.keys()
+    assert again.fit_error_ <= 1.0001 * model.fit_error_
+    assert again.n_evaluations_ <= 12
+    np.testing.assert_allclose(again.predict(X), model.predict(X), atol=1e-3)
+    np.testing.assert_array_equal(again.feature_names_in_, X.columns)
+    assert again.n_features_in_ == 2
+    assert again.records_ == model.records_
+    assert vars(again).keys() == vars(model).keys()
+
+
+def test_stages_go_out_and_in_again(fitted):
+    model, names = fitted
+    if names is None:
+        return
+    operator = model._with_held(take_apart(model.operator_)[0])
+    whole = Stage(None, model, operator)
+    stages = series_stages(whole)
+    assert [stage.name for stage in stages] == names
+    lag = Stage("further", FirstOrderLag(), FirstOrderLagOperator(0.1))
+    _, more, longer = with_series_stages(whole, [*stages, lag])
+    assert len(longer.entries()) == len(operator.entries()) + 3
+    same = with_series_stages(Stage(None, more, longer), stages)
+    values, before = stage_values(same), stage_values(whole)
+    assert values.keys() == before.keys()
+    for key, value in before.items():
+        np.testing.assert_allclose(values[key], value, err_msg=str(key))
+    moved = with_stage_values(whole, {key: 2.0 * value for key, value in before.items()})
+    free = ~operator.gauge_mask()
+    np.testing.assert_allclose(moved.operator.pack()[free], 2.0 * operator.pack()[free])
+    assert [name for name, _ in moved.operator.entries()] == [n for n, _ in operator.entries()]
+
+
+def test_records_and_method_may_be_given():
+    weights, data = np.r_[np.zeros(50), np.ones(N - 50)], []
+    for k, part in X["drive"].groupby(level="record"):
+        data.append(RecordData(part.to_numpy(), Y.loc[[k]].to_numpy(), DT, weights=weights))
+    model = cascade().fit_from(PLANT, X, Y, records=data, method="levenberg_marquardt")
+    assert model.fit_error_ > 0.0
+    assert model.records_[0].n_samples == N
+
+
+def test_an_edited_tree_is_a_start():
+    """A stage is put in, with a gain that another carries."""
+    alone = cascade().fit(X, Y)
+    names, stages = ("plays", "lag"), alone.operator_.stages
+    first = FirstOrderLagOperator(0.01, gain=2.0)
+    chain = SeriesOperator((*names, "sensor"), (*stages, first))
+    model = Cascade([*cascade().steps, ("sensor", FirstOrderLag())])
+    model.fit_from(chain, X, Y)
+    assert model.operators_["sensor"].gain == 1.0
+    assert model.fit_error_ <= alone.fit_error_
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        lambda by: Sum([("plays", ScheduledParameters(Gain(), by=by)), ("offset", Offset())]),
+        lambda by: Modulated(ScheduledParameters(Gain(), by=by), "amplitude"),
+    ],
+)
+def test_a_named_column_is_known_within_a_composition(model):
+    named, numbered = model("load").fit(X, Y), model(1).fit(X, Y)
+    np.testing.assert_allclose(named.predict(X), numbered.predict(X), atol=1e-9)
+    with pytest.raises(ValueError, match="a column of X: drive, load"):
+        model("lead").fit(X, Y)
+
+
+def test_a_cascade_takes_the_gain_out_of_an_operator_and_nothing_else():
+    """One evaluation, so that what is not linear stays where it starts."""
+    stage = TransferFunctionOperator([], [30.0], [0.2], [0.5, -2.0], gain=4.0)
+    plays = PrandtlIshlinskiiOperator([0.0, 0.2, 0.4, 0.6], [1.0, 0.4, 0.3, 0.2])
+    plant = SeriesOperator(("plays", "stage"), (plays, stage))
+    u = X["drive"].to_numpy()[:N]
+    hysteresis = PrandtlIshlinskii(thresholds=plays.thresholds)
+    model = Cascade([("plays", hysteresis), ("stage", TransferFunction(2))], dt=DT)
+    method = VariableProjection(max_evaluations=1)
+    model.fit_from(plant, u.reshape(-1, 1), plant.run(u, DT)[0], method=method)
+    assert model.operators_["stage"].gain == 1.0
+    assert model.fit_error_ < 1e-9
+
+
+@pytest.mark.parametrize("without", [None, "first", "second"])
+def test_gain_and_intercept_of_linear_stages_move_and_do_not_vanish(without):
+    first = SecondOrderModeOperator(30.0, 0.3, 2.0, 0.4)
+    second = FirstOrderLagOperator(0.05, 3.0, -0.5)
+    whole = SeriesOperator(("first", "second"), (first, second))
+    u = X["drive"].to_numpy()[:N]
+    if without is None:
+        found = whole.normalized()
+        assert (found.stages[0].gain, found.stages[0].intercept) == (1.0, 0.0)
+        np.testing.assert_allclose(found.run(u, DT)[0], whole.run(u, DT)[0], atol=1e-12)
+        return
+    (stage,) = whole.without(without).stages
+    at_rest = np.full(5, 1.7)
+    np.testing.assert_allclose(stage.run(at_rest, DT)[0], whole.run(at_rest, DT)[0])
