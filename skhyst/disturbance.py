@@ -73,6 +73,9 @@ class OffsetOperator(DisturbanceOperator):
     def basis(self, time):
         return np.ones((len(time), 1))
 
+    def characteristics(self, seen):
+        return {"spread between records": (np.ptp(seen.coefficients), "response")}
+
 
 @dataclass(frozen=True)
 class DriftOperator(DisturbanceOperator):
@@ -86,6 +89,11 @@ class DriftOperator(DisturbanceOperator):
     def basis(self, time):
         z = np.clip(2.0 * time / self.duration - 1.0, -1.0, 1.0)
         return np.polynomial.legendre.legvander(z, np.size(self.coefficients) - 1)
+
+    def characteristics(self, seen):
+        curves = zip(seen.inputs, seen.dts, seen.coefficients, strict=True)
+        spans = [np.ptp(self.basis(dt * np.arange(len(u))) @ own) for u, dt, own in curves]
+        return {"largest span in a record": (max(spans), "response")}
 
 
 @dataclass(frozen=True)
@@ -103,6 +111,10 @@ class SinusoidOperator(DisturbanceOperator):
         phase = 2.0 * np.pi * np.outer(time, self.frequencies)
         cosine, sine = np.split(np.asarray(coefficients), 2)
         return 2.0 * np.pi * time[:, None] * (sine * np.cos(phase) - cosine * np.sin(phase))
+
+    def characteristics(self, seen):
+        amplitudes = np.hypot(*np.split(seen.coefficients, 2, axis=1)).mean(axis=0)
+        return {"frequency": (self.frequencies, "Hz"), "amplitude": (amplitudes, "response")}
 
 
 class _Disturbance(ParametricModel):

@@ -7,10 +7,28 @@ from functools import cached_property
 import numpy as np
 
 from ..operators import SumOperator
-from ._characteristics import Seen
 from ._report_text import unit_of
 
-__all__ = ["Claim"]
+
+@dataclass(frozen=True)
+class Seen:
+    """What has come into a part and out of it, see :meth:`Operator.characteristics`."""
+
+    inputs: list
+    outputs: list
+    dts: list
+    coefficients: np.ndarray | None = None
+
+    @property
+    def ends(self):
+        """Smallest and largest input."""
+        return np.array([min(u.min() for u in self.inputs), max(u.max() for u in self.inputs)])
+
+    @property
+    def rates(self):
+        """Sizes of the input's rate, of all samples."""
+        pairs = zip(self.inputs, self.dts, strict=True)
+        return np.concatenate([np.abs(np.diff(u)) / dt for u, dt in pairs])
 
 
 @dataclass(frozen=True)
@@ -63,13 +81,12 @@ class Claim:
     @cached_property
     def operator(self):
         """The operator that the effect is, or has become a part of; None if it is no part."""
-        structure = self.structure
         if self.kind in ("modulation", "schedule", "scheduled stage"):
             return None
         if self.kind == "branch":
-            parts = zip(structure.operator.names, structure.operator.stages, strict=True)
-            return dict(parts)[self.label].operator
-        return structure.part(self.effect.name)
+            whole = self.structure.operator
+            return whole.stages[whole.names.index(self.label)].operator
+        return self.structure.part(self.effect.name)
 
     @property
     def in_motion(self):
@@ -140,8 +157,7 @@ class Claim:
     @cached_property
     def column(self):
         """The number of the column of X that drives, scales or schedules; or "amplitude"."""
-        edit = self.edits[-1]
-        return edit.by if self.kind.startswith("schedule") else edit.column
+        return getattr(self.edits[-1], "by" if self.kind.startswith("schedule") else "column")
 
     @property
     def column_name(self):
@@ -166,7 +182,7 @@ class Claim:
         """Return the stage as it is in a record with this number."""
         return self.structure.stages_at(number)[self.at].operator
 
-    # ------------------------------------------------------------------ signals
+    # ------------------------------------------------------------------ signals, a list a record
 
     @cached_property
     def seen(self):
@@ -174,36 +190,31 @@ class Claim:
         dts = [record.dt for record in self.records]
         if self.kind == "beside":
             inputs = [record.u for record in self.records]
-            return Seen(inputs, self.measured, dts, self.coefficients(self.operator))
+            return Seen(inputs, self.measured, dts, self._coefficients(self.operator))
         if self.kind == "branch":
             return Seen(self.in_column(), self.measured, dts)
         outputs = self.structure.run(self.records, last=self.at + 1)
         return Seen(self.inputs(), self.measured if self.is_part else outputs, dts)
 
-    def coefficients(self, disturbance):
+    def _coefficients(self, disturbance):
         """Return what belongs to each record of a disturbance, (n_records, n_coefficients)."""
         others = self.structure.disturbances
+        sizes = [np.size(other.coefficients) for other in others]
         at = next(i for i, other in enumerate(others) if other is disturbance)
-        start = sum(np.size(other.coefficients) for other in others[:at])
-        size = np.size(disturbance.coefficients)
-        return self.result.record_coefficients[:, start : start + size]
+        return self.result.record_coefficients[:, sum(sizes[:at]) :][:, : sizes[at]]
 
-    def beside(self):
-        """Return what is left without a disturbance, and the disturbance."""
-        pairs = zip(self.records, self.coefficients(self.operator), strict=True)
-        own = [self.operator.basis(r.dt * np.arange(len(r.u))) @ c for r, c in pairs]
-        left = zip(self.measured, self.modelled, own, strict=True)
-        return [y - x + part for y, x, part in left], own
+    def course(self, disturbance):
+        """Return a disturbance over the time of each record."""
+        pairs = zip(self.records, self._coefficients(disturbance), strict=True)
+        return [disturbance.basis(r.dt * np.arange(len(r.u))) @ own for r, own in pairs]
 
     @cached_property
     def measured(self):
         """The response of each record without the disturbances."""
         found = [np.array(record.y) for record in self.records]
         for disturbance in self.structure.disturbances:
-            for y, record, own in zip(
-                found, self.records, self.coefficients(disturbance), strict=True
-            ):
-                y -= disturbance.basis(record.dt * np.arange(len(y))) @ own
+            for y, own in zip(found, self.course(disturbance), strict=True):
+                y -= own
         return found
 
     @cached_property
@@ -223,14 +234,16 @@ class Claim:
             return structure.without(self.effect.name)
         if self.is_part:
             stage = structure.operators[self.at]
-            kept = [i for i, name in enumerate(stage.names) if name != self.label]
-            names, parts = ([own[i] for i in kept] for own in (stage.names, stage.stages))
-            return self.with_stage(SumOperator(tuple(names), tuple(parts)))
+            parts = dict(zip(stage.names, stage.stages, strict=True))
+            del parts[self.label]
+            forces = SumOperator(tuple(parts), tuple(parts.values()))
+            return structure.with_stage(self.at, operator=forces)
         return structure.cut(structure.names[self.at])
 
-    def with_stage(self, operator):
-        """Return the model with another operator in the effect's place."""
-        return self.structure.with_stage(self.at, operator=operator)
+    @cached_property
+    def without(self):
+        """What that model responds."""
+        return self.rest.respond(self.records)
 
     def lacking(self, without):
         """Return what a model lacks: of the measurement, and of the augmented model."""
@@ -244,7 +257,7 @@ class Claim:
 
         Where the effect carries the gain of the series, a straight line gives the rest its own.
         """
-        without = self.rest.respond(self.records)
+        without = self.without
         if self.structure.operators[self.at].carries_scale and not self.is_part:
             x, y = np.concatenate(without), np.concatenate(self.measured)
             slope, constant = np.polyfit(x, y, 1)

@@ -5,7 +5,7 @@ import numpy as np
 # ---- what counts as something. The error of a model is of interest to a few per cent, as
 # ``min_improvement`` says; so is everything that is compared with a range.
 NOTICEABLE = 0.05
-NEGLIGIBLE = 1e-7  # of the range: rounding of a free run in double precision
+NEGLIGIBLE = 1e-7  # of the range: an error below that has nothing left to be found
 
 # ---- effort. Halving costs least where each rung keeps a part 1/e; three is the next integer.
 FACTOR = 3
@@ -17,7 +17,7 @@ TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a fe
 # that gain: by 6 % for the least that is claimed by default.
 ENOUGH = 10_000
 MOST = 0.8  # of the range, or of the mean power, of a whole record: its first part shows as much
-REWEIGHTED = 2  # times that a robust fit is repeated before the first round
+REWEIGHTED = 2  # fits before the first round: the first weights are of a fit without any
 
 # ---- what effects are. Where a name begins and ends is a convention; these are ours.
 FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates

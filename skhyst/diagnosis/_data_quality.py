@@ -73,17 +73,7 @@ def data_quality(X, y, records):
 
 
 def lost_readings(drive, y, records):
-    """Return, for each record, whether a sample is a lost reading or one off its neighbours.
-
-    Parameters
-    ----------
-    drive, y : ndarray of shape (n_samples,)
-    records : sequence of RecordSlice
-
-    Returns
-    -------
-    list of ndarray of bool
-    """
+    """Return, for each record, whether a sample is a lost reading or one off its neighbours."""
     found = []
     for record in records:
         own = y[record.rows]
@@ -120,17 +110,14 @@ def _spikes(u, y, starts, lengths):
     off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
     if not off.any() or lengths[inner][off].sum() > 0.02 * len(y):  # the signal is so
         return
-    codes, index, count = np.unique(value[off], return_inverse=True, return_counts=True)
-    longest = np.zeros(len(codes), dtype=int)
-    np.maximum.at(longest, index, lengths[inner][off])
-    single = (count == 1) & (longest == 1)
-    stretches = [np.arange(a, b) for a, b in zip(first[off], last[off], strict=True)]
-    if single.any():
-        chosen = [s for s, i in zip(stretches, index, strict=True) if single[i]]
-        yield "outlier", np.concatenate(chosen), np.nan
-    for i in np.flatnonzero(~single):
-        chosen = [s for s, j in zip(stretches, index, strict=True) if j == i]
-        yield "lost_reading", np.concatenate(chosen), codes[i]
+    at = np.concatenate([np.arange(a, b) for a, b in zip(first[off], last[off], strict=True)])
+    rows = {code: at[y[at] == code] for code in np.unique(value[off])}
+    single = [own for own in rows.values() if own.size == 1]
+    if single:
+        yield "outlier", np.sort(np.concatenate(single)), np.nan
+    for code, own in rows.items():
+        if own.size > 1:
+            yield "lost_reading", own, code
 
 
 def _noisy(lengths):
@@ -162,14 +149,10 @@ def _clipped(y, starts, lengths, codes):
 
 def _jitter(X, record):
     """Return the relative standard deviation of the interval, 0 without times."""
-    index = getattr(X, "index", None)
-    if isinstance(index, pd.MultiIndex):
-        index = index.get_level_values("time")
-    if index is None or index.dtype.kind not in "fmM":
+    index = X.index if hasattr(X, "iloc") else pd.RangeIndex(0)
+    times = index.get_level_values("time") if index.nlevels > 1 else index
+    if times.dtype.kind not in "fmM":
         return 0.0
-    times = index[record.rows].to_numpy()
-    seconds = times / np.timedelta64(1, "s") if times.dtype.kind == "m" else times
-    if times.dtype.kind == "M":
-        seconds = (times - times[0]) / np.timedelta64(1, "s")
-    steps = np.diff(seconds.astype(float))
+    steps = np.diff(times[record.rows].to_numpy())
+    steps = steps / np.timedelta64(1, "s") if steps.dtype.kind == "m" else steps
     return float(steps.std() / steps.mean()) if len(steps) > 1 else 0.0

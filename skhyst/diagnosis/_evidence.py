@@ -5,21 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._characteristics import characteristics
-from ._claim import Claim
 from ._pictures import Picture, changes_by_number, draw
 from ._report_text import in_words, listed, plus_minus, unit_of
 
 __all__ = ["Evidence", "gather_evidence"]
 
-_LONGEST = 6  # values of a vector that are listed one by one; more are in the list of parameters
+# parameters that an engineer counts otherwise: name and factor
 _SPOKEN = {
     "half_width": ("width of the band", 2.0),
     "half_gap": ("play", 2.0),
     "lower": ("lower level", 1.0),
     "upper": ("upper level", 1.0),
     "rate": ("largest rate", 1.0),
-}  # parameters that an engineer counts otherwise: name and factor
+}
+# numbered weights and coefficients say little one by one
+_UNTOLD = re.compile("(weight|coefficient|compliance|numerator)s? ")
 
 
 @dataclass(frozen=True)
@@ -35,51 +35,24 @@ class Evidence:
     picture: Picture
 
 
-def gather_evidence(effect, structure, result, records, before, after, names):
-    """Return the evidence for a claimed effect.
-
-    Parameters
-    ----------
-    effect : Effect
-    structure : Tree
-        The augmented model at its solution.
-    result : IdentificationResult
-        Of the augmented model, fitted on all records.
-    records : sequence of RecordData
-    before, after : Candidate
-        Held-out errors of the declared and of the augmented model.
-    names : tuple (columns, response)
-        Names of the columns of X, none where they have none, and of y.
-
-    Returns
-    -------
-    Evidence
-    """
-    columns, response = names
-    claim = Claim(effect, structure, result, tuple(records), tuple(columns))
-    words = unit_of(columns[0]) if len(columns) else "", unit_of(response)
+def gather_evidence(claim, before, after, response):
+    """Return the evidence of a claim; of held-out errors before and after, and the name of y."""
+    words = unit_of(claim.columns[0]) if len(claim.columns) else "", unit_of(response)
+    found = _of_parts(claim) if claim.operator else changes_by_number(claim)
     numbers = {
         name: (float(value), float(std), in_words(unit, *words))
-        for name, (value, std, unit) in (
-            _of_parts(claim) if claim.operator else changes_by_number(claim)
-        ).items()
+        for name, (value, std, unit) in found.items()
     }
-    # numbered weights and coefficients say little one by one
-    told = [
-        name
-        for name in numbers
-        if not re.match("(weight|coefficient|compliance|numerator)s? ", name)
-    ]
+    told = [name for name in numbers if not _UNTOLD.match(name)] or list(numbers)
     told = listed(
-        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip()
-        for name in (told or list(numbers))[:4]
+        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in told[:4]
     )
-    share = 100.0 * (1.0 - (after.error / before.error) ** 2) if before.error > 0.0 else 0.0
+    share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     statement = (
-        f"{effect.law} Identified: {told}. The augmented model removes {share:.1f} % of the power "
-        "of the declared model's held-out residual."
+        f"{claim.effect.law} Identified: {told}. The augmented model removes {share:.1f} % of the "
+        "power of the declared model's held-out residual."
     )
-    return Evidence(effect.name, statement.strip(), numbers, draw(claim))
+    return Evidence(claim.effect.name, statement.strip(), numbers, draw(claim))
 
 
 def _of_parts(claim):
@@ -95,37 +68,45 @@ def _of_parts(claim):
     operator, seen = claim.operator.unpack(x), claim.seen
     found = dict(_derived(operator, seen, free, claim.covariance(keys)))
     if claim.kind == "branch":
-        measured, identified = map(np.concatenate, claim.lacking(claim.rest.respond(claim.records)))
+        measured, identified = map(np.concatenate, claim.lacking(claim.without))
         part = 100.0 * (1.0 - np.var(measured - identified) / np.var(measured))
         found["part of the residual that it explains"] = part, np.nan, "%"
-    half = {
-        "drive": 0.5 * np.ptp(seen.ends),
-        "response": 0.5 * np.ptp(np.concatenate(seen.outputs)),
-    }
+    outputs = np.concatenate(seen.outputs)
+    half = {"drive": 0.5 * np.ptp(seen.ends), "response": 0.5 * np.ptp(outputs)}
     for key, index in zip(keys, free, strict=True):
         name, _, number = key.rstrip("]").partition("[")
-        size, unit = operator.sizes()[name], entries[index][1].unit
-        if size > _LONGEST or name in claim.not_new:
+        size, spec = operator.sizes()[name], entries[index][1]
+        if size > 6 or name in claim.not_new:  # the values of a longer vector are parameters
             continue
         label, factor = _SPOKEN.get(name, (name.replace("_", " "), 1.0))
         if number:
             label = re.sub("([^s])s$", r"\1", re.sub("ies$", "ys", label))
             label += f" {int(number) + 1}" if size > 1 else ""
-        factor, unit = (0.5 / np.pi, "Hz") if unit == "rad/s" else (factor, unit)
+        factor, unit = (0.5 / np.pi, "Hz") if spec.unit == "rad/s" else (factor, spec.unit)
         value, std = (factor * own for own in claim.values[key])
         found.setdefault(label, (value, std, unit))
-        spec = entries[index][1]
         if unit in half and not number and (spec.log or spec.linear):
             part = 100.0 / (factor * half[unit])
             found[f"{label} over the range"] = part * value, part * std, "%"
     return {name: (v, std, in_words(unit, *claim.units)) for name, (v, std, unit) in found.items()}
 
 
+def _characteristics(operator, seen):
+    """Return name -> (value, unit) of what characterises an operator, where it has that."""
+    found = {}
+    for name, (values, unit) in operator.characteristics(seen).items():
+        values = np.ravel(values)
+        for i, own in enumerate(values, start=1):
+            if np.isfinite(own):
+                found[f"{name} {i}" if len(values) > 1 else name] = float(own), unit
+    return found
+
+
 def _derived(operator, seen, free, covariance):
     """Yield (name, (value, standard error, unit)) of the characteristics, to first order."""
     x, std = operator.pack(), np.sqrt(np.diag(covariance))
     known = np.flatnonzero(np.isfinite(std) & (std > 0.0))
-    values, specs = characteristics(operator, seen), operator.entries()
+    values, specs = _characteristics(operator, seen), operator.entries()
     slopes = {name: np.zeros(len(known)) for name in values}
     for column, i in enumerate(known):
         spec, ends, sides = specs[free[i]][1], [], []
@@ -133,7 +114,7 @@ def _derived(operator, seen, free, covariance):
             moved = x.copy()
             moved[free[i]] = np.clip(x[free[i]] + sign * std[i], spec.lower, spec.upper)
             ends.append(moved[free[i]])
-            sides.append(characteristics(operator.unpack(moved), seen))
+            sides.append(_characteristics(operator.unpack(moved), seen))
         for name, (value, _) in values.items():
             below, above = (side.get(name, (value,))[0] for side in sides)
             slopes[name][column] = (above - below) / (ends[1] - ends[0])

@@ -5,31 +5,19 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-__all__ = ["locate"]
-
 _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 
 
-def locate(records, residuals, labels):
-    """Return how the power of a residual is spread.
+def locate(slices, drive, residual):
+    """Return how the power of a residual is spread over the records of a drive.
 
-    Parameters
-    ----------
-    records : sequence of RecordData
-    residuals : sequence of ndarray of shape (n_samples,)
-        Of each record, NaN where nothing counts.
-    labels : sequence
-        Of the records.
-
-    Returns
-    -------
-    DataFrame
-        One row a record, a tenth of a record's time, of the drive, of the drive's rate (tenths by
-        number of samples), and an octave of frequency: ``by``, ``record`` (of its time only),
-        ``low``, ``high``, ``unit``, ``share`` of the residual's power, and ``concentration``, the
-        mean power there over that of the whole. White noise has a concentration of one everywhere.
-        Sorted by concentration within each ``by``.
+    One row a record, a tenth of a record's time, of the drive, of the drive's rate (tenths by
+    number of samples), and an octave of frequency: ``by``, ``record`` (of its time only), ``low``,
+    ``high``, ``unit``, ``share`` of the residual's power, and ``concentration``, the mean power
+    there over that of the whole, sorted by that within each ``by``. White noise has a concentration
+    of one everywhere. The residual is NaN where nothing counts.
     """
+    residuals, drives = ([signal[s.rows] for s in slices] for signal in (residual, drive))
     known = [np.isfinite(r) for r in residuals]
     power = [np.square(r[k]) for r, k in zip(residuals, known, strict=True)]
     total, count = sum(p.sum() for p in power), sum(p.size for p in power)
@@ -41,19 +29,18 @@ def locate(records, residuals, labels):
         return by, record, float(low), float(high), unit, share, share * count / max(size, 1)
 
     rows = []
-    for label, record, keep, own in zip(labels, records, known, power, strict=True):
-        time, last = record.dt * np.flatnonzero(keep), record.dt * (len(keep) - 1)
-        rows.append(row("record", label, 0.0, last, "s", own.sum(), own.size))
+    for s, keep, own in zip(slices, known, power, strict=True):
+        time, last = s.dt * np.flatnonzero(keep), s.dt * (len(keep) - 1)
+        rows.append(row("record", s.label, 0.0, last, "s", own.sum(), own.size))
         parts = _parts(np.linspace(0.0, last, 11), time, own)
-        rows += [row("time", label, low, high, "s", *part) for low, high, *part in parts if part[1]]
-    everything = np.concatenate(power)
-    drives = [(r.u, np.gradient(r.u, r.dt)) for r in records]
-    for i, (by, unit) in enumerate((("drive", "drive"), ("rate", "drive/s"))):
-        values = np.concatenate([pair[i][k] for pair, k in zip(drives, known, strict=True)])
+        rows += [row("time", s.label, low, high, "s", *own) for low, high, *own in parts if own[1]]
+    rates = [np.gradient(u, s.dt) for u, s in zip(drives, slices, strict=True)]
+    for by, unit, signals in (("drive", "drive", drives), ("rate", "drive/s", rates)):
+        values = np.concatenate([own[k] for own, k in zip(signals, known, strict=True)])
         edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, 11)))
-        parts = _parts(edges, values, everything)
-        rows += [row(by, None, low, high, unit, *part) for low, high, *part in parts]
-    rows += [("frequency", None, *own[:2], "Hz", *own[2:]) for own in _octaves(records, residuals)]
+        parts = _parts(edges, values, np.concatenate(power))
+        rows += [row(by, None, low, high, unit, *own) for low, high, *own in parts]
+    rows += [("frequency", None, *own[:2], "Hz", *own[2:]) for own in _octaves(slices, residuals)]
     order = ["record", "time", "drive", "rate", "frequency"]
     rows.sort(key=lambda own: (order.index(own[0]), -own[-1]))
     return pd.DataFrame(rows, columns=_COLUMNS)
@@ -66,21 +53,19 @@ def _parts(edges, values, power):
         yield low, high, power[which == i].sum(), np.count_nonzero(which == i)
 
 
-def _octaves(records, residuals):
+def _octaves(slices, residuals):
     """Yield low, high (Hz), share and concentration of the residual's spectrum, by octaves."""
-    top = 0.5 / min(record.dt for record in records)
-    longest = max(len(record.u) * record.dt for record in records)
+    top = 0.5 / min(s.dt for s in slices)
+    longest = max(s.dt * s.n_samples for s in slices)
     count = max(int(np.floor(np.log2(top * longest))), 1)
     edges = np.concatenate([[0.0], top * 2.0 ** np.arange(-count + 1.0, 1.0)])
     own, width = np.zeros(count), np.zeros(count)
-    for record, residual in zip(records, residuals, strict=True):
-        filled = np.where(np.isfinite(residual), residual, 0.0)
-        spectrum = np.abs(np.fft.rfft(filled)) ** 2
-        frequency = np.fft.rfftfreq(len(filled), record.dt)
+    for s, residual in zip(slices, residuals, strict=True):
+        spectrum = np.abs(np.fft.rfft(np.nan_to_num(residual))) ** 2
+        frequency = np.fft.rfftfreq(s.n_samples, s.dt)
         which = np.clip(np.searchsorted(edges, frequency, side="left") - 1, 0, count - 1)
-        own += np.bincount(which, spectrum, minlength=count) / len(filled)
+        own += np.bincount(which, spectrum, minlength=count) / s.n_samples
         width += np.bincount(which, minlength=count)
     share, part = own / own.sum(), width / width.sum()
-    for i in range(count):
-        if part[i] > 0.0:
-            yield float(edges[i]), float(edges[i + 1]), float(share[i]), float(share[i] / part[i])
+    for i in np.flatnonzero(part > 0.0):
+        yield float(edges[i]), float(edges[i + 1]), float(share[i]), float(share[i] / part[i])

@@ -36,12 +36,17 @@ def draw(claim):
     return _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
 
 
-# ------------------------------------------------------------------ against a signal
-
-
 def _styled(x, measured, identified):
     """Return curves measured and identified, of values at the same places."""
     return ("measured", x, measured, "points"), ("identified", x, identified, "line")
+
+
+def _spans(signals):
+    """Return the rows of each signal where all of them stand one behind the other."""
+    return [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, signals)]))]
+
+
+# ------------------------------------------------------------------ against a signal
 
 
 def _means(x, measured, identified, by_direction=False):
@@ -51,10 +56,7 @@ def _means(x, measured, identified, by_direction=False):
     x, measured, identified = map(np.concatenate, (x, measured, identified))
     return tuple(
         (f"{source}{label}", *binned_statistics(x[side], values[side])[:2], style)
-        for source, values, style in (
-            ("measured", measured, "points"),
-            ("identified", identified, "line"),
-        )
+        for source, _, values, style in _styled(x, measured, identified)
         for label, side in sides.items()
         if x[side].size
     )
@@ -124,10 +126,8 @@ def _force(title, claim, against="displacement", loop=False):
         x = modelled if fast else x
     elif claim.is_part:
         y_label, unit = "force that the others leave (response)", claim.units[0]
-        x = claim.inputs()
-        if fast:
-            x = [np.gradient(u, r.dt) for u, r in zip(x, claim.records, strict=True)]
-        measured, identified = claim.lacking(claim.rest.respond(claim.records))
+        x = _rates(claim, claim.inputs()) if fast else claim.inputs()
+        measured, identified = claim.lacking(claim.without)
     else:
         return _curve(title, claim, loop)
     signals = x, measured, identified
@@ -135,11 +135,16 @@ def _force(title, claim, against="displacement", loop=False):
     return Picture(title, f"{against} ({unit}{'/s' if fast else ''})", y_label, curves)
 
 
+def _rates(claim, signals):
+    return [np.gradient(u, r.dt) for u, r in zip(signals, claim.records, strict=True)]
+
+
 def _rate(title, claim):
     """Draw what rate-dependent plays add to slow ones against the rate of the drive."""
-    slow = claim.with_stage(replace(claim.operator, dilation=0.0, rate_weights=()))
-    x = [np.gradient(u, r.dt) for u, r in zip(claim.seen.inputs, claim.records, strict=True)]
-    curves = _means(x, *claim.lacking(slow.respond(claim.records)))
+    slow = replace(claim.operator, dilation=0.0, rate_weights=())
+    slow = claim.structure.with_stage(claim.at, operator=slow)
+    lacking = claim.lacking(slow.respond(claim.records))
+    curves = _means(_rates(claim, claim.seen.inputs), *lacking)
     return Picture(title, "rate of the drive (drive/s)", "what it adds (response)", curves)
 
 
@@ -152,21 +157,13 @@ def _measured_response(claim, numbers):
     Input is the model without the stage, output the measurement: what lies between them is what
     the stage has to do. ``numbers`` are those of the records to take.
     """
-    records = [claim.records[i] for i in numbers]
-    pairs = [
-        (x, claim.measured[i]) for i, x in zip(numbers, claim.rest.respond(records), strict=True)
-    ]
-    sizes = [len(record.u) for record in records]
+    inputs, dt = [claim.without[i] for i in numbers], claim.records[0].dt
+    pairs = zip(inputs, [claim.measured[i] for i in numbers], strict=True)
+    sizes = [len(x) for x in inputs]
     length = min(1024, *sizes, max(sum(sizes) // 4, 2))  # several segments, also of one record
-    found = frequency_response(
-        *stack_records(pairs, dt=records[0].dt),
-        method="h1",
-        segment_length=length,
-        detrend="linear",
-    )
-    edges = np.cumsum([0, *(len(x) for x, _ in pairs)])
-    spans = [slice(a, b) for a, b in pairwise(edges)]
-    frequency, density = spectrum(np.concatenate([x for x, _ in pairs]), spans, records[0].dt)
+    options = {"method": "h1", "segment_length": length, "detrend": "linear"}
+    found = frequency_response(*stack_records(pairs, dt=dt), **options)
+    frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
     # 60 dB below the strongest, what comes in is what leaks through the window
     excited = np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
     kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0) & excited
@@ -213,18 +210,24 @@ def _relaxation(title, claim):
     step = operator.run(np.ones(n), record.dt, operator.init(0.0, "zero"))[0]
     curve = ("identified", record.dt * late, step[late], "line")
     gain = replace(_frequency("", claim), x_label="frequency (Hz)", y_log=False, below=None)
-    x_label, y_label = "time after a step (s)", "response to a step of one"
-    return Picture(title, x_label, y_label, (curve,), x_log=True, below=gain)
+    labels = "time after a step (s)", "response to a step of one"
+    return Picture(title, *labels, (curve,), x_log=True, below=gain)
 
 
 # ------------------------------------------------------------------ over time
 
 
+def _beside(claim):
+    """Return what is left without a disturbance, and the disturbance, one array a record."""
+    own = claim.course(claim.operator)
+    left = zip(claim.measured, claim.modelled, own, strict=True)
+    return [y - x + part for y, x, part in left], own
+
+
 def _spectra(title, claim):
     """Draw the spectrum of what is left, with and without a disturbance."""
-    left, identified = map(np.concatenate, claim.beside())
-    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
-    spans = [slice(a, b) for a, b in pairwise(edges)]
+    spans = _spans(claim.measured)
+    left, identified = map(np.concatenate, _beside(claim))
     curves = tuple(
         (label, *spectrum(values, spans, claim.records[0].dt), "line")
         for label, values in (("without it", left), ("with it", left - identified))
@@ -236,7 +239,7 @@ def _spectra(title, claim):
 def _time(title, claim):
     """Draw a disturbance in the first records, or a stage where it does most."""
     if claim.kind != "beside":
-        without = claim.rest.respond(claim.records)
+        without = claim.without
         added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
         number = int(np.argmax([part.max() for part in added]))
         middle, n = int(np.argmax(added[number])), len(added[number])
@@ -246,7 +249,7 @@ def _time(title, claim):
         curves = (*_styled(time, *signals), ("without it", time, without[number][rows], "dashed"))
         return Picture(title, "time (s)", "response", curves)
     curves = []
-    for i, (record, left, own) in enumerate(zip(claim.records, *claim.beside(), strict=True)):
+    for i, (record, left, own) in enumerate(zip(claim.records, *_beside(claim), strict=True)):
         rows = slice(0, None, max(len(own) // 400, 1))
         time = (record.dt * np.arange(len(own)))[rows]
         curves += [(f"record {i}", time, left[rows], "points"), ("", time, own[rows], "line")]
@@ -260,7 +263,7 @@ def _time(title, claim):
 
 def _column(title, claim):
     """Draw what the drive does not explain against a column, or what its dynamics make of it."""
-    measured, identified = claim.lacking(claim.rest.respond(claim.records))
+    measured, identified = claim.lacking(claim.without)
     x, x_label = claim.in_column(), claim.column_name
     if "time_constant" in claim.values and claim.operator.gain:
         x = [own / claim.operator.gain for own in identified]
@@ -288,11 +291,10 @@ def _gains(claim):
     in line with the drive, which opens the loop. One value a record, or a bin of a moving column.
     """
     column, drive = np.concatenate(claim.in_column()), np.concatenate([r.u for r in claim.records])
-    base = np.concatenate(claim.rest.respond(claim.records))
+    base = np.concatenate(claim.without)
     inputs = np.column_stack([base, np.ones_like(base), drive])
     signals = np.column_stack([np.concatenate(y) for y in (claim.measured, claim.modelled)])
-    edges = np.cumsum([0, *(len(r.u) for r in claim.records)])
-    stretches = [np.arange(a, b) for a, b in pairwise(edges)]
+    stretches = _spans(claim.measured)
     if any(np.ptp(column[rows]) > 0.0 for rows in stretches):
         stretches = np.array_split(np.argsort(column, kind="stable"), 24)
     stretches.sort(key=lambda rows: column[rows].mean())
@@ -310,8 +312,7 @@ def changes_by_number(claim):
     if claim.kind == "scheduled stage":
         return _moved_modes(claim)
     number, gains = _gains(claim)
-    name, structure = claim.column_name, claim.structure
-    unit = claim.column_unit
+    name, unit, structure = claim.column_name, claim.column_unit, claim.structure
     found = {
         f"change of the {label}": (_change(gain[0], gain[-1]), np.nan, "%")
         for label, (_, gain) in gains.items()

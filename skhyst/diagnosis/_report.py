@@ -2,11 +2,8 @@
 
 import dataclasses
 import json
-import math
 import re
 from pathlib import Path
-
-import numpy as np
 
 from ._report_data import collect
 from ._report_figures import report_figures
@@ -129,28 +126,10 @@ class Report:
 
     def to_dict(self):
         """Return everything but the signals, as plain Python data; NaN and infinity are None."""
-        fields = {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
-            if field.name != "signals"
-        }
         summary = {"headline": self.headline, "sentence": self.sentence}
-        return _plain({"schema": "skhyst.report/1", **summary, **fields})
-
-    def to_json(self, path=None):
-        """Return :meth:`to_dict` as JSON text.
-
-        Parameters
-        ----------
-        path : str, Path or None, default=None
-            File to write as well.
-
-        Returns
-        -------
-        str
-        """
-        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        return _written(content, path)
+        fields = {name: value for name, value in vars(self).items() if name != "signals"}
+        text = json.dumps({"schema": "skhyst.report/1"} | summary | fields, default=_plain)
+        return json.loads(text, parse_constant=lambda _: None)
 
     def to_html(self, path=None):
         """Return a self-contained page: no script, no other file, nothing from a network.
@@ -172,36 +151,21 @@ class Report:
         return _written(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None):
-        """Return the text and the tables, without pictures.
-
-        Parameters
-        ----------
-        path : str, Path or None, default=None
-            File to write as well.
-
-        Returns
-        -------
-        str
-
-        Raises
-        ------
-        ImportError
-            Where Jinja2 is not installed.
-        """
+        """Return the text and the tables without pictures; otherwise as :meth:`to_html`."""
         return _written(_rendered(self, "markdown"), path)
+
+    def to_json(self, path=None):
+        """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
+        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return _written(content, path)
 
 
 def _plain(value):
-    """Return ``value`` as JSON has it: a number that is not finite is None."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """Return what JSON has in place of a NumPy value or a picture."""
+    if hasattr(value, "curves"):
+        curves = [{"label": c[0], "style": c[3], "x": c[1], "y": c[2]} for c in value.curves]
+        return vars(value) | {"curves": curves}
+    return value.tolist()
 
 
 def _rendered(report, form):

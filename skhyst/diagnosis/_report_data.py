@@ -3,7 +3,6 @@
 import math
 import platform
 from importlib.metadata import PackageNotFoundError, version
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -12,70 +11,62 @@ from ._effects import EFFECTS
 from ._location import locate
 from ._report_text import listed, number
 
-__all__ = ["collect", "looks", "next_steps"]
-
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 
 
 def collect(search, command, held_out):
     """Return the fields of a :class:`skhyst.diagnosis.Report`, by name."""
-    response = np.asarray(search.response_, dtype=float)
     columns = getattr(search, "feature_names_in_", ["drive"])
     names = {"drive_name": str(columns[0]), "response_name": str(search.response_name_)}
+    order = {"by": ["round", "error_after", "screen"], "ascending": [True, True, False]}
+    ranking = search.ranking_.sort_values(**order, kind="stable")
+    claims = [_claim(row) for row in search.history_.to_dict("records")]
+    not_it, data = _not_it(ranking, claims), _data(search)
+    location = _location(search.residual_location_, search.records_)
+    declared = locate(search.records_, search.drive_, search.residual_before_)
+    models = {"declared": search.declared_estimator_, "augmented": search.best_estimator_}
     predictions = {"declared model": search.prediction_before_}
     if search.effects_:
         predictions["with " + ", ".join(search.effects_)] = search.prediction_after_
-    ranking = search.ranking_.sort_values(
-        ["round", "error_after", "screen"],
-        ascending=[True, True, False],
-        na_position="last",
-        kind="stable",
-    ).to_dict("records")
-    claims = [_claim(row) for row in search.history_.to_dict("records")]
-    not_it, data = _not_it(ranking, claims), _data(search, response)
-    location = _location(search.residual_location_, search.records_)
-    found = {
-        "declared_model": " ".join(repr(search.declared_estimator_).split()),
-        "augmented_model": " ".join(repr(search.best_estimator_).split()),
+    signals = {
+        "drive": search.drive_,
+        "response": search.response_,
+        "predictions": predictions,
+        "records": search.records_,
+        "noise_floor": search.noise_floor_,
+    }
+    return {
+        **{f"{name}_model": " ".join(repr(model).split()) for name, model in models.items()},
         "effects": list(search.effects_),
         "verdict": search.verdict_,
         "error_before": float(search.error_before_),
         "error_after": float(search.error_after_),
         "noise_floor": float(search.noise_floor_),
-        "response_range": float(np.ptp(response)),
+        "response_range": float(np.ptp(search.response_)),
+        **names,
         "claims": claims,
-        "ranking": ranking,
+        "ranking": ranking.to_dict("records"),
         "not_it": not_it,
-        "parameters": {
-            "declared": _parameters(search.declared_estimator_),
-            "augmented": _parameters(search.best_estimator_),
-        },
+        "parameters": {name: _parameters(model) for name, model in models.items()},
         "data": data,
         "settings": {
             name: value if value is None or np.isscalar(value) else repr(value)
             for name, value in search.get_params(deep=False).items()
             if name not in _NO_SETTINGS
         },
-        "held_out": _held_out(search, held_out),
+        "held_out": None if held_out is None else _held_out(search, *held_out),
         "versions": _versions(),
-        "seconds": {str(stage): float(value) for stage, value in search.seconds_.items()},
+        "seconds": dict(search.seconds_),
         "command": command,
         "spectra": _spectra(search),
         "location": location,
-        "declared_location": _location(_of_declared(search), search.records_),
+        "declared_location": _location(declared, search.records_),
         "dropped": list(search.dropped_),
         "next_steps": next_steps(
             claims, not_it, location, search.verdict_, data["faults"], search.alpha
         ),
+        "signals": signals | names,
     }
-    signals = {
-        "drive": np.asarray(search.drive_, dtype=float),
-        "response": response,
-        "predictions": predictions,
-        "records": tuple(search.records_),
-        "noise_floor": found["noise_floor"],
-    }
-    return found | names | {"signals": signals | names}
 
 
 def _versions():
@@ -90,25 +81,18 @@ def _versions():
 
 
 def _claim(row):
-    """Return one claim: a row of the history with its evidence as plain data."""
+    """Return one claim: a row of the history with what its evidence says."""
     row, effect = dict(row), EFFECTS.get(row["effect"])
     evidence = row.pop("evidence")
-    numbers = [
-        {"name": name, "value": value, "std": std, "unit": unit}
-        for name, (value, std, unit) in evidence.numbers.items()
-    ]
-    own = {"law": effect.law if effect else "", "statement": evidence.statement}
-    return {**row, **own, "numbers": numbers, "picture": _picture(evidence.picture)}
-
-
-def _picture(picture):
-    if picture is None:
-        return None
-    curves = [
-        {"label": label, "style": style, "x": np.asarray(x).tolist(), "y": np.asarray(y).tolist()}
-        for label, x, y, style in picture.curves
-    ]
-    return {**vars(picture), "curves": curves, "below": _picture(picture.below)}
+    return row | {
+        "law": effect.law if effect else "",
+        "statement": evidence.statement,
+        "numbers": [
+            {"name": name, "value": value, "std": std, "unit": unit}
+            for name, (value, std, unit) in evidence.numbers.items()
+        ],
+        "picture": evidence.picture,
+    }
 
 
 def _not_it(ranking, claims):
@@ -118,34 +102,22 @@ def _not_it(ranking, claims):
     it explained in any round. Effects that fit as well as a claimed one are left out.
     """
     excluded = {name for claim in claims for name in (claim["effect"], *claim["ambiguous_with"])}
-    winners = {row["round"]: row for row in reversed(ranking) if row["claimed"]}
-    found = {}
-    for row in ranking:
-        own = {name: row[name] for name in ("effect", "round", "screen", "p_value")}
+    names = ["effect", "round", "screen", "p_value", "error_before", "error_after", "change"]
+    own = ranking.assign(change=ranking["error_after"] / ranking["error_before"] - 1.0)[names]
+    own = own[~own["effect"].isin(excluded)]
+    own = own.sort_values(["change", "screen"], ascending=[True, False], kind="stable")
+    claimed = ranking[ranking["claimed"].astype(bool)].drop_duplicates("round").set_index("round")
+    winners, rows = claimed.to_dict("index"), []
+    for row in own.drop_duplicates("effect").to_dict("records"):
         winner = winners.get(row["round"], {})
-        own |= {
-            "error_before": row["error_before"],
-            "error_after": row["error_after"],
-            "change": row["error_after"] / row["error_before"] - 1.0,
-            "claimed_instead": winner.get("effect"),
-            "claimed_error": winner.get("error_after", math.nan),
-        }
-        best = found.get(row["effect"])
-        if row["effect"] not in excluded and (best is None or _helped(own) < _helped(best)):
-            found[row["effect"]] = own
-    return sorted(found.values(), key=_helped)
-
-
-def _helped(row):
-    """Return the key by which tries are sorted, those that helped most first."""
-    contested = math.isfinite(row["change"])
-    return not contested, row["change"] if contested else 0.0, -row["screen"]
+        instead = winner.get("effect"), winner.get("error_after", math.nan)
+        rows.append(row | {"claimed_instead": instead[0], "claimed_error": instead[1]})
+    return rows
 
 
 def _parameters(estimator):
     """Return the parameters of a model, one row a value, with standard errors where known."""
-    rows = []
-    errors = getattr(estimator, "params_std_", {})
+    rows, errors = [], getattr(estimator, "params_std_", {})
     for name, value in getattr(estimator, "params_", {}).items():
         values = np.ravel(value)
         stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)
@@ -157,51 +129,40 @@ def _parameters(estimator):
     return rows
 
 
-def _data(search, response):
+def _data(search):
     """Return what the recording is: records, samples, interval, ranges."""
-    records = [
-        {
+    signals, records = {"drive": search.drive_, "response": search.response_}, []
+    for record in search.records_:
+        own = {
             "label": str(record.label),
-            "n_samples": int(record.n_samples),
-            "start_time": float(record.start_time),
-            "duration": float(record.dt * record.n_samples),
-            "drive_min": float(search.drive_[record.rows].min()),
-            "drive_max": float(search.drive_[record.rows].max()),
-            "response_min": float(response[record.rows].min()),
-            "response_max": float(response[record.rows].max()),
+            "n_samples": record.n_samples,
+            "start_time": record.start_time,
+            "duration": record.dt * record.n_samples,
         }
-        for record in search.records_
-    ]
+        for name, signal in signals.items():
+            part = signal[record.rows]
+            own |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
+        records.append(own)
     faults = search.data_quality_.drop(columns="value").astype({"record": str})
     return {
         "n_records": len(records),
-        "n_samples": len(response),
+        "n_samples": len(search.response_),
         "n_scored": int(np.count_nonzero(np.isfinite(search.residual_before_))),
-        "n_inputs": int(search.n_features_in_),
-        "interval": float(search.records_[0].dt),
+        "n_inputs": search.n_features_in_,
+        "interval": search.records_[0].dt,
         "records": records,
-        "faults": faults.assign(rows=faults["rows"].map(list)).to_dict("records"),
+        "faults": faults.to_dict("records"),
     }
 
 
-def _held_out(search, held_out):
+def _held_out(search, X, y):
     """Return the errors of both models on data that the search has not seen."""
-    if held_out is None:
-        return None
-    X, y = held_out
     return {
         "n_samples": len(y),
         "response_range": float(np.ptp(np.asarray(y, dtype=float))),
         "error_before": search.held_out_error(X, y, declared=True),
         "error_after": search.held_out_error(X, y),
     }
-
-
-def _of_declared(search):
-    """Return where what the declared model leaves stands, as ``residual_location_`` does."""
-    records = [SimpleNamespace(u=search.drive_[r.rows], dt=r.dt) for r in search.records_]
-    residuals = [search.residual_before_[r.rows] for r in search.records_]
-    return locate(records, residuals, [record.label for record in search.records_])
 
 
 def _location(table, slices):

@@ -1,7 +1,5 @@
 """Pictures of a report, as SVG text that stands inside a page."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 
@@ -13,23 +11,13 @@ from ..inspection import (
     svg_text,
 )
 
-__all__ = ["report_figures"]
-
 _WIDTH = 7.4  # inches
 
 
 def report_figures(report):
-    """Draw every picture of a report.
+    """Draw every picture: ``loops``, ``residuals``, one a round and one a claim.
 
-    Parameters
-    ----------
-    report : Report
-
-    Returns
-    -------
-    dict of str to (str or list of str)
-        ``"loops"``, ``"residuals"``: one SVG each; ``"rankings"``, ``"evidence"``: lists, one a
-        round (empty where nothing was contested) and one a claim.
+    One of a round is empty where nothing was contested.
     """
     panels = len(report.signals["predictions"])
 
@@ -73,18 +61,8 @@ def _ranking(report, number):
 
 def _evidence(claim):
     """Draw the picture of one claim."""
-    picture = _drawn(claim["picture"])
+    picture = claim["picture"]
     size = (_WIDTH, 3.4 if picture.below is None else 5.4)
     display = EvidenceDisplay(picture)
     label = f"Evidence for {claim['effect']}"
     return svg_text(lambda figure: display.plot(ax=figure.subplots()), size, label)
-
-
-def _drawn(picture):
-    """Return a picture of plain data as one to draw."""
-    if picture is None:
-        return None
-    curves = [
-        (c["label"], np.array(c["x"]), np.array(c["y"]), c["style"]) for c in picture["curves"]
-    ]
-    return SimpleNamespace(**{**picture, "curves": curves, "below": _drawn(picture["below"])})

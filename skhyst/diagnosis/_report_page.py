@@ -5,8 +5,6 @@ import math
 from ._report_data import looks
 from ._report_text import change, in_words, listed, number, percent, plus_minus, share, unit_of
 
-__all__ = ["page", "verdict"]
-
 
 def verdict(report):
     """Return the headline and the sentence that says what a search found."""
@@ -40,17 +38,10 @@ def verdict(report):
 
 
 def page(report, figures=None):
-    """Return the blocks of a report, from top to bottom: dicts with a ``kind``.
-
-    Parameters
-    ----------
-    report : Report
-    figures : dict, optional
-        Of :func:`report_figures`; none in a text.
-    """
+    """Return the blocks of a report, from top to bottom: dicts with a ``kind``."""
     sections = _errors, _signals, _candidates, _claims, _left, _not_it, _next, _parameters
-    blocks = [list(section(report, figures)) for section in (*sections, _data, _origin)]
-    return [block for own in blocks for block in own]
+    sections += _data, _origin
+    return [block for section in sections for block in section(report, figures)]
 
 
 def _heading(text, level=2):

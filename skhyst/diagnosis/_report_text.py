@@ -3,8 +3,6 @@
 import math
 import re
 
-__all__ = ["change", "in_words", "listed", "number", "percent", "plus_minus", "share", "unit_of"]
-
 
 def _powers(exponent):
     return f" × 10{str(exponent).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"

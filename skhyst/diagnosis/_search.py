@@ -18,6 +18,7 @@ from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
 from ._candidates import Candidate, certainties, held_out
+from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings
@@ -119,8 +120,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Both fitted on all data. Where a regressor that is no parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
-        How the power of what is left is spread over records, time, drive, rate and frequency: see
-        ``concentration``. Of use where the verdict is ``"unexplained"``.
+        How the power of what is left is spread, one row a record, a tenth of its time, of the drive
+        or its rate, or an octave: ``by``, ``record``, ``low``, ``high``, ``unit``, ``share`` of the
+        power, and ``concentration``, mean power there over that of the whole, 1 for white noise. Of
+        use where the verdict is ``"unexplained"``.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice
@@ -226,12 +229,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return self
 
     def _chosen_effects(self):
-        if isinstance(self.effects, str):
-            if self.effects == "all":
-                return list(EFFECTS.values())
-            names = [self.effects]
-        else:
-            names = list(self.effects)
+        names = np.ravel(self.effects).tolist()
+        names = list(EFFECTS) if names == ["all"] else names
         unknown = [name for name in names if name not in EFFECTS]
         if unknown:
             raise ValueError(
@@ -290,63 +289,48 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        measured = declared.measured(records)
-        self._judge(measured, base, records)
-        self.residual_location_ = locate(measured, base.residuals, [s.label for s in slices])
+        self._judge(declared.measured(records), base, rounds)
+        self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
         del self._inputs
         self._structure = base.structure
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
-        self.evidence_ = {
-            row["effect"]: gather_evidence(
-                EFFECTS[row["effect"]],
-                base.structure,
-                result,
-                records,
-                first,
-                base,
-                (getattr(self, "feature_names_in_", ()), self.response_name_),
-            )
-            for row in history
-        }
+        columns, self.evidence_ = tuple(getattr(self, "feature_names_in_", ())), {}
         for row in history:
-            row["evidence"] = self.evidence_[row["effect"]]
+            effect = EFFECTS[row["effect"]]
+            claim = Claim(effect, base.structure, result, tuple(records), columns)
+            row["evidence"] = gather_evidence(claim, first.error, base.error, self.response_name_)
+            self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=_HISTORY)
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _judge(self, measured, base, records):
-        """Set the noise floor and the verdict."""
-        if base.error <= NEGLIGIBLE * np.ptp(self.response_):
+    def _judge(self, measured, base, rounds):
+        """Set the noise floor and the verdict.
+
+        Judged is the fit to everything: a held-out record that goes further than the others shows
+        what they do not determine, which is no missing structure.
+        """
+        if base.error <= rounds.negligible:
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
-        judgement = self._judgement(records, measured, base)
+        problem = base.structure.problem(rounds.records)
+        fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
+        predictions = [  # where nothing counts there is none
+            np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
+            for r, own, part in zip(rounds.records, base.predictions, fitted, strict=True)
+        ]
+        residuals = [r.y - part for r, part in zip(rounds.records, predictions, strict=True)]
+        order = by_content(self.records_, self.drive_, self.response_)
+        seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
+        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
+        judgement = judge_residual(*seen, rng, rounds.criterion)
         self.noise_floor_ = judgement.error
         self.verdict_ = "unexplained" if judgement.structured else "noise"
-
-    def _judgement(self, records, measured, base):
-        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        # of the fit to everything: a held-out record that goes further than the others shows what
-        # they do not determine, which is no missing structure
-        order = by_content(self.records_, self.drive_, self.response_)
-        seen = [[part[i] for i in order] for part in (measured, *self._fitted(records, base))]
-        criterion = Criterion(self.alpha, self.min_improvement)
-        return judge_residual(*seen, rng, criterion)
-
-    @staticmethod
-    def _fitted(records, base):
-        """Return residuals and predictions of the fit to all records, NaN where nothing counts."""
-        problem = base.structure.problem(records)
-        fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
-        predictions = [
-            np.where(np.isfinite(held_out) & _counts(record), p, np.nan)
-            for record, held_out, p in zip(records, base.predictions, fitted, strict=True)
-        ]
-        return [r.y - p for r, p in zip(records, predictions, strict=True)], predictions
 
     def _say(self, text):
         if self.verbose:
@@ -400,11 +384,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the :class:`Report`: HTML, Markdown, JSON."""
         check_is_fitted(self)
         return Report.from_search(self, command=command)
-
-
-def _counts(record):
-    """Return where a sample counts at all."""
-    return True if record.weights is None else record.weights > 0.0
 
 
 def _with_others(drive, columns):

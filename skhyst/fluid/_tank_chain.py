@@ -112,6 +112,14 @@ class TankChainOperator(Operator):
         """Whether there are ceilings."""
         return self.ceilings is not None
 
+    def characteristics(self, seen):
+        """Return the powers of the level, and the response at the last ceiling."""
+        ceiling = self.gain * self.ceilings[-1] + self.intercept if self.is_limited else np.nan
+        return {
+            "power of the level": (self.exponents, ""),
+            "response at the ceiling": (ceiling, "response"),
+        }
+
     def parameter_specs(self):
         specs = super().parameter_specs()
         if not self.is_limited:

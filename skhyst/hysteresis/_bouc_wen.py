@@ -16,7 +16,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._bouc_wen_curve import curve_run, curve_tangents, curves
-from ._common import require, show
+from ._common import force_characteristics, require, show
 
 __all__ = ["BoucWen", "BoucWenOperator"]
 
@@ -164,6 +164,9 @@ class BoucWenOperator(Operator):
 
     def way_before_sliding(self):
         return float(self.limit)
+
+    def characteristics(self, seen):
+        return force_characteristics(abs(self.alpha) * self.limit, abs(self.alpha))
 
     @cached_property
     def _sides(self):

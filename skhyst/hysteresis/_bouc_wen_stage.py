@@ -92,6 +92,11 @@ class BoucWenStageOperator(OscillatorOperator):
             gamma = self.shape * beta
         return p | {"alpha": alpha, "beta": float(beta), "gamma": float(gamma)}
 
+    def characteristics(self, seen):
+        bounded = self.shape > -1.0
+        factor = (1.0 + self.shape) ** (-1.0 / self.exponent) if bounded else 1.0
+        return self._force_characteristics(self.level * factor)
+
     def _fed_back(self, s, shift):
         return {"hysteresis_stiffness": self.hysteresis_stiffness / s}
 

@@ -34,6 +34,15 @@ class FrictionModel(ParametricModel):
     series_rank = 10
 
 
+def force_characteristics(level, stiffness):
+    """Return the characteristics of a hysteretic force whose input is the displacement."""
+    return {
+        "largest hysteretic force": (level, "response"),
+        "stiffness after a turn": (stiffness, "response/drive"),
+        "way before it yields": (level / stiffness, "drive"),
+    }
+
+
 def swing(records):
     """Return the largest peak-to-peak drive of the records, 1 where the drive never moves."""
     return max(float(np.ptp(record.u)) for record in records) or 1.0

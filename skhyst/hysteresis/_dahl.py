@@ -14,7 +14,7 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..operators import OneStateOperator, parameter
-from ._common import FrictionModel, half_range, swing
+from ._common import FrictionModel, force_characteristics, half_range, swing
 
 __all__ = ["Dahl", "DahlOperator"]
 
@@ -103,6 +103,10 @@ class DahlOperator(OneStateOperator, step=dahl_step):
 
     def way_before_sliding(self):
         return float(self.presliding_displacement)
+
+    def characteristics(self, seen):
+        force = abs(self.coulomb_force)
+        return force_characteristics(force, force / self.presliding_displacement)
 
 
 _STARTS = np.geomspace(0.003, 1.0, 6)  # presliding displacements, parts of the drive's swing

@@ -252,6 +252,13 @@ class FrictionStageOperator(OscillatorOperator):
             "bristle_damping": 2.0 * self.bristle_damping * self.natural_frequency * mass,
         }
 
+    def characteristics(self, seen):
+        velocity = abs(self.gain) * self.stribeck_velocity
+        return {
+            "stribeck velocity": (velocity, "response/s"),
+            "way before sliding": (self.way_before_sliding(), "response"),
+        }
+
     def _fed_back(self, s, shift):
         return {
             "stribeck_velocity": self.stribeck_velocity * s,

@@ -360,3 +360,13 @@ class OscillatorOperator(Operator):
         dy[:, -2] = q
         dy[:, -1] = 1.0
         return self.gain * q + self.intercept, dy
+
+    def _force_characteristics(self, level):
+        """Return those of a hysteretic force up to a level (units of the drive), if any."""
+        if not self.hysteresis_stiffness > 0.0:
+            return {}
+        way = abs(self.gain) * level / self.hysteresis_stiffness
+        return {
+            "largest hysteretic force": (level, "drive"),
+            "way before it yields": (way, "response"),
+        }

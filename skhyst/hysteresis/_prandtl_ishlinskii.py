@@ -143,6 +143,15 @@ class PrandtlIshlinskiiOperator(PlaySum):
             dy = np.delete(dy, m, axis=1)
         return y, dy
 
+    def characteristics(self, seen):
+        """Return the width of the loop over what comes in, behind a first way to its lower end."""
+        low, high = seen.ends
+        way = np.linspace(low, high, 400)
+        y = self.run(np.concatenate([np.linspace(0.0, low, 400), way, way[::-1], way]), 1.0)[0]
+        down, up = y[800:1200][::-1], y[1200:]
+        width = 100.0 * np.abs(up - down).max() / np.ptp([up, down])
+        return {"loop width over the range": (width, "%")}
+
     def plays(self, state):
         """Return the values of the plays in a state, shape (n_plays,), less the drive's offset."""
         plays = np.zeros(self.thresholds.size)

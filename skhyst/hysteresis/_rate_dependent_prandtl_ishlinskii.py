@@ -222,6 +222,13 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         ones = np.ones((u.size, 1))
         return y, np.hstack((carried, plays, scaled, ones, out[:, m : drive.shape[1]]))
 
+    def characteristics(self, seen):
+        """Return how much the loop grows at the rate that a tenth of the samples exceed."""
+        fast = np.quantile(seen.rates, 0.9)
+        change = self.dilation or np.sum(self.rate_weights) / np.sum(self.weights)
+        growth = 100.0 * change * fast / (0.5 * np.ptp(seen.ends) if self.dilation else 1.0)
+        return {"growth at fast motion": (growth, "%"), "fast motion": (fast, "drive/s")}
+
     def drive_at_rates(self, y, rates, plays=None):
         """Return the drive (n_samples,) under which the response is ``y``, its rates being known.
 

@@ -119,6 +119,30 @@ class RestoringForceOperator(OscillatorOperator):
             "preload": drive_gain * self.preload,
         }
 
+    def characteristics(self, seen):
+        return self._swing(seen) | self._force_characteristics(self.slip_level)
+
+    def _swing(self, seen):
+        """Return what the spring does on the largest swing."""
+        frequency, c = self.natural_frequency / (2.0 * np.pi), self.stiffness_coefficients
+        if not np.any(c):
+            return {"resonance at small amplitude": (frequency, "Hz")}
+        half = max(np.abs(y - self.intercept).max() for y in seen.outputs)
+        # force over the linear one's at the end, a polynomial of the cosine of the phase: its
+        # Chebyshev coefficients are the harmonics
+        force, degrees = np.zeros(2 * c.size + 2), 2 * np.arange(1, c.size + 1)
+        force[1] = 1.0
+        force[degrees + 1] = c * (half / abs(self.gain * self.scale)) ** degrees
+        _, first, _, third, *_ = np.polynomial.chebyshev.poly2cheb(force)
+        excess, resonance = force.sum() - 1.0, frequency * np.sqrt(max(first, 0.0))
+        return {
+            "nonlinear over linear spring force at full amplitude": (100.0 * excess, "%"),
+            "full amplitude": (half, "response"),
+            "resonance at small amplitude": (frequency, "Hz"),
+            "resonance at full amplitude": (resonance, "Hz"),
+            "third harmonic of the force": (100.0 * abs(third / first), "%"),
+        }
+
     def _fed_back(self, s, shift):
         springs = np.arange(1, self.stiffness_coefficients.size + 1)
         dampers = np.arange(1, self.damping_coefficients.size + 1)

@@ -58,6 +58,9 @@ class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
     rate: float = parameter(log=True, lower=0.0, unit="drive/s")
     rank = 0
 
+    def characteristics(self, seen):
+        return {"fastest drive": (seen.rates.max(), "drive/s")}
+
     def _rest(self, u0):
         return u0, (1.0, 0.0)
 

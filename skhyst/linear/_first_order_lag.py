@@ -26,6 +26,9 @@ class FirstOrderLagOperator(LinearOperator):
     def lag_rates(self):
         return [1.0 / self.time_constant]
 
+    def characteristics(self, seen):
+        return {"corner frequency": (0.5 / (np.pi * self.time_constant), "Hz")}
+
     def _matrices(self, p):
         rate = 1.0 / p[0]
         return np.array([[-rate]]), np.array([rate]), np.array([p[1]]), 0.0 * p[0]

@@ -45,6 +45,10 @@ class KelvinVoigtOperator(LinearOperator):
     def with_poles(self, rates, pairs):
         return replace(self, time_constants=1.0 / np.array(rates))
 
+    def characteristics(self, seen):
+        creep = 100.0 * (1.0 - 1.0 / (1.0 + np.sum(self.compliances)))
+        return {"creep over the settled response": (creep, "%")}
+
     def _matrices(self, p):
         n = np.size(self.compliances)
         rates = 1.0 / p[n : 2 * n]

@@ -51,7 +51,8 @@ class WrappedOperator(_ByEntries):
 # what is declared of the operator within holds for the whole, attributes and methods alike
 for _name in (
     *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless"),
-    *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "entries", "pack"),
+    *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "characteristics"),
+    *("entries", "pack"),
 ):
     setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
 for _name in ("linear_mask", "gauge_entries", "gauge_mask", "constant_mask"):

@@ -111,6 +111,25 @@ class Operator(ABC):
         """Return the rates (rad/s) of the first-order lags among the poles."""
         return []
 
+    def characteristics(self, seen) -> dict[str, tuple]:
+        """Return what characterises the operator beyond its parameters, as an engineer counts it.
+
+        Parameters
+        ----------
+        seen : object
+            What has come in and out, in lists of one array a record: ``inputs`` and ``outputs``;
+            ``dts``, intervals in s; ``ends``, the smallest and the largest input; ``rates``,
+            absolute rates of the input, (n,); of a disturbance ``coefficients``, (n_records,
+            n_coefficients).
+
+        Returns
+        -------
+        dict of str to (float or array-like, str)
+            Value or values, NaN for one that is not there, and the unit, see
+            :class:`ParameterSpec`.
+        """
+        return {}
+
     def linear_mode(self) -> "Operator | None":
         """Return the second-order mode that is left without what bends it, if there is one."""
         return None

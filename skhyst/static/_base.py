@@ -30,6 +30,13 @@ class StaticOperator(Operator):
         y, slope, own = self._evaluate(u)
         return y, np.concatenate([du * slope[:, None], own], axis=1)
 
+    def bend(self, seen):
+        """Return how far the curve departs from a straight line over what comes in."""
+        v = np.linspace(*seen.ends, 300)
+        departure = self.run(v, 1.0)[0] - v
+        departure -= np.polyval(np.polyfit(v, departure, 1), v)
+        return {"departure from a straight line": (100.0 * np.ptp(departure) / np.ptp(v), "%")}
+
 
 class StaticModel(ParametricModel):
     """Base of the memoryless models.

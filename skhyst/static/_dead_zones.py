@@ -34,6 +34,8 @@ class DeadZoneOperator(StaticOperator):
     side: np.ndarray
     rank: int = 20
 
+    characteristics = StaticOperator.bend
+
     def _evaluate(self, v):
         distance = v[:, None] - self.thresholds
         active = (distance * self.side > 0.0).astype(float)

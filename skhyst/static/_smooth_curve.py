@@ -26,6 +26,8 @@ class PolynomialCurveOperator(StaticOperator):
     scale: float
     rank: int = 40
 
+    characteristics = StaticOperator.bend
+
     def _evaluate(self, v):
         z = (v - self.center) / self.scale
         inside = np.clip(z, -1.0, 1.0)

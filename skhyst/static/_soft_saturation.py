@@ -57,6 +57,10 @@ class SoftSaturationOperator(StaticOperator):
             own[straight] = 0.0
         return self.center + value, slope, own
 
+    def characteristics(self, seen):
+        taken = np.abs(self.run(seen.ends, 1.0)[0] - seen.ends).max()
+        return {"what it takes at the ends": (taken, "response")}
+
     def inverse(self, y):
         """Return the drive of a response (n_samples,).
 

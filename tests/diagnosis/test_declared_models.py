@@ -1,7 +1,7 @@
 """Every hysteresis model can be declared, and an effect beside or behind it is found.
 
 The hysteresis of the recordings is the model's own, so that nothing else is missing; the effect is
-made by NumPy alone.
+not that of the package.
 """
 
 import warnings
@@ -9,17 +9,19 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
+from plants import physics
 from sklearn.base import clone
 
-from skhyst import hysteresis
+from skhyst import hysteresis, linear
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.disturbance import Offset
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, LogCreep
+from skhyst.linear import FirstOrderLag, Gain
 from skhyst.records import stack_records
 
+pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
 DT = 0.01
 N = 300
 OPTIONS = {
@@ -40,15 +42,11 @@ MODELS = sorted(
 )
 
 
-LAWS = {  # what made-up loops are no model of
-    "DynamicStiffness": DynamicStiffness,
-    "Gain": Gain,
-    "LogCreep": LogCreep,
-}
+LAWS = ["DynamicStiffness", "Gain", "LogCreep"]  # what made-up loops are no model of
 
 
 def model(name):
-    return LAWS[name]() if name in LAWS else getattr(hysteresis, name)(**OPTIONS.get(name, {}))
+    return getattr(linear if name in LAWS else hysteresis, name)(**OPTIONS.get(name, {}))
 
 
 def drives(seed):
@@ -69,14 +67,9 @@ def recording(name, change, seed=3):
         fitted = model(name).fit(*stack_records(list(zip(u, loop, strict=True)), dt=DT))
     clean = [fitted.operator_.run(v, DT)[0] for v in u]
     size = np.ptp(np.concatenate(clean))
-    rng = np.random.default_rng(seed)
-    return stack_records(
-        [
-            (v, change(y, i, size) + 0.002 * size * rng.normal(size=N))
-            for i, (v, y) in enumerate(zip(u, clean, strict=True))
-        ],
-        dt=DT,
-    )
+    changed = [change(y, i, size) for i, y in enumerate(clean)]
+    X, y = stack_records(list(zip(u, changed, strict=True)), dt=DT)
+    return X, y + 0.002 * size * np.random.default_rng(seed).normal(size=len(y))
 
 
 def offset(y, i, size):
@@ -88,18 +81,9 @@ def nothing(y, i, size):
 
 
 def lag(y, i, size):
-    """Integrate ``x' = (y - x) / 0.05`` between samples, in fine steps."""
-    x, out = y[0], np.empty_like(y)
-    fine = 50
-    for k in range(len(y)):
-        start = y[max(k - 1, 0)]
-        for j in range(fine):
-            x += (start + (y[k] - start) * (j + 0.5) / fine - x) * DT / 0.05 / fine
-        out[k] = x
-    return out
+    return physics.first_order(y, DT, 0.05)
 
 
-@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
 @pytest.mark.parametrize(
     ("name", "change"),
     [(name, offset) for name in MODELS]
@@ -116,7 +100,6 @@ def test_the_effect_is_found(name, change):
     assert np.isfinite(search.predict(X)).all()
 
 
-@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
 @pytest.mark.parametrize("name", MODELS)
 def test_in_a_cascade(name):
     X, y = recording(name, lag)
@@ -125,7 +108,6 @@ def test_in_a_cascade(name):
     assert cascade.operators_["lag"].time_constant == pytest.approx(0.05, rel=0.1)
 
 
-@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
 @pytest.mark.parametrize("change", [nothing, lag])
 @pytest.mark.parametrize("name", LAWS)
 def test_other_laws(name, change):

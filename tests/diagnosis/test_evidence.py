@@ -1,7 +1,8 @@
 """The numbers of a claim are those of the plant."""
 
+from functools import cache
+
 import numpy as np
-import pandas as pd
 import plants
 import pytest
 from plants import make_recording, physics
@@ -19,32 +20,23 @@ from skhyst.diagnosis import (
 from skhyst.disturbance import Drift
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import DynamicStiffness, FirstOrderLag, SecondOrderMode
+from skhyst.records import stack_records
 
 SEED = 9000
-# what is declared, and the seed of the plant, where they are not those of the others
-DECLARED = {
-    "hysteresis": "second_order",
-    "backlash": "second_order",
-    "friction": "second_order",
-    "cubic_stiffness": "second_order",
-    "slew_limit": "second_order",
-}
-MODELS = {"prandtl_ishlinskii": PrandtlIshlinskii, "second_order": SecondOrderMode}
-NEW = plants.EFFECTS[11:]
-_found = {}
+IN_MOTION = ["hysteresis", "backlash", "friction", "cubic_stiffness", "slew_limit"]
 
 
+@cache
 def found(effect):
     """Return a recording and the search for its one effect, each made once."""
-    if effect not in _found:
-        declared = DECLARED.get(effect, "prandtl_ishlinskii")
-        few = effect in NEW and effect != "amplitude_dependence"  # whose records are compared
-        n_samples = 2000 if few else 4000
-        recording = make_recording(effect, declared, SEED, n_samples=n_samples)
-        search = EffectSearchCV(MODELS[declared](), effects=[effect], max_effects=1, random_state=0)
-        search.fit(recording.X_train, recording.y_train)
-        _found[effect] = recording, search
-    return _found[effect]
+    model, declared = PrandtlIshlinskii(), "prandtl_ishlinskii"
+    if effect in IN_MOTION:
+        model, declared = SecondOrderMode(), "second_order"
+    # records of several amplitudes are compared
+    few = effect in plants.EFFECTS[11:] and effect != "amplitude_dependence"
+    recording = make_recording(effect, declared, SEED, n_samples=2000 if few else 4000)
+    search = EffectSearchCV(model, effects=[effect], max_effects=1, random_state=0)
+    return recording, search.fit(recording.X_train, recording.y_train)
 
 
 def numbers_and_truth(effect):
@@ -86,11 +78,7 @@ def test_every_claim_has_a_sentence_numbers_and_a_picture(effect):
             assert style in ("line", "points", "dashed")
 
 
-def first_two_harmonics(k3, half):
-    """Return the first and third harmonic of x + k3 x^3 under half * cos, over half."""
-    return 1.0 + 0.75 * k3 * half**2, 0.25 * k3 * half**2
-
-
+CREEP = "creep over the settled response"
 # effect -> name of a number, what it is by the truth, and a small part of it
 NUMBERS = [
     ("lag", "time constant", lambda t: t["tau"], 0.005),
@@ -98,12 +86,7 @@ NUMBERS = [
     ("delay", "delay", lambda t: t["delay"], 0.005),
     ("resonance", "natural frequency", lambda t: t["frequency"], 0.005),
     ("resonance", "damping ratio", lambda t: t["damping"], 0.03),
-    (
-        "creep",
-        "creep over the settled response",
-        lambda t: 100.0 - 100.0 / (1.0 + t["compliances"].sum()),
-        0.02,
-    ),
+    ("creep", CREEP, lambda t: 100.0 - 100.0 / (1.0 + t["compliances"].sum()), 0.02),
     ("offset", "spread between records", lambda t: np.ptp(t["values"][: plants.N_TRAIN]), 0.02),
     ("drift", "largest span in a record", lambda t: t["spans"][: plants.N_TRAIN].max(), 0.05),
     ("dead_zone", "width of the band", lambda t: 2.0 * t["half_width"], 0.01),
@@ -134,7 +117,7 @@ def test_units_are_those_of_what_the_part_stands_between():
         ("resonance", "natural frequency"): "Hz",
         ("friction", "stribeck velocity"): "response/s",
         ("auxiliary_input", "gain"): "response/temperature",
-        ("creep", "creep over the settled response"): "%",
+        ("creep", CREEP): "%",
     }
     for (effect, name), unit in units.items():
         assert numbers_and_truth(effect)[0][name][2] == unit
@@ -157,10 +140,10 @@ def test_periodic_disturbance():
 def test_saturation(effect):
     numbers, truth = numbers_and_truth(effect)
     levels = {"lower level": truth["low"], "upper level": truth["high"]}
-    levels = {name: level for name, level in levels.items() if np.isfinite(level)}
-    assert set(numbers) == set(levels)  # a side that is not clipped is not claimed
-    for name, level in levels.items():
-        assert_near(numbers[name], level, 0.01)
+    # a side that is not clipped is not claimed
+    assert set(numbers) == {name for name, level in levels.items() if np.isfinite(level)}
+    for name, number in numbers.items():
+        assert_near(number, levels[name], 0.01)
 
 
 def shape(v, y):
@@ -233,23 +216,18 @@ def test_creep_relaxes_after_a_step():
     assert gain.x_log
 
 
-def test_slew_limit():
+def test_rates():
     numbers, truth = numbers_and_truth("slew_limit")
     assert numbers["fastest drive"][0] > truth["rate"]
-
-
-def test_rate_dependence_grows_with_the_rate():
     numbers, truth = numbers_and_truth("rate_dependence")
-    recording, _ = found("rate_dependence")
-    half = 0.5 * np.ptp(recording.X_train["drive"])
+    half = 0.5 * np.ptp(found("rate_dependence")[0].X_train["drive"])
     growth = 100.0 * truth["dilation"] * numbers["fast motion"][0] / half
     assert numbers["growth at fast motion"][0] == pytest.approx(growth, rel=0.02)
 
 
 def test_friction_follows_the_sign_of_the_velocity():
-    recording, _ = found("friction")
     numbers, truth = numbers_and_truth("friction")
-    peak = np.abs(recording.X_train["drive"]).max()
+    peak = np.abs(found("friction")[0].X_train["drive"]).max()
     assert_near(numbers["static level"], truth["static"] * peak, 0.05)
     v, force = picture("friction")[0]["identified"]
     moves = np.abs(v) > 0.05 * np.ptp(v)
@@ -259,10 +237,10 @@ def test_friction_follows_the_sign_of_the_velocity():
 def test_cubic_stiffness():
     recording, _ = found("cubic_stiffness")
     numbers, truth = numbers_and_truth("cubic_stiffness")
-    half = numbers["full amplitude"][0]
-    first, third = first_two_harmonics(truth["k3_over_k"], half)
-    share = 100.0 * truth["k3_over_k"] * half**2
-    assert_near(numbers["nonlinear over linear spring force at full amplitude"], share, 0.05)
+    share = truth["k3_over_k"] * numbers["full amplitude"][0] ** 2
+    first, third = 1.0 + 0.75 * share, 0.25 * share  # harmonics of x + share x^3 under a cosine
+    nonlinear = numbers["nonlinear over linear spring force at full amplitude"]
+    assert_near(nonlinear, 100.0 * share, 0.05)
     assert_near(numbers["third harmonic of the force"], 100.0 * third / first, 0.05)
     frequency = recording.truth["mode"]["frequency"]
     assert_near(numbers["resonance at small amplitude"], frequency, 0.01)
@@ -287,17 +265,14 @@ def test_auxiliary_input_explains_the_residual():
 
 
 def test_amplitude_dependence_of_the_gain():
-    t = np.arange(300) * 0.01
-    X, y, rng = [], [], np.random.default_rng(SEED)
-    for number, amplitude in enumerate((1.0, 2.0, 3.0, 4.0)):
-        drive = amplitude * np.sin(2.0 * np.pi * t + 0.3 * number)
-        index = pd.MultiIndex.from_product([[number], t], names=["record", "time"])
-        X.append(pd.DataFrame({"drive": drive}, index=index))
-        gain = 5.0 * (1.0 + 0.1 * amplitude)
-        y.append(pd.Series(gain * drive + 0.01 * rng.standard_normal(t.size), index=index))
+    t, rng = np.arange(300) * 0.01, np.random.default_rng(SEED)
+    sizes = np.array([1.0, 2.0, 3.0, 4.0])
+    drives = [a * np.sin(2.0 * np.pi * t + 0.3 * number) for number, a in enumerate(sizes)]
+    gains = 5.0 * (1.0 + 0.1 * sizes)
+    X, y = stack_records([(u, k * u) for u, k in zip(drives, gains, strict=True)], dt=0.01)
     search = EffectSearchCV(
         PrandtlIshlinskii(thresholds=[0.0]), effects=["amplitude_dependence"], max_effects=1
-    ).fit(pd.concat(X), pd.concat(y))
+    ).fit(X, y + 0.01 * rng.standard_normal(len(y)))
     assert search.effects_ == ["amplitude_dependence"]
     evidence = search.evidence_["amplitude_dependence"]
     (_, x, gains, _), *_ = evidence.picture.curves
@@ -308,26 +283,18 @@ def test_amplitude_dependence_of_the_gain():
 
 def force_recording(extra):
     """Return motions of a mass on a spring and dashpot and their forces, with an extra force."""
-    rng, X, y = np.random.default_rng(SEED), [], []
-    t = np.arange(500) * 2e-3
+    rng, records, t = np.random.default_rng(SEED), [], np.arange(500) * 2e-3
     for number in range(4):
         x = 2.0 * np.sin(2.0 * np.pi * (1.0 + 0.5 * number) * t)
         x += 0.7 * np.sin(2.0 * np.pi * 4.3 * t + number) * np.sin(2.0 * np.pi * 0.8 * t)
         v = np.diff(x, prepend=2.0 * x[0] - x[1]) / 2e-3
-        force = 0.1 * v + 3.0 * x + extra(x, v) + 0.03 * rng.standard_normal(t.size)
-        index = pd.MultiIndex.from_product([[number], t], names=["record", "time"])
-        X.append(pd.DataFrame({"displacement": x}, index=index))
-        y.append(pd.Series(force, index=index, name="force"))
-    return pd.concat(X), pd.concat(y)
+        noise = 0.03 * rng.standard_normal(t.size)
+        records.append((x, 0.1 * v + 3.0 * x + extra(x, v) + noise))
+    return stack_records(records, dt=2e-3)
 
 
 def elastic_then_sliding(x, v):
-    force, last, out = 0.0, 0.0, []
-    for position in x:
-        force = min(max(force + 15.0 * (position - last), -3.0), 3.0)
-        last = position
-        out.append(force)
-    return np.array(out)
+    return 15.0 * (x - plays(x, 1.0, np.array([0.2]), np.array([1.0])))
 
 
 @pytest.mark.parametrize(
@@ -347,22 +314,16 @@ def test_forces_beside_a_declared_force(effect, extra, name, level):
     assert max(np.abs(y).max() for _, _, y, _ in evidence.picture.curves) < 1.5 * level
 
 
-@pytest.mark.parametrize("beside", [False, True], ids=["in series", "beside"])
-def test_an_effect_of_ones_own_has_evidence_too(beside):
-    name, model = ("my_drift", Drift(3)) if beside else ("my_lag", FirstOrderLag())
-    register_effect(Effect(name, lambda: [model], "A law.", "An experiment.", beside=beside))
+def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
+    register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", beside=True))
     try:
-        recording, _ = found("drift" if beside else "lag")
-        search = EffectSearchCV(PrandtlIshlinskii(), effects=[name], max_effects=1)
+        recording, _ = found("drift")
+        search = EffectSearchCV(PrandtlIshlinskii(), effects=["own"], max_effects=1)
         search.fit(recording.X_train, recording.y_train)
     finally:
-        unregister_effect(name)
-    evidence = search.evidence_[name]
-    assert evidence.statement.startswith("A law. Identified: ")
-    assert evidence.picture.curves
-    if not beside:
-        time_constant = evidence.numbers["time constant"]
-        assert_near(time_constant, recording.truth["parameters"]["tau"], 0.005)
+        unregister_effect("own")
+    assert search.evidence_["own"].statement.startswith("A law. Identified: ")
+    assert search.evidence_["own"].picture.curves
 
 
 def test_evidence_behind_declared_dynamics():

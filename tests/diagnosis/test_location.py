@@ -8,52 +8,45 @@ from hypothesis import strategies as st
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.diagnosis._location import locate
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.optimize import RecordData
+from skhyst.records import RecordSlice
 
 N, DT = 4000, 0.001
+TIME = DT * np.arange(N)
+SLICES = [RecordSlice(k, slice(i * N, (i + 1) * N), DT, 0.0, N) for i, k in enumerate("ab")]
+DRIVE = np.concatenate([a * np.sin(2 * np.pi * 3.0 * TIME) for a in (1.0, 2.0)])
 
 
-def make(seed=0):
-    rng = np.random.default_rng(seed)
-    time = DT * np.arange(N)
-    records = [RecordData(a * np.sin(2 * np.pi * 3.0 * time), np.zeros(N), DT) for a in (1.0, 2.0)]
-    return records, [0.01 * rng.normal(size=N) for _ in records], time
+def noise(seed=0):
+    return 0.01 * np.random.default_rng(seed).normal(size=2 * N)
 
 
-def strongest(records, residuals, by):
-    table = locate(records, residuals, ["a", "b"])
+def strongest(residual, by):
+    table = locate(SLICES, DRIVE, residual)
     return table[table["by"] == by].iloc[0]
 
 
 def test_white_noise_stands_everywhere():
-    records, residuals, _ = make()
-    table = locate(records, residuals, ["a", "b"])
+    table = locate(SLICES, DRIVE, noise())
     wide = table[(table["by"] != "frequency") | (table["high"] > 30.0)]
     assert wide["concentration"].between(0.75, 1.25).all()
 
 
 def test_a_burst_is_found_by_record_and_time():
-    records, residuals, time = make()
-    residuals[1][(time > 1.3) & (time < 1.5)] += 0.1
-    assert strongest(records, residuals, "record")["record"] == "b"
-    place = strongest(records, residuals, "time")
+    residual = noise()
+    residual[N:][(TIME > 1.3) & (TIME < 1.5)] += 0.1
+    assert strongest(residual, "record")["record"] == "b"
+    place = strongest(residual, "time")
     assert (place["record"], place["low"]) == ("b", pytest.approx(1.2, abs=0.01))
 
 
 def test_a_level_of_the_drive_is_found():
-    records, residuals, _ = make()
-    for record, residual in zip(records, residuals, strict=True):
-        residual[record.u > 1.7] += 0.1
-    place = strongest(records, residuals, "drive")
+    place = strongest(noise() + 0.1 * (DRIVE > 1.7), "drive")
     assert place["high"] == pytest.approx(2.0)
     assert place["concentration"] > 3.0
 
 
 def test_a_line_is_found():
-    records, residuals, time = make()
-    for residual in residuals:
-        residual += 0.1 * np.sin(2 * np.pi * 111.0 * time)
-    place = strongest(records, residuals, "frequency")
+    place = strongest(noise() + np.tile(0.1 * np.sin(2 * np.pi * 111.0 * TIME), 2), "frequency")
     assert place["low"] < 111.0 < place["high"]
     assert place["share"] > 0.9
 
@@ -61,16 +54,14 @@ def test_a_line_is_found():
 @given(hole=st.integers(1, N - 1))
 @settings(deadline=None, max_examples=10)
 def test_shares_add_up_to_one(hole):
-    records, residuals, _ = make(1)
-    residuals[0][:hole] = np.nan
-    table = locate(records, residuals, ["a", "b"])
-    sums = table.groupby("by")["share"].sum()
+    residual = noise(1)
+    residual[:hole] = np.nan
+    sums = locate(SLICES, DRIVE, residual).groupby("by")["share"].sum()
     np.testing.assert_allclose(sums, 1.0, rtol=1e-9)
 
 
 def test_nothing_left_stands_nowhere():
-    records, residuals, _ = make()
-    assert locate(records, [0.0 * r for r in residuals], ["a", "b"]).empty
+    assert locate(SLICES, DRIVE, 0.0 * noise()).empty
 
 
 def test_search_says_where_the_unexplained_stands():
@@ -86,5 +77,5 @@ def test_search_says_where_the_unexplained_stands():
     assert table[table["by"] == "drive"].iloc[0]["low"] > 0.2
     report = search.report()
     assert "drive" in {row["by"] for row in report.to_dict()["location"]}
-    assert "What is left is strongest here" in report.to_html()
-    assert "What is left is strongest here" in report.to_markdown()
+    for text in (report.to_html(), report.to_markdown()):
+        assert "What is left is strongest here" in text

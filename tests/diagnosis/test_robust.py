@@ -118,11 +118,6 @@ def test_lost_readings_do_not_count():
     assert weights[y != -7.0].mean() > 0.9
 
 
-def test_threshold():
-    with pytest.raises(ValueError, match="'threshold' parameter of huber_weights must be above"):
-        huber_weights([np.zeros(9)], 0.0)
-
-
 def test_a_search_with_a_robust_loss_finds_the_lag_behind_gross_errors():
     recording = make_recording("lag", "prandtl_ishlinskii", 3000, n_samples=2500)
     y, rng = recording.y_train.copy(), np.random.default_rng(0)
