@@ -20,14 +20,10 @@ from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
 from ..operators import Operator
 from ._candidates import held_out, refitted
-from ._constants import FACTOR
+from ._constants import FACTOR, NOTICEABLE
 from ._tree import as_read
 
 __all__ = ["BlackBox", "Declared", "declare", "drive_of"]
-
-_TRIAL_FALL = 0.1  # relative fall of its held-out error that is worth another turn
-_FALL = 0.01
-_DRIVE_LIMITS = 0  # rank, see Operator.rank
 
 
 def declare(estimator, X, columns, y, slices, cv, random_state):
@@ -210,8 +206,8 @@ class BlackBox(Declared):
 
             start = Turn(box.targets, box.predictions, contestant, contestant.error, box.turns)
             train = [train for train, _ in self._folds]
-            effort = (FACTOR**2, _FALL) if thorough else (FACTOR**2, _TRIAL_FALL)
-            last = self._backfitting.alternate(start, problem_of, refit, train, *effort)
+            fall = 0.1 * NOTICEABLE if thorough else NOTICEABLE
+            last = self._backfitting.alternate(start, problem_of, refit, train, FACTOR**2, fall)
             contestant = last.effects
             box = self._box(last.targets, last.predictions, last.number, records)
         return replace(contestant, box=box)
@@ -240,7 +236,7 @@ def _of_columns(estimator, other):
 
 def _behind(variants):
     """Return the variants that do not act on the drive."""
-    return [v for v in variants() if hasattr(v, "trees") or v.series_rank > _DRIVE_LIMITS]
+    return [v for v in variants() if hasattr(v, "trees") or v.series_rank > 0]
 
 
 def _seeded(estimator, random_state):

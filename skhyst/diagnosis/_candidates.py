@@ -14,7 +14,7 @@ import numpy as np
 from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
-from ._constants import FACTOR, FOLD_EVALUATIONS, RUNGS, TOLERANCE
+from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
 from ._starts import starting_trees
 
@@ -79,7 +79,7 @@ def predicted(effect, structure, records):
     return found
 
 
-def refitted(candidate, structure, records, max_evaluations=FACTOR ** (RUNGS + 1)):
+def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
     """Return the candidate with a structure in place of its own, refitted."""
     problem = structure.problem(records)
     n_parameters = len(problem.x0) + structure.n_coefficients()
@@ -215,5 +215,5 @@ def _fold_solution(problem, train, blocks, long):
         select=train,
         blocks=known,
         tolerance=TOLERANCE,
-        max_evaluations=FOLD_EVALUATIONS,
+        max_evaluations=FACTOR + 1,  # it begins near its end
     ).x

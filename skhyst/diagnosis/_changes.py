@@ -17,11 +17,12 @@ from ..hysteresis import (
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
-from ..optimize import VariableProjection, identify
+from ..optimize import identify
 from ._constants import ENOUGH, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
 from ._edits import AddForce, Drive, Enrich, Insert, Modulate, Schedule, both_models
 from ._periods import visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
+from ._tree import BRIEFLY
 
 __all__ = [
     "BesideForce",
@@ -36,8 +37,6 @@ __all__ = [
     "Scaled",
     "SlowerThanDrive",
 ]
-
-_BRIEFLY = VariableProjection(tolerance=1e-3, max_evaluations=10)
 
 
 @dataclass(frozen=True)
@@ -194,7 +193,7 @@ class InStages:
                 parts,
                 fixed=held,
                 initial_state=state,
-                method=_BRIEFLY,
+                method=BRIEFLY,
             )
             starts = [result.operator]
         return starts[0]

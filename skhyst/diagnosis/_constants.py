@@ -9,8 +9,6 @@ NEGLIGIBLE = 1e-7  # of the range: an error below that has nothing left to be fo
 
 # ---- effort. Halving costs least where each rung keeps a part 1/e; three is the next integer.
 FACTOR = 3
-RUNGS = 3  # of halving, after the prediction: all, the best third, the best variants
-FOLD_EVALUATIONS = FACTOR + 1  # from the solution for all data, a part of which it has seen
 TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
 # Samples in all, above which records are cut, and which are left of them. With independent noise,
 # chance changes the gain of an effect that removes the part p of the error by sqrt(2 / (p n)) of
@@ -37,7 +35,6 @@ PROBES = 64  # samples that rule out most lags
 # ---- the black box that bounds the noise
 LAGS = 2 ** np.arange(9)  # samples that it looks back, logarithmically spaced
 STRETCHES = 60  # of consecutive samples, which folds take in turn
-TREES = 40
 
 # ---- repetitions
 BLOCKS = 16  # of the difference between two of them

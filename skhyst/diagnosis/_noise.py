@@ -14,7 +14,7 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
-from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT, TREES
+from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
 from ._criterion import block_p_value, paired_p_value
 from ._periods import drive_period, repeats
 
@@ -195,7 +195,7 @@ def black_box_gain(records, residuals, predictions, rng):
         scale = np.where(scale > 0.0, scale, 1.0)
         ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train] / scale, y[train])
         trees = HistGradientBoostingRegressor(
-            max_iter=TREES,
+            max_iter=40,
             learning_rate=0.15,
             max_leaf_nodes=15,
             min_samples_leaf=40,

@@ -24,8 +24,6 @@ __all__ = [
     "slides",
 ]
 
-_AROUND = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # frequencies over a mode's own
-
 
 def is_plausible(margin, candidate, before, records, alpha):
     """Tell whether the effect that a candidate has last may have its name.
@@ -104,7 +102,8 @@ def rings(operator, motion, records):
     if not np.size(getattr(operator, "numerator", ())):
         return overshoots
     mode = operator.natural_frequencies[np.argmin(ratios)]
-    gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * _AROUND)))
+    around = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # rest, near the mode, fast motion
+    gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * around)))
     rest, fast, near = gain[0], gain[-1], gain[1:-1]
     # a peak, or a notch
     shows = max(near.max() - max(rest, fast), min(rest, fast) - near.min())

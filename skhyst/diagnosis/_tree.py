@@ -19,12 +19,12 @@ from ..compose import (
 from ..operators import SeriesOperator
 from ..optimize import OperatorProblem, VariableProjection
 from ..records import RecordSlice
-from ._constants import TOLERANCE
+from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
 
 __all__ = ["Tree", "as_read"]
 
-_BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=4)
+BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
 
 
 def as_read(model, records):
@@ -342,7 +342,7 @@ class Tree:
         """Return the model, fitted on all records from the operators here, and what was found."""
         estimator = self.estimator
         # the search has refitted these operators to the same records already
-        method = _BRIEFLY if are_long(records) else None
+        method = BRIEFLY if are_long(records) else None
         starts = [(self.operator, self.disturbances)]
         result = estimator._refine(starts, as_read(estimator, records), method)
         estimator.records_ = slices
