@@ -29,7 +29,7 @@ from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode, TransferFunction
 
 SHORT, LONG = 20_000, 1_000_000  # samples
-SHORT_LIMIT, LONG_LIMIT = 15.0, 300.0  # s on two cores
+SHORT_LIMIT, LONG_LIMIT = 10.0, 300.0  # s on two cores
 MEMORY_LIMIT = 4.0  # GiB
 DECLARED = {
     "prandtl_ishlinskii": lambda: PrandtlIshlinskii(),
