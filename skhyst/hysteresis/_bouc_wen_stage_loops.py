@@ -47,6 +47,14 @@ _RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the deri
 
 
 @jit
+def piece(t, w, c):
+    """Return the end and the mean over the way t, and the quotients of ``a = c t``."""
+    a = min(max(c * t, -_STEEPEST), _LONGEST)
+    gone, phi, psi, chi = decay(a)
+    return w - gone * w + t * phi, phi * w + t * psi, gone, phi, psi, chi, a
+
+
+@jit
 def crossing(w, c):
     """Return the way from ``w < 0`` to 0; infinite where there is none."""
     z = -c * w
@@ -56,11 +64,28 @@ def crossing(w, c):
 
 
 @jit
-def piece(t, w, c):
+def branch(t, w, behind, ahead):
+    """Return w behind the way t, its mean over the way, and the slope of the mean by t.
+
+    ``behind`` and ``ahead`` are c below and above zero.
+    """
+    c = behind if w < 0.0 else ahead
+    if w < 0.0:
+        first = crossing(w, behind)
+        if t > first:
+            _, mean, _, _, _, _, _ = piece(first, w, behind)
+            end, rest, _, _, _, _, _ = piece(t - first, 0.0, ahead)
+            mean = (first * mean + (t - first) * rest) / t
+            return end, mean, (end - mean) / t
+    end, mean, _, phi, psi, chi, a = piece(t, w, c)
+    return end, mean, c * w * (psi - phi) + psi + a * (2.0 * chi - psi)
+
+
+@jit
+def piece_tangents(t, w, c):
     """Return the end and the mean over the way t, and the derivatives of each by (t, w, c)."""
-    a = min(max(c * t, -_STEEPEST), _LONGEST)
-    gone, phi, psi, chi = decay(a)
-    end, mean, left = w - gone * w + t * phi, phi * w + t * psi, 1.0 - gone
+    end, mean, gone, phi, psi, chi, a = piece(t, w, c)
+    left = 1.0 - gone
     by_end = left * (1.0 - c * w), left, t * (t * (psi - phi) - left * w)
     bend = 2.0 * chi - psi
     by_mean = c * w * (psi - phi) + psi + a * bend, phi, t * (w * (psi - phi) + t * bend)
@@ -68,18 +93,15 @@ def piece(t, w, c):
 
 
 @jit
-def branch(t, w, behind, ahead):
-    """Return w behind the way t, its mean over it, and their derivatives by (t, w, behind, ahead).
-
-    ``behind`` and ``ahead`` are c below and above zero.
-    """
+def branch_tangents(t, w, behind, ahead):
+    """Return w behind the way t, its mean, and their derivatives by (t, w, behind, ahead)."""
     if w < 0.0:
         first = crossing(w, behind)
         if t > first:
             rest = t - first
             # of w at the way ``first``, on which the way to zero depends with the opposite sign
-            _, mean, (_, zero_w, zero_c), (_, mean_w, mean_c) = piece(first, w, behind)
-            end, rest_mean, by_end, by_mean = piece(rest, 0.0, ahead)
+            _, mean, (_, zero_w, zero_c), (_, mean_w, mean_c) = piece_tangents(first, w, behind)
+            end, rest_mean, by_end, by_mean = piece_tangents(rest, 0.0, ahead)
             mean = (first * mean + rest * rest_mean) / t
             return (
                 end,
@@ -92,9 +114,9 @@ def branch(t, w, behind, ahead):
                     rest * by_mean[2] / t,
                 ),
             )
-        end, mean, by_end, by_mean = piece(t, w, behind)
+        end, mean, by_end, by_mean = piece_tangents(t, w, behind)
         return end, mean, (*by_end, 0.0), (*by_mean, 0.0)
-    end, mean, by_end, by_mean = piece(t, w, ahead)
+    end, mean, by_end, by_mean = piece_tangents(t, w, ahead)
     return (
         end,
         mean,
@@ -141,7 +163,7 @@ def way(reach, b, w, rate, level, shape, sigma):
     end, mean = w, w
     for _ in range(_ITERATIONS):
         t = min(rate * x, _LONGEST)
-        end, mean, _, (slope, _, _, _) = branch(t, w, behind, ahead)
+        end, mean, slope = branch(t, w, behind, ahead)
         step = (reach - x - pull * mean) / (1.0 + pull * rate * max(slope, 0.0))
         # a step back never passes the begin
         step = max(step, -0.9 * x)
@@ -211,7 +233,7 @@ def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
     """
     t = min(rho / level * x, _LONGEST)
     behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
-    end, mean, by_end, by_mean = branch(t, w, behind, ahead)
+    end, mean, by_end, by_mean = branch_tangents(t, w, behind, ahead)
     force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by, 1)
     solve_tangents(b, by_mean[0] * rho, side * level * mean, by)
     force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by, 2)
@@ -375,9 +397,9 @@ def follow(q, level, shape, exponent, out):
             w, t = side * f / level, abs(change) / level
             sigma, _, _, _ = sharpness(w, shape, exponent)
             if exponent != 1.0:
-                _, mean, _, _ = branch(t, w, (1.0 - shape) * sigma, (1.0 + shape) * sigma)
+                _, mean, _ = branch(t, w, (1.0 - shape) * sigma, (1.0 + shape) * sigma)
                 sigma, _, _, _ = sharpness(mean, shape, exponent)
-            w, _, _, _ = branch(t, w, (1.0 - shape) * sigma, (1.0 + shape) * sigma)
+            w, _, _ = branch(t, w, (1.0 - shape) * sigma, (1.0 + shape) * sigma)
             f = side * level * w
         if not abs(f) <= _FAR * level:
             out[k:] = np.nan

@@ -53,6 +53,19 @@ def state_space_run(ad, b0, b1, c, d, u, x, u_previous):
 
 
 @jit
+def first_order_run(ad, b0, b1, c, d, u, x, u_previous):
+    """Do :func:`state_space_run` for one state, kept in a register."""
+    a00, b00, b10, c0 = ad[0, 0], b0[0], b1[0], c[0]
+    x0 = x[0]
+    y = np.empty(u.shape[0])
+    for k in range(u.shape[0]):
+        x0 = (b00 * u_previous + b10 * u[k]) + a00 * x0
+        u_previous = u[k]
+        y[k] = c0 * x0 + d * u_previous
+    return y, np.array([x0])
+
+
+@jit
 def second_order_run(ad, b0, b1, c, d, u, x, u_previous):
     """Do :func:`state_space_run` for two states, kept in registers."""
     a00, a01, a10, a11 = ad[0, 0], ad[0, 1], ad[1, 0], ad[1, 1]
@@ -374,9 +387,10 @@ class LinearOperator(DiscretizedOperator):
     def _advance(self, u, dt, x, previous):
         """Return the output without intercept and the last state, by the shortest way."""
         discrete = self._discrete(dt)
-        if len(x) == 2:
-            return second_order_run(*discrete, u, x, previous)
-        if len(x) < 2 or len(u) < _LONG or not np.isfinite(u).all():
+        if len(x) in (1, 2):
+            run = first_order_run if len(x) == 1 else second_order_run
+            return run(*discrete, u, x, previous)
+        if len(x) == 0 or len(u) < _LONG or not np.isfinite(u).all():
             return state_space_run(*discrete, u, x, previous)
         if (dt, "block") not in self._memory:
             self._memory[dt, "block"] = block_table(*discrete, _BLOCK)
