@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from skhyst.hysteresis import BoucWenOperator, BoucWenStageOperator
-from skhyst.hysteresis._bouc_wen_stage_loops import branch, follow
+from skhyst.hysteresis._bouc_wen_stage_loops import branch, branch_tangents, follow
 
 W, ZETA, RHO, LEVEL = 60.0, 0.3, 4.0, 0.3
 STAGE = BoucWenStageOperator(W, ZETA, RHO, LEVEL, 0.3)
@@ -30,10 +30,13 @@ def test_branch(t, w, behind, ahead):
         return [1.0 - (behind if x[0] < 0.0 else ahead) * x[0], x[0]]
 
     x = solve_ivp(rates, (0.0, t), [w, 0.0], rtol=1e-10, atol=1e-12, max_step=t / 50).y[:, -1]
-    point = np.array([t, w, behind, ahead])
-    end, mean, by_end, by_mean = branch(*point)
+    end, mean, slope = branch(t, w, behind, ahead)
     assert end == pytest.approx(x[0], abs=1e-7)
     assert mean == pytest.approx(x[1] / t, abs=1e-7)
+    point = np.array([t, w, behind, ahead])
+    same, same_mean, by_end, by_mean = branch_tangents(*point)
+    assert (same, same_mean) == pytest.approx((end, mean), rel=1e-14)
+    assert by_mean[0] == pytest.approx(slope, abs=1e-12)
     for i in range(4):
         if i == 1 and w == 0.0:
             continue  # a kink
@@ -108,3 +111,11 @@ def test_derivative_by_an_exponent_of_one():
     runs = [dataclasses.replace(STAGE, exponent=1.0 + 1e-4 * i).run(u, 0.02)[0] for i in range(3)]
     slope = (-3.0 * runs[0] + 4.0 * runs[1] - runs[2]) / 2e-4
     np.testing.assert_allclose(dy[:, 5], slope, atol=1e-4 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("level", [1e-90, 1e90])
+@pytest.mark.parametrize("rho", [1e-9, 1e9])
+@pytest.mark.parametrize("exponent", [1.0, 20.0])
+def test_extreme_parameters_give_finite_values(level, rho, exponent):
+    stage = BoucWenStageOperator(W, ZETA, rho, level, 0.3, exponent)
+    assert np.isfinite(stage.run(walk(40), 0.02)[0]).all()
