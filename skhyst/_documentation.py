@@ -3,8 +3,6 @@
 import inspect
 from itertools import takewhile
 
-__all__ = ["documented_like", "inherit_documentation"]
-
 _TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in their order
 
 

@@ -8,8 +8,6 @@ home folder. Without Numba the same function runs as plain Python: slow, but wit
 
 from functools import partial
 
-__all__ = ["jit"]
-
 
 def jit(function=None, *, fastmath=False, inline=False):
     """Compile a kernel lazily, without the GIL, cached where that is possible.

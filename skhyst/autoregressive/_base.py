@@ -18,8 +18,6 @@ from ..preprocessing import lagged_columns, read_lag_table, read_lags
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._starts import estimate_history, fit_line, rest_outputs
 
-__all__ = ["AutoregressiveRegressor"]
-
 _BOUND = 100.0  # ranges of the outputs beyond the largest one: what lies there has diverged
 
 

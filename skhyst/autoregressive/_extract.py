@@ -15,8 +15,6 @@ from ._polynomial import PolynomialStep
 from ._steps import LinearStep
 from ._tree_step import TreesStep, flatten_boosting, flatten_histograms, flatten_trees
 
-__all__ = ["extract_step"]
-
 _TOLERANCE = 1e-10  # difference from the estimator, in parts of the largest output
 
 

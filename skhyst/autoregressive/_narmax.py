@@ -17,8 +17,6 @@ from ._runs import Start
 from ._selection import Criterion, Search, condense_folds, error_reduction, subset_solution
 from ._structure import improve
 
-__all__ = ["NARMAXRegressor"]
-
 _FEATURES = {
     "rate_sign": GeneralizedInputGradient(include_drive=False, include_rate=False, direction=True),
     "generalized_gradient": GeneralizedInputGradient(include_drive=False),

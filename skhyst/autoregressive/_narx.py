@@ -14,8 +14,6 @@ from ._base import AutoregressiveRegressor
 from ._extract import extract_step
 from ._steps import LinearStep
 
-__all__ = ["NARXRegressor"]
-
 _COMPARED = 64  # rows on which the compiled form must agree with the estimator
 
 

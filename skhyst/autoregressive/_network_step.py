@@ -8,8 +8,6 @@ from .._jit import jit
 from ._runs import Lags, clipped
 from ._steps import Step
 
-__all__ = ["ACTIVATIONS", "GaussianStep", "NetworkStep", "exponentials"]
-
 ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
 
 _LOG2_E = 1.4426950408889634

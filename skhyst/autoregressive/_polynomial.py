@@ -23,16 +23,6 @@ from .._jit import jit
 from ..operators import as_signal
 from ._runs import Lags, clipped
 
-__all__ = [
-    "PolynomialStep",
-    "candidate_terms",
-    "plan_polynomial",
-    "polynomial_run",
-    "polynomial_tangents",
-    "term_name",
-    "term_products",
-]
-
 _BLOCK = 500  # samples; the weights of a block stay in the first cache
 
 

@@ -28,8 +28,6 @@ from ._polynomial import (
 from ._runs import bounded
 from ._starts import rest_outputs
 
-__all__ = ["FreeRunProblem", "InnovationProblem", "innovations"]
-
 _SPLIT = 1e-8  # distance from an integrator at which its resting point is lost
 
 

@@ -12,8 +12,6 @@ import numpy as np
 from .._jit import jit
 from ..preprocessing import lagged_columns
 
-__all__ = ["Lags", "Start", "bounded", "clipped", "free_runs", "runs_ahead"]
-
 
 class Lags(NamedTuple):
     """The signals that a model sees: lagged inputs, then lagged outputs."""

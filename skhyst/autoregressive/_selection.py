@@ -18,15 +18,6 @@ from scipy.linalg import qr, solve_triangular
 
 from ..exceptions import RecordError
 
-__all__ = [
-    "Criterion",
-    "Search",
-    "condense",
-    "condense_folds",
-    "error_reduction",
-    "subset_solution",
-]
-
 _CHUNK = 4096  # rows that are condensed at once
 _FOLDS = 5
 _COLLINEAR = 1e-8  # part of a column that must be left for it to count as new

@@ -5,8 +5,6 @@ from scipy.optimize import least_squares
 
 from ._runs import Start
 
-__all__ = ["estimate_history", "fit_line", "rest_outputs"]
-
 _GRID = 33  # outputs at which a resting point is looked for
 _ITERATIONS = 60  # halvings at the most: to the last digit
 _SAMPLES = 20  # that initial outputs are fitted to, or ten an output

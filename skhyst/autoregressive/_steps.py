@@ -12,8 +12,6 @@ from .._jit import jit
 from ..preprocessing import lagged_columns
 from ._runs import Lags, clipped
 
-__all__ = ["LinearStep", "Step"]
-
 _BLOCK = 4096  # rows of lagged inputs at a time
 
 

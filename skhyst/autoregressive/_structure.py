@@ -14,8 +14,6 @@ import numpy as np
 from ..exceptions import ConvergenceWarning
 from ._selection import Search, condense, condense_folds, subset_solution
 
-__all__ = ["improve"]
-
 _TOLERANCE = 1e-10  # part of the sum of squares that a further step must promise
 _ROUGH = 1e-5  # the same while subsets are compared
 _EVALUATIONS = 150

@@ -14,8 +14,6 @@ from .._jit import jit
 from ._runs import Lags, clipped
 from ._steps import Step
 
-__all__ = ["NODE", "TreesStep", "flatten_boosting", "flatten_histograms", "flatten_trees"]
-
 NODE = np.dtype([("threshold", np.float64), ("feature", np.int32), ("right", np.int32)])
 
 

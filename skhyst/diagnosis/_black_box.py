@@ -23,8 +23,6 @@ from ._candidates import held_out, refitted
 from ._constants import FACTOR, NOTICEABLE
 from ._tree import as_read
 
-__all__ = ["BlackBox", "Declared", "declare", "drive_of"]
-
 
 def declare(estimator, X, columns, y, slices, cv, random_state):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""

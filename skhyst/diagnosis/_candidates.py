@@ -18,15 +18,6 @@ from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
 from ._starts import starting_trees
 
-__all__ = [
-    "Candidate",
-    "certainties",
-    "halve",
-    "held_out",
-    "predicted",
-    "refitted",
-]
-
 
 @dataclass(frozen=True)
 class Candidate:

@@ -24,20 +24,6 @@ from ._periods import visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
 from ._tree import BRIEFLY
 
-__all__ = [
-    "BesideForce",
-    "Driven",
-    "FirstHysteresis",
-    "InMotion",
-    "InStages",
-    "Knee",
-    "MovedModes",
-    "PerRecord",
-    "RateDependence",
-    "Scaled",
-    "SlowerThanDrive",
-]
-
 
 @dataclass(frozen=True)
 class SlowerThanDrive:

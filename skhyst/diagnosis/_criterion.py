@@ -61,8 +61,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-__all__ = ["Criterion", "block_length", "block_p_value", "paired_p_value"]
-
 
 @dataclass(frozen=True)
 class Criterion:

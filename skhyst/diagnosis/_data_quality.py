@@ -8,8 +8,6 @@ converter's range from a saturation of the device, and a stuck sensor from a res
 import numpy as np
 import pandas as pd
 
-__all__ = ["data_quality", "lost_readings"]
-
 _ADVICE = {
     "outlier": "take the rows out as missing readings, or use a robust loss",
     "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",

@@ -12,8 +12,6 @@ from sklearn.base import clone
 from ..compose import Stage, Sum, modulated, put_beside_series, scheduled
 from ..operators import SumOperator
 
-__all__ = ["AddForce", "Beside", "Drive", "Enrich", "Insert", "Modulate", "Schedule", "both_models"]
-
 _KEPT = {"dt", "fit_intercept", "hold", "initial_state", "mass", "method"}  # of an enriched stage
 
 

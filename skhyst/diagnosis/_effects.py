@@ -46,8 +46,6 @@ from ._changes import (
 )
 from ._plausibility import bends, has_own_lines, levels_off, remembers, rings, slides
 
-__all__ = ["EFFECTS", "Effect", "effect_names", "register_effect", "unregister_effect"]
-
 
 @dataclass(frozen=True)
 class Effect:

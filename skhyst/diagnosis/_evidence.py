@@ -8,8 +8,6 @@ import numpy as np
 from ._pictures import Picture, changes_by_number, draw
 from ._report_text import in_words, listed, plus_minus, unit_of
 
-__all__ = ["Evidence", "gather_evidence"]
-
 # parameters that an engineer counts otherwise: name and factor
 _SPOKEN = {
     "half_width": ("width of the band", 2.0),

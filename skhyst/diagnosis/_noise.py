@@ -18,13 +18,6 @@ from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
 from ._criterion import block_p_value, paired_p_value
 from ._periods import drive_period, repeats
 
-__all__ = [
-    "Judgement",
-    "black_box_gain",
-    "judge_residual",
-    "repeatability",
-]
-
 
 @dataclass(frozen=True)
 class Judgement:

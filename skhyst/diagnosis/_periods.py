@@ -6,8 +6,6 @@ from ..hysteresis import PrandtlIshlinskiiOperator
 from ..operators import turning_points
 from ._constants import AWAY, NOTICEABLE, PROBES, SAME
 
-__all__ = ["drive_period", "near_period", "repeats", "visible_turns"]
-
 
 def repeats(a, b):
     """Whether two signals are the same, but for rounding."""

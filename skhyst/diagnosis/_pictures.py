@@ -10,8 +10,6 @@ from ..inspection import binned_statistics, branch, spectrum
 from ..linear import frequency_response
 from ..records import stack_records
 
-__all__ = ["Picture", "changes_by_number", "draw"]
-
 
 @dataclass(frozen=True)
 class Picture:

@@ -14,16 +14,6 @@ from scipy.stats import norm
 from ._constants import FEW_TURNS, FLAT, HARD, NOTICEABLE, REPEATS, STEP
 from ._periods import near_period, visible_turns
 
-__all__ = [
-    "bends",
-    "has_own_lines",
-    "is_plausible",
-    "levels_off",
-    "remembers",
-    "rings",
-    "slides",
-]
-
 
 def is_plausible(margin, candidate, before, records, alpha):
     """Tell whether the effect that a candidate has last may have its name.

@@ -9,8 +9,6 @@ from ._report_data import collect
 from ._report_figures import report_figures
 from ._report_page import page, verdict
 
-__all__ = ["Report"]
-
 
 @dataclasses.dataclass
 class Report:

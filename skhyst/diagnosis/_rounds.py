@@ -22,8 +22,6 @@ from ._plausibility import is_plausible
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
 
-__all__ = ["Rounds"]
-
 
 @dataclass
 class Rounds:

@@ -30,8 +30,6 @@ from ._report import Report
 from ._rounds import Rounds
 from ._tree import Tree
 
-__all__ = ["EffectSearchCV"]
-
 _HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 _HISTORY += ["experiment", "evidence"]
 _RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]

@@ -7,8 +7,6 @@ import numpy as np
 
 from ._constants import ENOUGH, MOST
 
-__all__ = ["are_long", "shortened", "suffices"]
-
 
 def are_long(records):
     """Whether records have so many samples that their first parts are searched."""

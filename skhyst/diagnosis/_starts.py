@@ -10,8 +10,6 @@ from ..optimize import distribute_poles, pole_starts
 from ._constants import FACTOR, NOTICEABLE
 from ._edits import Beside, Insert
 
-__all__ = ["Scene", "beside", "driven_starts", "inserted", "starting_trees"]
-
 
 def starting_trees(effect, tree, records):
     """Return, for each variant of an effect that applies, the trees at its starting values.

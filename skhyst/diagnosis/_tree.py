@@ -22,8 +22,6 @@ from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
 
-__all__ = ["Tree", "as_read"]
-
 BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
 
 

@@ -15,8 +15,6 @@ from ..operators import Operator, as_signal, parameter
 from ..optimize import pole_starts
 from ._tank_chain_loops import LAMINAR, outflow, tank_run, tank_tangents
 
-__all__ = ["TankChain", "TankChainOperator"]
-
 _ITERATIONS = 60
 _CONVERGED = 1e-15
 _EXPONENT = 0.5  # Torricelli

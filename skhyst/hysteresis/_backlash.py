@@ -7,8 +7,6 @@ from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
 from ._common import swing
 
-__all__ = ["Backlash", "BacklashOperator"]
-
 
 def backlash_step(play, u0, u1, dt, values):
     """Step the play, which is the output."""

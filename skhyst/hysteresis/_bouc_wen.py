@@ -18,8 +18,6 @@ from ..operators import Operator, as_signal, parameter
 from ._bouc_wen_curve import curve_run, curve_tangents, curves
 from ._common import force_characteristics, require, show
 
-__all__ = ["BoucWen", "BoucWenOperator"]
-
 
 @dataclasses.dataclass(frozen=True)
 class BoucWenOperator(Operator):

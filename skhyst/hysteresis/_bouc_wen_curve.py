@@ -24,8 +24,6 @@ import numpy as np
 
 from .._jit import jit
 
-__all__ = ["curve_run", "curve_tangents", "curves"]
-
 N_BINS = 1024  # of the way along a curve
 _VALUE_BINS = 256  # of an output from 0 to its limit
 

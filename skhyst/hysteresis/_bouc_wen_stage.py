@@ -13,8 +13,6 @@ from ._bouc_wen_stage_loops import bouc_wen_run, bouc_wen_tangents, first_loadin
 from ._oscillator import OscillatorOperator
 from ._oscillator_model import OscillatorModel
 
-__all__ = ["BoucWenStage", "BoucWenStageOperator"]
-
 _LARGEST = 1e12  # displacement or force, of the drive and the level: no plant
 
 

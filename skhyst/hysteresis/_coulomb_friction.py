@@ -11,8 +11,6 @@ from .._sklearn import Interval
 from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
 from ._common import FrictionModel, half_range, speed_noise, top_speed
 
-__all__ = ["CoulombFriction", "CoulombFrictionOperator"]
-
 _FAR = 30.0  # Stribeck velocities; nothing is left there, and squares stay small
 
 

@@ -16,8 +16,6 @@ from .._sklearn import Interval
 from ..operators import OneStateOperator, parameter
 from ._common import FrictionModel, force_characteristics, half_range, swing
 
-__all__ = ["Dahl", "DahlOperator"]
-
 _LONGEST = 1e300  # in presliding displacements; an infinite way times a gap of zero is no number
 
 

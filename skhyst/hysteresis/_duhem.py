@@ -18,8 +18,6 @@ from ..base import ParametricModel
 from ..operators import Operator, as_constant, as_signal, parameter
 from ._common import half_range, swing
 
-__all__ = ["Duhem", "DuhemOperator"]
-
 _LONGEST = 1e300  # in units of 1/alpha; an infinite way times zero is no number
 MAX_TERMS = 9  # upwards from x = 1 the error grows by a factor i a step, 9! in all
 # I_n = sum_k (-x)^k n!/(n+k+1)!, one row an n; so many terms are exact to rounding

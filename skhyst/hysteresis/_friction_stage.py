@@ -43,8 +43,6 @@ from ._oscillator import (
 )
 from ._oscillator_model import OscillatorModel
 
-__all__ = ["FrictionStage", "FrictionStageOperator"]
-
 _TINY = 1e-100  # level: without friction g = 0
 _LARGEST = 1e100  # exponent
 _W, _, _FS, _RATIO, _VS, _RHO, _BRISTLE = range(OWN, OWN + 7)  # columns of the derivatives

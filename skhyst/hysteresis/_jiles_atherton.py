@@ -30,8 +30,6 @@ from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
 from ._common import largest_drive, require
 
-__all__ = ["JilesAtherton", "JilesAthertonOperator"]
-
 _RESOLUTION = 0.1  # of the smaller of shape and pinning, the largest step by default
 _MOST_STEPS = 10000.0  # an interval; an absurd drive must come to an end
 # 2^(2n) B(2n) / (2n)!, the coefficients of x^(2n-1) in L(x); B are the Bernoulli numbers

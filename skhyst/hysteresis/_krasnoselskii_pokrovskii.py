@@ -18,8 +18,6 @@ from .._jit import jit
 from ..operators import as_signal, clip_play, parameter
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
-__all__ = ["KrasnoselskiiPokrovskii", "KrasnoselskiiPokrovskiiOperator"]
-
 
 @jit
 def move(value, levels, ramps, kernels):

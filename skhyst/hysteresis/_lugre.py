@@ -17,8 +17,6 @@ from itertools import product
 from ..operators import OneStateOperator, parameter
 from ._common import FrictionModel, half_range, swing, top_speed
 
-__all__ = ["LuGre", "LuGreOperator"]
-
 # exponents at which a decay is zero for all purposes; their quotients still are numbers
 _FASTEST, _LONGEST = 230.0, 1e150
 

@@ -11,8 +11,6 @@ from ..operators import as_signal, parameter
 from ._common import FrictionModel, force_characteristics, require, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
-__all__ = ["MaxwellSlip", "MaxwellSlipOperator"]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MaxwellSlipOperator(PlaySum):

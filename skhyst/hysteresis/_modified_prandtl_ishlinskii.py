@@ -11,8 +11,6 @@ from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
 from ._prandtl_ishlinskii import PlayModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
-__all__ = ["ModifiedPrandtlIshlinskii"]
-
 _STEEPEST = 10.0  # slope of the dead zones at the start; noise in the response asks for more
 
 

@@ -36,8 +36,6 @@ from .._jit import jit
 from ..linear import SecondOrderModeOperator
 from ..operators import Operator, as_signal
 
-__all__ = ["OscillatorOperator"]
-
 REACH, SPEED, Q, P, F, B, SLOPE_B, OWN = range(8)  # columns of a law's derivatives
 FREE = 5  # first parameter's column in a sample's Jacobian, behind the state and both drives
 _SERIES = 0.1  # below, the quotients lose digits and the series is short

@@ -32,8 +32,6 @@ from ..operators import (
 )
 from ._common import require, show
 
-__all__ = ["PlayModel", "PlaySum", "PrandtlIshlinskii", "PrandtlIshlinskiiOperator"]
-
 
 class PlaySum(Superposition):
     """Base of the weighted sums of plays: fields ``thresholds``, ``weights``, ``non_negative``."""

@@ -26,8 +26,6 @@ from ._preisach_loops import (
 )
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
-__all__ = ["Preisach", "PreisachOperator"]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PreisachOperator(RelayGridOperator):

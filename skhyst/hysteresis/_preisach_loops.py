@@ -25,17 +25,6 @@ import numpy as np
 
 from .._jit import jit
 
-__all__ = [
-    "build_bins",
-    "everett_run",
-    "everett_tangents",
-    "everett_value",
-    "find_interval",
-    "first_loading_table",
-    "restore_values",
-    "staircase_rows",
-]
-
 
 @jit
 def build_bins(levels, bins):

@@ -20,8 +20,6 @@ from ..operators import as_signal, clip_play, parameter
 from ._common import fastest_change, require, show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
-__all__ = ["RateDependentPrandtlIshlinskii", "RateDependentPrandtlIshlinskiiOperator"]
-
 _PASSES = 40  # of the inverse with one window, at most
 _GAIN = 0.99  # part of the error that a pass must leave at most, for another one
 _RESERVE = 0.9  # of the rate at which the response is no longer monotone

@@ -30,8 +30,6 @@ from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
 from ._common import require, show
 
-__all__ = ["RelayGridModel", "RelayGridOperator", "cell_indices"]
-
 _STRETCH = 1024  # rows of the design matrix at a time
 _BINS = 200  # of the drive, to see where the response changes
 _SILENT = 1e-13  # mean square of a column, of 1, below which it has not moved

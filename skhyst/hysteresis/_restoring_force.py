@@ -18,8 +18,6 @@ from ._oscillator_model import OscillatorModel
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
 from ._restoring_force_loops import restoring_run, restoring_tangents
 
-__all__ = ["RestoringForce", "RestoringForceOperator"]
-
 _POLISH = 3  # Newton steps behind the bracketing root finder
 _GROWTH, _BRACKETS = 1.5, 200
 _LARGEST = 1e12  # displacement, of the drive: no plant, and squares do not overflow yet

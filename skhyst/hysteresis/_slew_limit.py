@@ -11,8 +11,6 @@ from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
 from ._common import fastest_change
 
-__all__ = ["SlewLimit", "SlewLimitOperator"]
-
 
 def slew_limit_step(y, u0, u1, dt, values):
     """Step the output, which is the state."""

@@ -19,8 +19,6 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 
-__all__ = ["SystemLevelHysteresis", "SystemLevelOperator"]
-
 _H = tuple((-1.0) ** n / math.factorial(n + 2) for n in range(13))
 _H1 = tuple((n + 1) * value for n, value in enumerate(_H[1:]))
 

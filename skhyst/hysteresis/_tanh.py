@@ -10,8 +10,6 @@ from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
 from ._common import largest_drive
 
-__all__ = ["TanhHysteresis", "TanhHysteresisOperator"]
-
 
 def tanh_step(nothing, u0, u1, dt, values):
     """Return the response; the drive before is all that the model remembers."""

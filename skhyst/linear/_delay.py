@@ -8,8 +8,6 @@ from ..base import ParametricModel
 from ..operators import Operator, parameter
 from ._linear import log_grid, time_span
 
-__all__ = ["Delay", "DelayOperator"]
-
 
 @dataclass(frozen=True)
 class DelayOperator(Operator):

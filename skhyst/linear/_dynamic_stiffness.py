@@ -16,8 +16,6 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
 
-__all__ = ["DynamicStiffness", "DynamicStiffnessOperator"]
-
 
 @dataclass(frozen=True)
 class DynamicStiffnessOperator(Operator):

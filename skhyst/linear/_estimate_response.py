@@ -26,8 +26,6 @@ from ..records import record_slices
 from ._frequency_response import FrequencyResponse
 from ._periodic import find_period, period_mismatch, periodic_estimate
 
-__all__ = ["frequency_response"]
-
 _MISMATCH = 0.05  # power of a period's change beyond which a given period is none
 _WEAKEST = 1e-10  # power of the weakest combination of inputs, of the largest power of all lines
 _SEGMENTS = 8  # that the default segment_length makes of the recording, overlaps not counted

@@ -7,8 +7,6 @@ import numpy as np
 from ..operators import parameter
 from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
-__all__ = ["FirstOrderLag", "FirstOrderLagOperator"]
-
 
 @dataclass(frozen=True)
 class FirstOrderLagOperator(LinearOperator):

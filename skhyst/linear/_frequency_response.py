@@ -7,8 +7,6 @@ import numpy as np
 import pandas as pd
 from scipy.stats import f as f_distribution
 
-__all__ = ["FrequencyResponse"]
-
 _UNCERTAINTIES = ("std", "noise_std", "distortion_std")
 _ARRAYS = ("response", *_UNCERTAINTIES, "coherence")  # of all lines
 

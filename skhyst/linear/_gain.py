@@ -7,8 +7,6 @@ import numpy as np
 from ..operators import Operator, as_signal, parameter
 from ._linear import LinearModel
 
-__all__ = ["Gain", "GainOperator"]
-
 
 @dataclass(frozen=True)
 class GainOperator(Operator):

@@ -15,8 +15,6 @@ from ._first_order_lag import FirstOrderLagOperator
 from ._gain import slope
 from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
-__all__ = ["KelvinVoigt", "KelvinVoigtOperator"]
-
 _SPREAD = 10.0  # ratio of neighbouring time constants at the start
 _KNOWN = 0.01  # largest relative standard error of a static gain that counts as determined
 _SLOWER = 10.0  # the unit that may have been missed, in durations of the longest record

@@ -24,8 +24,6 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator
 
-__all__ = ["LinearModel", "LinearOperator"]
-
 _STEP = 1e-30  # of the complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
 _LONG = 512  # samples for which the table of a block pays

@@ -22,8 +22,6 @@ from ..operators import Operator, parameter
 from ._gain import slope
 from ._linear import LinearModel, log_grid, time_span
 
-__all__ = ["LogCreep", "LogCreepOperator"]
-
 _SPACING = 0.8  # of the logarithms of the rates
 _FASTEST = 12.0  # largest rate times the shortest time: exp(-12) is left of such a unit then
 _SLOWEST = 0.01  # smallest rate times the longest time

@@ -26,8 +26,6 @@ from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
 from ._rational import state_space_run_many
 
-__all__ = ["ModalModel", "SampledStateSpace"]
-
 _EXCITED = 1e-3  # amplitude of an excited line, of the largest
 
 

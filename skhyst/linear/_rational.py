@@ -26,12 +26,6 @@ from ._delay import DelayOperator
 from ._linear import DiscretizedOperator, LinearOperator, discretize
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
-__all__ = [
-    "MultiInputTransferFunctionOperator",
-    "TransferFunctionOperator",
-    "state_space_run_many",
-]
-
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
 _POINTS = 8  # on the frequency axis, a pole
 

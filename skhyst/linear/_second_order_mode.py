@@ -8,8 +8,6 @@ from ..operators import parameter
 from ..optimize import pole_starts, sections
 from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
-__all__ = ["SecondOrderMode", "SecondOrderModeOperator", "count_ringing", "rates_of_sections"]
-
 _DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
 
 

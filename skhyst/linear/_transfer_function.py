@@ -21,8 +21,6 @@ from ._modes import ModesMixin, section_poles
 from ._rational import TransferFunctionOperator
 from ._transfer_function_fit import choose_orders, fit_response, held_names, record_starts
 
-__all__ = ["TransferFunction"]
-
 
 class TransferFunction(ModesMixin, LinearModel):
     r"""Rational transfer functions of one input or several, with a delay.

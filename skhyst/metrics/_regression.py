@@ -7,8 +7,6 @@ import numpy as np
 from sklearn.metrics import root_mean_squared_error
 from sklearn.utils import check_array, check_consistent_length, column_or_1d
 
-__all__ = ["fit_percent", "mape", "nrmse", "smape"]
-
 
 def _check_responses(y_true, y_pred, sample_weight):
     """Return both as finite arrays of one shape (n_samples, n_outputs), and the weights."""

@@ -16,8 +16,6 @@ from ..optimize import IdentificationResult, identify
 from ..records import record_slices
 from ._gray_box_operator import GrayBoxOperator
 
-__all__ = ["GrayBoxHysteresis"]
-
 _BOUND = 100.0  # ranges of the response beyond the largest one: what lies there has diverged
 _SAME_INTERVAL = 1e-2  # relative
 _SLOW = 2.0  # records at most so much faster than the slowest one train the static sub-model

@@ -20,8 +20,6 @@ from .._jit import jit
 from ..hysteresis import SystemLevelOperator
 from ..operators import Operator, ParameterSpec, as_signal
 
-__all__ = ["GrayBoxOperator"]
-
 _BOUND = 1e100  # beyond, the recursion has left the range in which squares are finite
 
 

@@ -18,8 +18,6 @@ from .._sklearn import Interval, StrOptions, fit_context
 from ..exceptions import ConvergenceWarning
 from ._scn_weights import Constructive, LeastSquares, Window
 
-__all__ = ["SCNRegressor"]
-
 _ROUND_OFF = 1e-13  # of the targets' standard deviation: what is left of an exact fit
 _TRIES = 5  # candidates of a scope that may be refused for round-off before it is widened
 _DEPENDENT = 1e-10  # spread of a principal component, over the largest, that is round-off

@@ -8,8 +8,6 @@ it was taken; ``weights()`` returns coefficients (n_nodes, n_outputs) and interc
 import numpy as np
 from scipy.linalg import solve_triangular
 
-__all__ = ["Constructive", "LeastSquares", "Window"]
-
 _AMPLIFICATION = 1e7  # of errors of the activations in the weights, at most
 
 

@@ -11,8 +11,6 @@ from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
 from ..records import record_slices
 
-__all__ = ["RecordTransformer", "find_column"]
-
 
 class RecordTransformer(TransformerMixin, BaseEstimator):
     """Base of the transformers that map some columns, each record for itself.

@@ -7,8 +7,6 @@ import numpy as np
 from .._sklearn import Interval, StrOptions
 from ._base import RecordTransformer
 
-__all__ = ["GeneralizedInputGradient"]
-
 
 class GeneralizedInputGradient(RecordTransformer):
     r"""Rate of the drive, with the last rate kept at turning points.

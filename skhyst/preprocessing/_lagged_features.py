@@ -7,8 +7,6 @@ import numpy as np
 from .._sklearn import Interval, StrOptions
 from ._base import RecordTransformer, find_column
 
-__all__ = ["LaggedFeatures", "lagged_columns", "read_lag_table", "read_lags"]
-
 
 class LaggedFeatures(RecordTransformer):
     """Past values of the inputs, causal and within each record.

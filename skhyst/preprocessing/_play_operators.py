@@ -8,8 +8,6 @@ from .._sklearn import Interval, StrOptions
 from ..operators import as_signal, play_basis, play_thresholds, stop_basis
 from ._base import RecordTransformer
 
-__all__ = ["PlayOperators", "StopOperators"]
-
 
 class _OperatorBasis(RecordTransformer):
     """Base of both: ``_kernel``, ``_label`` and ``_first``, the number of the first threshold.

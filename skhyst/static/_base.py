@@ -6,8 +6,6 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator
 
-__all__ = ["SIDES", "SaturationModel", "StaticModel", "StaticOperator", "range_of_drive"]
-
 SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
 

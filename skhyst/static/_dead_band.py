@@ -7,8 +7,6 @@ import numpy as np
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-__all__ = ["DeadBand", "DeadBandOperator"]
-
 _PARTS = (0.01, 0.03, 0.08, 0.2)  # half width over the drive's range, to start from
 
 

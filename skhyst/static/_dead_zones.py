@@ -16,8 +16,6 @@ from .._sklearn import Interval, StrOptions
 from ..operators import parameter
 from ._base import SIDES, StaticModel, StaticOperator, range_of_drive
 
-__all__ = ["DeadZoneOperator", "DeadZones", "MonotoneDeadZoneOperator"]
-
 _FLATTEST = 1e-3  # slope of the curve, response over response; below it an inverse is of no use
 
 

@@ -7,8 +7,6 @@ import numpy as np
 from ..operators import parameter
 from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
-__all__ = ["Saturation", "SaturationOperator"]
-
 _PARTS = (0.03, 0.08, 0.15, 0.25, 0.35)  # of the drive's range that is clipped, to start from
 
 

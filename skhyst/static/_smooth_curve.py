@@ -9,8 +9,6 @@ from .._sklearn import Interval
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-__all__ = ["PolynomialCurveOperator", "SmoothCurve"]
-
 _MARGIN = 1.2  # half width of a smooth curve over that of the data
 
 

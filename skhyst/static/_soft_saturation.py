@@ -8,8 +8,6 @@ from scipy.special import expit
 from ..operators import parameter
 from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
-__all__ = ["SoftSaturation", "SoftSaturationOperator"]
-
 _BROADEST, _SHARPEST = 0.3, 50.0  # knee
 _LEVELS = (0.5, 0.8, 1.3)  # to start from, of the largest distance from the centre
 _KNEES = (1.0, 2.0, 4.0)
