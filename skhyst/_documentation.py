@@ -25,9 +25,10 @@ def documented_like(*others):
     """
 
     def decorate(function):
-        titles = [title for title in _TITLES if title != "Attributes"]
-        order = list(inspect.signature(function).parameters)
-        function.__doc__ = _completed(function.__doc__, order, others, titles)
+        if function.__doc__:  # Python may be told to leave docstrings out
+            titles = [title for title in _TITLES if title != "Attributes"]
+            order = list(inspect.signature(function).parameters)
+            function.__doc__ = _completed(function.__doc__, order, others, titles)
         return function
 
     return decorate

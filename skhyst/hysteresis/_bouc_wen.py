@@ -16,7 +16,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, as_signal, parameter
 from ._bouc_wen_curve import curve_run, curve_tangents, curves
-from ._common import force_characteristics, require, show
+from ._common import force_characteristics, show
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,10 +90,10 @@ class BoucWenOperator(Operator):
     rank = 10
 
     def __post_init__(self):
-        require(self, "limit", self.limit > 0.0, "be positive")
-        require(self, "ratio", self.ratio >= 0.0, "be at least 0")
-        require(self, "exponent", self.exponent > 0.0, "be positive")
-        require(self, "asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
+        self._require("limit", self.limit > 0.0, "be positive")
+        self._require("ratio", self.ratio >= 0.0, "be at least 0")
+        self._require("exponent", self.exponent > 0.0, "be positive")
+        self._require("asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
 
     def __reduce__(self):  # without the tables
         fields = dataclasses.fields(self)

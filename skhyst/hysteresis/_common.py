@@ -96,12 +96,3 @@ def show(model, operator, *names):
     for name in names:
         value = np.array(getattr(operator, name))
         setattr(model, f"{name}_", value if value.ndim else float(value))
-
-
-def require(operator, name, valid, wanted):
-    """Raise the error that a field of an operator is not as wanted, unless it is valid."""
-    if not valid:
-        raise ValueError(
-            f"The '{name}' parameter of {type(operator).__name__} must {wanted}. "
-            f"Got {getattr(operator, name)!r} instead."
-        )

@@ -28,7 +28,7 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
-from ._common import largest_drive, require
+from ._common import largest_drive
 
 _RESOLUTION = 0.1  # of the smaller of shape and pinning, the largest step by default
 _MOST_STEPS = 10000.0  # an interval; an absurd drive must come to an end
@@ -253,9 +253,9 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
         if self.max_step is None:
             object.__setattr__(self, "max_step", _RESOLUTION * min(self.shape, self.pinning))
         for name in ("shape", "pinning", "max_step"):
-            require(self, name, getattr(self, name) > 0.0, "be positive")
-        require(self, "coupling", 0.0 <= self.coupling < 1.0, "be in [0, 1)")
-        require(self, "reversibility", 0.0 <= self.reversibility <= 1.0, "be in [0, 1]")
+            self._require(name, getattr(self, name) > 0.0, "be positive")
+        self._require("coupling", 0.0 <= self.coupling < 1.0, "be in [0, 1)")
+        self._require("reversibility", 0.0 <= self.reversibility <= 1.0, "be in [0, 1]")
 
 
 _SHAPES = (0.3, 1.0, 3.0)  # starts: shape over the coercive field,

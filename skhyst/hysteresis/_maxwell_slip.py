@@ -8,7 +8,7 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..operators import as_signal, parameter
-from ._common import FrictionModel, force_characteristics, require, show
+from ._common import FrictionModel, force_characteristics, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
 
@@ -63,7 +63,7 @@ class MaxwellSlipOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        require(self, "thresholds", self.thresholds[0] > 0.0, "be positive")
+        self._require("thresholds", self.thresholds[0] > 0.0, "be positive")
 
     def characteristics(self, seen):
         return force_characteristics(self.weights @ self.thresholds, np.sum(self.weights))

@@ -30,7 +30,7 @@ from ..operators import (
     play_tangents,
     play_thresholds,
 )
-from ._common import require, show
+from ._common import show
 
 
 class PlaySum(Superposition):
@@ -40,9 +40,9 @@ class PlaySum(Superposition):
         super().__post_init__()
         r = self.thresholds
         ascending = r.ndim == 1 and r.size and r[0] >= 0.0 and np.all(r[1:] >= r[:-1])
-        require(self, "thresholds", ascending, "be a list of ascending values, none negative")
+        self._require("thresholds", ascending, "be a list of ascending values, none negative")
         matching = self.weights.shape == r.shape
-        require(self, "weights", matching, f"have one value for each of the {r.size} thresholds")
+        self._require("weights", matching, f"have one value for each of the {r.size} thresholds")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     def __post_init__(self):
         super().__post_init__()
-        require(self, "form", self.form in ("play", "stop"), "be 'play' or 'stop'")
+        self._require("form", self.form in ("play", "stop"), "be 'play' or 'stop'")
 
     @cached_property
     def _play_form(self):

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..operators import as_signal, parameter
-from ._common import require, show
+from ._common import show
 from ._preisach_loops import (
     build_bins,
     everett_run,
@@ -85,7 +85,7 @@ class PreisachOperator(RelayGridOperator):
         super().__post_init__()
         n = self.levels.size - 1
         wanted = f"be empty or have one value for each of the {n} intervals"
-        require(self, "reversible", self.reversible.size in (0, n), wanted)
+        self._require("reversible", self.reversible.size in (0, n), wanted)
 
     @cached_property
     def _bins(self):

@@ -17,7 +17,7 @@ from scipy.ndimage import uniform_filter1d
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..operators import as_signal, clip_play, parameter
-from ._common import fastest_change, require, show, swing
+from ._common import fastest_change, show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
 _PASSES = 40  # of the inverse with one window, at most
@@ -164,7 +164,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         size = self.thresholds.size
         matching = self.rate_weights.shape in {(0,), (size,)}
         wanted = f"have one value for each of the {size} thresholds, or none"
-        require(self, "rate_weights", matching, wanted)
+        self._require("rate_weights", matching, wanted)
 
     def parameter_specs(self):
         """Return the identifiable fields; without ``dilation`` where it is zero."""

@@ -28,7 +28,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
-from ._common import require, show
+from ._common import show
 
 _STRETCH = 1024  # rows of the design matrix at a time
 _BINS = 200  # of the drive, to see where the response changes
@@ -54,10 +54,10 @@ class RelayGridOperator(Superposition):
         super().__post_init__()
         n, levels = self.levels.size, self.levels
         ascending = levels.ndim == 1 and n > 1 and np.all(levels[1:] > levels[:-1])
-        require(self, "levels", ascending, "be a list of two or more ascending values")
+        self._require("levels", ascending, "be a list of two or more ascending values")
         n_cells = n * (n - 1) // 2
         wanted = f"have one value for each of the {n_cells} cells between {n} levels"
-        require(self, "weights", self.weights.shape == (n_cells,), wanted)
+        self._require("weights", self.weights.shape == (n_cells,), wanted)
 
     @property
     def _center(self):
