@@ -79,7 +79,8 @@ def _metric(errors):
         return _combine(errors(*_check_responses(y_true, y_pred, sample_weight)), multioutput)
 
     del metric.__wrapped__  # its parameters are its own
-    metric.__doc__ = cleandoc(errors.__doc__).replace("Returns\n-------\n", _SHARED)
+    if errors.__doc__:  # Python may be told to leave docstrings out
+        metric.__doc__ = cleandoc(errors.__doc__).replace("Returns\n-------\n", _SHARED)
     return metric
 
 
