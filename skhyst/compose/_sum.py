@@ -77,7 +77,8 @@ class Sum(Composition):
             if not _stands_beside(models[i]):
                 found[i] = result.operator
             disturbances += result.disturbances
-        branches = [found, *self._others(found, *last)] if last else [found]
+        alone = len(found) == 1 and not disturbances
+        branches = [found] if alone or not last else [found, *self._others(found, *last)]
         names = [self.steps[i][0] for i in sorted(found)]
         starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
         result = self._refine([(start, tuple(disturbances)) for start in starts], data)
@@ -93,12 +94,12 @@ class Sum(Composition):
     def _others(self, found, i, records):
         """Return the branches with the starting values of the last one that is driven.
 
-        The branches before it have taken a part of what it should explain, so the values that fit
-        what they left need not lead to the best of all together. Where all are linear in the
-        signal there is little to lose that way.
+        The branches before it have taken a part of what it should explain, or it has itself taken
+        what stands beside it, so its values by itself need not lead to the best of all together.
+        Where all are linear in the signal there is little to lose that way.
         """
         model = self._models()[i]
-        if len(found) == 1 or isinstance(model, Composition) or found[i].signal_linear:
+        if isinstance(model, Composition) or found[i].signal_linear:
             return []
         starts = [take_apart(start)[0] for start in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []

@@ -37,6 +37,10 @@ below 8 % (Bakirov and Szekely [3]_), and a rival with needless parameters, whos
 below zero, makes it larger still. Where a gain shows and where not does not matter, and few blocks
 are enough where the gain is far beyond chance.
 
+**What stands beside.** An offset, a drift or a line is fitted to the record that it is in, and with
+it the noise's own course. It stays only where the noise alone, whose spectrum goes on as it does
+outside of what was fitted, does not make it at the same level, see ``_course``.
+
 **The family.** The p-value is multiplied by the number of candidates that were tried, pairs of
 effects included (Bonferroni), so that a claim is false with probability `alpha` at most, however
 the candidates depend on each other. The tail makes that cheap: of a hundred blocks, two hundred
@@ -87,13 +91,17 @@ class Criterion:
         """Whether one contestant is better than another, among so many that were tried."""
         return self.matters(worse, better) and self.p_value(worse, better, n_tried) < self.alpha
 
-    def is_needed(self, without, contestant):
+    def is_needed(self, without, contestant, n_tried=1):
         """Whether a contestant foretells better than the same without one of its effects.
 
-        That the effect shows in the fit was asked when it was claimed.
+        That the effect shows in the fit was asked when it was claimed. What stands beside must be
+        more than the noise's own course, too.
         """
+        p_value = self.p_value(without, contestant, n_tried)
+        if len(contestant.structure.disturbances) > len(without.structure.disturbances):
+            p_value = max(p_value, n_tried * contestant.course_p_value)
         lower = contestant.error < (1.0 - self.min_improvement) * without.error
-        return bool(lower) and self.p_value(without, contestant) < self.alpha
+        return bool(lower) and p_value < self.alpha
 
     def p_value(self, worse, better, n_tried=1):
         """Return the p-value against a contestant that foretells better, corrected."""

@@ -4,8 +4,8 @@ In each round every effect is put into the model so far. The candidates are halv
 and what is left of them is held out, alone and in pairs: two effects of equal size may each leave
 too much for a claim. The criterion (``_criterion``) says which are better than the model so far.
 Of these, the ones that the data cannot tell from the best are kept, and the simplest of them is
-claimed; the others are ambiguous with it. Then each effect claimed before is taken out once: what
-later ones have made needless is dropped, so that the order of claims does not decide.
+claimed; the others are ambiguous with it. Then all is identified anew, and each effect is taken out
+once: what is not needed is dropped, so that the order of claims does not decide.
 """
 
 import time
@@ -67,6 +67,7 @@ class Rounds:
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
     _number: int = 0
+    _n_tried: int = 1
 
     def run(self, base):
         """Add effects to a candidate until none is better; return what it has become."""
@@ -81,7 +82,8 @@ class Rounds:
             base = self._recheck(self._refreshed(base))
             if self.renew is not None:
                 base = self.renew(base, base, self.records, thorough=True)
-            self.history[-1]["error_after"] = base.error
+            if self.history:
+                self.history[-1]["error_after"] = base.error
             self.records = self._records(base)
         return base
 
@@ -116,8 +118,9 @@ class Rounds:
         if len(self.history) + 2 <= self.max_effects:
             n_tried += comb(len(effects), 2)
             tested += self._pairs(base, singles, parallel)
+        self._n_tried = n_tried
         p_values = {c.effects: self.criterion.p_value(base, c, n_tried) for c in tested}
-        chosen = self._chosen(base, tested, p_values, n_tried)
+        chosen = self._chosen(base, tested, p_values)
         self._rank(base, effects, screened, tested, p_values, chosen)
         self._add_time("contest", begin)
         return chosen
@@ -210,7 +213,7 @@ class Rounds:
         fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
         return self._held_out(base, fitted, parallel)
 
-    def _chosen(self, base, tested, p_values, n_tried):
+    def _chosen(self, base, tested, p_values):
         """Return the simplest of the candidates that the data cannot tell from the best."""
         alone = {c.effects: c for c in tested if len(c.effects) == 1}
         claims = []
@@ -218,7 +221,7 @@ class Rounds:
             if not (self.criterion.matters(base, c) and p_values[c.effects] < self.criterion.alpha):
                 continue
             parts = [alone[(name,)] for name in c.effects if len(c.effects) > 1]
-            if all(self.criterion.is_better(part, c, n_tried) for part in parts):
+            if all(self.criterion.is_better(part, c, self._n_tried) for part in parts):
                 claims.append(c)
         if not claims:
             return None
@@ -279,24 +282,24 @@ class Rounds:
         return anew if anew.error < base.error else base
 
     def _recheck(self, base):
-        """Drop what the effects added later have made needless; return the candidate."""
+        """Drop what is not needed, now that all is fitted anew; return the candidate."""
         begin = time.perf_counter()
-        while len(base.structure.effects) > 1:
+        while base.structure.effects:
             needless = []
-            for effect in base.structure.effects[:-1]:
+            for effect in base.structure.effects:
                 reduced = refitted(base, base.structure.without(effect), self.records)
                 if self.renew is None:
                     reduced = held_out(reduced, self.records, self.folds, self.certain)
                 else:
                     reduced = self.renew(reduced, base, self.records)
-                if not self.criterion.is_needed(reduced, base):
+                if not self.criterion.is_needed(reduced, base, self._n_tried):
                     needless.append((reduced.error, effect, reduced))
             if not needless:
                 break
             _, effect, base = min(needless, key=lambda entry: entry[0])
             self.dropped.append(effect)
             self.history = [row for row in self.history if row["effect"] != effect]
-            self.say(f"{effect} is no longer needed: held-out error {base.error:.4g}")
+            self.say(f"{effect} is not needed: held-out error {base.error:.4g}")
         self._add_time("re-check", begin)
         return base
 

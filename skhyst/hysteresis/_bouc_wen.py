@@ -214,6 +214,7 @@ class BoucWenOperator(Operator):
         return y, dy
 
 
+_STARTS = 3
 _SCREENED = 400  # samples that decide between starting values
 _LIMITS = np.geomspace(0.04, 2.0, 5)  # of half the drive's range
 _RATIOS = (0.3, 2.0)
@@ -319,7 +320,10 @@ class BoucWen(ParametricModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        """Return the best of a coarse grid, the linear parameters solved at some samples."""
+        """Return the best three limits of a coarse grid, what is linear solved at some samples.
+
+        A disturbance beside the model may make another one look best.
+        """
         half_range = 0.5 * max(np.ptp(record.u) for record in records)
         if not half_range > 0.0:
             half_range = max(np.abs(record.u).max() for record in records) or 1.0
@@ -341,7 +345,7 @@ class BoucWen(ParametricModel):
         known = np.column_stack((drive, np.ones(len(drive))))[:, free]
         basis, _ = np.linalg.qr(known)
         rest = response - basis @ (basis.T @ response)
-        best, most = None, -np.inf
+        found = {}
         for ratio, exponent in product(_RATIOS, exponents):
             # all limits have one curve: z / limit is a function of u / limit
             unit = BoucWenOperator(0.0, 1.0, 1.0, ratio, exponent)
@@ -351,14 +355,19 @@ class BoucWen(ParametricModel):
                 own = z - basis @ (basis.T @ z)
                 power = own @ own
                 explained = (own @ rest) ** 2 / power if power > 1e-20 * (z @ z) else 0.0
-                if explained > most:
-                    most, best = explained, (limit * z, float(limit), ratio, exponent)
-        z, limit, ratio, exponent = best
+                if limit not in found or explained > found[limit][0]:
+                    found[limit] = explained, ratio, exponent, limit * z
+        best = sorted(found.items(), key=lambda item: -item[1][0])[:_STARTS]
+        return [
+            (self._start(float(limit), ratio, exponent, z, known, response), ())
+            for limit, (_, ratio, exponent, z) in best
+        ]
+
+    def _start(self, limit, ratio, exponent, z, known, response):
         linear = np.linalg.lstsq(np.column_stack((z, known)), response, rcond=None)[0]
         alpha, *others = linear.tolist()
         gain = others.pop(0) if self.fit_gain else 0.0
-        operator = BoucWenOperator(gain, alpha, limit, ratio, exponent, intercept=sum(others))
-        return [(operator, ())]
+        return BoucWenOperator(gain, alpha, limit, ratio, exponent, intercept=sum(others))
 
     def held_parameters(self):
         held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
