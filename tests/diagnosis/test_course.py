@@ -1,0 +1,43 @@
+"""What stands beside a model is told from the course that noise takes by itself."""
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import legvander
+
+from skhyst.diagnosis._course import course_p_value
+
+N = 800
+TIME = np.linspace(-1.0, 1.0, N)
+
+
+def noise(rng, exponent):
+    """Return noise of unit variance whose power falls with this power of the frequency."""
+    gains = np.append(0.0, np.arange(1.0, N + 1.0) ** (-0.5 * exponent))
+    gains *= np.sqrt(2 * N / (2.0 * np.sum(gains[:-1] ** 2) + gains[-1] ** 2))
+    return np.fft.irfft(np.fft.rfft(rng.standard_normal(2 * N)) * gains, 2 * N)[:N]
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("degree", [0, 1, 3])
+def test_noise_of_any_colour_is_no_drift(exponent, degree):
+    rng, basis = np.random.default_rng(100), legvander(TIME, degree)
+    found = [
+        course_p_value([noise(rng, exponent) for _ in range(4)], [basis] * 4) for _ in range(50)
+    ]
+    assert np.mean(np.array(found) < 0.1) < 0.2
+    assert min(found) > 1e-4
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0])
+def test_what_stands_out_of_the_spectrum_is_found(exponent):
+    rng = np.random.default_rng(101)
+    drift, line = legvander(TIME, 1), np.stack([np.cos(90.0 * TIME), np.sin(90.0 * TIME)], axis=1)
+    for basis in (drift, line):
+        courses = [noise(rng, exponent) + 20.0 * basis @ rng.standard_normal(2) for _ in range(4)]
+        assert course_p_value(courses, [basis] * 4) < 1e-5
+
+
+def test_without_noise_everything_stands_out_and_nothing_is_nothing():
+    basis = np.ones((N, 1))
+    assert course_p_value([basis[:, 0], 2.0 * basis[:, 0]], [basis] * 2) < 1e-5
+    assert course_p_value([np.zeros(N)] * 2, [basis] * 2) == 1.0
