@@ -118,7 +118,8 @@ class Claim:
         if not found and self.kind == "exchange":  # a single model has no names of stages
             own = {key.removeprefix("model__"): key for key in self.result.params}
             found = {short: key for short, key in own.items() if "__" not in short}
-        return found
+        known = {name for name, _ in self.operator.entries()}  # others follow the record
+        return {short: key for short, key in found.items() if short in known}
 
     @cached_property
     def values(self):

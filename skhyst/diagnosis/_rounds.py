@@ -42,6 +42,8 @@ class Rounds:
         Takes a line about progress.
     renew : callable or None
         Fits a declared black box again, see ``BlackBox.renew``.
+    is_structured : callable
+        Tells whether a candidate leaves more than noise.
     lost : list of ndarray of bool or None
         Lost readings of each record where the loss is Huber's; None where it is the square.
     history, ranking : list of dict
@@ -61,20 +63,23 @@ class Rounds:
     negligible: float
     say: object
     renew: object
+    is_structured: object
     lost: list | None = None
     history: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
     _number: int = 0
-    _n_tried: int = 1
+    _n_tried: int = 0
+    _effort: int = 1
 
     def run(self, base):
         """Add effects to a candidate until none is better; return what it has become."""
         while len(self.history) < self.max_effects and base.error > self.negligible:
             self._number += 1
             base = self.weighed(base)
-            chosen = self._round(base)
+            self._n_tried = 0
+            chosen = self._round(base) or self._round_again(base)
             if chosen is None:
                 break
             base = chosen
@@ -86,6 +91,12 @@ class Rounds:
                 self.history[-1]["error_after"] = base.error
             self.records = self._records(base)
         return base
+
+    def _round_again(self, base):
+        """Do a round with larger budgets, where structure is left and nothing was claimed."""
+        if not self.is_structured(base):
+            return None
+        return self._round(base, effort=FACTOR)
 
     def weighed(self, base):
         """Return a candidate refitted with the weights that its residual asks for."""
@@ -102,8 +113,9 @@ class Rounds:
 
     # ------------------------------------------------------------------ one round
 
-    def _round(self, base):
-        """Return the candidate that is claimed, or None."""
+    def _round(self, base, effort=1):
+        """Return the candidate that is claimed, or None; budgets are larger by the effort."""
+        self._effort = effort
         begin = time.perf_counter()
         parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
         taken = set(base.structure.effects) | set(self.dropped)
@@ -113,13 +125,12 @@ class Rounds:
         begin = time.perf_counter()
         fitted = self._fitted([base] * len(effects), screened, parallel)
         singles = self._held_out(base, fitted, parallel)
-        n_tried = sum(map(len, screened[0]))
+        self._n_tried += sum(map(len, screened[0]))
         tested = list(singles)
         if len(self.history) + 2 <= self.max_effects:
-            n_tried += comb(len(effects), 2)
+            self._n_tried += comb(len(effects), 2)
             tested += self._pairs(base, singles, parallel)
-        self._n_tried = n_tried
-        p_values = {c.effects: self.criterion.p_value(base, c, n_tried) for c in tested}
+        p_values = {c.effects: self.criterion.p_value(base, c, self._n_tried) for c in tested}
         chosen = self._chosen(base, tested, p_values)
         self._rank(base, effects, screened, tested, p_values, chosen)
         self._add_time("contest", begin)
@@ -150,7 +161,7 @@ class Rounds:
             for (effect, c), (records, _) in zip(pairs, seen, strict=True)
         )
         groups = [(own, *what) for own, what in zip(starts, seen, strict=True)]
-        return *halve(groups, parallel), seen
+        return *halve(groups, parallel, self._effort), seen
 
     def _fitted(self, bases, screened, parallel):
         """Return the best variant of each effect that stays, refitted to all samples.
@@ -172,7 +183,7 @@ class Rounds:
         own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
         best = [self._simplest(self._near_best(found))[0] for found in own.values()]
         # of long records, what fits their first parts is near the solution
-        budget = FACTOR if are_long(self.records) else FACTOR**3
+        budget = self._effort * (FACTOR if are_long(self.records) else FACTOR**3)
         return parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
 
     def _is_plausible(self, candidate, base, records):
@@ -203,7 +214,7 @@ class Rounds:
 
     def _pairs(self, base, singles, parallel):
         """Return the pairs of the best candidates, held out."""
-        best = sorted(singles, key=lambda c: c.error)[:FACTOR]
+        best = sorted(singles, key=lambda c: c.error)[: FACTOR + self._effort - 1]
         known = {effect.name: effect for effect in self.effects}
         # the better one comes first: the other starts from what that leaves
         pairs = [(known[b.effects[0]], a) for a, b in combinations(best, 2)]

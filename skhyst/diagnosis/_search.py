@@ -266,6 +266,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             NEGLIGIBLE * np.ptp(self.response_),
             self._say,
             declared.renew,
+            lambda base: self._judged(declared.measured(rounds.records), base, rounds).structured,
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
         for _ in range(REWEIGHTED if rounds.lost else 0):
@@ -306,16 +307,22 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
     def _judge(self, measured, base, rounds):
-        """Set the noise floor and the verdict.
-
-        Judged is the fit to everything: a held-out record that goes further than the others shows
-        what they do not determine, which is no missing structure.
-        """
+        """Set the noise floor and the verdict."""
         if base.error <= rounds.negligible:
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
+        judgement = self._judged(measured, base, rounds)
+        self.noise_floor_ = judgement.error
+        self.verdict_ = "unexplained" if judgement.structured else "noise"
+
+    def _judged(self, measured, base, rounds):
+        """Return the judgement of what a candidate leaves, fitted to everything.
+
+        A held-out record that goes further than the others shows what they do not determine, which
+        is no missing structure.
+        """
         problem = base.structure.problem(rounds.records)
         fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
         predictions = [  # where nothing counts there is none
@@ -326,9 +333,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        judgement = judge_residual(*seen, rng, rounds.criterion)
-        self.noise_floor_ = judgement.error
-        self.verdict_ = "unexplained" if judgement.structured else "noise"
+        return judge_residual(*seen, rng, rounds.criterion)
 
     def _say(self, text):
         if self.verbose:
