@@ -669,7 +669,7 @@ _CRITERION = [
     ),
     (
         "a pair is claimed that is no better than a part of it",
-        "if all(self.criterion.is_better(part, c, n_tried) for part in parts):",
+        "if all(self.criterion.is_better(part, c, self._n_tried) for part in parts):",
         "if parts is not None:",
         "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k two",
     ),

@@ -295,6 +295,8 @@ class Rounds:
     def _recheck(self, base):
         """Drop what is not needed, now that all is fitted anew; return the candidate."""
         begin = time.perf_counter()
+        if self.renew is not None:  # what a black box leaves has a course of the box's own
+            base = replace(base, course_p_value=0.0)
         while base.structure.effects:
             needless = []
             for effect in base.structure.effects:

@@ -363,6 +363,9 @@ class BoucWen(ParametricModel):
             for limit, (_, ratio, exponent, z) in best
         ]
 
+    def _identify(self, data):
+        return self._refine(self.starting_values(data)[:1], data)  # alone, the best is enough
+
     def _start(self, limit, ratio, exponent, z, known, response):
         linear = np.linalg.lstsq(np.column_stack((z, known)), response, rcond=None)[0]
         alpha, *others = linear.tolist()
