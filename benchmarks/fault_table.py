@@ -508,12 +508,6 @@ _DIAGNOSIS = [
         " tests/diagnosis/test_held_out.py -k 'segment or fold or sample'",
     ),
     (
-        "what the other folds leave open counts in full",
-        "own[start:stop] = 1.0 / (1.0 + leverage[start:stop])",
-        "own[start:stop] = 1.0",
-        "tests/diagnosis/test_candidates.py -k open",
-    ),
-    (
         "the black box learns from what it is tested on",
         "train = np.flatnonzero(~test)",
         "train = np.flatnonzero(test | True)",

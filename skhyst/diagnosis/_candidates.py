@@ -139,30 +139,10 @@ def _last(count):
     return max(-(-count // FACTOR), FACTOR)
 
 
-def certainties(candidate, records, folds):
-    """Return how much each sample counts where it is held out, by records.
-
-    Noise of variance v and the fit to the other samples give a held-out residual the variance
-    v (1 + h), with the leverage h of the sample. It counts by 1 / (1 + h): a record that goes
-    further than all others says nothing of what they leave open.
-    """
-    problem = candidate.structure.problem(records)
-    weights = [np.ones(len(record.y)) for record in records]
-    for train, test in folds:
-        leverages, segment = problem.leverages(problem.x0, train), 0
-        for own, leverage, record in zip(weights, leverages, records, strict=True):
-            for start, stop in record.segments:
-                if test[segment]:
-                    own[start:stop] = 1.0 / (1.0 + leverage[start:stop])
-                segment += 1
-    return tuple(weights)
-
-
-def held_out(candidate, records, folds, certain=None):
+def held_out(candidate, records, folds):
     """Predict every segment from a fit that did not see it; return the completed candidate.
 
-    ``folds`` are pairs of boolean masks over segments: those fitted, those scored. ``certain`` are
-    the `certainties` of the samples, of as many as there are; by default all are ones.
+    ``folds`` are pairs of boolean masks over segments: those fitted, those scored.
     """
     problem = candidate.structure.problem(records)
     alike = not all(problem.depends_on(train) for train, _ in folds)
@@ -180,15 +160,12 @@ def held_out(candidate, records, folds, certain=None):
                     predictions[number][start:stop] = parts[number][start:stop]
                 segment += 1
     residuals = [r.y - p for r, p in zip(records, predictions, strict=True)]
-    weights = [record.weights for record in records]
-    if certain is not None:  # records may be first parts
-        known = [own[: len(record.y)] for own, record in zip(certain, records, strict=True)]
-        weights = [own if w is None else w * own for w, own in zip(weights, known, strict=True)]
+    weights = tuple(record.weights for record in records)
     return replace(
         candidate,
         residuals=tuple(residuals),
         predictions=tuple(predictions),
-        weights=tuple(weights),
+        weights=weights,
         error=_root_mean_square(residuals, weights),
         course_p_value=_course_p_value(candidate.structure, records),
     )

@@ -5,21 +5,13 @@ claimed before is still needed, which candidates the data cannot tell apart, and
 left is structure (the rival then is a black box).
 
 **The loss.** Each sample is predicted by a fit that has not seen it. With the residuals :math:`a_t`
-of one model, :math:`b_t` of its rival, the weight :math:`w_t` of the sample and the difference of
-the predictions :math:`\Delta_t = a_t - b_t`, the rival gains
+of one model, :math:`b_t` of its rival, the weight :math:`w_t` of the sample (one, but for a robust
+loss) and the difference of the predictions :math:`\Delta_t = a_t - b_t`, the rival gains
 
 .. math:: d_t = w_t (a_t^2 - b_t^2) = w_t \Delta_t^2 + 2 w_t \Delta_t b_t .
 
 Where both predict the same, as at rest, nothing is gained and nothing is lost: such samples have no
 part in the decision.
-
-**The weight.** A record may go further than all others, and what the fit to the others makes of it
-then says nothing of the model's form. Independent noise of the variance :math:`v` gives a held-out
-residual the variance :math:`v (1 + h_t)`, where :math:`h_t = j_t' (J' J)^{-1} j_t` is the leverage
-of its sample: :math:`J` are the derivatives of the predictions by the parameters in the samples
-that were fitted, :math:`j_t` those in this sample. So :math:`w_t = 1 / (1 + h_t)`, with the
-derivatives of the declared model, alike for all its rivals: what an effect of their own leaves open
-counts against them. Weights of a robust loss multiply it.
 
 **Chance.** If the rival is right, :math:`b` is noise, and :math:`Q = \sum w_t \Delta_t b_t` is what
 chance does to the sum of the gains, :math:`\sum d_t = \sum w_t \Delta_t^2 + 2 Q`. Neighbours of one

@@ -31,7 +31,7 @@ class Rounds:
     ----------
     effects : list of Effect
         To try.
-    records, folds, certain
+    records, folds
         Of the contest, see :func:`held_out`.
     criterion : Criterion
     max_effects, n_jobs
@@ -56,7 +56,6 @@ class Rounds:
     effects: list
     records: list
     folds: list
-    certain: tuple | None
     criterion: object
     max_effects: int
     n_jobs: int | None
@@ -105,7 +104,7 @@ class Rounds:
         weights = huber_weights(base.residuals, lost=self.lost)
         self.records = [replace(r, weights=w) for r, w in zip(self.records, weights, strict=True)]
         base = refitted(base, base.structure, self.records)
-        return held_out(base, self.records, self.folds, self.certain)
+        return held_out(base, self.records, self.folds)
 
     def _records(self, candidate):
         """Return the records as a candidate sees them."""
@@ -178,8 +177,7 @@ class Rounds:
             for c in variants[i]
             if c.cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
         ]
-        contest = self.folds, self.certain
-        tried = parallel(delayed(held_out)(c, seen[i][0], *contest) for i, c in jobs)
+        tried = parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
         best = [self._simplest(self._near_best(found))[0] for found in own.values()]
         # of long records, what fits their first parts is near the solution
@@ -204,8 +202,7 @@ class Rounds:
     def _held_out(self, base, candidates, parallel):
         """Return the candidates held out."""
         if self.renew is None:
-            contest = self.records, self.folds, self.certain
-            return parallel(delayed(held_out)(c, *contest) for c in candidates)
+            return parallel(delayed(held_out)(c, self.records, self.folds) for c in candidates)
         rough = parallel(delayed(self.renew)(c, base, self.records) for c in candidates)
         rough.sort(key=lambda c: c.error)
         best = rough[: -(-len(rough) // FACTOR)]
@@ -289,7 +286,7 @@ class Rounds:
         anew = refitted(base, base.structure.identified(self.records), self.records)
         if anew.cost >= base.cost:
             return base
-        anew = held_out(anew, self.records, self.folds, self.certain)
+        anew = held_out(anew, self.records, self.folds)
         return anew if anew.error < base.error else base
 
     def _recheck(self, base):
@@ -302,7 +299,7 @@ class Rounds:
             for effect in base.structure.effects:
                 reduced = refitted(base, base.structure.without(effect), self.records)
                 if self.renew is None:
-                    reduced = held_out(reduced, self.records, self.folds, self.certain)
+                    reduced = held_out(reduced, self.records, self.folds)
                 else:
                     reduced = self.renew(reduced, base, self.records)
                 if not self.criterion.is_needed(reduced, base, self._n_tried):

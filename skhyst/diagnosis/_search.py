@@ -17,7 +17,7 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, certainties, held_out
+from ._candidates import Candidate, held_out
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
@@ -97,9 +97,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         drift, phase) are taken from one half of a held-out record's segments to predict the other
         half.
     weights_ : ndarray of shape (n_samples,)
-        How much each held-out sample counts: the less, the more open the other folds leave the
-        declared model's prediction of it, as where a record goes further than all others; and
-        the weights of Huber's loss where that is asked for.
+        How much each held-out sample counts: the weights of Huber's loss where that is asked for,
+        ones otherwise.
     noise_floor_ : float
         The error that no model is known to beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
@@ -249,8 +248,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, len(result.x), result.x)
-        certain = None if declared.renew else certainties(base, records, folds)
-        base = held_out(base, records, folds, certain)
+        base = held_out(base, records, folds)
         self.declared_estimator_ = declared.fitted(result)
         self._say(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
@@ -259,7 +257,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             declared.effects(effects),
             records,
             folds,
-            certain,
             Criterion(self.alpha, self.min_improvement),
             self.max_effects,
             self.n_jobs,

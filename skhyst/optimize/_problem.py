@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
-_OPEN = 1e-10  # of a column's sum of squares: what other segments tell less of it is rounding
 _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
 
 
@@ -244,37 +242,6 @@ class OperatorProblem(Unknowns):
             chain[d:-1] = self._chain(x)
             blocks *= np.outer(chain, chain)
         return blocks
-
-    def leverages(self, x, select):
-        """Return how open the selected segments leave the prediction of each sample, by records.
-
-        The variance of what the driven part predicts, fitted to those segments alone, relative to
-        that of independent noise: small where they determine the prediction, beyond all bounds
-        where they do not. Bounds of the unknowns are not considered.
-
-        Parameters
-        ----------
-        x : ndarray of shape (n,)
-        select : ndarray of bool of shape (n_segments,)
-
-        Returns
-        -------
-        list of ndarray of shape (n_samples,)
-        """
-        operator, disturbances = self.unpack(x)
-        n, blocks = len(self._free), self.evaluate(x)
-        whole, known = (self.total(blocks, own)[:n, :n] for own in (None, select))
-        scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
-        factor = cholesky(known / np.outer(scale, scale) + _OPEN * np.eye(n), lower=True)
-        scale /= self._chain(x)[:n]
-        found = []
-        for record in self.records:
-            columns = self._linearized(operator, record)[1][:, self._free] / scale
-            if disturbances:
-                basis = self._basis(disturbances, record)
-                columns -= basis @ np.linalg.lstsq(basis, columns, rcond=None)[0]
-            found.append(np.square(solve_triangular(factor, columns.T, lower=True)).sum(axis=0))
-        return found
 
     def _linearized(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""

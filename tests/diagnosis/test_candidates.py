@@ -10,7 +10,6 @@ from joblib import Parallel
 from skhyst.diagnosis import EFFECTS, effect_names
 from skhyst.diagnosis._candidates import (
     Candidate,
-    certainties,
     halve,
     held_out,
     predicted,
@@ -22,8 +21,7 @@ from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import GainOperator
-from skhyst.optimize import OperatorProblem, RecordData, variable_projection
+from skhyst.optimize import RecordData, variable_projection
 
 
 def some_records(seed, n=240, count=3, n_segments=6):
@@ -187,36 +185,9 @@ def test_the_simplest_variant_that_is_true_is_claimed(degree):
     folds = record_folds(bent)
     base = held_out(candidate_of(tree, bent), bent, folds)
     effects, criterion = [EFFECTS["static_nonlinearity"]], Criterion(0.01, 0.05)
-    rounds = Rounds(effects, bent, folds, None, criterion, 1, 1, 0.0, print, None, lambda c: False)
+    rounds = Rounds(effects, bent, folds, criterion, 1, 1, 0.0, print, None, lambda c: False)
     stages = rounds.run(base).structure
     assert stages.models[stages.names.index("static_nonlinearity")].degree == degree
-
-
-def test_what_the_other_folds_leave_open_does_not_count():
-    time, rng = np.arange(300) / 30.0, np.random.default_rng(9011)
-    drives = [size * np.sin(time) for size in (1.0, 1.1, 3.0)]
-    records = [RecordData(u, u + 0.01 * rng.standard_normal(300), 0.01) for u in drives]
-    model = PrandtlIshlinskii(thresholds=[0.0, 0.3, 1.0, 2.0])
-    tree = Tree.from_result(model, model._identify(records))
-    weights = certainties(candidate_of(tree, records), records, record_folds(records))
-    for own in weights[:2]:
-        assert own.min() > 0.9
-    large = weights[2]
-    reaches = np.maximum.accumulate(drives[2]) > 2.1  # the largest threshold is 2
-    assert large[reaches].max() < 1e-3
-    assert large[: np.argmax(drives[2] > 0.5)].min() > 0.9
-
-
-def test_leverages_are_those_of_linear_least_squares():
-    rng = np.random.default_rng(9012)
-    records = [RecordData(u, 2.0 * u + 1.0, 0.01) for u in rng.standard_normal((2, 50))]
-    operator = GainOperator(2.0, 1.0)
-    problem = OperatorProblem(operator, records)
-    found = problem.leverages(problem.x0, np.array([True, False]))
-    columns = [np.stack([r.u, np.ones(50)], axis=1) for r in records]
-    inverse = np.linalg.inv(columns[0].T @ columns[0])
-    for h, own in zip(found, columns, strict=True):
-        np.testing.assert_allclose(h, np.sum(own @ inverse * own, axis=1), rtol=1e-6)
 
 
 def test_the_effects_that_explain_most_stay_three_at_least():
