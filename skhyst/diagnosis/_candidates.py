@@ -17,7 +17,6 @@ from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._constants import FACTOR, TOLERANCE
-from ._course import course_p_value
 from ._shortened import are_long
 from ._starts import starting_trees
 
@@ -40,8 +39,6 @@ class Candidate:
         Held out, of each record, NaN where nothing is scored; no weights (None) are ones.
     error : float
         Held-out root mean square error.
-    course_p_value : float
-        Against the noise itself having made what stands beside, see ``_course``.
     box : object
         What the declared black box predicts, where one was declared, see ``_black_box``.
     """
@@ -55,7 +52,6 @@ class Candidate:
     predictions: tuple | None = None
     weights: tuple | None = None
     error: float = np.nan
-    course_p_value: float = 0.0
     box: object = None
 
 
@@ -167,28 +163,7 @@ def held_out(candidate, records, folds):
         predictions=tuple(predictions),
         weights=weights,
         error=_root_mean_square(residuals, weights),
-        course_p_value=_course_p_value(candidate.structure, records),
     )
-
-
-def _course_p_value(tree, records):
-    """Return the largest p-value of the disturbances, each beside all others."""
-    if not tree.disturbances:
-        return 0.0
-    outputs, largest = tree.respond(records), 0.0
-    for disturbance in tree.disturbances:
-        courses, bases = [], []
-        for record, output in zip(records, outputs, strict=True):
-            time = record.dt * np.arange(len(record.y))
-            others = [d.basis(time) for d in tree.disturbances if d is not disturbance]
-            bases.append(disturbance.basis(time))
-            every = np.concatenate([bases[-1], *others], axis=1)
-            rest = record.y - output
-            solution = np.linalg.lstsq(every, rest, rcond=None)[0]
-            solution[: bases[-1].shape[1]] = 0.0
-            courses.append(rest - every @ solution)
-        largest = max(largest, course_p_value(courses, bases))
-    return largest
 
 
 def _root_mean_square(residuals, weights):

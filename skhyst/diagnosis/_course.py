@@ -24,7 +24,27 @@ from scipy.fft import dct
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
-_STEEPEST = 4.0  # exponent: of noise that is summed up twice
+from ._constants import STEEPEST
+
+
+def least_certain(tree, records):
+    """Return the largest p-value of the disturbances, each beside all others; 0 without any."""
+    if not tree.disturbances:
+        return 0.0
+    outputs, largest = tree.respond(records), 0.0
+    for disturbance in tree.disturbances:
+        courses, bases = [], []
+        for record, output in zip(records, outputs, strict=True):
+            time = record.dt * np.arange(len(record.y))
+            others = [d.basis(time) for d in tree.disturbances if d is not disturbance]
+            bases.append(disturbance.basis(time))
+            every = np.concatenate([bases[-1], *others], axis=1)
+            rest = record.y - output
+            solution = np.linalg.lstsq(every, rest, rcond=None)[0]
+            solution[: bases[-1].shape[1]] = 0.0
+            courses.append(rest - every @ solution)
+        largest = max(largest, course_p_value(courses, bases))
+    return largest
 
 
 def course_p_value(courses, bases):
@@ -60,9 +80,11 @@ def course_p_value(courses, bases):
 
     def deviance(exponent, scaled):
         """Return that of the fit, and the factor by which the power in the basis is larger."""
-        own = [f**-exponent @ share for f, share in zip(frequencies, shares, strict=True)]
-        own, others = inner / np.concatenate(own), outer * around**exponent
-        logarithm = np.log(own / inner).sum() + exponent * np.log(around).sum()
+        variances = np.concatenate(
+            [f**-exponent @ share for f, share in zip(frequencies, shares, strict=True)]
+        )
+        own, others = inner / variances, outer * around**exponent
+        logarithm = exponent * np.log(around).sum() - np.log(variances).sum()
         if not scaled:
             values = np.concatenate([own, others])
             return len(values) * np.log(values.mean()) - logarithm, 1.0
@@ -70,7 +92,7 @@ def course_p_value(courses, bases):
         return both - logarithm, own.mean() / others.mean()
 
     best = [
-        minimize_scalar(lambda b, s=scaled: deviance(b, s)[0], bounds=(0.0, _STEEPEST))
+        minimize_scalar(lambda b, s=scaled: deviance(b, s)[0], bounds=(0.0, STEEPEST))
         for scaled in (False, True)
     ]
     if deviance(best[1].x, True)[1] <= 1.0:

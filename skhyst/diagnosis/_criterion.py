@@ -83,15 +83,15 @@ class Criterion:
         """Whether one contestant is better than another, among so many that were tried."""
         return self.matters(worse, better) and self.p_value(worse, better, n_tried) < self.alpha
 
-    def is_needed(self, without, contestant, n_tried=1):
+    def is_needed(self, without, contestant, n_tried=1, course=0.0):
         """Whether a contestant foretells better than the same without one of its effects.
 
         That the effect shows in the fit was asked when it was claimed. What stands beside must be
-        more than the noise's own course, too.
+        more than the noise's own course, too: ``course`` is the p-value against that.
         """
         p_value = self.p_value(without, contestant, n_tried)
         if len(contestant.structure.disturbances) > len(without.structure.disturbances):
-            p_value = max(p_value, n_tried * contestant.course_p_value)
+            p_value = max(p_value, n_tried * course)
         lower = contestant.error < (1.0 - self.min_improvement) * without.error
         return bool(lower) and p_value < self.alpha
 

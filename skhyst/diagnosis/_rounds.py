@@ -17,6 +17,7 @@ from joblib import Parallel, delayed
 
 from ._candidates import halve, held_out, predicted, refitted
 from ._constants import FACTOR
+from ._course import least_certain
 from ._effects import EFFECTS
 from ._plausibility import is_plausible
 from ._robust import huber_weights
@@ -42,14 +43,16 @@ class Rounds:
         Takes a line about progress.
     renew : callable or None
         Fits a declared black box again, see ``BlackBox.renew``.
-    is_structured : callable
-        Tells whether a candidate leaves more than noise.
+    judge : callable
+        Returns the judgement of what a candidate leaves.
     lost : list of ndarray of bool or None
         Lost readings of each record where the loss is Huber's; None where it is the square.
     history, ranking : list of dict
         A row a claim that is kept; a row a candidate and round.
     dropped : list of str
         Claims that later ones made needless.
+    judgement : Judgement or None
+        Of the last candidate, where it was asked for.
     seconds : dict of str to float
     """
 
@@ -62,12 +65,13 @@ class Rounds:
     negligible: float
     say: object
     renew: object
-    is_structured: object
+    judge: object
     lost: list | None = None
     history: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
+    judgement: object = None
     _number: int = 0
     _n_tried: int = 0
     _effort: int = 1
@@ -81,7 +85,7 @@ class Rounds:
             chosen = self._round(base) or self._round_again(base)
             if chosen is None:
                 break
-            base = chosen
+            base, self.judgement = chosen, None
             self.records = self._records(base)
             base = self._recheck(self._refreshed(base))
             if self.renew is not None:
@@ -93,7 +97,8 @@ class Rounds:
 
     def _round_again(self, base):
         """Do a round with larger budgets, where structure is left and nothing was claimed."""
-        if not self.is_structured(base):
+        self.judgement = self.judge(base)
+        if not self.judgement.structured:
             return None
         return self._round(base, effort=FACTOR)
 
@@ -292,17 +297,17 @@ class Rounds:
     def _recheck(self, base):
         """Drop what is not needed, now that all is fitted anew; return the candidate."""
         begin = time.perf_counter()
-        if self.renew is not None:  # what a black box leaves has a course of the box's own
-            base = replace(base, course_p_value=0.0)
         while base.structure.effects:
             needless = []
+            # what a black box leaves has a course of the box's own
+            course = 0.0 if self.renew else least_certain(base.structure, self.records)
             for effect in base.structure.effects:
                 reduced = refitted(base, base.structure.without(effect), self.records)
                 if self.renew is None:
                     reduced = held_out(reduced, self.records, self.folds)
                 else:
                     reduced = self.renew(reduced, base, self.records)
-                if not self.criterion.is_needed(reduced, base, self._n_tried):
+                if not self.criterion.is_needed(reduced, base, self._n_tried, course):
                     needless.append((reduced.error, effect, reduced))
             if not needless:
                 break

@@ -263,7 +263,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             NEGLIGIBLE * np.ptp(self.response_),
             self._say,
             declared.renew,
-            lambda base: self._judged(declared.measured(rounds.records), base, rounds).structured,
+            lambda base: self._judged(declared.measured(rounds.records), base, rounds),
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
         for _ in range(REWEIGHTED if rounds.lost else 0):
@@ -310,7 +310,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_ = "noise"
             return
-        judgement = self._judged(measured, base, rounds)
+        judgement = rounds.judgement or self._judged(measured, base, rounds)
         self.noise_floor_ = judgement.error
         self.verdict_ = "unexplained" if judgement.structured else "noise"
 

@@ -219,14 +219,18 @@ class Preisach(RelayGridModel):
         dt=1.0,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
-        self.n_levels = n_levels
-        self.levels = levels
-        self.smoothness = smoothness
+        super().__init__(
+            n_levels,
+            levels=levels,
+            smoothness=smoothness,
+            non_negative=non_negative,
+            fit_intercept=fit_intercept,
+            center=center,
+            initial_state=initial_state,
+            dt=dt,
+            method=method,
+        )
         self.reversible = reversible
-        self.non_negative = non_negative
-        self.fit_intercept = fit_intercept
-        self.center = center
 
     def starting_values(self, records):
         (operator,) = super().starting_values(records)

@@ -185,7 +185,7 @@ def test_the_simplest_variant_that_is_true_is_claimed(degree):
     folds = record_folds(bent)
     base = held_out(candidate_of(tree, bent), bent, folds)
     effects, criterion = [EFFECTS["static_nonlinearity"]], Criterion(0.01, 0.05)
-    rounds = Rounds(effects, bent, folds, criterion, 1, 1, 0.0, print, None, lambda c: False)
+    rounds = Rounds(effects, bent, folds, criterion, 1, 1, 0.0, print, None, judge=None)
     stages = rounds.run(base).structure
     assert stages.models[stages.names.index("static_nonlinearity")].degree == degree
 
