@@ -3,11 +3,11 @@
 Successive halving (Jamieson and Talwalkar, AISTATS 2016) spends about the same number of
 simulations on each rung. Every starting value is simulated once, and the step from there is
 predicted. The best one of each variant is refitted with three simulations, the variants of the best
-third of the effects with nine. Those that still are what their name says are held out; of each
+third of the effects with nine, and so on with three times as many until nine effects or fewer are
+left, three at least, so that it is seen what else explains the data. What counts is the sum of
+squares that the next step is predicted to reach: a candidate that begins far from its solution is
+not judged by where it begins. Those that still are what their name says are held out; of each
 effect the simplest that foretells as well as its best is refitted with 27, and held out again.
-Three effects at least stay to the end, so that it is seen what else explains the data. Where
-nothing is claimed and structure is left, the budgets were too small: they are tripled once, as in
-the next bracket of Hyperband (Li et al., JMLR 18, 2018).
 """
 
 from dataclasses import dataclass, replace
@@ -32,6 +32,8 @@ class Candidate:
     structure : Tree
     cost : float
         Sum of squares of the fit.
+    promise : float
+        The one that the next step is predicted to reach; the same at a solution.
     n_parameters : int
     x : ndarray
         Solution in the coordinates of the least-squares problem.
@@ -46,6 +48,7 @@ class Candidate:
     effects: tuple
     structure: object
     cost: float
+    promise: float
     n_parameters: int
     x: np.ndarray
     residuals: tuple | None = None
@@ -56,10 +59,7 @@ class Candidate:
 
 
 def predicted(effect, structure, records):
-    """Return the most promising candidate of each variant of an effect, at starting values.
-
-    Its cost is what one step from there is predicted to reach.
-    """
+    """Return the most promising candidate of each variant of an effect, at starting values."""
     found = []
     for variant in starting_trees(effect, structure, records):
         starts = []
@@ -67,8 +67,10 @@ def predicted(effect, structure, records):
             problem = start.problem(records)
             promise = predicted_cost(problem, problem.x0)
             n_parameters = len(problem.x0) + start.n_coefficients()
-            starts.append(Candidate((effect.name,), start, promise, n_parameters, problem.x0))
-        found.append(min(starts, key=lambda c: c.cost))
+            starts.append(
+                Candidate((effect.name,), start, np.inf, promise, n_parameters, problem.x0)
+            )
+        found.append(min(starts, key=lambda c: c.promise))
     return found
 
 
@@ -83,12 +85,13 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
         candidate,
         structure=structure.at(problem, solution.x),
         cost=solution.cost,
+        promise=solution.promise,
         x=solution.x,
         n_parameters=n_parameters,
     )
 
 
-def halve(groups, parallel, effort=1):
+def halve(groups, parallel):
     """Refit the variants of effects in rungs; return those of the best third of the effects.
 
     Parameters
@@ -97,8 +100,6 @@ def halve(groups, parallel, effort=1):
         Of each effect: its variants at starting values, the records they are refitted to, and the
         sum of squares of the model so far in these.
     parallel : joblib.Parallel
-    effort : int, default=1
-        By which the budgets are larger.
 
     Returns
     -------
@@ -107,18 +108,20 @@ def halve(groups, parallel, effort=1):
     kept : list of int
         The numbers of the effects that stay.
     """
-    found = _rung([own for own, *_ in groups], groups, FACTOR * effort, parallel)
-    best = sorted(
-        (min(c.cost for c in own) / groups[i][2], i) for i, own in enumerate(found) if own
-    )
-    kept = [i for _, i in best[: _last(len(best))]]
-    refined = _rung(
-        [found[i] for i in kept], [groups[i] for i in kept], FACTOR**2 * effort, parallel
-    )
-    for i, own in zip(kept, refined, strict=True):
-        found[i] = own
+    found = [own for own, *_ in groups]
+    kept, budget = range(len(groups)), FACTOR
+    while True:
+        refined = _rung([found[i] for i in kept], [groups[i] for i in kept], budget, parallel)
+        for i, own in zip(kept, refined, strict=True):
+            found[i] = own
+        if budget > FACTOR and len(kept) <= FACTOR**2:
+            break
+        best = sorted(
+            (min(c.promise for c in found[i]) / groups[i][2], i) for i in kept if found[i]
+        )
+        kept, budget = [i for _, i in best[: _last(len(best))]], FACTOR * budget
     for own in found:
-        own.sort(key=lambda c: c.cost)
+        own.sort(key=lambda c: c.promise)
     return found, kept
 
 

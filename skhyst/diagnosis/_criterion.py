@@ -79,34 +79,35 @@ class Criterion:
         lower = better.error < factor * worse.error
         return bool(lower and better.cost < factor**2 * worse.cost)
 
-    def is_better(self, worse, better, n_tried=1):
-        """Whether one contestant is better than another, among so many that were tried."""
-        return self.matters(worse, better) and self.p_value(worse, better, n_tried) < self.alpha
+    def is_better(self, worse, better, n_tried=1, course=None):
+        """Whether one contestant is better than another; see :meth:`p_value`."""
+        matters = self.matters(worse, better)
+        return matters and self.p_value(worse, better, n_tried, course) < self.alpha
 
-    def is_needed(self, without, contestant, n_tried=1, course=0.0):
-        """Whether a contestant foretells better than the same without one of its effects.
+    def foretells_better(self, worse, better, n_tried=1, course=None):
+        """Whether one contestant is better than another held out, whatever their fits are.
 
-        That the effect shows in the fit was asked when it was claimed. What stands beside must be
-        more than the noise's own course, too: ``course`` is the p-value against that.
+        That an effect shows in the fit was asked when it was claimed.
         """
-        p_value = self.p_value(without, contestant, n_tried)
-        if len(contestant.structure.disturbances) > len(without.structure.disturbances):
-            p_value = max(p_value, n_tried * course)
-        lower = contestant.error < (1.0 - self.min_improvement) * without.error
-        return bool(lower) and p_value < self.alpha
+        lower = better.error < (1.0 - self.min_improvement) * worse.error
+        return bool(lower) and self.p_value(worse, better, n_tried, course) < self.alpha
 
-    def p_value(self, worse, better, n_tried=1):
-        """Return the p-value against a contestant that foretells better, corrected."""
+    def p_value(self, worse, better, n_tried=1, course=None):
+        """Return the p-value against a contestant that foretells better, corrected.
+
+        Parameters
+        ----------
+        worse, better : Candidate
+        n_tried : int, default=1
+            Among which it was found.
+        course : callable, optional
+            Takes both and returns the p-value against the noise's own course having made what
+            stands beside the better one.
+        """
         p = paired_p_value(worse.residuals, better.residuals, better.weights)
+        if course and n_tried * p < self.alpha:
+            p = max(p, course(worse, better))
         return min(1.0, n_tried * p)
-
-    def is_told_apart(self, worse, better):
-        """Whether one contestant is worse than another by more than a tenth of what matters.
-
-        Of two that describe the data equally well the one is always a little worse.
-        """
-        close = worse.error <= (1.0 + 0.1 * self.min_improvement) * better.error
-        return not close and self.p_value(worse, better) < self.alpha
 
 
 def paired_p_value(worse, better, weights=None):

@@ -42,12 +42,13 @@ def gather_evidence(claim, before, after, response):
         for name, (value, std, unit) in found.items()
     }
     told = [name for name in numbers if not _UNTOLD.match(name)] or list(numbers)
-    told = listed(
+    told = [
         f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in told[:4]
-    )
+    ]
+    told = f"Identified: {listed(told)}. " if told else ""
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     statement = (
-        f"{claim.effect.law} Identified: {told}. The augmented model removes {share:.1f} % of the "
+        f"{claim.effect.law} {told}The augmented model removes {share:.1f} % of the "
         "power of the declared model's held-out residual."
     )
     return Evidence(claim.effect.name, statement.strip(), numbers, draw(claim))

@@ -1,16 +1,19 @@
 """Rounds of the search: try every effect, claim the simplest that explains, go back over the rest.
 
-In each round every effect is put into the model so far. The candidates are halved (``_candidates``)
-and what is left of them is held out, alone and in pairs: two effects of equal size may each leave
-too much for a claim. The criterion (``_criterion``) says which are better than the model so far.
+In each round every effect is put into the model so far. The candidates are halved and held out
+(``_candidates``), and the criterion (``_criterion``) says which are better than the model so far.
 Of these, the ones that the data cannot tell from the best are kept, and the simplest of them is
-claimed; the others are ambiguous with it. Then all is identified anew, and each effect is taken out
-once: what is not needed is dropped, so that the order of claims does not decide.
+claimed; the others are ambiguous with it. Two effects may each leave too much for a claim: where
+nothing is claimed and structure is left, the three candidates that fit best are halved once more
+with every other effect in them, as in a beam search.
+
+After a claim all is identified anew, and each effect is taken out once: what is not needed is
+dropped. In the end every effect that was claimed while others were missing is contested: another
+one may explain as well beside what was found later. So the order of claims does not decide.
 """
 
 import time
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from math import comb
 
 from joblib import Parallel, delayed
@@ -73,34 +76,44 @@ class Rounds:
     seconds: dict = field(default_factory=dict)
     judgement: object = None
     _number: int = 0
+    _claimed: set = field(default_factory=set)  # sets of effects, none of which is claimed again
     _n_tried: int = 0
-    _effort: int = 1
+
+    def _parallel(self, jobs):
+        return Parallel(n_jobs=self.n_jobs, batch_size=1)(jobs)
 
     def run(self, base):
         """Add effects to a candidate until none is better; return what it has become."""
+        while True:
+            base = self._grown(base)
+            contested = self._contested(base)
+            if contested is None:
+                return base
+            base = self._settled(contested)
+
+    def _grown(self, base):
+        """Claim effects, round after round, until none is better; return the candidate."""
         while len(self.history) < self.max_effects and base.error > self.negligible:
+            if self._number == FACTOR * self.max_effects:  # claims that are dropped again
+                break
             self._number += 1
             base = self.weighed(base)
-            self._n_tried = 0
-            chosen = self._round(base) or self._round_again(base)
+            chosen = self._round(base)
             if chosen is None:
                 break
-            base, self.judgement = chosen, None
-            self.records = self._records(base)
-            base = self._recheck(self._refreshed(base))
-            if self.renew is not None:
-                base = self.renew(base, base, self.records, thorough=True)
-            if self.history:
-                self.history[-1]["error_after"] = base.error
-            self.records = self._records(base)
+            base = self._settled(chosen)
         return base
 
-    def _round_again(self, base):
-        """Do a round with larger budgets, where structure is left and nothing was claimed."""
-        self.judgement = self.judge(base)
-        if not self.judgement.structured:
-            return None
-        return self._round(base, effort=FACTOR)
+    def _settled(self, base):
+        """Return a candidate with a new effect, identified anew and without what is not needed."""
+        self.judgement, self.records = None, self._records(base)
+        base = self._recheck(self._refreshed(base))
+        if self.renew is not None:
+            base = self.renew(base, base, self.records, thorough=True)
+        if self.history:
+            self.history[-1]["error_after"] = base.error
+        self.records = self._records(base)
+        return base
 
     def weighed(self, base):
         """Return a candidate refitted with the weights that its residual asks for."""
@@ -117,30 +130,41 @@ class Rounds:
 
     # ------------------------------------------------------------------ one round
 
-    def _round(self, base, effort=1):
-        """Return the candidate that is claimed, or None; budgets are larger by the effort."""
-        self._effort = effort
+    def _round(self, base):
+        """Return the candidate that is claimed, or None."""
+        effects = self._open(base)
+        singles, screened = self._singles(base, effects)
         begin = time.perf_counter()
-        parallel = Parallel(n_jobs=self.n_jobs, batch_size=1)
-        taken = set(base.structure.effects) | set(self.dropped)
-        effects = [effect for effect in self.effects if effect.name not in taken]
-        screened = self._screened(base, [(effect, base) for effect in effects], parallel)
-        self._add_time("screening", begin)
-        begin = time.perf_counter()
-        fitted = self._fitted([base] * len(effects), screened, parallel)
-        singles = self._held_out(base, fitted, parallel)
-        self._n_tried += sum(map(len, screened[0]))
-        tested = list(singles)
-        if len(self.history) + 2 <= self.max_effects:
-            self._n_tried += comb(len(effects), 2)
-            tested += self._pairs(base, singles, parallel)
-        p_values = {c.effects: self.criterion.p_value(base, c, self._n_tried) for c in tested}
-        chosen = self._chosen(base, tested, p_values)
-        self._rank(base, effects, screened, tested, p_values, chosen)
+        self._n_tried += comb(len(effects), 2)
+        tested, chosen = singles, self._chosen(base, singles)
+        in_pairs = len(self.history) + 2 <= self.max_effects
+        if chosen is None and in_pairs and self._is_structured(base):
+            tested = singles + self._pairs(base, singles, effects)
+            chosen = self._chosen(base, tested)
+        self._rank(base, effects, screened, tested, chosen)
         self._add_time("contest", begin)
         return chosen
 
-    def _screened(self, base, pairs, parallel):
+    def _open(self, base):
+        """Return the effects that a candidate has not."""
+        return [e for e in self.effects if e.name not in base.structure.effects]
+
+    def _is_structured(self, base):
+        self.judgement = self.judge(base)
+        return self.judgement.structured
+
+    def _singles(self, base, effects):
+        """Return the candidates with one more effect, held out, and what was screened."""
+        begin = time.perf_counter()
+        screened = self._screened(base, [(effect, base) for effect in effects])
+        self._add_time("screening", begin)
+        begin = time.perf_counter()
+        singles = self._held_out(base, self._fitted([base] * len(effects), screened))
+        self._n_tried = sum(map(len, screened[0]))
+        self._add_time("contest", begin)
+        return singles, screened
+
+    def _screened(self, base, pairs):
         """Return what halving leaves of effects and what they are put into, and what was screened.
 
         Of long records the first parts are screened.
@@ -152,22 +176,21 @@ class Rounds:
         kept : list of int
             The numbers of the pairs that stay.
         seen : list of (list of RecordData, float)
-            Of each pair the records, and the sum of squares of the base in them.
+            Of each pair the records, and the sum of squares of what the effect is put into.
         """
-        whole, parts = (self.records, base.cost), shortened(self.records, base.residuals)
-        short = parts and (parts, refitted(base, base.structure, parts).cost)
-        seen = [
-            short if parts and suffices(effect, c.structure, self.records, parts) else whole
-            for effect, c in pairs
-        ]
-        starts = parallel(
+        parts, seen = shortened(self.records, base.residuals), []
+        costs = {id(c): refitted(c, c.structure, parts).cost for _, c in pairs} if parts else {}
+        for effect, c in pairs:
+            short = parts and suffices(effect, c.structure, self.records, parts)
+            seen.append((parts, costs[id(c)]) if short else (self.records, c.cost))
+        starts = self._parallel(
             delayed(predicted)(effect, c.structure, records)
             for (effect, c), (records, _) in zip(pairs, seen, strict=True)
         )
         groups = [(own, *what) for own, what in zip(starts, seen, strict=True)]
-        return *halve(groups, parallel, self._effort), seen
+        return *halve(groups, self._parallel), seen
 
-    def _fitted(self, bases, screened, parallel):
+    def _fitted(self, bases, screened):
         """Return the best variant of each effect that stays, refitted to all samples.
 
         A variant that follows the residual where it was fitted may foretell badly: of those that
@@ -180,94 +203,114 @@ class Rounds:
             (i, c)
             for i in kept
             for c in variants[i]
-            if c.cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
+            if c.promise < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
         ]
-        tried = parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
+        tried = self._parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
-        best = [self._simplest(self._near_best(found))[0] for found in own.values()]
+        best = [self._variant(found) for found in own.values()]
         # of long records, what fits their first parts is near the solution
-        budget = self._effort * (FACTOR if are_long(self.records) else FACTOR**3)
-        return parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
+        budget = FACTOR if are_long(self.records) else FACTOR**3
+        return self._parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
 
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible
         return is_plausible(margin, candidate, base, records, self.criterion.alpha)
 
-    def _near_best(self, variants):
-        """Return the variants whose held-out error is not larger than the least by what matters."""
-        least = min(c.error for c in variants)
-        return [c for c in variants if (1.0 - self.criterion.min_improvement) * c.error <= least]
+    def _variant(self, variants):
+        """Return the simplest variant that foretells as well as the best."""
+        best = min(variants, key=lambda c: c.error)
+        near = [
+            c for c in variants if (1.0 - self.criterion.min_improvement) * c.error <= best.error
+        ]
+        same = [c for c in near if self.criterion.p_value(c, best) >= self.criterion.alpha]
+        return min(same or [best], key=lambda c: (c.n_parameters, c.error))
 
     def _simplest(self, candidates):
-        """Return the simplest of those that the data cannot tell from the best, and all those."""
+        """Return the simplest of those than which the best is not better, and all those."""
         best = min(candidates, key=lambda c: c.error)
-        same = [c for c in candidates if not self.criterion.is_told_apart(c, best)]
+        same = [c for c in candidates if not self.criterion.foretells_better(c, best)]
         return min(same, key=lambda c: (len(c.effects), c.n_parameters, c.error)), same
 
-    def _held_out(self, base, candidates, parallel):
+    def _held_out(self, base, candidates):
         """Return the candidates held out."""
         if self.renew is None:
-            return parallel(delayed(held_out)(c, self.records, self.folds) for c in candidates)
-        rough = parallel(delayed(self.renew)(c, base, self.records) for c in candidates)
+            return self._parallel(
+                delayed(held_out)(c, self.records, self.folds) for c in candidates
+            )
+        rough = self._parallel(delayed(self.renew)(c, base, self.records) for c in candidates)
         rough.sort(key=lambda c: c.error)
         best = rough[: -(-len(rough) // FACTOR)]
-        fine = parallel(delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best)
+        fine = self._parallel(
+            delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best
+        )
         return fine + rough[len(best) :]
 
-    def _pairs(self, base, singles, parallel):
-        """Return the pairs of the best candidates, held out."""
-        best = sorted(singles, key=lambda c: c.error)[: FACTOR + self._effort - 1]
-        known = {effect.name: effect for effect in self.effects}
-        # the better one comes first: the other starts from what that leaves
-        pairs = [(known[b.effects[0]], a) for a, b in combinations(best, 2)]
-        first = [a for _, a in pairs]
-        fitted = self._fitted(first, self._screened(base, pairs, parallel), parallel)
+    def _pairs(self, base, singles, effects):
+        """Return the candidates that fit best, each with every other effect too, held out."""
+        best = sorted(singles, key=lambda c: c.cost)[:FACTOR]
+        pairs = [(e, c) for c in best for e in effects if e.name not in c.effects]
+        fitted = self._fitted([c for _, c in pairs], self._screened(base, pairs))
         names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
         fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
-        return self._held_out(base, fitted, parallel)
+        return self._held_out(base, fitted)
 
-    def _chosen(self, base, tested, p_values):
+    def _chosen(self, base, tested):
         """Return the simplest of the candidates that the data cannot tell from the best."""
-        alone = {c.effects: c for c in tested if len(c.effects) == 1}
-        claims = []
-        for c in tested:
-            if not (self.criterion.matters(base, c) and p_values[c.effects] < self.criterion.alpha):
-                continue
-            parts = [alone[(name,)] for name in c.effects if len(c.effects) > 1]
-            if all(self.criterion.is_better(part, c, self._n_tried) for part in parts):
-                claims.append(c)
+        claims = [c for c in tested if self._is_better(base, c) and self._needs_all(c)]
         if not claims:
             return None
         chosen, same = self._simplest(claims)
-        others = sorted((c for c in same if c is not chosen), key=lambda c: c.error)
-        ambiguous = tuple(dict.fromkeys(n for c in others for n in c.effects))
-        before = base
-        for name in chosen.effects:
-            after = chosen if name == chosen.effects[-1] else alone[(name,)]
+        alone = {c.effects: c for c in tested}
+        steps = [alone[(name,)] for name in chosen.effects[:-1]] + [chosen]
+        self._claim(base, steps, [c for c in same if c is not chosen])
+        return chosen
+
+    def _is_better(self, worse, better):
+        new = frozenset(better.structure.effects) not in self._claimed
+        return new and self.criterion.is_better(worse, better, self._n_tried, self._course)
+
+    def _needs(self, candidate, reduced):
+        return self.criterion.foretells_better(reduced, candidate, self._n_tried, self._course)
+
+    def _needs_all(self, candidate):
+        """Whether a pair foretells better than each of its effects without the other."""
+        pair = candidate.effects if len(candidate.effects) > 1 else ()
+        return all(self._needs(candidate, self._without(candidate, name)) for name in pair)
+
+    def _course(self, worse, better):
+        """Return the p-value against the noise having made what stands beside a candidate."""
+        more = len(better.structure.disturbances) > len(worse.structure.disturbances)
+        # what a black box leaves has a course of the box's own
+        return least_certain(better.structure, self.records) if more and not self.renew else 0.0
+
+    def _claim(self, base, steps, others):
+        """Add a row for each further effect of a candidate, and what is ambiguous with it."""
+        chosen = steps[-1]
+        self._claimed.add(frozenset(chosen.structure.effects))
+        p_value = self.criterion.p_value(base, chosen, self._n_tried)
+        for name, before, after in zip(chosen.effects, [base, *steps], steps, strict=False):
             self.history.append(
                 {
                     "effect": name,
                     "error_before": before.error,
                     "error_after": after.error,
-                    "p_value": p_values[chosen.effects],
-                    "ambiguous_with": tuple(n for n in ambiguous if n not in chosen.effects),
-                    "experiment": EFFECTS[name].experiment if ambiguous else "",
+                    "p_value": p_value,
+                    **_ambiguous(name, chosen, others),
                 }
             )
             self.say(
                 f"round {self._number}: {name}, held-out error {before.error:.4g} -> "
                 f"{after.error:.4g}"
             )
-            before = after
-        return chosen
 
-    def _rank(self, base, effects, screened, tested, p_values, chosen):
+    def _rank(self, base, effects, screened, tested, chosen):
         tested = {c.effects[0]: c for c in tested if len(c.effects) == 1}
         claimed = chosen.effects if chosen else ()
         variants, _, seen = screened
         for effect, own, (_, cost) in zip(effects, variants, seen, strict=True):
             c = tested.get(effect.name)
             fit = own[0] if own else None
+            p_value = self.criterion.p_value(base, c, self._n_tried) if c else float("nan")
             added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
             self.ranking.append(
                 {
@@ -276,13 +319,43 @@ class Rounds:
                     "screen": round(max(1.0 - fit.cost / cost, 0.0), 9) if fit else 0.0,
                     "error_before": base.error,
                     "error_after": c.error if c else float("nan"),
-                    "p_value": p_values[c.effects] if c else float("nan"),
+                    "p_value": p_value,
                     "n_parameters": max(added, 0),
                     "claimed": effect.name in claimed,
                 }
             )
 
     # ------------------------------------------------------------------ after a claim
+
+    def _without(self, base, effect):
+        """Return a candidate without one of its effects, held out."""
+        reduced = refitted(base, base.structure.without(effect), self.records)
+        if self.renew is None:
+            return held_out(reduced, self.records, self.folds)
+        return self.renew(reduced, base, self.records)
+
+    def _contested(self, base):
+        """Return a candidate with another effect in the place of one; None where all stay.
+
+        An effect was claimed while others were missing. Beside these, another one may foretell
+        better, or be simpler and not told apart.
+        """
+        for row in self.history if len(self.history) > 1 else ():
+            name = row["effect"]
+            reduced, own = self._without(base, name), replace(base, effects=(name,))
+            # a rival begins where the others are, which make up for nothing yet
+            start = replace(reduced, structure=base.structure.without(name))
+            singles, _ = self._singles(start, [e for e in self._open(start) if e.name != name])
+            claims = [c for c in singles if self._is_better(reduced, c)]
+            chosen, same = self._simplest([own, *claims])
+            others = [c for c in same if c is not chosen]
+            if chosen is not own:
+                self.history.remove(row)
+                self.dropped.append(name)
+                self._claim(reduced, [chosen], others)
+                return chosen
+            row |= _ambiguous(name, own, others)
+        return None
 
     def _refreshed(self, base):
         """Return a candidate identified anew from nothing, where that foretells better."""
@@ -299,20 +372,15 @@ class Rounds:
         begin = time.perf_counter()
         while base.structure.effects:
             needless = []
-            # what a black box leaves has a course of the box's own
-            course = 0.0 if self.renew else least_certain(base.structure, self.records)
             for effect in base.structure.effects:
-                reduced = refitted(base, base.structure.without(effect), self.records)
-                if self.renew is None:
-                    reduced = held_out(reduced, self.records, self.folds)
-                else:
-                    reduced = self.renew(reduced, base, self.records)
-                if not self.criterion.is_needed(reduced, base, self._n_tried, course):
+                reduced = self._without(base, effect)
+                if not self._needs(base, reduced):
                     needless.append((reduced.error, effect, reduced))
             if not needless:
                 break
             _, effect, base = min(needless, key=lambda entry: entry[0])
             self.dropped.append(effect)
+            self._claimed.add(frozenset(base.structure.effects))
             self.history = [row for row in self.history if row["effect"] != effect]
             self.say(f"{effect} is not needed: held-out error {base.error:.4g}")
         self._add_time("re-check", begin)
@@ -320,3 +388,13 @@ class Rounds:
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+
+def _ambiguous(name, chosen, others):
+    """Return what is told of other candidates in the row of an effect, the better ones first."""
+    ordered = sorted(others, key=lambda c: c.error)
+    names = dict.fromkeys(n for c in ordered for n in c.effects if n not in chosen.effects)
+    return {
+        "ambiguous_with": tuple(names),
+        "experiment": EFFECTS[name].experiment if names else "",
+    }

@@ -247,7 +247,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         structure = Tree.from_result(declared.model, result)
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
-        base = Candidate((), structure, cost, len(result.x), result.x)
+        base = Candidate((), structure, cost, cost, len(result.x), result.x)
         base = held_out(base, records, folds)
         self.declared_estimator_ = declared.fitted(result)
         self._say(f"declared model: held-out error {base.error:.4g}")
@@ -275,10 +275,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     def _conclude(self, declared, slices, rounds, first, base):
         """Store what was found between the first and the last candidate."""
-        records, history, self.dropped_ = rounds.records, rounds.history, rounds.dropped
+        records, history = rounds.records, rounds.history
         begin = time.perf_counter()
         self.error_before_, self.error_after_ = first.error, base.error
         self.effects_ = [row["effect"] for row in history]
+        self.dropped_ = [n for n in dict.fromkeys(rounds.dropped) if n not in self.effects_]
         for name, contestant in (("before", first), ("after", base)):
             setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
             setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))

@@ -62,7 +62,7 @@ class Scene:
         They are alike before the place ``first``. An output helps where it fits together with that
         of the tree as it is, up to gains and offset.
         """
-        if len(candidates) <= FACTOR:
+        if len(candidates) <= FACTOR**2:
             return candidates
         records, signals = self.records, self.signals(first)
         rows = _some(records)
@@ -80,7 +80,7 @@ class Scene:
             together.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
             own, part = gram[:2, :2], right[:2]
             alone.append(-part @ np.linalg.lstsq(own, part, rcond=None)[0])
-        chosen = np.argsort(together, kind="stable")[:FACTOR].tolist()
+        chosen = np.argsort(together, kind="stable")[: FACTOR**2].tolist()
         best = int(np.argmin(alone))
         return [candidates[i] for i in (chosen if best in chosen else [*chosen, best])]
 

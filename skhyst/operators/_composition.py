@@ -187,10 +187,12 @@ class SeriesOperator(_Composition):
     def linear_mask(self):
         # Parameters of one stage only, behind which everything is linear in the signal; the
         # stage that has most of them. Two such stages would be bilinear.
-        masks = [np.zeros(stage.n_parameters, dtype=bool) for stage in self.stages]
+        sizes = [stage.n_parameters for stage in self.stages]
+        masks = [np.zeros(size, dtype=bool) for size in sizes]
+        held = np.split(self.gauge_mask(), np.cumsum(sizes)[:-1])
         best = 0
         for i in reversed(range(len(self.stages))):
-            mask = self.stages[i].linear_mask() & ~self.stages[i].gauge_mask()
+            mask = self.stages[i].linear_mask() & ~held[i]
             if mask.sum() > masks[best].sum() or i == best:
                 masks[best] = np.zeros_like(masks[best])
                 best, masks[i] = i, mask

@@ -100,6 +100,7 @@ class _Factors:
     decrease: float
     increase: float
     largest: float
+    shorter = np.inf  # the factors alone decide
 
     def accepted(self, ratio):
         self.value = max(self.value * self.decrease, np.finfo(float).tiny)

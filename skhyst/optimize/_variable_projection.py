@@ -121,12 +121,14 @@ class Solution:
     message: str
     history: list = field(default_factory=list)
     damping: list = field(default_factory=list)  # one value an entry of the history, if recorded
+    promise: float = np.inf  # cost that the next step is predicted to reach, if there is one
 
 
 class _Nielsen:
     """Damping that follows how well the last step was predicted."""
 
     value, largest = 1e-4, 1e12
+    shorter = 0.5  # length of a step relative to a refused one: damping grows until it is that
     _factor = 2.0
 
     def accepted(self, ratio):
@@ -174,8 +176,9 @@ def variable_projection(
         Solve the linear parameters exactly after each step, not at the start alone.
     **options
         ``damping``, with a ``value``, its ``largest`` and what becomes of it after a step
-        (``accepted``, ``refused``), by default Nielsen's; ``max_steps`` that reduce the cost;
-        ``goal``, part of the power of the response at which to stop.
+        (``accepted``, ``refused``) and the part of its length (``shorter``) that a refused step may
+        keep, by default Nielsen's; ``max_steps`` that reduce the cost; ``goal``, part of the power
+        of the response at which to stop.
 
     Returns
     -------
@@ -202,6 +205,7 @@ def variable_projection(
         else:
             limits = tolerance, max_evaluations
             _descend(problem, solution, limits, callback, (select, project), **options)
+    solution.promise = min(solution.promise, solution.cost)
     return solution
 
 
@@ -210,11 +214,14 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
     damping = damping or _Nielsen()
     tolerance, max_evaluations = limits
     solution.damping.append(damping.value)
+    longest = np.inf
     while not solution.message:
         cost = solution.cost
         enough = tolerance * cost + 1e-28 * problem.scale
         if solution.n_evaluations >= max_evaluations or len(solution.history) > max_steps:
             solution.message = f"The budget of {min(max_evaluations, max_steps)} is used up."
+            _, predicted = damped_step(problem, solution.x, solution.gram, damping.value)
+            solution.promise = cost - predicted
         elif goal > 0.0 and cost <= goal * problem.scale:
             solution.converged, solution.message = True, "The goal is reached."
         else:
@@ -223,16 +230,22 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
                 solution.converged = True
                 solution.message = "No step reduces the sum of squares noticeably."
                 break
+            length = np.sqrt(step @ (np.diag(solution.gram)[:-1] * step))
+            if length > longest and damping.value <= damping.largest:
+                damping.refused()
+                continue
             x, gram, more = _tried(problem, solution.x + step, *how)
             solution.n_evaluations += more
             gain = cost - gram[-1, -1] if np.isfinite(gram).all() else -np.inf
             if not gain > 0.0:
                 damping.refused()
+                longest = damping.shorter * length
                 if damping.value > damping.largest:
                     solution.converged = True
                     solution.message = "No step reduces the sum of squares."
                 continue
             damping.accepted(gain / predicted)
+            longest = np.inf
             solution.x, solution.gram, solution.cost = x, gram, gram[-1, -1]
             solution.history.append((solution.n_evaluations, solution.cost))
             solution.damping.append(damping.value)

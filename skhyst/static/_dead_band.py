@@ -8,6 +8,7 @@ from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _PARTS = (0.01, 0.03, 0.08, 0.2)  # half width over the drive's range, to start from
+_CENTERS = (0.25, 0.5, 0.75)  # of the dead band, in the drive's range
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class DeadBand(StaticModel):
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
-        centers = {0.0, 0.5 * (low + high)} if low < 0.0 < high else {0.5 * (low + high)}
+        centers = {low + part * (high - low) for part in _CENTERS}
+        centers |= {0.0} if low < 0.0 < high else set()
         return [
             DeadBandOperator(part * (high - low) or 1.0, center)
             for center in sorted(centers)

@@ -21,7 +21,7 @@ from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.optimize import RecordData, variable_projection
+from skhyst.optimize import RecordData, predicted_cost, variable_projection
 
 
 def some_records(seed, n=240, count=3, n_segments=6):
@@ -37,7 +37,7 @@ def some_records(seed, n=240, count=3, n_segments=6):
 
 def candidate_of(tree, records):
     problem = tree.problem(records)
-    return Candidate((), tree, np.inf, len(problem.x0), problem.x0)
+    return Candidate((), tree, np.inf, np.inf, len(problem.x0), problem.x0)
 
 
 def declared_with(records, *disturbances):
@@ -159,6 +159,21 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
         assert candidate.n_parameters >= base.n_parameters  # an offset takes an intercept's place
         best = refitted(candidate, candidate.structure, records)
         assert best.cost <= 1.001 * base.cost
+        assert best.promise == pytest.approx(best.cost, rel=1e-3)  # nothing more to come
+
+
+@pytest.mark.parametrize("budget", [1, 3])
+def test_a_start_far_from_its_solution_is_judged_by_its_next_step(budget):
+    records = some_records(9010)
+    tree = declared_with(records)
+    bent = [
+        replace(r, y=np.clip(v, -0.6, 0.9)) for r, v in zip(records, tree.run(records), strict=True)
+    ]
+    (candidate,) = predicted(EFFECTS["dead_zone"], tree, bent)
+    early = refitted(candidate, candidate.structure, bent, budget)
+    problem = early.structure.problem(bent)
+    assert early.promise < early.cost
+    assert predicted_cost(problem, problem.x0) <= early.promise * (1.0 + 1e-9)  # undamped
 
 
 @pytest.mark.parametrize("name", effect_names())
@@ -199,5 +214,5 @@ def test_the_effects_that_explain_most_stay_three_at_least():
     variants, kept = halve(groups, Parallel())
     assert len(kept) == 3
     assert names[kept[0]] == "periodic_disturbance"
-    costs = [min(c.cost for c in own) for own in variants]
+    costs = [min(c.promise for c in own) for own in variants]
     assert max(costs[i] for i in kept) <= min(c for i, c in enumerate(costs) if i not in kept)

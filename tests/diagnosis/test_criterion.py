@@ -214,12 +214,22 @@ def test_every_candidate_that_was_tried_counts():
     assert criterion.p_value(base, better, 190) == pytest.approx(min(1.0, 190 * alone))
 
 
-def test_models_that_describe_equally_well_are_not_told_apart():
+def test_models_are_told_apart_by_what_matters():
     rng = np.random.default_rng(9012)
     noise = rng.standard_normal(5000)
     criterion = Criterion(0.01, 0.05)
     best = contestant(1.0, noise)
-    assert not criterion.is_told_apart(contestant(1.0, 1.004 * noise), best)  # too small to matter
-    assert not criterion.is_told_apart(contestant(1.0, rng.permutation(1.02 * noise)), best)
-    worse = contestant(1.0, noise + 0.5 * np.sin(0.1 * np.arange(5000)))
-    assert criterion.is_told_apart(worse, best)
+    slow = np.sin(0.1 * np.arange(5000))
+    assert not criterion.foretells_better(contestant(1.0, noise + 0.4 * slow), best)  # by 4 %
+    assert criterion.foretells_better(contestant(1.0, noise + 0.5 * slow), best)  # by 6 %
+    assert not criterion.foretells_better(contestant(1.0, rng.permutation(1.06 * noise)), best)
+
+
+def test_a_course_of_the_noise_counts_like_everything_that_was_tried():
+    rng = np.random.default_rng(9013)
+    criterion = Criterion(0.01, 0.05)
+    noise = rng.standard_normal(500)
+    worse, better = contestant(900.0, noise + 0.5), contestant(500.0, noise)
+    assert criterion.p_value(worse, better, 7) < 1e-4
+    assert criterion.p_value(worse, better, 7, lambda *both: 0.002) == pytest.approx(0.014)
+    assert not criterion.foretells_better(worse, better, 7, lambda *both: 0.002)

@@ -26,7 +26,7 @@ MODE = SecondOrderModeOperator(30.0, 0.05)
 
 
 def candidate(tree, *effects):
-    return Candidate(effects, tree, 1.0, 4, np.empty(0))
+    return Candidate(effects, tree, 1.0, 1.0, 4, np.empty(0))
 
 
 @pytest.mark.parametrize(("damping", "changed"), [(0.05, False), (0.5, False), (3.0, True)])

@@ -70,7 +70,7 @@ def test_folds_of_long_records_are_those_of_short_ones(beside, monkeypatch):
     for model in beside:
         structure = structure.edited("line", Beside(model, model.starting_values(records)[0]))
     problem = structure.problem(records)
-    contestant = Candidate((), structure, np.inf, len(problem.x0), problem.x0)
+    contestant = Candidate((), structure, np.inf, np.inf, len(problem.x0), problem.x0)
     contestant = refitted(contestant, structure, records)
     fold = problem.segment_record
     folds = [(fold != k, fold == k) for k in range(len(records))]

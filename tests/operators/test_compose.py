@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skhyst.disturbance import OffsetOperator
-from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.hysteresis import BoucWenStageOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     DelayOperator,
     FirstOrderLagOperator,
@@ -121,6 +121,10 @@ def test_linear_entries_of_a_series_are_those_of_one_stage():
     chain = series(plays=PLAYS, lag=LAG, mode=MODE)
     found = named(chain, chain.linear_mask())
     assert found == {"plays__weights[0]", "plays__weights[1]", "plays__intercept"}
+    # the lag's gain is held, so it is the motion that is solved exactly
+    motion = BoucWenStageOperator(30.0, 0.1, 0.5, 1.0)
+    chain = series(motion=motion, lag=LAG)
+    assert named(chain, chain.linear_mask()) == {"motion__gain", "motion__intercept"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,105 @@
+"""The rounds of a search: pairs of effects, and what becomes of claims that others replace."""
+
+from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skhyst.diagnosis._candidates import Candidate, held_out
+from skhyst.diagnosis._criterion import Criterion
+from skhyst.diagnosis._effects import EFFECTS
+from skhyst.diagnosis._rounds import Rounds
+from skhyst.diagnosis._tree import Tree
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import FirstOrderLagOperator
+from skhyst.optimize import RecordData
+
+COUNT, N, DT = 4, 400, 0.01
+
+
+@pytest.fixture(scope="module")
+def missing_two():
+    """Records of plays behind which are a lag and an offset, and the declared plays."""
+    rng = np.random.default_rng(9400)
+    lag = FirstOrderLagOperator(0.05)
+    segments = tuple(pairwise(np.linspace(0, N, 7).astype(int).tolist()))
+    drives = [np.cumsum(rng.standard_normal(N)) / 5.0 for _ in range(COUNT)]
+    model = PrandtlIshlinskii(4)
+    records = [RecordData(u, u + 0.3 * np.sin(u), DT, segments=segments) for u in drives]
+    tree = Tree.from_result(model, model._identify(records))
+    found = []
+    for record, v, offset in zip(records, tree.run(records), (0.8, -1.1, 0.4, -0.2), strict=True):
+        y = lag.run(v, DT)[0] + offset
+        found.append(replace(record, y=y + 0.005 * rng.standard_normal(N)))
+    tree = Tree.from_result(model, model._identify(found))
+    problem = tree.problem(found)
+    cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
+    record_of = np.concatenate([np.full(len(r.segments), i) for i, r in enumerate(found)])
+    folds = [(record_of != k, record_of == k) for k in range(COUNT)]
+    base = Candidate((), tree, cost, cost, len(problem.x0), problem.x0)
+    return found, folds, held_out(base, found, folds)
+
+
+def rounds_of(records, folds, *names, alpha=0.01, structured=True):
+    judge = SimpleNamespace(structured=structured)
+    effects, criterion = [EFFECTS[name] for name in names], Criterion(alpha, 0.05)
+    return Rounds(effects, records, folds, criterion, 3, 1, 0.0, print, None, lambda _: judge)
+
+
+def test_two_effects_are_claimed_together_where_neither_is_enough(missing_two):
+    """Each leaves the other, which is slow and so tells little; both leave white noise."""
+    records, folds, base = missing_two
+    names = "lag", "offset", "static_nonlinearity"
+    probe = rounds_of(records, folds, *names)
+    probe._round(base)
+    alone = min(row["p_value"] for row in probe.ranking)
+    assert 0.0 < alone < 0.5
+    alpha = 0.5 * alone
+    rounds = rounds_of(records, folds, *names, alpha=alpha)
+    assert set(rounds.run(base).structure.effects) == {"lag", "offset"}
+    assert {row["effect"] for row in rounds.history} == {"lag", "offset"}
+    settled = rounds_of(records, folds, *names, alpha=alpha, structured=False)
+    assert settled.run(base) is base
+    assert settled.history == []
+
+
+def test_pairs_are_counted_among_what_was_tried(missing_two):
+    records, folds, base = missing_two
+    rounds = rounds_of(records, folds, "lag", "offset")
+    rounds._round(base)
+    n_variants = sum(len(EFFECTS[name].variants()) for name in ("lag", "offset"))
+    assert rounds._n_tried == n_variants + 1
+
+
+def test_a_pair_is_claimed_only_where_both_are_needed(missing_two):
+    records, folds, base = missing_two
+    rounds = rounds_of(records, folds, "lag", "offset", "asymmetry")
+    rounds._n_tried = 1
+    lag, offset = rounds._singles(base, rounds.effects[:2])[0]
+    both = {c.effects: c for c in rounds._pairs(base, [lag, offset], rounds.effects)}
+    needed = {frozenset(names): rounds._needs_all(c) for names, c in both.items()}
+    assert needed[frozenset(("lag", "offset"))]
+    assert not any(need for names, need in needed.items() if "asymmetry" in names)
+
+
+def test_a_simpler_effect_takes_the_place_of_an_earlier_one(missing_two):
+    """A creep without a part that follows at once is a lag; it has one parameter more."""
+    records, folds, base = missing_two
+    rounds = rounds_of(records, folds, "creep", "offset")
+    claimed = rounds.run(base)
+    assert set(claimed.structure.effects) == {"creep", "offset"}
+    rounds.effects.append(EFFECTS["lag"])
+    contested = rounds.run(claimed)
+    assert set(contested.structure.effects) == {"lag", "offset"}
+    assert {row["effect"] for row in rounds.history} == {"lag", "offset"}
+    assert contested.error < 1.05 * claimed.error
+    assert "creep" in rounds.dropped
+
+
+def test_no_set_of_effects_is_claimed_twice(missing_two):
+    records, folds, base = missing_two
+    rounds = rounds_of(records, folds, "lag", "offset")
+    rounds._claimed.add(frozenset(("lag", "offset")))
+    assert len(rounds.run(base).structure.effects) == 1
