@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._candidates import Candidate, held_out
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._effects import EFFECTS
 from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
