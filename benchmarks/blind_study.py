@@ -47,8 +47,8 @@ PLAYS = {0.0005: 80, 0.002: 40, 0.01: 20}  # of a declared model: the noise hide
 KINDS = ("single", "none", "two", "unknown", "none_coloured")
 COUNTS = {"none": 200, "none_coloured": 100, "two": 60, "unknown": 40}  # plants, with --plants 5
 REPEATS = 2  # of each drive where the noise is coloured
-NAMED = {0.0005: 0.98, 0.002: 0.98, 0.01: 0.95}  # bars: smallest share named rightly
-BOTH, FALSE, UNEXPLAINED = 0.90, 0.01, 0.90
+NAMED = {0.0005: 0.98, 0.002: 0.98, 0.01: 0.96}  # bars: smallest share named rightly
+BOTH, FALSE, UNEXPLAINED = 0.92, 1 / 300, 0.95
 WITHIN, WITHIN_SHARE = 1.10, 0.95  # held-out error over the noise
 VISIBLE = 2.0  # over the noise: smaller effects are reported, and not judged
 # Values of --first-seed. The plants of the former have been looked at, and the constants of the
@@ -293,7 +293,7 @@ def _share(right, bar, most=False):
     kept = share <= bar if most else share >= bar
     return (
         f"{right.sum()} of {len(right)} = {100 * share:.1f} % "
-        f"({'at most' if most else 'at least'} {100 * bar:g} %: {'kept' if kept else 'MISSED'})"
+        f"({'at most' if most else 'at least'} {100 * bar:.3g} %: {'kept' if kept else 'MISSED'})"
     )
 
 

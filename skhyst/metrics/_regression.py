@@ -1,11 +1,10 @@
 """Errors relative to the response: to its range, its deviation from the mean, its value."""
 
-from functools import wraps
-from inspect import cleandoc
-
 import numpy as np
 from sklearn.metrics import root_mean_squared_error
 from sklearn.utils import check_array, check_consistent_length, column_or_1d
+
+from .._documentation import documented_like
 
 
 def _check_responses(y_true, y_pred, sample_weight):
@@ -53,46 +52,26 @@ def _combine(errors, multioutput):
     )
 
 
-_SHARED = """\
-Parameters
-----------
-y_true : array-like of shape (n_samples,) or (n_samples, n_outputs)
-    Measured response.
-y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
-    Predicted response, in the same units.
-sample_weight : array-like of shape (n_samples,), optional
-    Weights of the samples in all sums and means.
-multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_outputs,)
-    How outputs are combined: not at all, by their mean, or by a mean with these weights.
-
-Returns
--------
-float, or ndarray of shape (n_outputs,) for ``multioutput="raw_values"``
-"""
-
-
-def _metric(errors):
-    """Make a metric of a function of checked columns and weights, and complete its docstring."""
-
-    @wraps(errors)
-    def metric(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
-        return _combine(errors(*_check_responses(y_true, y_pred, sample_weight)), multioutput)
-
-    del metric.__wrapped__  # its parameters are its own
-    if errors.__doc__:  # Python may be told to leave docstrings out
-        metric.__doc__ = cleandoc(errors.__doc__).replace("Returns\n-------\n", _SHARED)
-    return metric
-
-
-@_metric
-def nrmse(y_true, y_pred, weights):
+def nrmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
     r"""Root mean square error over the range of the measured response.
 
     .. math:: \mathrm{NRMSE} = \frac{\sqrt{\frac{1}{n} \sum_t (y_t - \hat y_t)^2}}
        {\max_t y_t - \min_t y_t}
 
+    Parameters
+    ----------
+    y_true : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Measured response.
+    y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Predicted response, in the same units.
+    sample_weight : array-like of shape (n_samples,), optional
+        Weights of the samples in all sums and means.
+    multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_outputs,)
+        How outputs are combined: not at all, by their mean, or by a mean with these weights.
+
     Returns
     -------
+    float, or ndarray of shape (n_outputs,) for ``multioutput="raw_values"``
         A fraction, not percent; 0 is best. It does not depend on units or on an offset of both.
 
     Raises
@@ -111,13 +90,15 @@ def nrmse(y_true, y_pred, weights):
     >>> nrmse([0.0, 2.0, 4.0], [0.4, 2.4, 4.4])
     0.1...
     """
-    return root_mean_squared_error(
+    y_true, y_pred, weights = _check_responses(y_true, y_pred, sample_weight)
+    errors = root_mean_squared_error(
         *_standardised(y_true, y_pred, "nrmse"), sample_weight=weights, multioutput="raw_values"
     )
+    return _combine(errors, multioutput)
 
 
-@_metric
-def fit_percent(y_true, y_pred, weights):
+@documented_like(nrmse)
+def fit_percent(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
     r"""Part of the response that the model reproduces, in percent.
 
     .. math:: \mathrm{fit} = 100 \left(1 - \frac{\lVert y - \hat y \rVert_2}
@@ -128,6 +109,7 @@ def fit_percent(y_true, y_pred, weights):
 
     Returns
     -------
+    float, or ndarray of shape (n_outputs,) for ``multioutput="raw_values"``
         100 is best, 0 is as good as the mean of ``y_true``, below 0 is worse than that mean.
 
     Raises
@@ -145,14 +127,15 @@ def fit_percent(y_true, y_pred, weights):
     >>> fit_percent([-1.0, 1.0], [-0.5, 0.5])
     50.0
     """
+    y_true, y_pred, weights = _check_responses(y_true, y_pred, sample_weight)
     y_true, y_pred = _standardised(y_true, y_pred, "fit_percent")
     deviation = y_true - np.average(y_true, axis=0, weights=weights)
     ratio = np.sqrt((weights @ (y_true - y_pred) ** 2) / (weights @ deviation**2))
-    return 100 * (1 - ratio)
+    return _combine(100 * (1 - ratio), multioutput)
 
 
-@_metric
-def mape(y_true, y_pred, weights):
+@documented_like(nrmse)
+def mape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
     r"""Mean absolute error relative to each measured value, in percent.
 
     .. math:: \mathrm{MAPE} = \frac{100}{n} \sum_t \left| \frac{\hat y_t - y_t}{y_t} \right|
@@ -161,6 +144,7 @@ def mape(y_true, y_pred, weights):
 
     Returns
     -------
+    float, or ndarray of shape (n_outputs,) for ``multioutput="raw_values"``
         In percent; 0 is best. It does not depend on units, but on the zero of the response.
 
     Raises
@@ -187,6 +171,7 @@ def mape(y_true, y_pred, weights):
     >>> mape([1.0, 2.0, 4.0], [1.5, 2.0, 3.0])
     25.0
     """
+    y_true, y_pred, weights = _check_responses(y_true, y_pred, sample_weight)
     zeros = np.flatnonzero((y_true == 0).any(axis=1))
     if zeros.size:
         raise ValueError(
@@ -195,11 +180,11 @@ def mape(y_true, y_pred, weights):
             f"nrmse or smape, or leave these rows out."
         )
     errors = np.average(np.abs((y_pred - y_true) / y_true), axis=0, weights=weights)
-    return 100 * errors
+    return _combine(100 * errors, multioutput)
 
 
-@_metric
-def smape(y_true, y_pred, weights):
+@documented_like(nrmse)
+def smape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
     r"""Mean absolute error relative to the mean magnitude of both values, in percent.
 
     .. math:: \mathrm{SMAPE} = \frac{100}{n} \sum_t \frac{|\hat y_t - y_t|}
@@ -210,6 +195,7 @@ def smape(y_true, y_pred, weights):
 
     Returns
     -------
+    float, or ndarray of shape (n_outputs,) for ``multioutput="raw_values"``
         From 0 (best) to 200 percent. It does not depend on units, nor on which of the two comes
         first, but on the zero of the response.
 
@@ -233,7 +219,8 @@ def smape(y_true, y_pred, weights):
     >>> smape([0.0, 1.0, 3.0, 2.0], [0.0, 3.0, 1.0, 2.0])
     50.0
     """
+    y_true, y_pred, weights = _check_responses(y_true, y_pred, sample_weight)
     error = np.abs(y_pred - y_true)
     magnitude = np.abs(y_pred) / 2 + np.abs(y_true) / 2
     terms = np.divide(error, magnitude, out=np.zeros_like(error), where=magnitude > 0)
-    return 100 * np.average(terms, axis=0, weights=weights)
+    return _combine(100 * np.average(terms, axis=0, weights=weights), multioutput)

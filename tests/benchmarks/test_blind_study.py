@@ -120,12 +120,12 @@ def test_summary_prints_each_figure_beside_its_bar():
     assert "0.2 % noise, strict: 1 of 3 = 33.3 % (at least 98 %: MISSED)" in text
     assert "or told as ambiguous: 2 of 3 = 66.7 %" in text
     assert "fainter effects, not judged: 0 of 1 named rightly, 1 not claimed" in text
-    assert "both of two effects named: 1 of 1 = 100.0 % (at least 90 %: kept)" in text
-    assert "claims where nothing is missing: 1 of 3 = 33.3 % (at most 1 %: MISSED)" in text
-    assert "white noise: 1 of 2 = 50.0 % (at most 1 %: MISSED)" in text
-    assert "coloured noise, drives repeated: 0 of 1 = 0.0 % (at most 1 %: kept)" in text
+    assert "both of two effects named: 1 of 1 = 100.0 % (at least 92 %: kept)" in text
+    assert "claims where nothing is missing: 1 of 3 = 33.3 % (at most 0.333 %: MISSED)" in text
+    assert "white noise: 1 of 2 = 50.0 % (at most 0.333 %: MISSED)" in text
+    assert "coloured noise, drives repeated: 0 of 1 = 0.0 % (at most 0.333 %: kept)" in text
     assert "claims of an idle column, in all plants that carry one: 1 of 1" in text
-    assert "called unexplained: 1 of 1 = 100.0 % (at least 90 %: kept)" in text
+    assert "called unexplained: 1 of 1 = 100.0 % (at least 95 %: kept)" in text
     assert "within 1.10: 5 of 7 = 71.4 % (at least 95 %: MISSED)" in text
     assert "searches that raised: 1 of 9" in text
     assert "not as asked: 4 of 9" in text
