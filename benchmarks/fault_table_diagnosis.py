@@ -153,7 +153,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "models that describe equally well are told apart",
-        "return bool(lower) and self.p_value(worse, better, n_tried, course) < self.alpha",
+        "return bool(lower) and self.p_value(worse, better, n_tried) < self.alpha",
         "return bool(lower)",
         "",
     ),

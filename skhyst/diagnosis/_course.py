@@ -27,12 +27,13 @@ from scipy.stats import norm
 from ._constants import STEEPEST
 
 
-def least_certain(tree, records):
-    """Return the largest p-value of the disturbances, each beside all others; 0 without any."""
-    if not tree.disturbances:
-        return 0.0
-    outputs, largest = tree.respond(records), 0.0
-    for disturbance in tree.disturbances:
+def course_p_values(tree, records):
+    """Return the p-value of each effect that stands beside, each beside all others: name -> p."""
+    outputs, found = tree.respond(records), {}
+    labels = {tree.label(effect): effect for effect in tree.effects}
+    for label, disturbance in zip(tree.beside_names, tree.disturbances, strict=True):
+        if label not in labels:  # declared
+            continue
         courses, bases = [], []
         for record, output in zip(records, outputs, strict=True):
             time = record.dt * np.arange(len(record.y))
@@ -43,8 +44,8 @@ def least_certain(tree, records):
             solution = np.linalg.lstsq(every, rest, rcond=None)[0]
             solution[: bases[-1].shape[1]] = 0.0
             courses.append(rest - every @ solution)
-        largest = max(largest, course_p_value(courses, bases))
-    return largest
+        found[labels[label]] = course_p_value(courses, bases)
+    return found
 
 
 def course_p_value(courses, bases):

@@ -79,34 +79,22 @@ class Criterion:
         lower = better.error < factor * worse.error
         return bool(lower and better.cost < factor**2 * worse.cost)
 
-    def is_better(self, worse, better, n_tried=1, course=None):
+    def is_better(self, worse, better, n_tried=1):
         """Whether one contestant is better than another; see :meth:`p_value`."""
         matters = self.matters(worse, better)
-        return matters and self.p_value(worse, better, n_tried, course) < self.alpha
+        return matters and self.p_value(worse, better, n_tried) < self.alpha
 
-    def foretells_better(self, worse, better, n_tried=1, course=None):
+    def foretells_better(self, worse, better, n_tried=1):
         """Whether one contestant is better than another held out, whatever their fits are.
 
         That an effect shows in the fit was asked when it was claimed.
         """
         lower = better.error < (1.0 - self.min_improvement) * worse.error
-        return bool(lower) and self.p_value(worse, better, n_tried, course) < self.alpha
+        return bool(lower) and self.p_value(worse, better, n_tried) < self.alpha
 
-    def p_value(self, worse, better, n_tried=1, course=None):
-        """Return the p-value against a contestant that foretells better, corrected.
-
-        Parameters
-        ----------
-        worse, better : Candidate
-        n_tried : int, default=1
-            Among which it was found.
-        course : callable, optional
-            Takes both and returns the p-value against the noise's own course having made what
-            stands beside the better one.
-        """
+    def p_value(self, worse, better, n_tried=1):
+        """Return the p-value against a contestant that foretells better, among so many tried."""
         p = paired_p_value(worse.residuals, better.residuals, better.weights)
-        if course and n_tried * p < self.alpha:
-            p = max(p, course(worse, better))
         return min(1.0, n_tried * p)
 
 

@@ -44,7 +44,7 @@ from ._changes import (
     Scaled,
     SlowerThanDrive,
 )
-from ._plausibility import bends, has_own_lines, levels_off, remembers, rings, slides
+from ._plausibility import bends, goes_on, has_own_lines, levels_off, remembers, rings, slides
 
 
 @dataclass(frozen=True)
@@ -129,6 +129,7 @@ _BUILT_IN = (
         lambda: [DeadBand()],
         "The actuator does not respond while the drive is within a band.",
         "Repeat at smaller amplitude: the gain falls, down to nothing within the band.",
+        plausible=goes_on,
     ),
     Effect(
         "backlash",

@@ -108,6 +108,14 @@ def levels_off(operator, motion, records):
     return FLAT - (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
 
 
+def goes_on(operator, motion, records):
+    """Return by how much the response to a dead zone goes on beyond the nearer end of it.
+
+    Where it does not, the band is where the drive saturates.
+    """
+    return min(motion.max(), -motion.min()) / np.ptp(motion) - NOTICEABLE
+
+
 def bends(operator, motion, records):
     """Return by how much a rounded curve is steeper than one that saturates."""
     return -levels_off(operator, motion, records) if hasattr(operator, "knee") else np.inf

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 
 from ._candidates import halve, held_out, predicted, refitted
 from ._constants import FACTOR
-from ._course import least_certain
+from ._course import course_p_values
 from ._effects import EFFECTS
 from ._plausibility import is_plausible
 from ._robust import huber_weights
@@ -86,10 +86,10 @@ class Rounds:
         """Add effects to a candidate until none is better; return what it has become."""
         while True:
             base = self._grown(base)
-            contested = self._contested(base)
-            if contested is None:
+            other = self._contested(base) or self._without_course(base)
+            if other is None:
                 return base
-            base = self._settled(contested)
+            base = self._settled(other)
 
     def _grown(self, base):
         """Claim effects, round after round, until none is better; return the candidate."""
@@ -150,7 +150,7 @@ class Rounds:
         return [e for e in self.effects if e.name not in base.structure.effects]
 
     def _is_structured(self, base):
-        self.judgement = self.judge(base)
+        self.judgement = self.judgement or self.judge(base)
         return self.judgement.structured
 
     def _singles(self, base, effects):
@@ -267,21 +267,15 @@ class Rounds:
 
     def _is_better(self, worse, better):
         new = frozenset(better.structure.effects) not in self._claimed
-        return new and self.criterion.is_better(worse, better, self._n_tried, self._course)
+        return new and self.criterion.is_better(worse, better, self._n_tried)
 
     def _needs(self, candidate, reduced):
-        return self.criterion.foretells_better(reduced, candidate, self._n_tried, self._course)
+        return self.criterion.foretells_better(reduced, candidate, self._n_tried)
 
     def _needs_all(self, candidate):
         """Whether a pair foretells better than each of its effects without the other."""
         pair = candidate.effects if len(candidate.effects) > 1 else ()
         return all(self._needs(candidate, self._without(candidate, name)) for name in pair)
-
-    def _course(self, worse, better):
-        """Return the p-value against the noise having made what stands beside a candidate."""
-        more = len(better.structure.disturbances) > len(worse.structure.disturbances)
-        # what a black box leaves has a course of the box's own
-        return least_certain(better.structure, self.records) if more and not self.renew else 0.0
 
     def _claim(self, base, steps, others):
         """Add a row for each further effect of a candidate, and what is ambiguous with it."""
@@ -350,12 +344,34 @@ class Rounds:
             chosen, same = self._simplest([own, *claims])
             others = [c for c in same if c is not chosen]
             if chosen is not own:
-                self.history.remove(row)
-                self.dropped.append(name)
+                self._drop(name, reduced)
                 self._claim(reduced, [chosen], others)
                 return chosen
             row |= _ambiguous(name, own, others)
         return None
+
+    def _without_course(self, base):
+        """Return a candidate without what is no more than the noise's own course; None otherwise.
+
+        Before the end, and where structure is left, what is missing would count as noise.
+        """
+        # what a black box leaves has a course of the box's own
+        if self.renew or not base.structure.disturbances or self._is_structured(base):
+            return None
+        p_values = course_p_values(base.structure, self.records)
+        effect = max(p_values, key=p_values.get, default=None)
+        if effect is None or self._n_tried * p_values[effect] < self.criterion.alpha:
+            return None
+        self.effects = [e for e in self.effects if e.name != effect]
+        reduced = self._without(base, effect)
+        self._drop(effect, reduced)
+        return reduced
+
+    def _drop(self, effect, reduced):
+        self.dropped.append(effect)
+        self._claimed.add(frozenset(reduced.structure.effects))
+        self.history = [row for row in self.history if row["effect"] != effect]
+        self.say(f"{effect} is not needed: held-out error {reduced.error:.4g}")
 
     def _refreshed(self, base):
         """Return a candidate identified anew from nothing, where that foretells better."""
@@ -379,10 +395,7 @@ class Rounds:
             if not needless:
                 break
             _, effect, base = min(needless, key=lambda entry: entry[0])
-            self.dropped.append(effect)
-            self._claimed.add(frozenset(base.structure.effects))
-            self.history = [row for row in self.history if row["effect"] != effect]
-            self.say(f"{effect} is not needed: held-out error {base.error:.4g}")
+            self._drop(effect, base)
         self._add_time("re-check", begin)
         return base
 

@@ -8,7 +8,7 @@ import pytest
 
 from skhyst.diagnosis._candidates import Candidate, refitted
 from skhyst.diagnosis._edits import Insert
-from skhyst.diagnosis._plausibility import is_plausible
+from skhyst.diagnosis._plausibility import goes_on, is_plausible
 from skhyst.diagnosis._tree import Tree
 from skhyst.linear import (
     FirstOrderLag,
@@ -21,6 +21,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.optimize import RecordData
+from skhyst.static import DeadBandOperator
 
 MODE = SecondOrderModeOperator(30.0, 0.05)
 
@@ -79,3 +80,12 @@ def test_a_margin_below_zero_is_refused_beyond_its_standard_error():
             reach = low
     # the standard error is that of repeated estimates, of which twenty are known to a sixth
     assert reach == pytest.approx(2.33 * np.std(estimates, ddof=1), rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("center", "stays"), [(0.0, True), (0.9, True), (1.6, False), (-2.6, False)]
+)
+def test_a_dead_zone_has_a_response_on_both_sides(center, stays):
+    drive = np.linspace(-2.0, 2.0, 401)
+    operator = DeadBandOperator(half_width=0.4, center=center)
+    assert (goes_on(operator, operator.run(drive, 0.1)[0], []) > 0.0) == stays
