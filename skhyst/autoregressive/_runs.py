@@ -42,9 +42,9 @@ def bounded(values, bound):
 @jit
 def clipped(value, bound):
     """Return a value no larger than ``bound``; NaN becomes it."""
-    if abs(value) <= bound:
-        return value
-    return -bound if value < 0.0 else bound
+    if not abs(value) <= bound:
+        value = -bound if value < 0.0 else bound
+    return value
 
 
 def free_runs(one_step, starts, lags, bound):

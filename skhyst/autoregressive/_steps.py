@@ -12,7 +12,7 @@ from .._jit import jit
 from ..preprocessing import lagged_columns
 from ._runs import Lags, clipped
 
-_BLOCK = 4096  # rows of lagged inputs at a time
+_BLOCK = 16_384  # rows of lagged inputs at a time
 
 
 class Step:
@@ -36,7 +36,7 @@ class Step:
             inputs = lagged_columns(start.inputs, self.lags.inputs, at, at + size)
             self._fill(inputs, lags, bound, y[first : first + before + size])
         y = y[before:]
-        return y, bool(np.all(np.abs(y) < bound))
+        return y, bool(-bound < y.min(initial=0.0) and y.max(initial=0.0) < bound)
 
     def rows(self, Z):
         """Return the next outputs: a run whose signals are all inputs."""
@@ -57,8 +57,10 @@ def linear_run(weights, intercept, inputs, lags, bound, y):
     for i in range(n_samples):
         k = before + i
         value = intercept
-        for j in range(len(weights)):
-            value += weights[j] * (inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]])
+        for j in range(n_inputs):
+            value += weights[j] * inputs[i, j]
+        for j in range(len(lags)):
+            value += weights[n_inputs + j] * y[k - lags[j]]
         y[k] = clipped(value, bound)
 
 
