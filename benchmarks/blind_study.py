@@ -147,7 +147,21 @@ def hidden(case):
 # -------------------------------------------------------------------------------------- a search
 
 
-def study(case):
+def recording_of(case):
+    """Record the plant of a case."""
+    return make_recording(
+        hidden(case) or NOTHING,
+        case.declared,
+        case.seed,
+        noise=case.noise,
+        n_samples=case.samples,
+        distract=True,
+        coloured=case.kind == "none_coloured",
+        repeats=REPEATS if case.kind == "none_coloured" else 1,
+    )
+
+
+def study(case, record=recording_of):
     """Search one plant.
 
     Returns
@@ -159,16 +173,7 @@ def study(case):
     row = case._asdict() | {"named": RAISED, "claimed": "", "ambiguous": "", "message": ""}
     caught = []
     try:
-        recording = make_recording(
-            hidden(case) or NOTHING,
-            case.declared,
-            case.seed,
-            noise=case.noise,
-            n_samples=case.samples,
-            distract=True,
-            coloured=case.kind == "none_coloured",
-            repeats=REPEATS if case.kind == "none_coloured" else 1,
-        )
+        recording = record(case)
         sizes = recording.truth["effect_over_noise"]
         row["effect_over_noise"] = min(sizes.values(), default=np.nan)
         row["column"] = recording.truth["column"]
@@ -203,14 +208,15 @@ def search(recording, model):
     }
 
 
-def run(cases, jobs, limit=np.inf):
+def run(cases, jobs, limit=np.inf, work=None):
     """Yield a row for each plant as it is done; start none once the limit has passed."""
+    work = work or study
     start = time.perf_counter()
     if jobs == 1:
         for case in cases:
             if time.perf_counter() - start > limit:
                 return
-            yield study(case)
+            yield work(case)
         return
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the workers when they start
@@ -219,7 +225,7 @@ def run(cases, jobs, limit=np.inf):
     with ProcessPoolExecutor(jobs, mp_context=context) as pool:
         while left or running:
             while left and len(running) < jobs and time.perf_counter() - start <= limit:
-                running.add(pool.submit(study, left.pop()))
+                running.add(pool.submit(work, left.pop()))
             if not running:
                 return
             done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -285,7 +291,7 @@ def line(row):
     )
 
 
-def _share(right, bar, most=False):
+def share(right, bar, most=False):
     """Format how many of a boolean series, and the share that is asked for."""
     if not len(right):
         return "no plants"
@@ -327,8 +333,8 @@ def _claims(single, two, none, coloured, unknown):
     lines = [f"first effect named rightly, where it is at least {VISIBLE:g} times the noise:"]
     for noise, bar in NAMED.items():
         at = seen[seen["noise"] == noise]
-        lines.append(f"  {100 * noise:g} % noise, strict: {_share(at['right'], bar)}")
-        lines.append(f"    or told as ambiguous: {_share(at['right_or_ambiguous'], bar)}")
+        lines.append(f"  {100 * noise:g} % noise, strict: {share(at['right'], bar)}")
+        lines.append(f"    or told as ambiguous: {share(at['right_or_ambiguous'], bar)}")
     for declared, group in seen.groupby("declared", sort=False):
         lines.append(f"  {declared}: {group['right'].sum()} of {len(group)}")
     lines.append(
@@ -337,16 +343,16 @@ def _claims(single, two, none, coloured, unknown):
     )
     more = single["more"] & single["right"]
     lines.append(f"  further claims behind a right one: {more.sum()} of {single['right'].sum()}")
-    lines.append(f"both of two effects named: {_share(two['all'], BOTH)}")
-    lines.append(f"  or told as ambiguous: {_share(two['all_or_ambiguous'], BOTH)}")
-    lines.append(f"  where both are visible: {_share(two['all'][two['visible']], BOTH)}")
+    lines.append(f"both of two effects named: {share(two['all'], BOTH)}")
+    lines.append(f"  or told as ambiguous: {share(two['all_or_ambiguous'], BOTH)}")
+    lines.append(f"  where both are visible: {share(two['all'][two['visible']], BOTH)}")
     false = [~part["named"].isin([NOTHING, RAISED]) for part in (none, coloured)]
-    lines.append(f"claims where nothing is missing: {_share(pd.concat(false), FALSE, most=True)}")
-    lines.append(f"  white noise: {_share(false[0], FALSE, most=True)}")
-    lines.append(f"  coloured noise, drives repeated: {_share(false[1], FALSE, most=True)}")
+    lines.append(f"claims where nothing is missing: {share(pd.concat(false), FALSE, most=True)}")
+    lines.append(f"  white noise: {share(false[0], FALSE, most=True)}")
+    lines.append(f"  coloured noise, drives repeated: {share(false[1], FALSE, most=True)}")
     called = unknown["verdict"] == "unexplained"
-    lines.append(f"unknown structure called unexplained: {_share(called, UNEXPLAINED)}")
-    lines.append(f"  where it is visible: {_share(called[unknown['visible']], UNEXPLAINED)}")
+    lines.append(f"unknown structure called unexplained: {share(called, UNEXPLAINED)}")
+    lines.append(f"  where it is visible: {share(called[unknown['visible']], UNEXPLAINED)}")
     lines += [
         f"  {name}: {part.sum()} of {len(part)}"
         for name, part in called.groupby(unknown["effect"], sort=True)
@@ -360,7 +366,7 @@ def _errors(known, none, coloured):
     if len(after):
         quantiles = ", ".join(f"{q:g}: {after.quantile(q):.3f}" for q in (0.5, 0.9, 0.95, 0.99))
         lines.append(f"held-out error after, over the noise, quantiles: {quantiles}")
-    lines.append(f"  within {WITHIN:.2f}: {_share(known['within'], WITHIN_SHARE)}")
+    lines.append(f"  within {WITHIN:.2f}: {share(known['within'], WITHIN_SHARE)}")
     alone = none.groupby(["declared", "noise"], sort=False)["before"]
     lines += [
         f"    declared model where nothing is missing, {declared}, {100 * noise:g} %: "
@@ -428,13 +434,13 @@ def read_rows(path, cases):
     return rows
 
 
-def _names(allowed, convert=str):
+def names(allowed, convert=str):
     def parse(text):
-        names = [convert(part) for part in text.split(",")]
-        unknown = sorted(set(names) - set(allowed))
+        chosen = [convert(part) for part in text.split(",")]
+        unknown = sorted(set(chosen) - set(allowed))
         if unknown:
             raise argparse.ArgumentTypeError(f"{unknown} not among {', '.join(map(str, allowed))}")
-        return names
+        return chosen
 
     return parse
 
@@ -446,10 +452,10 @@ def main(arguments=None):
     parser.add_argument(
         "--plants", type=int, default=5, help="for each effect, model and noise; others in step"
     )
-    parser.add_argument("--noise", type=_names(NOISES, float), default=NOISES, help="by commas")
-    parser.add_argument("--only", type=_names(choices), help="effects, by commas: each plant of it")
-    parser.add_argument("--declared", type=_names(BASES), default=BASES, help="models, by commas")
-    parser.add_argument("--kinds", type=_names(KINDS), default=KINDS, help="by commas")
+    parser.add_argument("--noise", type=names(NOISES, float), default=NOISES, help="by commas")
+    parser.add_argument("--only", type=names(choices), help="effects, by commas: each plant of it")
+    parser.add_argument("--declared", type=names(BASES), default=BASES, help="models, by commas")
+    parser.add_argument("--kinds", type=names(KINDS), default=KINDS, help="by commas")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument(
         "--first-seed",
@@ -474,11 +480,19 @@ def main(arguments=None):
     ]
     if not cases:
         parser.error("no plants are left to search")
+    done = work_off(cases, options)
+    if done:
+        print(f"\n{summary(done, first)}", flush=True)
+    return 0
+
+
+def work_off(cases, options, work=None, judge=judge, line=line):
+    """Search the plants that are not in the file of an earlier run; return the rows of all."""
     rows = read_rows(options.output, cases)
     left = [case for case in cases if case not in rows]
     if rows:
         print(f"{len(rows)} of {len(cases)} plants are in {options.output} already", flush=True)
-    for row in run(left, options.jobs, options.limit_seconds):
+    for row in run(left, options.jobs, options.limit_seconds, work):
         case = Case(*(row[name] for name in Case._fields))
         rows[case] = row
         (judged,) = judge([row]).itertuples()
@@ -490,10 +504,7 @@ def main(arguments=None):
             frame.to_csv(path, mode="a", header=new, index=False)
     if len(rows) < len(cases):
         print(f"\n{len(cases) - len(rows)} of {len(cases)} plants are still to be searched")
-    done = [rows[case] for case in cases if case in rows]
-    if done:
-        print(f"\n{summary(done, first)}", flush=True)
-    return 0
+    return [rows[case] for case in cases if case in rows]
 
 
 if __name__ == "__main__":

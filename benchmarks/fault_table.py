@@ -193,14 +193,14 @@ _MODELS = [
     ),
     (
         "delay: the slope per sample is taken for one per second",
-        "np.concatenate([du, -slope[:, None] / dt], axis=1)",
-        "np.concatenate([du, -slope[:, None]], axis=1)",
+        "np.concatenate([du, -slopes[:, None] / dt], axis=1)",
+        "np.concatenate([du, -slopes[:, None]], axis=1)",
         _TANGENTS("delay"),
     ),
     (
         "delay: the part of a sample is taken from the wrong side",
-        "return history[left] + part * slope, slope",
-        "return history[left + 1] + part * slope, slope",
+        "s = back - delay\n",
+        "s = 3.0 - (back - delay)\n",
         "tests/**/test_delay.py tests/linear/test_linear.py -k 'shift or delay'",
     ),
     (

@@ -87,8 +87,8 @@ DIAGNOSIS = [
 CRITERION = [  # of this way to decide
     (
         "a resonance without a peak is let through, whatever its margin",
-        "return min(overshoots, shows - np.log1p(NOTICEABLE))",
-        "return overshoots",
+        "return min(margin, shows - np.log1p(NOTICEABLE))",
+        "return margin",
         "tests/diagnosis/test_effects.py tests/diagnosis/test_plausibility.py -k peak",
     ),
     (
@@ -165,9 +165,21 @@ CRITERION = [  # of this way to decide
     ),
     (
         "pairs are not counted among what was tried",
-        "n_tried += comb(len(effects), 2)",
-        "n_tried += 0",
+        "n_tried = 2 * comb(len(effects), 2)",
+        "n_tried = 1",
         "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k pairs",
+    ),
+    (
+        "a model that foretells badly leaves noise",
+        'self.verdict_ = "undetermined"',
+        'self.verdict_ = "noise"',
+        "tests/diagnosis/test_effect_search.py -k determine",
+    ),
+    (
+        "a mode above half the sampling rate is let through",
+        "np.log(highest / (mode * (1.0 + ratio)))",
+        "np.inf",
+        "tests/diagnosis/test_effects.py -k peak",
     ),
     (
         "a pair is claimed that is no better than a part of it",

@@ -25,6 +25,11 @@ from .records import read_records, record_slices
 
 __all__ = ["main", "parse_model"]
 
+_LEFT = {
+    "noise": "noise",
+    "undetermined": "noise in the fit, but the records do not determine the model",
+    "unexplained": "structure that no effect explains",
+}
 _DRAWN = ("jinja2", "matplotlib")
 _TEMPLATED = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}  # what a report's suffix needs
 _READING = (  # options that are parameters of read_records
@@ -163,8 +168,7 @@ def _conclude(search, options, held_out):
         f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
         f"range), noise floor {search.noise_floor_:.4g}"
     )
-    left = "noise" if search.verdict_ == "noise" else "structure that no effect explains"
-    print(f"what is left: {left}")
+    print(f"what is left: {_LEFT[search.verdict_]}")
     if held_out is not None:
         before = search.held_out_error(*held_out, declared=True)
         after = search.held_out_error(*held_out)

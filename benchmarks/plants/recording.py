@@ -167,27 +167,31 @@ def _bounds(signals):
     return fitted.min(), fitted.max()
 
 
-def _change(signals, others):
+def change(signals, others):
     """Return the root mean square change from others to signals, but for gain and offset."""
     here, there = (np.concatenate(parts[:N_TRAIN]) for parts in (signals, others))
     basis = np.column_stack([there, np.ones(there.size)])
     return np.sqrt(np.mean((here - basis @ np.linalg.lstsq(basis, here, rcond=None)[0]) ** 2))
 
 
-def _respond(plant, found, setting):
-    """Return the clean responses of all records with these effects in the plant."""
+def respond(plant, found, setting, read=None):
+    """Return the clean responses of all records with these effects in the plant.
+
+    `read` maps a plant and a drive to the response at its samples.
+    """
     plants = [plant] * len(setting.drives)
     for effect in found:
         plants = effect.changes(plants)
     drives = zip(plants, setting.drives, strict=True)
-    clean = [one.respond(drive, setting.substeps) for one, drive in drives]
+    read = read or partial(Plant.respond, substeps=setting.substeps)
+    clean = [read(one, drive) for one, drive in drives]
     for effect in found:
         if effect.beside:
             clean = [y + part for y, part in zip(clean, effect.beside, strict=True)]
     return clean
 
 
-def _draw_plant(seed, kind, n_samples, substeps, distract, spread):
+def draw_plant(seed, kind, n_samples, substeps, distract, spread):
     """Draw a plant without effects, its setting, its drives' names and its column."""
     declared = BASES[kind]
     rng = np.random.default_rng([seed, kind, 1])
@@ -223,15 +227,15 @@ def _draw_plant(seed, kind, n_samples, substeps, distract, spread):
     return plant, setting, signals, column
 
 
-def _put_in(rng, names, plant, setting):
+def put_in(rng, names, plant, setting):
     """Draw the effects, each for the plant with those before it; return them and the responses."""
     found = []
     for name in names:
         law = effects.LAWS.get(name) or unknown.LAWS[name]
         if found:
-            setting = replace(setting, response=_bounds(_respond(plant, found, setting)))
+            setting = replace(setting, response=_bounds(respond(plant, found, setting)))
         found.append(law(rng, setting))
-    return found, _respond(plant, found, setting)
+    return found, respond(plant, found, setting)
 
 
 def _record(rng, part, repeats, noise_std, colour, unit):
@@ -243,7 +247,7 @@ def _record(rng, part, repeats, noise_std, colour, unit):
     ]
 
 
-def _frames(records, first_label, dt, name):
+def frames(records, first_label, dt, name):
     """Stack (drive, column or None, measured, clean) records under a (record, time) index."""
     labels = np.repeat(np.arange(len(records)) + first_label, [r[0].size for r in records])
     times = np.concatenate([dt * np.arange(r[0].size) for r in records])
@@ -306,16 +310,16 @@ def make_recording(
     kind = BASES.index(declared)
     known = (*EFFECTS, *UNKNOWN)
     chosen = [1 + known.index(name) for name in names] or [0]
-    plant, setting, signals, column = _draw_plant(
+    plant, setting, signals, column = draw_plant(
         seed, kind, n_samples, substeps, distract, spread="amplitude_dependence" in names
     )
-    found, clean = _put_in(np.random.default_rng([seed, kind, 2, *chosen]), names, plant, setting)
+    found, clean = put_in(np.random.default_rng([seed, kind, 2, *chosen]), names, plant, setting)
     noise_std = noise * np.ptp(np.concatenate(clean[:N_TRAIN]))
     sizes = {}
     for name, one in zip(names, found, strict=True):
         others = [other for other in found if other is not one]
-        change = _change(clean, _respond(plant, others, setting))
-        sizes[name] = change / noise_std if noise_std else np.inf
+        size = change(clean, respond(plant, others, setting))
+        sizes[name] = size / noise_std if noise_std else np.inf
         column = one.column if one.column[0] else column
 
     colour = draw_colour(np.random.default_rng([seed, kind, 5])) if coloured else {"law": "white"}
@@ -324,8 +328,8 @@ def make_recording(
     dt, unit = setting.dt, setting.unit
     fitted = _record(rng, parts[:N_TRAIN], repeats, noise_std, colour, unit)
     held_out = _record(rng, parts[N_TRAIN:], repeats, noise_std, colour, unit)
-    X_train, y_train, y_train_clean = _frames(fitted, 0, dt, column[0])
-    X_test, y_test, y_test_clean = _frames(held_out, len(fitted), dt, column[0])
+    X_train, y_train, y_train_clean = frames(fitted, 0, dt, column[0])
+    X_test, y_test, y_test_clean = frames(held_out, len(fitted), dt, column[0])
     parameters = [one.truth for one in found] or [{}]
     # weights and gains are responses over drives
     core = {n: v * (unit if n in ("weights", "gain") else 1.0) for n, v in setting.core.items()}

@@ -165,11 +165,12 @@ def held_out(candidate, records, folds):
         residuals=tuple(residuals),
         predictions=tuple(predictions),
         weights=weights,
-        error=_root_mean_square(residuals, weights),
+        error=root_mean_square(residuals, weights),
     )
 
 
-def _root_mean_square(residuals, weights):
+def root_mean_square(residuals, weights):
+    """Return that of the residuals of all records where they are known, with weights or None."""
     total = count = 0.0
     for e, w in zip(residuals, weights, strict=True):
         known = np.isfinite(e)

@@ -19,7 +19,7 @@ from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import identify
 from ._constants import ENOUGH, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
-from ._edits import AddForce, Drive, Enrich, Insert, Modulate, Schedule, both_models
+from ._edits import AddForce, Drive, Enrich, Hold, Insert, Modulate, Schedule, both_models
 from ._periods import visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
 from ._tree import BRIEFLY
@@ -37,6 +37,23 @@ class SlowerThanDrive:
         if moving and all(visible_turns(u) <= few for u in moving):
             return []
         return beside(name, self.model, scene)
+
+
+@dataclass(frozen=True)
+class HeldDrive:
+    """The drive is constant between its samples, or a straight line where it was declared not to.
+
+    The first linear dynamics see that; what comes behind them is smooth.
+    """
+
+    def trees(self, name, scene):
+        tree = scene.tree
+        for stage in tree.stages:
+            if sum(stage.operator.n_poles):
+                hold = stage.model.get_params().get("hold")
+                other = {"foh": "zoh", "zoh": "foh"}.get(hold)
+                return [tree.edited(name, Hold(stage.name, other))] if other else []
+        return []
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,11 @@ are enough where the gain is far beyond chance.
 it the noise's own course. It stays only where the noise alone, whose spectrum goes on as it does
 outside of what was fitted, does not make it at the same level, see ``_course``.
 
-**The family.** The p-value is multiplied by the number of candidates that were tried, pairs of
-effects included (Bonferroni), so that a claim is false with probability `alpha` at most, however
-the candidates depend on each other. The tail makes that cheap: of a hundred blocks, two hundred
-candidates ask for T = 4.1 instead of 2.4.
+**The family.** Half of `alpha` is for effects alone, half for pairs: the p-value is multiplied by
+twice the number of candidates of its kind (Bonferroni with weights), all possible pairs among them.
+So a claim is false with probability `alpha` at most, however the candidates depend on each other,
+and an effect alone does not pay for the pairs that are tried where none was found. The tail makes
+it cheap: of a hundred blocks, two hundred candidates ask for T = 4.1 instead of 2.4.
 
 **The size.** A difference that can be shown need not matter. The rival is *better* where the
 p-value is below `alpha` and the error falls by `min_improvement` at least, held out and in the fit:

@@ -56,6 +56,21 @@ class Enrich:
         return tree.with_stage(at, model=richer, operator=self.operator)
 
 
+@dataclass(frozen=True)
+class Hold:
+    """What a stage takes the drive to do between its samples, see ``LinearModel``."""
+
+    place: str
+    hold: str
+    kind = "exchange"
+
+    def apply(self, tree, name):
+        at = tree.names.index(self.place)
+        _, model, operator = tree.stages[at]
+        model, operator = clone(model).set_params(hold=self.hold), replace(operator, hold=self.hold)
+        return tree.with_stage(at, model=model, operator=operator)
+
+
 def both_models(model, other):
     """Return a model that has what either of one class has: its flags, or the higher degree."""
     old, new = model.get_params(), other.get_params()

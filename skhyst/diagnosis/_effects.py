@@ -22,6 +22,7 @@ from ..linear import (
     Gain,
     KelvinVoigt,
     SecondOrderMode,
+    TimeShift,
     TransferFunction,
 )
 from ..static import (
@@ -35,6 +36,7 @@ from ._changes import (
     BesideForce,
     Driven,
     FirstHysteresis,
+    HeldDrive,
     InMotion,
     InStages,
     Knee,
@@ -44,7 +46,17 @@ from ._changes import (
     Scaled,
     SlowerThanDrive,
 )
-from ._plausibility import bends, goes_on, has_own_lines, levels_off, remembers, rings, slides
+from ._plausibility import (
+    bends,
+    comes_later,
+    goes_on,
+    has_own_lines,
+    is_between_samples,
+    levels_off,
+    remembers,
+    rings,
+    slides,
+)
 
 
 @dataclass(frozen=True)
@@ -153,11 +165,20 @@ _BUILT_IN = (
         picture="rate",
     ),
     Effect(
+        "timing",
+        lambda: [TimeShift(), HeldDrive()],
+        "Drive and response are not read at the same instants, or the drive is held in between.",
+        "Record one signal on both channels: what shift there is belongs to the instruments.",
+        picture="frequency",
+        plausible=is_between_samples,
+    ),
+    Effect(
         "delay",
         lambda: [Delay()],
         "The response follows the drive after a pure shift in time.",
         "Sweep faster: the phase of a delay grows in proportion to frequency, the gain stays.",
         picture="frequency",
+        plausible=comes_later,
     ),
     Effect(
         "asymmetry",

@@ -44,9 +44,9 @@ def _autocorrelation(u):
 
 
 def near_period(u):
-    """Return the lag in samples after which a moving signal repeats itself roughly, or 0.
+    """Return the period in samples after which a moving signal repeats itself roughly, or 0.
 
-    As a motion does that is driven periodically. Before that lag the signal has to have been away.
+    As a motion does that is driven periodically. Before that time the signal has to have been away.
     """
     n = len(u)
     if n < 6 or not np.ptp(u) > 0.0:
@@ -57,11 +57,29 @@ def near_period(u):
     lags = np.arange(n // 2)
     both = power[n - lags] + power[n] - power[lags]
     difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
-    back = np.flatnonzero(np.maximum.accumulate(difference) > AWAY)
-    best = difference[back].min(initial=np.inf)
+    low, least, high = difference[:-2], difference[1:-1], difference[2:]
+    back = np.maximum.accumulate(difference)[1:-1] > AWAY
+    at = np.flatnonzero(back & (least < low) & (least <= high))
+    # the vertex of the parabola through three samples
+    low, least, high = low[at], least[at], high[at]
+    depths = least - (low - high) ** 2 / (8.0 * (low - 2.0 * least + high))
+    best = depths.min(initial=np.inf)
     if best > NOTICEABLE:
         return 0
-    lag = back[np.argmax(difference[back] <= 2.0 * best + SAME)]  # not a multiple of the period
-    while lag + 1 < len(difference) and difference[lag + 1] < difference[lag]:
-        lag += 1
-    return int(lag)
+    lag = 1 + at[np.argmax(depths <= 2.0 * best + SAME)]  # not a multiple of the period
+    return _between_samples(difference, int(lag))
+
+
+def _between_samples(difference, lag):
+    """Return where a difference is least near a lag, from its multiples, which tell it finer."""
+    period, multiple = float(lag), 1
+    while True:
+        at = round(multiple * period)
+        if not 0 < at < len(difference) - 1:
+            return period
+        low, least, high = difference[at - 1 : at + 2]
+        bend = low - 2.0 * least + high
+        if not (bend > 0.0 and abs(low - high) <= 2.0 * bend):  # none near by
+            return period
+        period = (at + 0.5 * (low - high) / bend) / multiple
+        multiple *= 2

@@ -84,20 +84,37 @@ def _have_changed_places(before, tree, name):
 
 
 def rings(operator, motion, records):
-    """Return how far the damping is below the critical one, and how high the peak of the gain."""
+    """Return how far a mode is below critical damping, how high its peak, and if it was sampled.
+
+    It was if the upper end of its half-power band is below half the sampling rate.
+    """
     ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
     if not ratios.size:
         return -np.inf
-    overshoots = np.log(np.sqrt(0.5) / ratios.min())
+    modes = getattr(operator, "natural_frequencies", getattr(operator, "natural_frequency", None))
+    least = np.argmin(ratios)
+    mode, ratio = np.ravel(modes)[least], ratios[least]
+    highest = np.pi / min(record.dt for record in records)
+    margin = min(np.log(np.sqrt(0.5) / ratio), np.log(highest / (mode * (1.0 + ratio))))
     if not np.size(getattr(operator, "numerator", ())):
-        return overshoots
-    mode = operator.natural_frequencies[np.argmin(ratios)]
+        return margin
     around = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # rest, near the mode, fast motion
     gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * around)))
     rest, fast, near = gain[0], gain[-1], gain[1:-1]
     # a peak, or a notch
     shows = max(near.max() - max(rest, fast), min(rest, fast) - near.min())
-    return min(overshoots, shows - np.log1p(NOTICEABLE))
+    return min(margin, shows - np.log1p(NOTICEABLE))
+
+
+def comes_later(operator, motion, records):
+    """Return by how much a delay is longer than an interval: a shorter one may be the reading's."""
+    return operator.delay / min(record.dt for record in records) - 1.0
+
+
+def is_between_samples(operator, motion, records):
+    """Return by how much a shift is below an interval, of either sign where it looks ahead."""
+    shift = getattr(operator, "shift", None)
+    return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
 
 
 def levels_off(operator, motion, records):

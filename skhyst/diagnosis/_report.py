@@ -23,7 +23,7 @@ class Report:
         The model that was declared, and with what was found.
     effects : list of str
         Effects claimed, in the order in which they were added.
-    verdict : {"noise", "unexplained"}
+    verdict : {"noise", "unexplained", "undetermined"}
         What is left over.
     error_before, error_after, noise_floor, response_range : float
         Held-out errors of both models, the error that no model can beat, and the range.

@@ -238,6 +238,11 @@ def next_steps(claims, not_it, location, verdict, faults, alpha):
             else f"{step}, and repeat one record exactly: what returns is structure, what does "
             "not is noise."
         )
+    if verdict == "undetermined":
+        steps.append(
+            f"Record longer, and more of what is held out worst{', ' * bool(location)}"
+            f"{looks(location)}: there the other records say too little."
+        )
     if faults:
         steps.append("Mend the faults of the recording listed under Data, and search again.")
     return steps

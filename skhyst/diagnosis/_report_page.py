@@ -5,6 +5,15 @@ import math
 from ._report_data import looks
 from ._report_text import change, in_words, listed, number, percent, plus_minus, share, unit_of
 
+_NO_CLAIM = {
+    "noise": "Nothing is missing: no effect that was tried makes the held-out error significantly "
+    "smaller, and it is already at the noise floor.",
+    "undetermined": "No effect is claimed, and what the fit leaves is noise; but held out the "
+    "error is above it, since the records do not determine the model.",
+    "unexplained": "No effect is claimed, though something is left: the error is above the noise "
+    "floor, and none of the effects that were tried makes it significantly smaller.",
+}
+
 
 def verdict(report):
     """Return the headline and the sentence that says what a search found."""
@@ -12,10 +21,18 @@ def verdict(report):
         _error(report, value)
         for value in (report.error_before, report.error_after, report.noise_floor)
     )
-    model, explained = f"The declared model {report.declared_model}", report.verdict == "noise"
+    model = f"The declared model {report.declared_model}"
+    explained = report.verdict != "unexplained"
     noise = f"What is left is noise; its floor is {floor}."
+    headline, mark = "Nothing is missing", "" if explained else "; and something unexplained"
+    if report.verdict == "undetermined":
+        headline, mark = "Undetermined", "; and undetermined"
+        noise = (
+            f"The fit leaves noise, {floor}, but the records do not determine the model: what is "
+            "held out is foretold worse."
+        )
     if not report.effects and explained:
-        return "Nothing is missing", (
+        return headline, (
             f"{model} lacks none of the effects that were tried: its held-out error is {before}. "
             f"{noise}"
         )
@@ -31,7 +48,7 @@ def verdict(report):
     them = "it" if len(report.effects) == 1 else "them"
     rest = f"What is left is above the noise floor of {floor}, and no effect tried explains it."
     return (
-        f"Missing: {', '.join(report.effects)}{'' if explained else '; and something unexplained'}",
+        f"Missing: {', '.join(report.effects)}{mark}",
         f"{model} lacks {found}: with {them} the held-out error falls from {before} to {after}. "
         f"{noise if explained else rest}",
     )
@@ -173,13 +190,7 @@ def _claims(report, figures):
         if told:
             yield _text(told, "note")
     if not report.claims:
-        yield _text(
-            "Nothing is missing: no effect that was tried makes the held-out error significantly "
-            "smaller, and it is already at the noise floor."
-            if report.verdict == "noise"
-            else "No effect is claimed, though something is left: the error is above the noise "
-            "floor, and none of the effects that were tried makes it significantly smaller."
-        )
+        yield _text(_NO_CLAIM[report.verdict])
 
 
 def _left(report, figures):
@@ -187,9 +198,9 @@ def _left(report, figures):
         was, it = ("was", "it") if len(report.dropped) == 1 else ("were", "them")
         names = listed(report.dropped)
         yield _text(f"{names} had been claimed first, and {was} dropped: later ones replace {it}.")
-    if report.verdict != "unexplained":
+    if report.verdict == "noise":
         return
-    if report.claims:
+    if report.claims and report.verdict == "unexplained":
         yield _text("Something unexplained remains: no further effect explains it.", "note")
     if report.location:
         yield _text("What is left is strongest here:")

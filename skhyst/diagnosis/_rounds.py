@@ -135,11 +135,11 @@ class Rounds:
         effects = self._open(base)
         singles, screened = self._singles(base, effects)
         begin = time.perf_counter()
-        self._n_tried += comb(len(effects), 2)
         tested, chosen = singles, self._chosen(base, singles)
         in_pairs = len(self.history) + 2 <= self.max_effects
         if chosen is None and in_pairs and self._is_structured(base):
             tested = singles + self._pairs(base, singles, effects)
+            self._n_tried = 2 * comb(len(effects), 2)
             chosen = self._chosen(base, tested)
         self._rank(base, effects, screened, tested, chosen)
         self._add_time("contest", begin)
@@ -160,7 +160,7 @@ class Rounds:
         self._add_time("screening", begin)
         begin = time.perf_counter()
         singles = self._held_out(base, self._fitted([base] * len(effects), screened))
-        self._n_tried = sum(map(len, screened[0]))
+        self._n_tried = 2 * sum(map(len, screened[0]))  # half of alpha, the other is for pairs
         self._add_time("contest", begin)
         return singles, screened
 

@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from numbers import Integral, Real
 
 import numpy as np
@@ -17,7 +18,7 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, held_out
+from ._candidates import Candidate, held_out, root_mean_square
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
@@ -89,8 +90,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     ----------
     effects_ : list of str
         The claimed effects in the order in which they were added; empty when nothing is missing.
-    verdict_ : {"noise", "unexplained"}
-        Whether what is left is noise, or structure that no effect explains.
+    verdict_ : {"noise", "unexplained", "undetermined"}
+        Whether what is left is noise, or structure that no effect explains. Undetermined: the fit
+        leaves noise, but held out the model's own error is larger than that, since the records do
+        not determine it.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
@@ -312,8 +315,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.verdict_ = "noise"
             return
         judgement = rounds.judgement or self._judged(measured, base, rounds)
-        self.noise_floor_ = judgement.error
-        self.verdict_ = "unexplained" if judgement.structured else "noise"
+        self.noise_floor_, self.verdict_ = judgement.error, "noise"
+        if judgement.structured:
+            self.verdict_ = "unexplained"
+        elif self._knows_less(base, rounds):
+            self.verdict_ = "undetermined"
 
     def _judged(self, measured, base, rounds):
         """Return the judgement of what a candidate leaves, fitted to everything.
@@ -321,17 +327,20 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         A held-out record that goes further than the others shows what they do not determine, which
         is no missing structure.
         """
-        problem = base.structure.problem(rounds.records)
-        fitted = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
-        predictions = [  # where nothing counts there is none
-            np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
-            for r, own, part in zip(rounds.records, base.predictions, fitted, strict=True)
-        ]
-        residuals = [r.y - part for r, part in zip(rounds.records, predictions, strict=True)]
+        fitted = _predicted(base, rounds.records)
+        residuals = [r.y - part for r, part in zip(rounds.records, fitted, strict=True)]
         order = by_content(self.records_, self.drive_, self.response_)
-        seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
+        seen = [[part[i] for i in order] for part in (measured, residuals, fitted)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         return judge_residual(*seen, rng, rounds.criterion)
+
+    def _knows_less(self, base, rounds):
+        """Whether a candidate's own error held out, beyond its fit's, is larger than the noise."""
+        fitted = _predicted(base, rounds.records)
+        residuals = [r.y - part for r, part in zip(rounds.records, fitted, strict=True)]
+        everything = replace(base, residuals=residuals)
+        larger = base.error**2 > 2.0 * root_mean_square(residuals, base.weights) ** 2
+        return larger and rounds.criterion.p_value(base, everything) < self.alpha
 
     def _say(self, text):
         if self.verbose:
@@ -385,6 +394,16 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the :class:`Report`: HTML, Markdown, JSON."""
         check_is_fitted(self)
         return Report.from_search(self, command=command)
+
+
+def _predicted(candidate, records):
+    """Return what a candidate fitted to everything predicts, NaN where nothing counts."""
+    problem = candidate.structure.problem(records)
+    parts = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
+    return [
+        np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
+        for r, own, part in zip(records, candidate.predictions, parts, strict=True)
+    ]
 
 
 def _with_others(drive, columns):

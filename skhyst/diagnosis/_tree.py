@@ -22,6 +22,7 @@ from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
 
+_HELD = ("hold",)  # fixed structure that an edit sets
 BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
 
 
@@ -251,7 +252,8 @@ class Tree:
             if _alike(stage.operator, found):  # fixed structure too, but no value that is held
                 held = held | [name in fixed for name, _ in found.entries()]
                 own = np.where(held, stage.operator.pack(), found.pack())
-                stage = stage._replace(operator=found.unpack(own))
+                kept = {k: getattr(stage.operator, k) for k in _HELD if hasattr(found, k)}
+                stage = stage._replace(operator=replace(found.unpack(own), **kept))
             stages.append(stage)
             for name in fixed:
                 values.pop((stage.name, name), None)

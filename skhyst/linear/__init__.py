@@ -12,6 +12,7 @@ from ._log_creep import LogCreep, LogCreepOperator
 from ._modal import ModalModel, SampledStateSpace
 from ._rational import MultiInputTransferFunctionOperator, TransferFunctionOperator
 from ._second_order_mode import SecondOrderMode, SecondOrderModeOperator
+from ._time_shift import TimeShift, TimeShiftOperator
 from ._transfer_function import TransferFunction
 
 __all__ = [
@@ -34,6 +35,8 @@ __all__ = [
     "SampledStateSpace",
     "SecondOrderMode",
     "SecondOrderModeOperator",
+    "TimeShift",
+    "TimeShiftOperator",
     "TransferFunction",
     "TransferFunctionOperator",
     "frequency_response",

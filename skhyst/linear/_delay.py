@@ -1,4 +1,9 @@
-"""Pure shift in time, ``y(t) = u(t - delay)``."""
+"""Pure shift in time, ``y(t) = u(t - delay)``.
+
+Between its samples a signal is the polynomial of third degree through four of them (Lagrange). Its
+error is of fourth order in the interval: at a tenth of the sampling rate 0.6 % of the amplitude at
+the most, where a straight line has 5 %.
+"""
 
 from dataclasses import dataclass
 
@@ -9,44 +14,89 @@ from ..operators import Operator, parameter
 from ._linear import log_grid, time_span
 
 
+def shifted(signal, past, delay, *, causal=True):
+    """Return a signal as it was some samples before, and its slope per sample there.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,) or (n_samples, m)
+    past : ndarray of shape (n_past,) or (n_past, m)
+        Values before it, one at least; the first of them has stood for ever.
+    delay : float
+        Samples; negative for values to come, of which the last one stands for ever.
+    causal : bool, default=True
+        Whether only values up to the present are used, of a delay that is not negative.
+
+    Returns
+    -------
+    values, slopes : ndarray of the shape of ``signal``
+    """
+    n, m = len(signal), len(past)
+    delay = float(np.clip(delay, -n - 4, n + m + 4))  # beyond that nothing changes
+    back = int(np.ceil(delay)) + 1  # from the present to the first of the four samples
+    back = max(back, 3) if causal else back
+    whole = np.concatenate(
+        [
+            np.repeat(past[:1], max(back - m, 0), axis=0),
+            past,
+            signal,
+            np.repeat(signal[-1:], max(3 - back, 0), axis=0),
+        ]
+    )
+    first = max(m, back) - back
+    s = back - delay
+    weights = -(s - 1) * (s - 2) * (s - 3) / 6, s * (s - 2) * (s - 3) / 2
+    weights += -s * (s - 1) * (s - 3) / 2, s * (s - 1) * (s - 2) / 6
+    slopes = -(3 * s * s - 12 * s + 11) / 6, (3 * s * s - 10 * s + 6) / 2
+    slopes += -(3 * s * s - 8 * s + 3) / 2, (3 * s * s - 6 * s + 2) / 6
+    parts = [whole[first + j : first + j + n] for j in range(4)]
+    return tuple(
+        sum(w * part for w, part in zip(own, parts, strict=True)) for own in (weights, slopes)
+    )
+
+
+class ShiftingOperator(Operator):
+    """Base of the shifts in time: a subclass has one parameter (s), by which the output is late."""
+
+    signal_linear = True
+
+    def _samples(self, dt):
+        return float(self.pack()[0]) / dt
+
+    def init(self, u0, initial_state="rest"):
+        return np.array([u0 if initial_state == "rest" else 0.0], dtype=float)
+
+    def run(self, u, dt, state=None):
+        u, delay = np.asarray(u, dtype=float), self._samples(dt)
+        if not u.size:
+            return np.empty(0), state
+        past = self.init(u[0]) if state is None else state
+        length = max(int(np.ceil(delay)) + 1, 3)
+        y, _ = shifted(u, past, delay, causal=self.causal)
+        return y, np.concatenate([past, u])[-length:]
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        rest = float(initial_state == "rest")
+        delay = self._samples(dt)
+        y, slopes = shifted(u, rest * u[:1], delay, causal=self.causal)
+        if du.shape[1]:
+            du, _ = shifted(du, rest * du[:1], delay, causal=self.causal)
+        return y, np.concatenate([du, -slopes[:, None] / dt], axis=1)
+
+
 @dataclass(frozen=True)
-class DelayOperator(Operator):
-    """``y(t) = u(t - delay)``, exact for an input that is a straight line between samples."""
+class DelayOperator(ShiftingOperator):
+    """``y(t) = u(t - delay)``, exact for an input that is a cubic polynomial between samples.
+
+    Examples
+    --------
+    >>> from skhyst.linear import DelayOperator
+    >>> DelayOperator(0.5).run([0.0, 1.0, 2.0, 3.0, 4.0], dt=1.0)[0].round(2).tolist()
+    [0.0, 0.31, 1.56, 2.5, 3.5]
+    """
 
     delay: float = parameter(log=True, lower=0.0, unit="s")
     rank: int = 5
-    signal_linear = True
-    n_poles = (0, 0)
-
-    def _shift(self, history, n, dt):
-        """Return the shifted signal and its slope per sample; ``history`` ends in ``n`` samples."""
-        position = np.arange(len(history) - n, len(history)) - self.delay / dt
-        position = np.clip(position, 0.0, None)
-        left = np.minimum(position.astype(int), len(history) - 2)
-        part = (position - left).reshape(-1, *([1] * (history.ndim - 1)))
-        slope = history[left + 1] - history[left]
-        return history[left] + part * slope, slope
-
-    def init(self, u0, initial_state="rest"):
-        return float(u0) if initial_state == "rest" else 0.0  # all of the past, at rest
-
-    def run(self, u, dt, state=None):
-        u = np.asarray(u, dtype=float)
-        length = int(np.ceil(self.delay / dt)) + 1
-        past = self.init(u[0]) if state is None else state
-        past = np.full(length, past) if np.ndim(past) == 0 else past
-        history = np.concatenate([past, u])
-        return self._shift(history, len(u), dt)[0], history[-length:]
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        # what lies before the record is constant, so two samples of it stand for all
-        rest = float(initial_state == "rest")
-        history = np.concatenate([np.full(2, u[0] * rest), u])
-        y, slope = self._shift(history, len(u), dt)
-        if du.shape[1]:
-            du = np.concatenate([np.tile(du[:1] * rest, (2, 1)), du])
-            du = self._shift(du, len(u), dt)[0]
-        return y, np.concatenate([du, -slope[:, None] / dt], axis=1)
 
 
 class Delay(ParametricModel):
@@ -61,6 +111,10 @@ class Delay(ParametricModel):
     ----------
     operator_ : DelayOperator
         ``delay`` in s.
+
+    See Also
+    --------
+    TimeShift : Of either sign, between two instruments.
 
     Examples
     --------

@@ -50,7 +50,7 @@ class WrappedOperator(_ByEntries):
 
 # what is declared of the operator within holds for the whole, attributes and methods alike
 for _name in (
-    *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless"),
+    *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless", "causal"),
     *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "characteristics"),
     *("entries", "pack"),
 ):
@@ -115,6 +115,10 @@ class _Composition(_ByEntries):
     @property
     def memoryless(self):
         return all(stage.memoryless for stage in self.stages)
+
+    @property
+    def causal(self):
+        return all(stage.causal for stage in self.stages)
 
     @property
     def rank(self):

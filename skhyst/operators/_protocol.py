@@ -91,6 +91,8 @@ class Operator(ABC):
         Number of real poles and of pairs of poles of a linear operator.
     memoryless : bool
         The output depends on the input of the same instant alone.
+    causal : bool
+        The output depends on no later input, so that a run may be cut anywhere.
     stands_beside : bool
         The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
         ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
@@ -101,6 +103,7 @@ class Operator(ABC):
     rank = 30
     n_poles = (0, 0)
     memoryless = False
+    causal = True
     stands_beside = False
 
     def n_ringing(self) -> int:

@@ -25,10 +25,11 @@ from skhyst.diagnosis import (
     unregister_effect,
 )
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import TransferFunction
+from skhyst.linear import Gain, TransferFunction
+from skhyst.model_selection import BlockedTimeSeriesSplit
 from skhyst.operators import parameter
-from skhyst.records import read_records
-from skhyst.static import StaticOperator
+from skhyst.records import read_records, stack_records
+from skhyst.static import SmoothCurve, StaticOperator
 
 # of those that are a stage of their own, or beside the model
 EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
@@ -147,6 +148,29 @@ def test_structure_of_no_known_effect_is_called_unexplained(law):
 
 
 # ---------------------------------------------------------------------- what it says about itself
+
+
+def test_what_the_records_do_not_determine_is_no_verdict():
+    """A curve of high degree follows each record, and foretells none that goes further."""
+    rng = np.random.default_rng(0)
+    drives = [np.sort(rng.uniform(low, low + 1.0, 400)) for low in (-1.0, 0.0, 1.0)]
+    records = [(u, np.tanh(u) + 0.01 * rng.normal(size=400)) for u in drives]
+    curve = Cascade([("gain", Gain()), ("curve", SmoothCurve(7))])
+    found = {
+        name: EffectSearchCV(curve, max_effects=0, cv=cv, random_state=0).fit(
+            *stack_records(records, dt=0.1)
+        )
+        for name, cv in (("levels", 3), ("blocks", BlockedTimeSeriesSplit(4, staggered=True)))
+    }
+    assert {name: search.verdict_ for name, search in found.items()} == {
+        "levels": "undetermined",
+        "blocks": "noise",
+    }
+    for search in found.values():
+        assert search.noise_floor_ == pytest.approx(0.01, rel=0.05)
+    report = found["levels"].report()
+    assert report.headline == "Undetermined"
+    assert any("Record longer" in step for step in report.next_steps)
 
 
 @pytest.mark.parametrize("effect", ["lag", "offset", "none"])

@@ -11,12 +11,18 @@ from sklearn.base import clone
 from skhyst.base import ParametricModel
 from skhyst.diagnosis import EFFECTS, Effect, effect_names, register_effect, unregister_effect
 from skhyst.disturbance import SinusoidOperator
-from skhyst.linear import FirstOrderLag, SecondOrderModeOperator, TransferFunctionOperator
+from skhyst.linear import (
+    DelayOperator,
+    FirstOrderLag,
+    SecondOrderModeOperator,
+    TimeShiftOperator,
+    TransferFunctionOperator,
+)
 from skhyst.operators import take_apart
 from skhyst.optimize import RecordData
 from skhyst.static import SoftSaturationOperator
 
-PROMISED = set(plants.EFFECTS)
+PROMISED = {*plants.EFFECTS, "timing"}
 PAGES = Path(__file__).parents[2] / "docs" / "user_guide" / "effects"
 
 
@@ -91,7 +97,7 @@ def test_places_follow_the_signal(record):
     for first in ("input_saturation", "dead_zone", "slew_limit", "backlash"):
         assert rank[first] < rank["asymmetry"] < rank["lag"]
     assert rank["lag"] == rank["resonance"] == rank["creep"]
-    assert rank["creep"] < rank["static_nonlinearity"] < rank["output_saturation"]
+    assert rank["creep"] < rank["static_nonlinearity"] < rank["output_saturation"] < rank["timing"]
 
 
 def test_every_effect_has_its_page():
@@ -138,18 +144,34 @@ def test_a_mode_has_a_peak_or_a_notch():
         frequency = np.array([100.0])
         return TransferFunctionOperator(np.array([]), frequency, np.array([damping]), numerator)
 
-    def rings(*seen):
-        return EFFECTS["resonance"].plausible(*seen) > 0.0
+    def rings(operator, dt=1e-3):
+        record = RecordData(np.zeros(2), np.zeros(2), dt)
+        return EFFECTS["resonance"].plausible(operator, np.ones(1), [record]) > 0.0
 
-    assert rings(of(0.05, np.array([])), 1.0, [])
-    assert rings(of(0.05, np.array([0.0, 0.9])), 1.0, [])
-    assert not rings(of(0.9, np.array([])), 1.0, [])
-    assert not rings(of(0.9, np.array([0.3, 0.3])), 1.0, [])
-    assert rings(of(0.5, np.array([9.0, 0.0])), 1.0, [])
-    assert not rings(of(0.9, np.array([9.0, 0.0])), 1.0, [])
-    assert not rings(of(0.3, np.array([0.01, 1.0])), 1.0, [])  # its zeros are about its poles
-    assert rings(SecondOrderModeOperator(100.0, 0.5), 1.0, [])
-    assert not rings(SecondOrderModeOperator(100.0, 0.8), 1.0, [])
+    assert rings(of(0.05, np.array([])))
+    assert rings(of(0.05, np.array([0.0, 0.9])))
+    assert not rings(of(0.9, np.array([])))
+    assert not rings(of(0.9, np.array([0.3, 0.3])))
+    assert rings(of(0.5, np.array([9.0, 0.0])))
+    assert not rings(of(0.9, np.array([9.0, 0.0])))
+    assert not rings(of(0.3, np.array([0.01, 1.0])))  # its zeros are about its poles
+    assert rings(SecondOrderModeOperator(100.0, 0.5))
+    assert not rings(SecondOrderModeOperator(100.0, 0.8))
+    # half the sampling rate lies within its half-power band, or below
+    assert rings(SecondOrderModeOperator(100.0, 0.1), dt=0.028)
+    assert not rings(SecondOrderModeOperator(100.0, 0.1), dt=0.029)
+
+
+def test_a_shift_below_an_interval_is_the_readings_and_a_longer_one_the_devices():
+    records = [RecordData(np.zeros(2), np.zeros(2), dt) for dt in (0.1, 0.3)]
+
+    def margin(name, operator):
+        return EFFECTS[name].plausible(operator, np.ones(1), records)
+
+    for late in (-0.7, -0.01, 0.09):
+        assert margin("timing", TimeShiftOperator(late)) > 0.0
+    assert margin("timing", TimeShiftOperator(0.11)) < 0.0 < margin("delay", DelayOperator(0.11))
+    assert margin("delay", DelayOperator(0.09)) < 0.0
 
 
 @pytest.mark.parametrize("knee", [1.0, 2.5, 40.0])

@@ -6,10 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._candidates import Candidate, refitted
 from skhyst.diagnosis._edits import Insert
+from skhyst.diagnosis._periods import near_period
 from skhyst.diagnosis._plausibility import goes_on, is_plausible
 from skhyst.diagnosis._tree import Tree
+from skhyst.disturbance import SinusoidOperator
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -89,3 +92,17 @@ def test_a_dead_zone_has_a_response_on_both_sides(center, stays):
     drive = np.linspace(-2.0, 2.0, 401)
     operator = DeadBandOperator(half_width=0.4, center=center)
     assert (goes_on(operator, operator.run(drive, 0.1)[0], []) > 0.0) == stays
+
+
+@pytest.mark.parametrize("period", [48.37, 71.23, 250.0 / 3.0, 400.0])
+def test_a_period_is_known_between_the_samples(period):
+    """So a harmonic of the drive, however high, is no line of its own."""
+    turns = 2.0 * np.pi * np.arange(6000) / period
+    drive = np.sin(turns) + 0.3 * np.sin(3.0 * turns + 1.0)
+    assert near_period(drive) == pytest.approx(period, rel=1e-5)
+    records = [RecordData(drive, drive, 1e-3)]
+    harmonics = SinusoidOperator(np.zeros(4), np.array([12.0, 14.0]) / (1e-3 * period))
+    margin = EFFECTS["periodic_disturbance"].plausible
+    assert margin(harmonics, np.array([]), records) < 0.0
+    beside = replace(harmonics, frequencies=harmonics.frequencies + 2.0 / 6.0)  # turns a record
+    assert margin(beside, np.array([]), records) > 0.0

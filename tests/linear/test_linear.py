@@ -17,6 +17,7 @@ from skhyst.linear import (
     LinearOperator,
     MultiInputTransferFunctionOperator,
     SecondOrderModeOperator,
+    TimeShiftOperator,
     TransferFunctionOperator,
 )
 from skhyst.operators import parameter
@@ -244,15 +245,50 @@ WALK = 0.4 + np.cumsum(np.random.default_rng(0).normal(size=50))
 
 
 @settings(deadline=None, max_examples=30)
+@given(delay=st.floats(0.0, 0.2), coefficients=st.lists(st.floats(-1, 1), min_size=4, max_size=4))
+def test_shifts_are_exact_for_polynomials_of_third_degree(delay, coefficients):
+    time, law = DT * np.arange(60), np.polynomial.Polynomial(coefficients)
+    for operator in (DelayOperator(delay), TimeShiftOperator(delay), TimeShiftOperator(-delay)):
+        y, _ = operator.run(law(time), DT)
+        inner = slice(int(0.2 / DT) + 3, -int(0.2 / DT) - 3)
+        np.testing.assert_allclose(y[inner], law(time - operator.pack())[inner], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [DelayOperator, TimeShiftOperator])
+def test_shifts_are_of_fourth_order(kind):
+    errors = []
+    for dt in (0.02, 0.01):
+        time = dt * np.arange(round(3.0 / dt))
+        y, _ = kind(1.5 * 0.01).run(np.sin(2 * np.pi * time), dt)
+        errors.append(np.abs(y - np.sin(2 * np.pi * (time - 0.015)))[10:].max())
+    assert errors[0] > 10.0 * errors[1]
+
+
+@settings(deadline=None, max_examples=30)
 @given(delay=st.floats(0.0, 0.7), initial_state=st.sampled_from(["rest", "zero"]))
-def test_shifts_the_straight_lines(delay, initial_state):
+def test_a_delay_shows_what_was_before_the_record(delay, initial_state):
     operator = DelayOperator(delay)
     before = WALK[0] if initial_state == "rest" else 0.0
-    # what lies before the record is a sample of its own, one interval back
-    time = DT * np.arange(-1, len(WALK))
-    expected = np.interp(DT * np.arange(len(WALK)) - delay, time, np.r_[before, WALK])
     y, _ = operator.run(WALK, DT, operator.init(WALK[0], initial_state))
-    np.testing.assert_allclose(y, expected, atol=1e-9)
+    earlier = int(delay / DT) - 2  # none of the four samples is of the record
+    np.testing.assert_allclose(y[: max(earlier, 0)], before, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=30)
+@given(shift=st.floats(-0.3, 0.3))
+def test_a_shift_back_and_forth_changes_nothing(shift):
+    u = np.sin(2 * np.pi * DT * np.arange(300))
+    there, _ = TimeShiftOperator(shift).run(u, DT)
+    back, _ = TimeShiftOperator(-shift).run(there, DT)
+    inner = slice(int(0.3 / DT) + 4, -int(0.3 / DT) - 4)
+    np.testing.assert_allclose(back[inner], u[inner], atol=1e-4)
+
+
+@pytest.mark.parametrize("count", [-80, -3, 0, 2])
+def test_a_shift_by_whole_samples_is_exact_in_both_directions(count):
+    y, _ = TimeShiftOperator(count * 0.25).run(WALK, 0.25)
+    at = np.clip(np.arange(len(WALK)) - count, 0, len(WALK) - 1)
+    np.testing.assert_array_equal(y, WALK[at])
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 49, 50, 80])

@@ -44,6 +44,8 @@ def make_operators():
         "delay below one sample": op.DelayOperator(0.0037),
         "delay of several samples": op.DelayOperator(0.0537),
         "delay beyond the record": op.DelayOperator(7.3),
+        "time shift": op.TimeShiftOperator(0.0137),
+        "time shift, ahead": op.TimeShiftOperator(-0.0263),
         "no limit": op.SaturationOperator(),
         "upper limit": op.SaturationOperator(upper=0.413),
         "both limits": op.SaturationOperator(-0.311, 0.413),

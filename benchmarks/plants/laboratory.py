@@ -1,0 +1,277 @@
+"""How laboratories record: each condition changes what the bench of `recording` takes for granted.
+
+There the drive is a straight line between its samples, the response is read at the same instants
+with white noise, and five records begin at rest. In here a condition says how a plant is driven,
+read and cut. Plants are computed on the fine grid, which is then sampled late, early or by another
+clock, so nothing is interpolated but between steps of a thirty-second of a sample. Time counts in
+samples.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from skhyst.datasets.simulation import first_order, refine
+
+from .effects import SUBSTEPS
+from .recording import (
+    BASES,
+    EFFECTS,
+    Recording,
+    change,
+    draw_plant,
+    frames,
+    put_in,
+    respond,
+)
+from .signals import N_TRAIN, draw_noise, log_uniform
+
+PER_RECORD = {"amplitude_dependence", "offset"}  # seen where records differ
+SLOW = {"creep", "drift"}  # seen where records are long
+BESIDE = {"drift", "periodic_disturbance", "auxiliary_input"}
+LOOP = 0.5  # gain of the feedback: its fixed point is approached by that factor a round
+SLOWNESS = 300.0  # of its low-pass, samples: no mode gets through
+ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Condition:
+    """How a plant is driven and read.
+
+    Attributes
+    ----------
+    hold : {"line", "step"}
+        What the drive does between its samples.
+    late : float
+        By which the response is read behind the drive, samples; negative where it is ahead.
+    skew : float
+        How much faster the clock of the response runs.
+    cut : float
+        Part of each record, from its start, that is not kept.
+    colour : dict
+        Law of the noise, see `draw_noise`.
+    line : float
+        Amplitude of a mains line, in standard deviations of the noise.
+    outliers : float
+        Part of the readings that are off by 10 to 30 standard deviations.
+    levels : int
+        Of the response's range, that an analog-to-digital converter tells apart; 0 for all.
+    drive_noise : float
+        Standard deviation of the noise on the drive that is recorded, over its range.
+    feedback : bool
+        Whether the drive follows from a reference and from the response as it is read.
+    n_samples : int
+        To fit on, together.
+    records : int
+        To fit on.
+    period : float
+        Of a sine that takes the place of every drive; 0 for none.
+    """
+
+    hold: str = "line"
+    late: float = 0.0
+    skew: float = 0.0
+    cut: float = 0.0
+    colour: dict | None = None
+    line: float = 0.0
+    outliers: float = 0.0
+    levels: int = 0
+    drive_noise: float = 0.0
+    feedback: bool = False
+    n_samples: int = 6000
+    records: int = N_TRAIN
+    period: float = 0.0
+
+
+@dataclass(frozen=True)
+class Habit:
+    """A condition that is drawn, and what follows for those who judge.
+
+    Attributes
+    ----------
+    draw : callable
+        Maps a generator to a condition.
+    hides : set of str
+        Effects that it leaves no trace of.
+    makes : set of str
+        Names that are true of the condition itself.
+    """
+
+    draw: Callable
+    hides: set = frozenset()
+    makes: set = frozenset()
+
+
+def _of_either_sign(rng, low, high):
+    return rng.choice([-1.0, 1.0]) * rng.uniform(low, high)
+
+
+HABITS = {
+    "bench": Habit(lambda rng: Condition()),
+    "single_record": Habit(lambda rng: Condition(records=1), PER_RECORD),
+    "short_record": Habit(
+        lambda rng: Condition(records=1, n_samples=int(rng.choice([500, 1000]))), PER_RECORD | SLOW
+    ),
+    "single_sine": Habit(
+        lambda rng: Condition(records=1, n_samples=3000, period=log_uniform(rng, 100, 600)),
+        set(EFFECTS) - BESIDE,
+    ),
+    "mid_loop": Habit(lambda rng: Condition(cut=rng.uniform(0.1, 0.4))),
+    "autoregressive": Habit(
+        lambda rng: Condition(
+            colour={"law": "autoregressive", "coefficient": rng.uniform(0.5, 0.95)}
+        )
+    ),
+    "flicker": Habit(lambda rng: Condition(colour={"law": "flicker"})),
+    "mains": Habit(
+        lambda rng: Condition(line=rng.uniform(0.5, 3.0)), makes={"periodic_disturbance"}
+    ),
+    "outliers": Habit(lambda rng: Condition(outliers=log_uniform(rng, 1e-3, 1e-2))),
+    "quantised": Habit(lambda rng: Condition(levels=410)),  # twelve bits, a tenth of the range
+    "late": Habit(lambda rng: Condition(late=rng.uniform(0.2, 0.9)), makes={"timing"}),
+    "early": Habit(lambda rng: Condition(late=-rng.uniform(0.2, 0.9)), makes={"timing"}),
+    "skewed_clocks": Habit(
+        lambda rng: Condition(skew=_of_either_sign(rng, 3e-4, 1e-3)), makes={"timing"}
+    ),
+    "held_drive": Habit(lambda rng: Condition(hold="step"), makes={"timing"}),
+    "closed_loop": Habit(lambda rng: Condition(feedback=True)),
+    "noisy_drive": Habit(lambda rng: Condition(drive_noise=rng.uniform(0.002, 0.01))),
+}
+
+
+def read(plant, drive, condition):
+    """Return the response of a plant as it is read, without noise."""
+    fine = refine(drive, SUBSTEPS)
+    if condition.hold == "step":
+        fine = np.repeat(drive, SUBSTEPS)[: fine.size]
+    response = plant.send(fine, 1.0 / SUBSTEPS, *plant.places)
+    when = np.arange(drive.size) * (1.0 + condition.skew) - condition.late
+    return np.interp(when * SUBSTEPS, np.arange(response.size), response)
+
+
+def measured(rng, clean, noise_std, condition):
+    """Return a response with the noise and the faults of a sensor."""
+    n = clean.size
+    noise = draw_noise(rng, n, **(condition.colour or {"law": "white"}))
+    phase, frequency = rng.uniform(0, 2 * np.pi), 1.0 / rng.uniform(8, 40)
+    noise += condition.line * np.sin(2 * np.pi * frequency * np.arange(n) + phase)
+    off = rng.random(n) < condition.outliers
+    noise += off * rng.choice([-1.0, 1.0], n) * rng.uniform(10.0, 30.0, n)
+    y = clean + noise_std * noise
+    if condition.levels:
+        step = np.ptp(clean) / condition.levels
+        y = step * np.round(y / step)
+    return y
+
+
+def record_in(habit, effect, declared, seed, *, noise=0.002):
+    """Draw a plant, and record it as a laboratory does.
+
+    Parameters
+    ----------
+    habit : str
+        Of `HABITS`.
+    effect, declared, seed, noise
+        As of `make_recording`.
+
+    Returns
+    -------
+    Recording
+        Held-out records are read as those to fit on are.
+    """
+    names = () if effect == "none" else (effect,) if isinstance(effect, str) else tuple(effect)
+    kind, number = BASES.index(declared), list(HABITS).index(habit)
+    rng = np.random.default_rng([seed, kind, 6, number])
+    condition = HABITS[habit].draw(rng)
+    longer = N_TRAIN / condition.records / (1.0 - condition.cut)
+    plant, setting, signals, column = draw_plant(
+        seed,
+        kind,
+        int(longer * condition.n_samples),
+        SUBSTEPS,
+        False,
+        not PER_RECORD.isdisjoint(names),
+    )
+    if condition.period:
+        sine = [np.sin(2 * np.pi * np.arange(u.size) / condition.period) for u in setting.drives]
+        tops = [np.abs(u).max() for u in setting.drives]
+        setting = replace(setting, drives=tuple(a * u for a, u in zip(tops, sine, strict=True)))
+    found = put_in(rng, names, plant, setting)[0]
+    if condition.feedback:
+        setting = _closed(seed, plant, found, setting, noise, condition)
+    here = partial(read, condition=condition)
+    clean = respond(plant, found, setting, here)
+    kept = _kept(setting, condition)
+    noise_std = noise * np.ptp(np.concatenate([clean[i] for i in kept]))
+    sizes = {}
+    for name, one in zip(names, found, strict=True):
+        without = respond(plant, [other for other in found if other is not one], setting, here)
+        parts = [[part[i] for i in kept] for part in (clean, without)]
+        sizes[name] = change(*parts) / noise_std
+        column = one.column if one.column[0] else column
+    records = _measured(seed, clean, noise_std, setting, column, condition)
+    dt = setting.dt
+    X_train, y_train, y_train_clean = frames([records[i] for i in kept], 0, dt, column[0])
+    X_test, y_test, y_test_clean = frames(records[N_TRAIN:], N_TRAIN, dt, column[0])
+    return Recording(
+        X_train=X_train,
+        y_train=y_train,
+        X_test=X_test,
+        y_test=y_test,
+        y_train_clean=y_train_clean,
+        y_test_clean=y_test_clean,
+        noise_std=setting.unit * noise_std,
+        sampling_interval=dt,
+        truth={
+            "effect": effect,
+            "declared": declared,
+            "seed": seed,
+            "condition": condition,
+            "parameters": [one.truth for one in found],
+            "effect_over_noise": sizes,
+            "signals": signals,
+            "column": column[0],
+        },
+    )
+
+
+def _kept(setting, condition):
+    """Return which records are there to fit on: those that go furthest."""
+    tops = [np.abs(drive).max() for drive in setting.drives[:N_TRAIN]]
+    return sorted(np.argsort(tops)[-condition.records :])
+
+
+def _closed(seed, plant, found, setting, noise, condition):
+    """Return the setting with drives that follow from the response as it is read.
+
+    u = r + g L (r - y) with the reference r and a low-pass L, from round to round.
+    """
+    references, here = setting.drives, partial(read, condition=condition)
+    scale = max(np.abs(r).max() for r in references)
+    clean = respond(plant, found, setting, here)
+    noise_std = noise * np.ptp(np.concatenate(clean[:N_TRAIN]))
+    for _ in range(ROUNDS):
+        drives = []
+        for i, (r, y) in enumerate(zip(references, clean, strict=True)):
+            y = measured(np.random.default_rng([seed, 7, i]), y, noise_std, condition)
+            drives.append(r + LOOP * first_order(r - scale * y, 1.0, SLOWNESS))
+        setting = replace(setting, drives=tuple(drives))
+        clean = respond(plant, found, setting, here)
+    return setting
+
+
+def _measured(seed, clean, noise_std, setting, column, condition):
+    """Return (drive, column or None, measured, clean) of each record, without what is cut off."""
+    records = []
+    for i, (u, c, y) in enumerate(zip(setting.drives, column[1], clean, strict=True)):
+        unit = setting.unit
+        seen = unit * measured(np.random.default_rng([seed, 7, i]), y, noise_std, condition)
+        rng = np.random.default_rng([seed, 8, i])
+        u = u + condition.drive_noise * np.ptp(u) * rng.standard_normal(u.size)
+        rows = slice(int(condition.cut * u.size), None)
+        records.append(
+            (u[rows], None if c is None else c[rows], seen[rows], setting.unit * y[rows])
+        )
+    return records
