@@ -70,20 +70,31 @@ def recording_of(case):
 def judged(rows):
     """Return the table of the blind study with what counts here."""
     table = judge(rows)
-    true = [HABITS[kind].makes for kind in table["kind"]]
-    claims = [set(filter(None, text.split("+"))) for text in table["claimed"]]
-    others = [set(filter(None, text.replace("+", "|").split("|"))) for text in table["ambiguous"]]
-    truth = [{effect} - {NOTHING} for effect in table["effect"]]
     table["null"] = table["effect"] == NOTHING
-    # what is left of the claims when those that are true of the condition are taken away
-    rest = [c - t for c, t in zip(claims, true, strict=True)]
-    table["false"] = np.array([bool(r) for r in rest]) & table["null"]
-    table["right"] = [t <= c | o for t, c, o in zip(truth, claims, others, strict=True)]
-    wrong = map(bool, rest)
-    table["wrong"] = np.array(list(wrong)) & ~table["right"] & ~table["null"]
+    # of each claim all names that would do: those that are true of the condition are no news
+    told = [
+        [set(filter(None, names)) for names in _alternatives(claimed, ambiguous)]
+        for claimed, ambiguous in zip(table["claimed"], table["ambiguous"], strict=True)
+    ]
+    truth = [{effect} - {NOTHING} for effect in table["effect"]]
+    makes = [HABITS[kind].makes for kind in table["kind"]]
+    table["right"] = [t <= set().union(*own) for t, own in zip(truth, told, strict=True)]
+    others = [
+        any(not names & (t | m) for names in own)
+        for t, m, own in zip(truth, makes, told, strict=True)
+    ]
+    table["false"] = np.array(others) & table["null"]
+    table["wrong"] = np.array(others) & ~table["null"] & ~table["right"]
     table["counts"] = ~table["null"] & table["visible"]
     table["raised"] = table["named"] == RAISED
     return table
+
+
+def _alternatives(claimed, ambiguous):
+    """Yield the name of each claim with those that it was not told apart from."""
+    others = ambiguous.split("+")
+    for i, name in enumerate(claimed.split("+") if claimed else []):
+        yield [name, *(others[i].split("|") if i < len(others) else [])]
 
 
 def line(row):

@@ -272,6 +272,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 result, self.initial_drive_ = self._with_histories(result, data)
             else:
                 self.initial_drive_ = np.array(known)
+        if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in data):
+            warnings.warn(
+                f"No weight of {type(self).__name__} is other than zero: the response does not "
+                "rise with the drive, as this model's does. Turn round the sign of one of them, or "
+                "let weights have either sign.",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
         if result.undetermined:
             named, more = result.undetermined[:_NAMED], len(result.undetermined) - _NAMED
             rest = f" and {more} more, see identifiability_" if more > 0 else ""
@@ -323,6 +331,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"
+
+
+def _is_constant(operator):
+    """Whether what carries the gain has weights, and none that lets the drive through."""
+    bounds = [spec.linear and spec.lower == 0.0 for _, spec in operator.entries()]
+    weights = operator.pack()[np.array(bounds, dtype=bool)]
+    return operator.carries_scale and weights.size > 0 and not weights.any()
 
 
 def run_records(operator, signal, slices, initial_state="rest", schedules=None):

@@ -27,7 +27,7 @@ __all__ = ["main", "parse_model"]
 
 _LEFT = {
     "noise": "noise",
-    "undetermined": "noise in the fit, but the records do not determine the model",
+    "undetermined": "noise in the fit, but what is held out is not foretold",
     "unexplained": "structure that no effect explains",
 }
 _DRAWN = ("jinja2", "matplotlib")

@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,12 @@ from sklearn.base import clone
 from skhyst.base import ParametricModel, run_records
 from skhyst.compose import Cascade
 from skhyst.exceptions import ConvergenceWarning, DivergenceWarning, RecordError
-from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import (
+    MaxwellSlip,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+    Preisach,
+)
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -327,3 +333,15 @@ def test_a_model_of_ones_own():
     assert Mode().series_rank == SecondOrderModeOperator.rank
     own, ready = Mode(dt=DT).fit(X, y), SecondOrderMode(dt=DT).fit(X, y)
     assert own.params_ == pytest.approx(ready.params_, rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize("model", [PrandtlIshlinskii(5), Preisach(5), MaxwellSlip(5)])
+def test_a_response_of_the_wrong_sign_is_said_to_be_so(model):
+    drive = np.sin(np.linspace(0.0, 20.0, 400)) * np.linspace(1.0, 0.2, 400)
+    X = drive.reshape(-1, 1)
+    with pytest.warns(ConvergenceWarning, match="does not rise with the drive"):
+        clone(model).fit(X, -drive)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ConvergenceWarning)
+        clone(model).fit(X, drive)
+        clone(model).fit(X, np.full(400, 0.1))  # which no sign is wrong for

@@ -13,6 +13,7 @@ _ADVICE = {
     "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
     "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
+    "wrapped_reading": "put the turns together again, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
 }
 
@@ -32,9 +33,9 @@ def data_quality(X, y, records):
     -------
     DataFrame
         One row a fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
-        ``stuck_sensor``, ``clipped_range``, ``clock_jitter``), ``record``, ``n_samples``, ``rows``
-        (the first few), ``value`` (reading at which it stuck or was clipped or lost; relative
-        standard deviation of the interval), ``advice``.
+        ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``), ``record``,
+        ``n_samples``, ``rows`` (the first few), ``value`` (reading at which it stuck or was clipped
+        or lost; the way of a turn; relative standard deviation of the interval), ``advice``.
 
     Examples
     --------
@@ -56,8 +57,13 @@ def data_quality(X, y, records):
         runs = _runs(own)
         faults = list(_spikes(u, own, *runs))
         codes = [value for fault, _, value in faults if fault == "lost_reading"]
+        faults += [] if faults else _wrapped(u, own)
         if _noisy(runs[1]):
-            faults += [*_stuck(u, own, *runs), *_clipped(own, *runs, codes)]
+            step = np.min(np.diff(np.unique(own)), initial=np.inf)
+            faults += _clipped(own, *runs, codes, step)
+            # below a step of the converter a rest of the device gives one reading, too
+            if _scatter(own) > step:
+                faults += _stuck(u, own, *runs)
         for fault, rows, value in faults:
             found.append((fault, record.label, rows + record.rows.start, value))
         jitter = _jitter(X, record)
@@ -92,10 +98,8 @@ def _spikes(u, y, starts, lengths):
     """Yield readings off both neighbours, to one side: one value again and again is a code."""
     if len(y) < 5 or not np.ptp(y) > 0.0:
         return
-    bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
-    center = np.median(bend)
-    # twelve robust standard deviations of the second difference, and 2 % of the range
-    least = max(12.0 * 1.4826 * np.median(np.abs(bend - center)), 0.02 * np.ptp(y))
+    # of the second difference, and 2 % of the range
+    least = max(12.0 * _scatter(y), 0.02 * np.ptp(y))
     inner = slice(1, -1)
     before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
     into, back = value - before, value - after
@@ -118,6 +122,28 @@ def _spikes(u, y, starts, lengths):
             yield "lost_reading", own, code
 
 
+def _scatter(y):
+    """Return the robust standard deviation of the distance from the middle of the neighbours."""
+    bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
+    return 1.4826 * np.median(np.abs(bend - np.median(bend))) if bend.size else 0.0
+
+
+def _wrapped(u, y):
+    """Yield where readings jump by nearly their range and go on smoothly, and the drive does not.
+
+    A counter that overflows does: its jumps are all of one size.
+    """
+    jumps, size = np.diff(y), np.ptp(y)
+    at = np.flatnonzero(np.abs(jumps) > 0.5 * size)
+    if not at.size:
+        return
+    sizes, rest = np.abs(jumps[at]), np.delete(np.abs(jumps), at)
+    moved = np.abs(np.diff(u)[at]).max() / (np.ptp(u) or 1.0)
+    alike = np.ptp(sizes) + 2.0 * rest.max(initial=0.0) < 0.2 * size
+    if alike and moved < 0.2 and 2 * at.size < len(rest):
+        yield "wrapped_reading", at + 1, np.median(sizes)
+
+
 def _noisy(lengths):
     """Whether readings hardly ever repeat, so that repetitions mean something."""
     return np.median(lengths) == 1.0 and np.mean(lengths == 1) > 0.5
@@ -133,15 +159,21 @@ def _stuck(u, y, starts, lengths):
             yield "stuck_sensor", rows, y[start]
 
 
-def _clipped(y, starts, lengths, codes):
-    """Yield the readings at the largest or smallest value that is no code, if there are runs."""
+def _clipped(y, starts, lengths, codes, step):
+    """Yield the readings at the largest or smallest value that is no code, if there are runs.
+
+    A converter of this step gives runs at the top of any wave. In the last step below the top of a
+    parabola it stays 1 / (sqrt(2) - 1) times as long as in the one before, at the most.
+    """
     if not np.ptp(y) > 0.0:
         return
     real = y[~np.isin(y, codes)]
     for end in (real.min(), real.max()):
         long = (y[starts] == end) & (lengths >= 3)
         rows = np.flatnonzero(y == end)
-        if long.any() and len(rows) >= 5:
+        beside = np.count_nonzero(np.abs(np.abs(y - end) - step) < 0.5 * step)
+        usual = (1.0 + np.sqrt(2.0)) * (beside + 2.0 * np.sqrt(beside))  # and twice the chance
+        if long.any() and len(rows) >= max(5, usual):
             yield "clipped_range", rows, end
 
 

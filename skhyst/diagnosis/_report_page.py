@@ -8,8 +8,8 @@ from ._report_text import change, in_words, listed, number, percent, plus_minus,
 _NO_CLAIM = {
     "noise": "Nothing is missing: no effect that was tried makes the held-out error significantly "
     "smaller, and it is already at the noise floor.",
-    "undetermined": "No effect is claimed, and what the fit leaves is noise; but held out the "
-    "error is above it, since the records do not determine the model.",
+    "undetermined": "No effect is claimed, and what the fit leaves is noise; but records or blocks "
+    "do not foretell each other, so an effect would not show held out.",
     "unexplained": "No effect is claimed, though something is left: the error is above the noise "
     "floor, and none of the effects that were tried makes it significantly smaller.",
 }
@@ -28,8 +28,8 @@ def verdict(report):
     if report.verdict == "undetermined":
         headline, mark = "Undetermined", "; and undetermined"
         noise = (
-            f"The fit leaves noise, {floor}, but the records do not determine the model: what is "
-            "held out is foretold worse."
+            f"The fit leaves noise, {floor}, but what is held out is not foretold: its parts go "
+            "further than the others, or the records are too short for so many parameters."
         )
     if not report.effects and explained:
         return headline, (

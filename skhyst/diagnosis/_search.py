@@ -92,8 +92,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
         Whether what is left is noise, or structure that no effect explains. Undetermined: the fit
-        leaves noise, but held out the model's own error is larger than that, since the records do
-        not determine it.
+        leaves noise, but the held-out error is three times as large or more, since records or
+        blocks do not foretell each other.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
@@ -335,12 +335,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return judge_residual(*seen, rng, rounds.criterion)
 
     def _knows_less(self, base, rounds):
-        """Whether a candidate's own error held out, beyond its fit's, is larger than the noise."""
+        """Whether a candidate foretells what is held out far worse than its fit to everything.
+
+        Three times: a fold's own error then is not of the size of the noise, nor twice that.
+        """
         fitted = _predicted(base, rounds.records)
         residuals = [r.y - part for r, part in zip(rounds.records, fitted, strict=True)]
-        everything = replace(base, residuals=residuals)
-        larger = base.error**2 > 2.0 * root_mean_square(residuals, base.weights) ** 2
-        return larger and rounds.criterion.p_value(base, everything) < self.alpha
+        if base.error < 3.0 * root_mean_square(residuals, base.weights):
+            return False
+        return rounds.criterion.p_value(base, replace(base, residuals=residuals)) < self.alpha
 
     def _say(self, text):
         if self.verbose:

@@ -64,6 +64,39 @@ def test_clipping_at_the_converter_is_not_that_of_the_device(signals):
     assert table[["fault", "value"]].to_numpy().tolist() == [["clipped_range", 2.0]]
 
 
+@pytest.mark.parametrize("period", [97.3, 250.0, 1000.0])
+@pytest.mark.parametrize("levels", [50, 400])
+def test_the_top_of_a_wave_in_steps_of_the_converter_is_not_clipped(period, levels):
+    drive = np.sin(2 * np.pi * np.arange(4000) / period)
+    noise = 0.5 / levels * np.random.default_rng(0).normal(size=4000)
+    y = np.round((drive + noise) * levels) / levels
+    assert "clipped_range" not in set(faults(drive, y)["fault"])
+    clipped = faults(drive, np.minimum(y, np.round(0.9 * levels) / levels))
+    assert "clipped_range" in set(clipped["fault"])
+
+
+def test_a_rest_below_a_step_of_the_converter_is_no_stuck_sensor(signals):
+    """A device that sticks rests while the drive moves; readings in between tell it from noise."""
+    drive, _ = signals
+    device = np.where(np.arange(N) < N // 2, 1.3 * drive, 1.3 * drive[N // 2])
+    steps = np.round(300 * device) / 300
+    assert "stuck_sensor" not in set(faults(drive, steps)["fault"])
+
+
+def test_a_counter_that_overflows():
+    time = np.arange(3000) / 300.0
+    drive = np.sin(time) + 0.5 * np.sin(2.7 * time)
+    way = 3.0 * drive + 0.001 * np.random.default_rng(3).normal(size=3000)
+    turn = 0.7 * np.ptp(way)
+    found = faults(drive, np.mod(way - way.min(), turn))
+    (row,) = found[found["fault"] == "wrapped_reading"].itertuples()
+    assert row.value == pytest.approx(turn, rel=0.05)
+    assert "wrapped_reading" not in set(faults(drive, way)["fault"])
+    # a device that the drive lets jump
+    jumps = np.sign(np.sin(np.arange(3000) / 200.0))
+    assert "wrapped_reading" not in set(faults(jumps, jumps + 0.01 * way)["fault"])
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
 def test_units_do_not_matter(signals, scale):
     drive, y = signals
