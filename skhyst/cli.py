@@ -163,6 +163,8 @@ def _conclude(search, options, held_out):
         print(f"  {row.effect}: {row.evidence.statement}")
         if row.ambiguous_with:
             print(f"    not told apart from: {', '.join(row.ambiguous_with)}. {row.experiment}")
+        if row.provisional:
+            print("    provisional: more than half of the structure before it is left")
     print(
         f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g} "
         f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "

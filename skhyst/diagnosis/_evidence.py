@@ -1,6 +1,7 @@
 """What a claim rests on: a sentence, numbers with their errors, and a picture."""
 
 import re
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +37,7 @@ class Evidence:
 def gather_evidence(claim, before, after, response):
     """Return the evidence of a claim; of held-out errors before and after, and the name of y."""
     words = unit_of(claim.columns[0]) if len(claim.columns) else "", unit_of(response)
-    found = _of_parts(claim) if claim.operator else changes_by_number(claim)
+    found = _tried("numbers", _numbers, claim, {})
     numbers = {
         name: (float(value), float(std), in_words(unit, *words))
         for name, (value, std, unit) in found.items()
@@ -51,7 +52,28 @@ def gather_evidence(claim, before, after, response):
         f"{claim.effect.law} {told}The augmented model removes {share:.1f} % of the "
         "power of the declared model's held-out residual."
     )
-    return Evidence(claim.effect.name, statement.strip(), numbers, draw(claim))
+    picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))
+    return Evidence(claim.effect.name, statement.strip(), numbers, picture)
+
+
+def _tried(what, make, claim, instead):
+    """Return what a function makes of a claim; where that fails, for whatever reason, a warning.
+
+    A law of the user's own may fail at values that no fit has come by, and the search is done.
+    """
+    try:
+        return make(claim)
+    except Exception as error:
+        warnings.warn(
+            f"The {what} of {claim.effect.name} could not be made, {type(error).__name__}: {error}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return instead
+
+
+def _numbers(claim):
+    return _of_parts(claim) if claim.operator else changes_by_number(claim)
 
 
 def _of_parts(claim):

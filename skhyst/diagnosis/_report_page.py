@@ -15,6 +15,12 @@ _NO_CLAIM = {
 }
 
 
+_PROVISIONAL = (
+    "Provisional: in the end more than half of the structure before this claim is left. Another "
+    "effect, or one that was not tried, may take its place."
+)
+
+
 def verdict(report):
     """Return the headline and the sentence that says what a search found."""
     before, after, floor = (
@@ -45,6 +51,8 @@ def verdict(report):
         claim["effect"] + (f" ({_ambiguity(claim)})" if claim["ambiguous_with"] else "")
         for claim in report.claims
     )
+    if any(claim["provisional"] for claim in report.claims):
+        found += ", provisionally"
     them = "it" if len(report.effects) == 1 else "them"
     rest = f"What is left is above the noise floor of {floor}, and no effect tried explains it."
     return (
@@ -180,6 +188,8 @@ def _claims(report, figures):
         fall = [_error(report, claim[f"error_{name}"]) for name in ("before", "after")]
         p_value = number(claim["p_value"], 2)
         yield _text(f"The held-out error goes from {' to '.join(fall)}, p = {p_value}.")
+        if claim["provisional"]:
+            yield _text(_PROVISIONAL, "note")
         rows = [[r["name"], plus_minus(r["value"], r["std"]), r["unit"]] for r in claim["numbers"]]
         yield _table(["number", "value ± standard error", "unit"], "lrl", rows)
         if figures:

@@ -32,7 +32,7 @@ from ._rounds import Rounds
 from ._tree import Tree
 
 _HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
-_HISTORY += ["experiment", "evidence"]
+_HISTORY += ["provisional", "experiment", "evidence"]
 _RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
 _RANKING += ["n_parameters", "claimed"]
 
@@ -106,7 +106,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         The error that no model is known to beat: from repetitions, else what a black box leaves.
     history_ : DataFrame
         One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (corrected for
-        the number of candidates), ``ambiguous_with``, ``experiment``, ``evidence``.
+        the number of candidates), ``ambiguous_with``, ``provisional`` (at the end more than half of
+        the structure before the claim is left, so that another effect may take its place),
+        ``experiment``, ``evidence``.
     ranking_ : DataFrame
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
@@ -302,6 +304,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             effect = EFFECTS[row["effect"]]
             claim = Claim(effect, base.structure, result, tuple(records), columns)
             row["evidence"] = gather_evidence(claim, first.error, base.error, self.response_name_)
+            row["provisional"] = self._leaves_most(row["error_before"])
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=_HISTORY)
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
@@ -320,6 +323,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.verdict_ = "unexplained"
         elif self._knows_less(base, rounds):
             self.verdict_ = "undetermined"
+
+    def _leaves_most(self, before):
+        """Whether more than half of the structure in an error is left in the end."""
+        left, power = (error**2 - self.noise_floor_**2 for error in (self.error_after_, before))
+        return self.verdict_ == "unexplained" and left > 0.5 * power
 
     def _judged(self, measured, base, rounds):
         """Return the judgement of what a candidate leaves, fitted to everything.

@@ -29,7 +29,7 @@ from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import BlockedTimeSeriesSplit
 from skhyst.operators import parameter
 from skhyst.records import read_records, stack_records
-from skhyst.static import SmoothCurve, StaticOperator
+from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator
 
 # of those that are a stage of their own, or beside the model
 EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
@@ -144,6 +144,9 @@ def test_structure_of_no_known_effect_is_called_unexplained(law):
     search = search_of().fit(recording.X_train, response)
     assert search.effects_ == []
     assert search.verdict_ == "unexplained"
+    # a claim that leaves most of it is one that does not last
+    assert search._leaves_most(1.05 * search.error_after_)
+    assert not search._leaves_most(2.0 * search.error_after_)
     assert recording.noise_std < search.noise_floor_ < search.error_after_
 
 
@@ -322,6 +325,22 @@ class DeadBand(ParametricModel):
     def starting_values(self, records):
         largest = max(np.abs(record.u).max() for record in records)
         return [(DeadBandOperator(part * largest), ()) for part in (0.05, 0.15, 0.3)]
+
+
+def test_evidence_that_fails_costs_the_evidence_alone(monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("nothing to divide by")
+
+    monkeypatch.setattr(SaturationOperator, "characteristics", fail)
+    drive = np.cumsum(np.random.default_rng(0).normal(size=1500)) / 20.0
+    y = np.minimum(drive, np.quantile(drive, 0.8))
+    y += 0.005 * np.random.default_rng(1).normal(size=1500)
+    search = EffectSearchCV(PrandtlIshlinskii(5), effects=["output_saturation"], random_state=0)
+    with pytest.warns(RuntimeWarning, match="The numbers of output_saturation could not be made"):
+        search.fit(drive.reshape(-1, 1), y)
+    assert search.effects_ == ["output_saturation"]
+    assert search.evidence_["output_saturation"].numbers == {}
+    assert "output_saturation" in search.report().to_html()
 
 
 def test_a_users_own_effect_is_found():

@@ -200,6 +200,11 @@ def ambiguous(report):
     return {"claims": [claim]}
 
 
+def provisional(report):
+    claims = [{**claim, "provisional": True} for claim in report.claims]
+    return {"claims": claims, "verdict": "unexplained"}
+
+
 def of_one_candidate(report):
     row = {"round": 1, "effect": "lag", "screen": 1e-5, "n_parameters": 1, "claimed": False}
     row |= {"error_before": 1.0, "error_after": math.nan, "p_value": math.nan}
@@ -223,6 +228,20 @@ SAID = [  # report, changes of it, what it says, and what it does not say
         ["Missing: resonance; and something unexplained"],
         "No effect is claimed",
     ),
+    (
+        "nothing",
+        {"verdict": "undetermined"},
+        ["Undetermined", "is not foretold", "do not foretell each other"],
+        "Nothing is missing",
+    ),
+    (
+        "report",
+        {"verdict": "undetermined"},
+        ["Missing: resonance; and undetermined", "is not foretold"],
+        "nexplained",
+    ),
+    ("report", provisional, ["provisionally", "more than half of the structure"], "Nothing"),
+    ("report", {}, ["Missing: resonance"], "rovisional"),
     ("report", ambiguous, ["cannot tell it from lag", "Ring it, then listen."], "dropped"),
     (
         "report",
