@@ -43,7 +43,7 @@ def _of(area, version="", tests="", faults=()):
     ]
 
 
-_TANGENTS = "tests/operators/test_acceptance.py -k 'central_differences and ({})'".format
+_TANGENTS = "tests/operators/test_acceptance.py -k 'derivatives_and_pieces and ({})'".format
 
 _MODELS = [
     (
@@ -74,7 +74,7 @@ _MODELS = [
         "rate-dependent plays: the rate does not widen the lower end of the slack",
         "play = value - slack\n                sign = -1.0",
         "play = value - thresholds[k]\n                sign = -1.0",
-        "tests/operators/test_acceptance.py -k 'differences and rate-dependent'",
+        "tests/operators/test_acceptance.py -k 'derivatives_and_pieces and rate-dependent'",
     ),
     (
         "rate-dependent inverse: a play that moves down moves its threshold up",
@@ -270,7 +270,7 @@ _COMPOSITION = [
         "series: every stage rests at the drive",
         "u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]",
         "stage.run(np.array([u0], dtype=float), 1.0, state)",
-        "tests/operators/test_compose.py -k rest",
+        "tests/operators/test_acceptance.py -k rest_stays",
     ),
     (
         "sum: every branch keeps its intercept",

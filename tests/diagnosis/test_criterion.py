@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from scipy.stats import t as student
 
 from skhyst.diagnosis._criterion import Criterion, block_length, block_p_value, paired_p_value
 
@@ -175,6 +176,16 @@ def test_the_variance_that_blocks_miss_is_put_back(correlation):
         totals.append(series.sum() ** 2)
     # 400 squares of normal numbers are known to 7 %
     assert np.mean(found) == pytest.approx(np.mean(totals), rel=0.25)
+
+
+def test_what_blocks_miss_widens_the_law_of_chance():
+    series = coloured(np.random.default_rng(9010), 0.95, 4000)
+    length, missing = block_length([series])
+    edges = np.linspace(0, 4000, 4000 // length + 1).astype(int)[:-1]
+    sums, total = np.add.reduceat(series, edges), 500.0
+    spread = total / student.isf(block_p_value(total, [series]), len(sums))
+    assert missing > 0.05
+    assert spread**2 * (1.0 - missing) == pytest.approx(sums @ sums, rel=1e-6)
 
 
 def test_a_total_that_chance_makes_often_is_not_significant():

@@ -77,7 +77,7 @@ def test_effects_alone_and_pairs_have_half_of_the_level_each(missing_two):
     assert rounds._n_tried == 2 * 3
 
 
-def test_a_pair_is_claimed_only_where_both_are_needed(missing_two):
+def test_a_pair_is_claimed_only_where_both_are_needed(missing_two, monkeypatch):
     records, folds, base = missing_two
     rounds = rounds_of(records, folds, "lag", "offset", "asymmetry")
     rounds._n_tried = 1
@@ -86,6 +86,10 @@ def test_a_pair_is_claimed_only_where_both_are_needed(missing_two):
     needed = {frozenset(names): rounds._needs_all(c) for names, c in both.items()}
     assert needed[frozenset(("lag", "offset"))]
     assert not any(need for names, need in needed.items() if "asymmetry" in names)
+    pair = both["lag", "offset"]
+    assert rounds._is_better(base, pair)
+    monkeypatch.setattr(rounds, "_needs", lambda candidate, reduced: False)
+    assert rounds._chosen(base, [pair]) is None
 
 
 def test_a_simpler_effect_takes_the_place_of_an_earlier_one(missing_two):

@@ -8,6 +8,7 @@ from plants import make_recording
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._candidates import predicted, refitted
+from skhyst.diagnosis._edits import Schedule
 from skhyst.diagnosis._starts import _distinct, starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
@@ -167,3 +168,17 @@ def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
     found = predicted(EFFECTS["static_nonlinearity"], tree, records)
     bar = 4.0 * recording.noise_std**2 * sum(len(record.y) for record in records)
     assert min(refitted(c, c.structure, records, 9).cost for c in found) < bar
+
+
+def test_parameters_follow_the_column_that_they_are_said_to():
+    rng, levels = np.random.default_rng(0), [(1.0, 30.0), (2.0, 10.0), (3.0, 20.0)]
+    records = [
+        RecordData(u, u.copy(), 0.1, auxiliary=np.tile(own, (200, 1)))
+        for u, own in zip(rng.normal(size=(3, 200)).cumsum(axis=1), levels, strict=True)
+    ]
+    model = PrandtlIshlinskii(3)
+    tree = Tree.from_result(model, model._identify(records))
+    found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
+    edits = [edit for variant in found for one in variant for _, edit in one.edits]
+    scheduled = {(e.by, e.low, e.high) for e in edits if isinstance(e, Schedule)}
+    assert scheduled == {(1, 1.0, 3.0), (2, 10.0, 30.0)}
