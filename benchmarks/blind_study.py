@@ -456,18 +456,8 @@ def main(arguments=None):
     parser.add_argument("--only", type=names(choices), help="effects, by commas: each plant of it")
     parser.add_argument("--declared", type=names(BASES), default=BASES, help="models, by commas")
     parser.add_argument("--kinds", type=names(KINDS), default=KINDS, help="by commas")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument(
-        "--first-seed",
-        type=int,
-        default=REPORTED_SEEDS.start,
-        help=f"other plants: in {REPORTED_SEEDS} to report on, in {SETTLING_SEEDS} to settle on",
-    )
     parser.add_argument("--samples", type=int, default=6000, help="of the five records to fit on")
-    parser.add_argument("--output", help="CSV file, a row a plant, which a later run goes on with")
-    parser.add_argument(
-        "--limit-seconds", type=float, default=np.inf, help="start no plant after these"
-    )
+    add_options_of_the_work(parser)
     options = parser.parse_args(arguments)
     first = options.first_seed
     try:
@@ -484,6 +474,21 @@ def main(arguments=None):
     if done:
         print(f"\n{summary(done, first)}", flush=True)
     return 0
+
+
+def add_options_of_the_work(parser):
+    """Add the options that say which plants are searched, how, and where rows are written."""
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument(
+        "--first-seed",
+        type=int,
+        default=REPORTED_SEEDS.start,
+        help=f"other plants: in {REPORTED_SEEDS} to report on, in {SETTLING_SEEDS} to settle on",
+    )
+    parser.add_argument("--output", help="CSV file, a row a plant, which a later run goes on with")
+    parser.add_argument(
+        "--limit-seconds", type=float, default=np.inf, help="start no plant after these"
+    )
 
 
 def work_off(cases, options, work=None, judge=judge, line=line):

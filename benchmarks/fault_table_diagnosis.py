@@ -164,7 +164,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "pairs are not counted among what was tried",
-        "n_tried = 2 * comb(len(effects), 2)",
+        "n_tried = max(self._n_tried, 2 * comb(len(effects), 2))",
         "n_tried = 1",
         "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k pairs",
     ),

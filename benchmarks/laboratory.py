@@ -27,8 +27,8 @@ from blind_study import (
     NOTHING,
     RAISED,
     REPORTED_SEEDS,
-    SETTLING_SEEDS,
     Case,
+    add_options_of_the_work,
     hidden,
     judge,
     names,
@@ -146,17 +146,7 @@ def main(arguments=None):
         "--only", type=names(HABITS), default=tuple(HABITS), help="conditions, by commas"
     )
     parser.add_argument("--declared", type=names(BASES), default=BASES, help="by commas")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument(
-        "--first-seed",
-        type=int,
-        default=REPORTED_SEEDS.start,
-        help=f"other plants: in {REPORTED_SEEDS} to report on, in {SETTLING_SEEDS} to settle on",
-    )
-    parser.add_argument("--output", help="CSV file, a row a plant, which a later run goes on with")
-    parser.add_argument(
-        "--limit-seconds", type=float, default=np.inf, help="start no plant after these"
-    )
+    add_options_of_the_work(parser)
     options = parser.parse_args(arguments)
     cases = plan(options.plants, options.only, options.first_seed)
     cases = [case for case in cases if case.declared in options.declared]

@@ -13,8 +13,6 @@ _NO_CLAIM = {
     "unexplained": "No effect is claimed, though something is left: the error is above the noise "
     "floor, and none of the effects that were tried makes it significantly smaller.",
 }
-
-
 _PROVISIONAL = (
     "Provisional: in the end more than half of the structure before this claim is left. Another "
     "effect, or one that was not tried, may take its place."

@@ -139,7 +139,7 @@ class Rounds:
         in_pairs = len(self.history) + 2 <= self.max_effects
         if chosen is None and in_pairs and self._is_structured(base):
             tested = singles + self._pairs(base, singles, effects)
-            self._n_tried = 2 * comb(len(effects), 2)
+            self._n_tried = max(self._n_tried, 2 * comb(len(effects), 2))
             chosen = self._chosen(base, tested)
         self._rank(base, effects, screened, tested, chosen)
         self._add_time("contest", begin)

@@ -335,8 +335,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         A held-out record that goes further than the others shows what they do not determine, which
         is no missing structure.
         """
-        fitted = _predicted(base, rounds.records)
-        residuals = [r.y - part for r, part in zip(rounds.records, fitted, strict=True)]
+        fitted, residuals = _fitted(base, rounds.records)
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, residuals, fitted)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
@@ -347,8 +346,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
         Three times: a fold's own error then is not of the size of the noise, nor twice that.
         """
-        fitted = _predicted(base, rounds.records)
-        residuals = [r.y - part for r, part in zip(rounds.records, fitted, strict=True)]
+        _, residuals = _fitted(base, rounds.records)
         if base.error < 3.0 * root_mean_square(residuals, base.weights):
             return False
         return rounds.criterion.p_value(base, replace(base, residuals=residuals)) < self.alpha
@@ -407,14 +405,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return Report.from_search(self, command=command)
 
 
-def _predicted(candidate, records):
-    """Return what a candidate fitted to everything predicts, NaN where nothing counts."""
+def _fitted(candidate, records):
+    """Return what a candidate predicts and leaves where it is fitted, NaN where nothing counts."""
     problem = candidate.structure.problem(records)
     parts = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
-    return [
+    predictions = [
         np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
         for r, own, part in zip(records, candidate.predictions, parts, strict=True)
     ]
+    return predictions, [r.y - part for r, part in zip(records, predictions, strict=True)]
 
 
 def _with_others(drive, columns):

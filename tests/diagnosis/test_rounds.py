@@ -67,14 +67,14 @@ def test_two_effects_are_claimed_together_where_neither_is_enough(missing_two):
 
 def test_effects_alone_and_pairs_have_half_of_the_level_each(missing_two):
     records, folds, base = missing_two
-    names = "lag", "offset", "creep"
+    names = "lag", "offset", "delay", "dead_zone"
     rounds = rounds_of(records, folds, *names)
     rounds._singles(base, rounds.effects)
     assert rounds._n_tried == 2 * sum(len(EFFECTS[name].variants()) for name in names)
     rounds = rounds_of(records, folds, *names)
     rounds.criterion = Criterion(0.01, 1.0 - 1e-9)
     assert rounds._round(base) is None
-    assert rounds._n_tried == 2 * 3
+    assert rounds._n_tried == 2 * 6
 
 
 def test_a_pair_is_claimed_only_where_both_are_needed(missing_two, monkeypatch):
