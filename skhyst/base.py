@@ -334,10 +334,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
 
 def _is_constant(operator):
-    """Whether what carries the gain has weights, and none that lets the drive through."""
-    bounds = [spec.linear and spec.lower == 0.0 for _, spec in operator.entries()]
-    weights = operator.pack()[np.array(bounds, dtype=bool)]
-    return operator.carries_scale and weights.size > 0 and not weights.any()
+    """Whether what carries the gain has numbered weights, and none that lets the drive through."""
+    weights = [
+        value
+        for (name, spec), value in zip(operator.entries(), operator.pack(), strict=True)
+        if name.endswith("]") and spec.linear and spec.lower == 0.0
+    ]
+    return operator.carries_scale and len(weights) > 0 and not any(weights)
 
 
 def run_records(operator, signal, slices, initial_state="rest", schedules=None):
