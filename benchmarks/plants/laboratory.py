@@ -19,11 +19,10 @@ from .effects import SUBSTEPS
 from .recording import (
     BASES,
     EFFECTS,
-    Recording,
     change,
     draw_plant,
-    frames,
     put_in,
+    recorded,
     respond,
 )
 from .signals import N_TRAIN, draw_noise, log_uniform
@@ -212,29 +211,18 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
         sizes[name] = change(*parts) / noise_std
         column = one.column if one.column[0] else column
     records = _measured(seed, clean, noise_std, setting, column, condition)
-    dt = setting.dt
-    X_train, y_train, y_train_clean = frames([records[i] for i in kept], 0, dt, column[0])
-    X_test, y_test, y_test_clean = frames(records[N_TRAIN:], N_TRAIN, dt, column[0])
-    return Recording(
-        X_train=X_train,
-        y_train=y_train,
-        X_test=X_test,
-        y_test=y_test,
-        y_train_clean=y_train_clean,
-        y_test_clean=y_test_clean,
-        noise_std=setting.unit * noise_std,
-        sampling_interval=dt,
-        truth={
-            "effect": effect,
-            "declared": declared,
-            "seed": seed,
-            "condition": condition,
-            "parameters": [one.truth for one in found],
-            "effect_over_noise": sizes,
-            "signals": signals,
-            "column": column[0],
-        },
-    )
+    truth = {
+        "effect": effect,
+        "declared": declared,
+        "seed": seed,
+        "condition": condition,
+        "parameters": [one.truth for one in found],
+        "effect_over_noise": sizes,
+        "signals": signals,
+        "column": column[0],
+    }
+    fitted = [records[i] for i in kept]
+    return recorded(fitted, records[N_TRAIN:], setting, noise_std, truth)
 
 
 def _kept(setting, condition):

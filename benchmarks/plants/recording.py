@@ -262,6 +262,24 @@ def frames(records, first_label, dt, name):
     return X, measured, clean
 
 
+def recorded(fitted, held_out, setting, noise_std, truth):
+    """Return the recording of (drive, column or None, measured, clean) records."""
+    dt, name = setting.dt, truth["column"]
+    X_train, y_train, y_train_clean = frames(fitted, 0, dt, name)
+    X_test, y_test, y_test_clean = frames(held_out, len(fitted), dt, name)
+    return Recording(
+        X_train=X_train,
+        y_train=y_train,
+        X_test=X_test,
+        y_test=y_test,
+        y_train_clean=y_train_clean,
+        y_test_clean=y_test_clean,
+        noise_std=setting.unit * noise_std,
+        sampling_interval=dt,
+        truth=truth,
+    )
+
+
 def make_recording(
     effect,
     declared,
@@ -328,8 +346,6 @@ def make_recording(
     dt, unit = setting.dt, setting.unit
     fitted = _record(rng, parts[:N_TRAIN], repeats, noise_std, colour, unit)
     held_out = _record(rng, parts[N_TRAIN:], repeats, noise_std, colour, unit)
-    X_train, y_train, y_train_clean = frames(fitted, 0, dt, column[0])
-    X_test, y_test, y_test_clean = frames(held_out, len(fitted), dt, column[0])
     parameters = [one.truth for one in found] or [{}]
     # weights and gains are responses over drives
     core = {n: v * (unit if n in ("weights", "gain") else 1.0) for n, v in setting.core.items()}
@@ -346,14 +362,4 @@ def make_recording(
         **core,
         "mode": {**motion, "frequency": motion["frequency"] / dt} if motion else {},
     }
-    return Recording(
-        X_train=X_train,
-        y_train=y_train,
-        X_test=X_test,
-        y_test=y_test,
-        y_train_clean=y_train_clean,
-        y_test_clean=y_test_clean,
-        noise_std=unit * noise_std,
-        sampling_interval=dt,
-        truth=truth,
-    )
+    return recorded(fitted, held_out, setting, noise_std, truth)

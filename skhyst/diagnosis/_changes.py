@@ -4,7 +4,7 @@ Each is a variant of an effect whose ``trees`` returns the trees at its starting
 it does not apply.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -50,7 +50,8 @@ class HeldDrive:
         tree = scene.tree
         for stage in tree.stages:
             if sum(stage.operator.n_poles):
-                hold = stage.model.get_params().get("hold")
+                known = {"hold"} <= {f.name for f in fields(stage.operator)}
+                hold = stage.model.get_params().get("hold") if known else None
                 other = {"foh": "zoh", "zoh": "foh"}.get(hold)
                 return [tree.edited(name, Hold(stage.name, other))] if other else []
         return []

@@ -22,7 +22,6 @@ from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
 
-_HELD = ("hold",)  # fixed structure that an edit sets
 BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
 
 
@@ -252,8 +251,10 @@ class Tree:
             if _alike(stage.operator, found):  # fixed structure too, but no value that is held
                 held = held | [name in fixed for name, _ in found.entries()]
                 own = np.where(held, stage.operator.pack(), found.pack())
-                kept = {k: getattr(stage.operator, k) for k in _HELD if hasattr(found, k)}
-                stage = stage._replace(operator=replace(found.unpack(own), **kept))
+                found, hold = found.unpack(own), getattr(stage.operator, "hold", None)
+                if getattr(found, "hold", None) != hold:  # which an edit sets
+                    found = replace(found, hold=hold)
+                stage = stage._replace(operator=found)
             stages.append(stage)
             for name in fixed:
                 values.pop((stage.name, name), None)

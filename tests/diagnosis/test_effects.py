@@ -1,7 +1,9 @@
 """The catalogue of effects, and how users add to it."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import plants
@@ -210,3 +212,16 @@ def test_lines_repeat_are_apart_and_not_those_of_a_drive_that_repeats_itself_rou
         record = RecordData(u, drive, 0.001)
         margin = EFFECTS["periodic_disturbance"].plausible(operator, np.nan, [record])
         assert (margin > 0.0) == own
+
+
+def test_a_hold_is_changed_where_the_operator_has_one():
+    """A user's own linear operator need not."""
+
+    @dataclass(frozen=True)
+    class Own:
+        n_poles = (1, 0)
+        hold = "foh"
+
+    held = EFFECTS["timing"].variants()[1]
+    stage = SimpleNamespace(name="own", operator=Own(), model=FirstOrderLag())
+    assert held.trees("timing", SimpleNamespace(tree=SimpleNamespace(stages=[stage]))) == []
