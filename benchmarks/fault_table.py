@@ -440,9 +440,9 @@ _OPTIMISATION = [
     ),
     (
         "the history before a record is the worst one",
-        "before=float(trials[np.argmin(errors)])",
-        "before=float(trials[np.argmax(errors)])",
-        "tests/optimize/test_identify.py -k history",
+        "best = min(starts, key=misfit.cost)",
+        "best = max(starts, key=misfit.cost)",
+        "tests/optimize/test_histories.py",
     ),
     (
         "bounds of the user widen those of the model",

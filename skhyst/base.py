@@ -3,19 +3,33 @@
 import copy
 import warnings
 from abc import abstractmethod
+from dataclasses import replace
 from functools import cache
 from numbers import Real
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import (
+    check_array,
+    check_consistent_length,
+    check_is_fitted,
+    validate_data,
+)
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from .operators import Operator, put_beside, take_apart
-from .optimize import METHODS, Method, RecordData, estimate_histories, identify
+from .optimize import (
+    METHODS,
+    Method,
+    OperatorProblem,
+    RecordData,
+    estimate_histories,
+    histories_of,
+    identify,
+)
 from .records import record_slices
 
 __all__ = ["ParametricModel", "informed", "one_thread", "read_data", "run_records"]
@@ -86,7 +100,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     ----------
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all zero;
-        or after a rest at a drive value that is fitted for each record.
+        or as a drive before the record has left it that is fitted for each record.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
     method : str or Method, default="variable_projection"
@@ -107,6 +121,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Root mean square of the residual in the records of the fit, units of the response.
     records_ : tuple of RecordSlice
         The records of the fit.
+    initial_drive_ : ndarray of shape (n_records, n_values)
+        Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
+        is estimated. A drive between these values is a straight line, before them a rest.
     """
 
     _parameter_constraints = {
@@ -256,9 +273,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return operator
 
     def _with_histories(self, result, data):
-        """Return the result refitted, and the drive at rest before each record."""
+        """Return the result refitted, and the drive before each record."""
         fixed = {name for name, _ in result.operator.entries()} - set(result.params)
-        return estimate_histories(result, data, fixed=fixed, method=self.method)
+        own = result.operator, result.disturbances, data
+        found, histories = estimate_histories(*own, fixed=fixed, method=self.method)
+        return replace(found, n_evaluations=result.n_evaluations + found.n_evaluations), histories
 
     def _fit_records(self, data):
         """Fit validated records."""
@@ -267,11 +286,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _finish(self, result, data):
         """Store what identification found, and what came before the records where it is asked."""
         if self.initial_state == "estimate":
-            known = [record.before for record in data]
-            if None in known:
+            if any(record.before is None for record in data):
                 result, self.initial_drive_ = self._with_histories(result, data)
             else:
-                self.initial_drive_ = np.array(known)
+                self.initial_drive_ = np.array([np.ravel(record.before) for record in data])
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in data):
             warnings.warn(
                 f"No weight of {type(self).__name__} is other than zero: the response does not "
@@ -328,6 +346,52 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
         signal, schedules = self._signal(X, slices), self._schedules(slices, X)
         return run_records(self.operator_, signal, slices, self._free_run_state(), schedules)
+
+    def predict_from(self, X, y):
+        """Return the free run of records that begin under way, from what ``y`` tells of that.
+
+        The drive before each record is estimated, as in :meth:`fit` with the initial state
+        ``"estimate"``, from the response where it is known.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+        y : array-like of shape (n_samples,)
+            Response where it is known, such as in the first part of a record, NaN elsewhere.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import FirstOrderLag
+        >>> u = np.cumsum(np.random.default_rng(0).normal(size=(400, 1)), axis=0)
+        >>> model = FirstOrderLag(dt=0.01).fit(u, np.convolve(u[:, 0], 0.9 ** np.arange(400))[:400])
+        >>> late, known = u[200:], np.full(200, np.nan)
+        >>> known[:20] = model.predict(u)[200:220]
+        >>> bool(np.allclose(model.predict_from(late, known), model.predict(u)[200:], rtol=0.01))
+        True
+        """
+        check_is_fitted(self)
+        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
+        check_consistent_length(X, y)
+        known = np.isfinite(y)
+        data = [
+            replace(record, weights=known[s.rows].astype(float))
+            for s, record in zip(
+                slices, self._record_data(slices, X, np.where(known, y, 0.0)), strict=True
+            )
+        ]
+        driven, beside = take_apart(self.operator_)
+        histories, _ = histories_of(driven, beside, data)
+        data = [replace(r, before=b) for r, b in zip(data, histories, strict=True)]
+        problem = OperatorProblem(driven, data, disturbances=beside)
+        parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
+        return np.concatenate(parts)
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"

@@ -117,7 +117,7 @@ HABITS = {
         lambda rng: Condition(records=1, n_samples=3000, period=log_uniform(rng, 100, 600)),
         set(EFFECTS) - BESIDE,
     ),
-    "mid_loop": Habit(lambda rng: Condition(cut=rng.uniform(0.1, 0.4))),
+    "mid_loop": Habit(lambda rng: Condition(cut=rng.uniform(0.1, 0.4)), makes={"initial_state"}),
     "autoregressive": Habit(
         lambda rng: Condition(
             colour={"law": "autoregressive", "coefficient": rng.uniform(0.5, 0.95)}

@@ -21,7 +21,7 @@ from ..linear import Gain, TransferFunction
 from ..operators import Operator
 from ._candidates import held_out, refitted
 from ._constants import FACTOR, NOTICEABLE
-from ._tree import as_read
+from ._tree import Tree, as_read
 
 
 def declare(estimator, X, columns, y, slices, cv, random_state):
@@ -87,19 +87,17 @@ class Declared:
         return records
 
     def identified(self, records):
-        """Return what identification found, and the records with what came before them.
+        """Return what identification found, and the tree of that.
 
-        The drive at which the device had rested before each record is estimated where the declared
-        model asks for it; effects are sought with the same.
+        What came before the records is estimated where the declared model asks for it.
         """
-        model = self.model
+        model, histories = self.model, ()
         read = as_read(model, records)
         result = model._identify(read)
-        if model.initial_state != "estimate" or model._reads_columns:
-            return result, records
-        result, model.initial_drive_ = model._with_histories(result, read)
-        drives = model.initial_drive_.tolist()
-        return result, [replace(r, before=u) for r, u in zip(records, drives, strict=True)]
+        if model.initial_state == "estimate" and not model._reads_columns:
+            result, model.initial_drive_ = model._with_histories(result, read)
+            histories = tuple(model.initial_drive_)
+        return result, Tree.from_result(model, result, histories)
 
     def fitted(self, result):
         """Return the declared model with what identification found."""

@@ -91,6 +91,15 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
     )
 
 
+def completed(candidate, records, max_evaluations):
+    """Return the candidate refitted, with what came before the records where that is estimated."""
+    candidate = refitted(candidate, candidate.structure, records, max_evaluations)
+    if not candidate.structure.histories:
+        return candidate
+    structure = candidate.structure.with_histories(records)
+    return refitted(candidate, structure, records, max_evaluations)
+
+
 def halve(groups, parallel):
     """Refit the variants of effects in rungs; return those of the best third of the effects.
 
@@ -158,7 +167,7 @@ def held_out(candidate, records, folds):
                 if test[segment]:
                     predictions[number][start:stop] = parts[number][start:stop]
                 segment += 1
-    residuals = [r.y - p for r, p in zip(records, predictions, strict=True)]
+    residuals = foretold(problem, predictions)
     weights = tuple(record.weights for record in records)
     return replace(
         candidate,
@@ -167,6 +176,25 @@ def held_out(candidate, records, folds):
         weights=weights,
         error=root_mean_square(residuals, weights),
     )
+
+
+def foretold(problem, predictions, starts=None):
+    """Return the residuals of records, NaN before their starts.
+
+    What came before a record is estimated from the record itself. Of n samples and k values, the
+    error of a prediction is expected to be (n + k) / (n - k) times that of the fit, in squares (H.
+    Akaike, "Fitting autoregressive models for prediction", Ann. Inst. Statist. Math. 21, 1969).
+    """
+    residuals = []
+    for number, (record, prediction) in enumerate(zip(problem.records, predictions, strict=True)):
+        own = record.y - prediction
+        if starts is not None:
+            own[: starts[number]] = np.nan
+        if record.before is not None:
+            n, k = int(np.isfinite(own).sum()), np.size(record.before)
+            own *= np.sqrt((n + k) / max(n - k, 1))
+        residuals.append(own)
+    return residuals
 
 
 def root_mean_square(residuals, weights):

@@ -19,7 +19,7 @@ from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import identify
 from ._constants import ENOUGH, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
-from ._edits import AddForce, Drive, Enrich, Hold, Insert, Modulate, Schedule, both_models
+from ._edits import AddForce, Begin, Drive, Enrich, Hold, Insert, Modulate, Schedule, both_models
 from ._periods import visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
 from ._tree import BRIEFLY
@@ -55,6 +55,19 @@ class HeldDrive:
                 other = {"foh": "zoh", "zoh": "foh"}.get(hold)
                 return [tree.edited(name, Hold(stage.name, other))] if other else []
         return []
+
+
+@dataclass(frozen=True)
+class UnderWay:
+    """The records begin under way: the device had not rested at their first values."""
+
+    def trees(self, name, scene):
+        tree = scene.tree
+        unknown = tree.model.get_params().get("initial_state") != "rest" or tree.multi_input
+        if unknown or all(operator.memoryless for operator in tree.operators):
+            return []
+        roughly = tree.led_by(scene.records, thorough=False)
+        return [tree.edited(name, Begin(roughly.histories))]
 
 
 @dataclass(frozen=True)
@@ -326,10 +339,12 @@ class MovedModes:
         if tree.lines or type(tree.operators[-1]) is not GainOperator or not _differ(numbers):
             return []
         ends = min(numbers), max(numbers)
-        large = [r for r, n in zip(scene.records, numbers, strict=True) if n > 0.5 * sum(ends)]
+        is_large = np.array(numbers) > 0.5 * sum(ends)
+        large = [r for r, own in zip(tree.begun(scene.records), is_large, strict=True) if own]
         model = TransferFunction(2 * self.n_modes, n_zeros=2 * self.n_modes)
         found = []
-        for candidate in inserted(name, model, Scene(tree, large)):
+        for candidate in inserted(name, model, Scene(replace(tree, histories=()), large)):
+            candidate = replace(candidate, histories=tree.histories)
             operator = candidate.part(name)
             lines = {f"numerator[{i}]": (0.0, value) for i, value in enumerate(operator.numerator)}
             found.append(candidate.edited(name, Schedule("amplitude", *ends, lines)))

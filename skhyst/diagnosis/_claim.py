@@ -1,7 +1,7 @@
 """A claimed effect in the augmented model, and the signals that its evidence is made of."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -81,7 +81,7 @@ class Claim:
     @cached_property
     def operator(self):
         """The operator that the effect is, or has become a part of; None if it is no part."""
-        if self.kind in ("modulation", "schedule", "scheduled stage"):
+        if self.kind in ("modulation", "schedule", "scheduled stage", "start"):
             return None
         if self.kind == "branch":
             whole = self.structure.operator
@@ -229,8 +229,13 @@ class Claim:
 
     @cached_property
     def rest(self):
-        """The model without the stage, the part of a sum, or what depends on a column."""
+        """The model without the stage, the part of a sum, or what depends on a column.
+
+        Or the same model, at rest before each record.
+        """
         structure = self.structure
+        if self.kind == "start":
+            return replace(structure, histories=())
         if self.kind in ("branch", "modulation", "schedule"):
             return structure.without(self.effect.name)
         if self.is_part:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from sklearn.base import clone
 
+from ..base import informed
 from ..compose import Stage, Sum, modulated, put_beside_series, scheduled
 from ..operators import SumOperator
 
@@ -136,6 +137,18 @@ class Drive(_Edit):
     def apply(self, tree, name):
         branch = self.operator, self.column
         return tree.composed(put_beside_series(tree.whole, name, self.model, *branch))
+
+
+@dataclass(frozen=True)
+class Begin(_Edit):
+    """The drive before each record, which does not begin at rest."""
+
+    histories: tuple
+    kind = "start"
+
+    def apply(self, tree, name):
+        model = clone(tree.model).set_params(initial_state="estimate")
+        return replace(tree, model=informed(model, tree.model), histories=self.histories)
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ from ._changes import (
     RateDependence,
     Scaled,
     SlowerThanDrive,
+    UnderWay,
 )
 from ._plausibility import (
     bends,
@@ -163,6 +164,12 @@ _BUILT_IN = (
         "The hysteresis itself changes with the rate of the drive.",
         "Repeat one loop at several rates: its width grows without the phase of linear dynamics.",
         picture="rate",
+    ),
+    Effect(
+        "initial_state",
+        lambda: [UnderWay()],
+        "The device had not rested when a record begins: it remembers what came before.",
+        "Rest at the first value before each record, or drive to both ends of the range first.",
     ),
     Effect(
         "timing",

@@ -309,6 +309,8 @@ def changes_by_number(claim):
     """Return name -> (value, standard error, unit) of an effect that is no part of the model."""
     if claim.kind == "scheduled stage":
         return _moved_modes(claim)
+    if claim.kind == "start":
+        return _memory(claim)
     number, gains = _gains(claim)
     name, unit, structure = claim.column_name, claim.column_unit, claim.structure
     found = {
@@ -331,6 +333,22 @@ def changes_by_number(claim):
 
 def _change(low, high):
     return 200.0 * (high - low) / (abs(low) + abs(high) or 1.0)
+
+
+def _memory(claim):
+    """Return how much of the response is owed to what came before a record, and for how long."""
+    added = [np.abs(x - y) for x, y in zip(claim.modelled, claim.without, strict=True)]
+    left = [y - x for y, x in zip(claim.measured, claim.modelled, strict=True)]
+    noise = np.sqrt(np.mean(np.square(np.concatenate(left))))
+    last = [
+        record.dt * np.flatnonzero(own > noise).max(initial=0)
+        for record, own in zip(claim.records, added, strict=True)
+    ]
+    most = max(own.max() for own in added)
+    return {
+        "largest part of the response": (most, np.nan, "response"),
+        "longest time above the noise": (max(last), np.nan, "s"),
+    }
 
 
 def _moved_modes(claim):
@@ -359,4 +377,5 @@ _PICTURES = {
     "modulation": _by_number,
     "schedule": _by_number,
     "scheduled stage": _frequency,
+    "start": _time,
 }

@@ -18,7 +18,7 @@ from math import comb
 
 from joblib import Parallel, delayed
 
-from ._candidates import halve, held_out, predicted, refitted
+from ._candidates import completed, halve, held_out, predicted, refitted
 from ._constants import FACTOR
 from ._course import course_p_values
 from ._effects import EFFECTS
@@ -210,7 +210,7 @@ class Rounds:
         best = [self._variant(found) for found in own.values()]
         # of long records, what fits their first parts is near the solution
         budget = FACTOR if are_long(self.records) else FACTOR**3
-        return self._parallel(delayed(refitted)(c, c.structure, self.records, budget) for c in best)
+        return self._parallel(delayed(completed)(c, self.records, budget) for c in best)
 
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible
@@ -356,7 +356,7 @@ class Rounds:
         Before the end, and where structure is left, what is missing would count as noise.
         """
         # what a black box leaves has a course of the box's own
-        if self.renew or not base.structure.disturbances or self._is_structured(base):
+        if self.renew or not base.structure.disturbances:
             return None
         p_values = course_p_values(base.structure, self.records)
         effect = max(p_values, key=p_values.get, default=None)
@@ -377,7 +377,11 @@ class Rounds:
         """Return a candidate identified anew from nothing, where that foretells better."""
         if are_long(self.records) or self.renew is not None:
             return base
-        anew = refitted(base, base.structure.identified(self.records), self.records)
+        trees = [base.structure.identified(self.records)]
+        if base.structure.histories:
+            trees = [t.with_histories(self.records) for t in (base.structure, *trees)]
+        anew = [refitted(base, tree, self.records) for tree in trees]
+        anew = min(anew, key=lambda c: c.cost)
         if anew.cost >= base.cost:
             return base
         anew = held_out(anew, self.records, self.folds)

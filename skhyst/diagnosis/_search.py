@@ -18,7 +18,7 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, held_out, root_mean_square
+from ._candidates import Candidate, foretold, held_out, root_mean_square
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
@@ -29,7 +29,6 @@ from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._report import Report
 from ._rounds import Rounds
-from ._tree import Tree
 
 _HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 _HISTORY += ["provisional", "experiment", "evidence"]
@@ -248,8 +247,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             for s, own in zip(slices, segments, strict=True)
         ]
         records = declared.begin(records, folds)
-        result, records = declared.identified(records)
-        structure = Tree.from_result(declared.model, result)
+        result, structure = declared.identified(records)
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, cost, len(result.x), result.x)
@@ -364,8 +362,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the root mean square error on records that the search has not seen.
 
         Constants that belong to a record (offset, drift, phase) are taken from every other
-        segment of it to predict the segments between, and the other way round. The washout at
-        each record's start is predicted but not scored.
+        segment of it to predict the segments between, and the other way round. What came before a
+        record is estimated from the record, and the error is larger than what that leaves by
+        Akaike's factor. The washout at each record's start is predicted but not scored.
 
         Parameters
         ----------
@@ -391,13 +390,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             segments = stretches(start, s.n_samples)
             records.append(_record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
+        if structure.histories:
+            structure = structure.led_by(records)
         problem = structure.problem(records)
         nothing = np.zeros(len(problem.segment_record), dtype=bool)
-        parts = problem.predictions(problem.x0, nothing)
-        errors = np.concatenate(
-            [(r.y - p)[r.segments[0][0] :] for r, p in zip(records, parts, strict=True)]
-        )
-        return float(np.sqrt(np.mean(np.square(errors))))
+        predictions = problem.predictions(problem.x0, nothing)
+        residuals = foretold(problem, predictions, [r.segments[0][0] for r in records])
+        return root_mean_square(residuals, [None] * len(residuals))
 
     def report(self, command=None):
         """Return the :class:`Report`: HTML, Markdown, JSON."""

@@ -46,8 +46,10 @@ class Scene:
     def records_at(self, at):
         """Return the records with what goes into a place of the series as their drive."""
         return [
-            replace(r, u=u, before=self.tree.rest(r, at))
-            for r, u in zip(self.records, self.signals(at), strict=True)
+            replace(r, u=u, before=before)
+            for r, u, before in zip(
+                self.records, self.signals(at), self.tree.led(self.records, at), strict=True
+            )
         ]
 
     @cached_property

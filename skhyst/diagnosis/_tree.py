@@ -17,7 +17,14 @@ from ..compose import (
     with_stage_values,
 )
 from ..operators import SeriesOperator
-from ..optimize import OperatorProblem, VariableProjection
+from ..optimize import (
+    OperatorProblem,
+    VariableProjection,
+    ages,
+    estimate_histories,
+    histories_of,
+    path_of,
+)
 from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
 from ._shortened import are_long
@@ -66,6 +73,8 @@ class Tree:
         Names of effects, and what was done for them, see ``_edits``.
     name : str or None
         Of a stage that stands alone, where that is not the name of its class.
+    histories : tuple of ndarray of shape (n_values,)
+        Drive before each record, see ``RecordData``; empty where all begin at rest.
     """
 
     model: object
@@ -74,11 +83,12 @@ class Tree:
     declared: object = None
     edits: tuple = ()
     name: str | None = None
+    histories: tuple = ()
 
     @classmethod
-    def from_result(cls, model, result):
+    def from_result(cls, model, result, histories=()):
         """Return the tree of a declared model and what identification found for it."""
-        return cls(model, result.operator, result.disturbances)
+        return cls(model, result.operator, result.disturbances, histories=histories)
 
     # ------------------------------------------------------------------ parts
 
@@ -259,6 +269,8 @@ class Tree:
             for name in fixed:
                 values.pop((stage.name, name), None)
         tree = self.with_stages(stages)
+        if tree.histories:
+            tree = replace(tree, histories=other.histories)
         beside = dict(zip(other.beside_names, other.disturbances, strict=True))
         own = zip(tree.beside_names, tree.disturbances, strict=True)
         return tree.composed(
@@ -267,14 +279,28 @@ class Tree:
 
     # ------------------------------------------------------------------ as an operator
 
+    @property
+    def held(self):
+        """Names of the entries that are not free."""
+        return self.model.held_parameters() | constant_entries(self.operator, self.disturbances)
+
+    def begun(self, records):
+        """Return the records with what came before them."""
+        if not self.histories:
+            return records
+        return [replace(r, before=b) for r, b in zip(records, self.histories, strict=True)]
+
+    def read(self, records):
+        """Return the records as the model reads them, with what came before them."""
+        return as_read(self.model, self.begun(records))
+
     def problem(self, records):
         """Return the least-squares problem of all free parameters."""
-        held = self.model.held_parameters() | constant_entries(self.operator, self.disturbances)
         return OperatorProblem(
             self.operator,
-            as_read(self.model, records),
+            self.read(records),
             disturbances=self.disturbances,
-            fixed=held,
+            fixed=self.held,
             initial_state=self.state,
         )
 
@@ -285,7 +311,8 @@ class Tree:
 
     def n_coefficients(self):
         """Number of coefficients that each record has of its own."""
-        return sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
+        beside = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
+        return beside + sum(map(np.size, self.histories[:1]))
 
     def stages_at(self, number):
         """Return the stages as they are in a record whose parameters follow a number."""
@@ -295,12 +322,13 @@ class Tree:
 
     def run(self, records, first=0, last=None, signals=None):
         """Return the output of a stretch of the series for each record."""
-        outputs = []
+        outputs, records = [], self.begun(records)
         read = as_read(self.model, records)
         for number, (record, own) in enumerate(zip(records, read, strict=True)):
             stages = [stage.operator for stage in self.stages_at(own.schedule)]
             if signals is not None:
-                record = replace(record, u=signals[number], before=self._rest(stages[:first], own))
+                before = self._led(stages[:first], own)
+                record = replace(record, u=signals[number], before=before)
             elif self.multi_input:
                 record = own
             u, skip = record.with_history()
@@ -309,30 +337,47 @@ class Tree:
             outputs.append(u[skip:])
         return outputs
 
-    def rest(self, record, at):
-        """Return what goes into a place of the series at rest before a record, None if unknown."""
-        (own,) = as_read(self.model, [record])
-        return self._rest([stage.operator for stage in self.stages_at(own.schedule)[:at]], own)
+    def led(self, records, at):
+        """Return what went into a place of the series before each record, None where unknown."""
+        found = []
+        for own in self.read(records):
+            stages = [stage.operator for stage in self.stages_at(own.schedule)[:at]]
+            found.append(self._led(stages, own))
+        return found
 
-    def _rest(self, stages, record):
-        u = record.before
-        for stage in stages if u is not None else ():
-            u = float(stage.run(np.array([u]), record.dt, stage.init(u, self.state))[0][0])
-        return u
+    def _led(self, stages, record):
+        if record.before is None:
+            return None
+        u = path_of(record.before)
+        for stage in stages:
+            u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]
+        return u[-ages(record.before)]
 
     def respond(self, records):
         """Return the output of all that is driven for each record."""
-        problem = OperatorProblem(
-            self.operator, as_read(self.model, records), initial_state=self.state
-        )
+        problem = OperatorProblem(self.operator, self.read(records), initial_state=self.state)
         return [problem.simulate(self.operator, record) for record in problem.records]
+
+    def led_by(self, records, *, thorough=True):
+        """Return the tree with what came before records estimated, the parameters held."""
+        alone = as_read(self.model, records)
+        found, _ = histories_of(self.operator, self.disturbances, alone, thorough=thorough)
+        return replace(self, histories=tuple(found))
 
     # ------------------------------------------------------------------ as an estimator
 
     def identified(self, records):
         """Return the tree as its model identifies it from nothing, as its user would fit it."""
-        result = clone_of(self.model)._identify(as_read(self.model, records))
+        result = clone_of(self.model)._identify(self.read(records))
         return replace(self, operator=result.operator, disturbances=result.disturbances)
+
+    def with_histories(self, records):
+        """Return the tree refitted with what came before the records."""
+        found, histories = estimate_histories(
+            self.operator, self.disturbances, self.read(records), fixed=self.held, method=BRIEFLY
+        )
+        own = {"operator": found.operator, "disturbances": found.disturbances}
+        return replace(self, **own, histories=tuple(histories))
 
     @property
     def estimator(self):
@@ -345,10 +390,10 @@ class Tree:
         # the search has refitted these operators to the same records already
         method = BRIEFLY if are_long(records) else None
         starts = [(self.operator, self.disturbances)]
-        result = estimator._refine(starts, as_read(estimator, records), method)
+        result = estimator._refine(starts, self.read(records), method)
         estimator.records_ = slices
-        if records[0].before is not None:
-            estimator.initial_drive_ = np.array([record.before for record in records])
+        if self.histories:
+            estimator.initial_drive_ = np.array(self.histories)
         estimator._adopt(result)
         return estimator, result
 

@@ -218,7 +218,7 @@ class RelayGridModel(ParametricModel):
         super()._finish(result, data)
         if self.initial_state == "estimate":  # the search for histories refits without penalty
             drives = zip(data, self.initial_drive_, strict=True)
-            data = [dataclasses.replace(record, before=float(u)) for record, u in drives]
+            data = [dataclasses.replace(record, before=u) for record, u in drives]
             self._adopt(self._identify(data))
         return self
 
@@ -283,7 +283,7 @@ def _roughness(operator, diagonal_is_reversible):
 
 def _normal_equations(problem, fit_intercept):
     """Return the Gram matrix of ``[A, 1, y - shift]`` and the shift, a mean that spares digits."""
-    weights = [_weights(record) for record in problem.records]
+    weights = [record.counts() for record in problem.records]
     y = np.concatenate([record.y for record in problem.records])
     shift = np.average(y, weights=np.concatenate(weights)) if fit_intercept else 0.0
     operator, gram = problem.operator, 0.0
@@ -297,14 +297,6 @@ def _normal_equations(problem, fit_intercept):
             rows *= np.sqrt(counts[part, None])
             gram = gram + rows.T @ rows
     return gram, shift, fit_intercept
-
-
-def _weights(record):
-    """Return how much each sample of a record counts, (n_samples,)."""
-    weights = np.zeros(len(record.u))
-    for start, stop in record.segments:
-        weights[start:stop] = 1.0 if record.weights is None else record.weights[start:stop]
-    return weights
 
 
 def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):

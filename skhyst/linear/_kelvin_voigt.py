@@ -135,7 +135,7 @@ class KelvinVoigt(LinearModel):
         operator = self.operator_
         if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)
-            data = [replace(record, before=float(drive)) for record, drive in drives]
+            data = [replace(record, before=drive) for record, drive in drives]
         self.static_gain_ = float(operator.gain * (1.0 + np.sum(operator.compliances)))
         held = self.held_parameters()
         variance = _static_gain_variance(operator, data, held, self._free_run_state())

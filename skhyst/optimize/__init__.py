@@ -1,7 +1,8 @@
 """Identification: least squares over operators. Knows no estimator."""
 
 from ._frequency_problem import FrequencyProblem, identify_response
-from ._identify import METHODS, IdentificationResult, estimate_histories, identify
+from ._histories import estimate_histories, histories_of
+from ._identify import METHODS, IdentificationResult, identify
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem, modal_start
 from ._nonnegative import nonnegative_minimum
@@ -12,7 +13,7 @@ from ._population import (
     ParticleSwarm,
     PopulationMethod,
 )
-from ._problem import OperatorProblem, RecordData
+from ._problem import OperatorProblem, RecordData, ages, path_of
 from ._single_step import predicted_cost, single_step
 from ._starts import distribute_poles, pole_starts, record_poles, sections, warp
 from ._variable_projection import (
@@ -41,13 +42,16 @@ __all__ = [
     "RationalBlock",
     "RecordData",
     "VariableProjection",
+    "ages",
     "bounded_step",
     "distribute_poles",
     "estimate_histories",
+    "histories_of",
     "identify",
     "identify_response",
     "modal_start",
     "nonnegative_minimum",
+    "path_of",
     "pole_starts",
     "predicted_cost",
     "rational_residues",

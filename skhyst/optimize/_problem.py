@@ -14,25 +14,28 @@ class RecordData:
 
     The drive is (n_samples, n_inputs) for an operator of several inputs.
     ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
-    ``before``, the drive at which the device had rested before the record, the record is simulated
-    from there instead of from rest at its first value. ``schedule`` is the number that scheduled
-    parameters depend on. ``auxiliary`` are further columns (n_samples, n_auxiliary) that nothing
-    here reads.
+    ``before``, the drive 1, 2, 4, ... samples before the record, the record is simulated from rest
+    at the last of these instead of from rest at its first value. ``schedule`` is the number that
+    scheduled parameters depend on. ``auxiliary`` are further columns (n_samples, n_auxiliary) that
+    nothing here reads.
 
     ``weights`` (n_samples,), finite and not negative: the squared error of each sample counts so
     much, as if the sample were there so many times. The record is simulated over all samples, but
     one of weight zero is no reading: its response is replaced by a straight line between its
     neighbours, so that starting values do not see it either.
+
+    ``beside`` (n_samples, n_columns) may be in the response in any proportion, as a disturbance.
     """
 
     u: np.ndarray
     y: np.ndarray
     dt: float
     segments: tuple = ()
-    before: float | None = None
+    before: np.ndarray | float | None = None
     schedule: float | None = None
     auxiliary: np.ndarray | None = None
     weights: np.ndarray | None = None
+    beside: np.ndarray | None = None
 
     def __post_init__(self):
         if not self.segments:
@@ -57,15 +60,25 @@ class RecordData:
         return self.u if self.u.ndim == 1 else self.u[:, 0]
 
     def with_history(self):
-        """Return the drive with the value at rest in front, and how many samples that is, 0 or 1.
+        """Return the drive with what came before it in front, and how many samples that is.
 
-        Of several inputs the first has rested there, the others at their first values.
+        Of several inputs this is the first one's, the others have rested at their first values.
         """
         if self.before is None:
             return self.u, 0
-        rest = np.array(self.u[:1])
-        rest.flat[0] = self.before
-        return np.concatenate([rest, self.u]), 1
+        path = path_of(self.before)
+        if self.u.ndim == 1:
+            return np.concatenate([path, self.u]), len(path)
+        rest = np.repeat(self.u[:1], len(path), axis=0)
+        rest[:, 0] = path
+        return np.concatenate([rest, self.u]), len(path)
+
+    def counts(self):
+        """Return how much each sample counts, zero outside of the segments, (n_samples,)."""
+        counts = np.zeros(len(self.u))
+        for start, stop in self.segments:
+            counts[start:stop] = 1.0 if self.weights is None else self.weights[start:stop]
+        return counts
 
     def segment_weights(self):
         """Return the sum of the weights of each segment: its number of samples without weights."""
@@ -77,6 +90,17 @@ class RecordData:
         """Return the sum of squares of the response, samples counted by their weights."""
         power = np.square(self.y)
         return float(power.sum() if self.weights is None else self.weights @ power)
+
+
+def ages(before):
+    """Return how many samples before a record its values of the drive are, (n_values,)."""
+    return 2 ** np.arange(np.size(before))
+
+
+def path_of(before):
+    """Return the drive before a record, a straight line between its values, sample by sample."""
+    age, values = ages(before), np.ravel(before)
+    return np.interp(np.arange(-age[-1], 0), -age[::-1], values[::-1])
 
 
 class Unknowns:
@@ -154,6 +178,8 @@ class OperatorProblem(Unknowns):
         )
         self.segment_weight = np.concatenate([r.segment_weights() for r in self.records])
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
+        if self.records[0].beside is not None:
+            self._n_eliminated += self.records[0].beside.shape[1]
 
     def depends_on(self, select):
         """Whether :meth:`evaluate` depends on which segments are selected, of those selected."""
@@ -188,14 +214,16 @@ class OperatorProblem(Unknowns):
         found = []
         for record, own in zip(self.records, coefficients, strict=True):
             y = self.simulate(operator, record)
-            found.append(y + self._basis(disturbances, record) @ own if disturbances else y)
+            found.append(y + self.basis(disturbances, record) @ own if disturbances else y)
         return found
 
     @staticmethod
-    def _basis(disturbances, record):
+    def basis(disturbances, record):
         """Return the coefficients' columns of a record, (n_samples, n_eliminated)."""
         time = record.dt * np.arange(len(record.u))
-        return np.concatenate([d.basis(time) for d in disturbances], axis=1)
+        columns = [d.basis(time) for d in disturbances]
+        columns += [] if record.beside is None else [record.beside]
+        return np.concatenate(columns, axis=1)
 
     def evaluate(self, x, *, jacobian=True, select=None):
         """Simulate all records; return the Gram matrices of ``[B, J, r]``, one a segment.
@@ -217,7 +245,7 @@ class OperatorProblem(Unknowns):
             if jacobian:
                 y, dy = self._linearized(operator, record)
                 large = len(y) * n >= _LARGE and len(y) >= n * len(record.segments)
-                if large and not disturbances:
+                if large and not d:
                     _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
                     continue
             else:
@@ -226,8 +254,8 @@ class OperatorProblem(Unknowns):
             for source, target in self._runs if jacobian else ():
                 columns[:, d + target.start : d + target.stop] = dy[:, source]
             np.subtract(y, record.y, out=columns[:, -1])
-            if disturbances:
-                columns[:, :d] = self._basis(disturbances, record)
+            if d:
+                columns[:, :d] = self.basis(disturbances, record)
                 if n > driven:
                     known = np.ones(len(record.segments), dtype=bool)
                     if select is not None:
@@ -314,7 +342,7 @@ class OperatorProblem(Unknowns):
                 continue
             y = self.simulate(operator, record)
             if disturbances:
-                basis = self._basis(disturbances, record)
+                basis = self.basis(disturbances, record)
                 known = select[self.segment_record == number]
                 y = y + _predicted_part(basis, record.y - y, record, known)
             found.append(y)

@@ -52,7 +52,7 @@ def test_tanks_are_found(power, ceiling, name):
     assert found.error_after_ < 0.5 * found.error_before_
     evidence = found.evidence_[name]
     assert "power of the level" in evidence.statement
-    assert found.best_estimator_.initial_drive_.shape == (1,)
+    assert found.best_estimator_.initial_drive_.shape == (1, 10)
     assert np.isfinite(found.predict(recording(power)[0])).all()
 
 
@@ -67,10 +67,11 @@ def test_what_came_before_is_known_between_the_stages():
     found = search(X, y)
     (record,) = found.declared_estimator_.records_
     before = found.declared_estimator_.initial_drive_
-    u = np.concatenate([before, X[record.rows, 0]])
+    path = np.interp(np.arange(-512, 0), -(2 ** np.arange(9, -1, -1)), before[0, ::-1])
+    u = np.concatenate([path, X[record.rows, 0]])
     expected, _ = found.declared_estimator_.operator_.run(u, record.dt)
-    records = [RecordData(X[:, 0], y, 1.0, before=before[0])]
-    np.testing.assert_allclose(found._structure.respond(records)[0], expected[1:])
+    records = [RecordData(X[:, 0], y, 1.0)]
+    np.testing.assert_allclose(found._structure.respond(records)[0], expected[512:])
 
 
 def test_core_is_found_behind_its_hysteresis():

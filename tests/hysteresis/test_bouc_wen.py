@@ -358,4 +358,4 @@ def test_unknown_history():
     y += 1e-3 * np.random.default_rng(0).normal(size=len(y))
     known = BoucWen(initial_state="estimate").fit(u[:, None], y)
     assert known.fit_error_ < 0.3 * BoucWen().fit(u[:, None], y).fit_error_
-    assert known.initial_drive_[0] > 0.4
+    assert known.initial_drive_.max() > 0.4

@@ -120,4 +120,4 @@ def test_units_do_not_matter(scale):
             model = KelvinVoigt(1, initial_state="estimate").fit(factor * X, y)
         assert "static_gain" in model.identifiability_["undetermined"]
         errors.append(model.static_gain_std_ / abs(model.static_gain_))
-    np.testing.assert_allclose(errors[1], errors[0], rtol=1e-2)
+    np.testing.assert_allclose(errors[1], errors[0], rtol=0.02)

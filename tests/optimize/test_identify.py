@@ -15,7 +15,6 @@ from skhyst.operators import SeriesOperator, SumOperator
 from skhyst.optimize import (
     DifferentialEvolution,
     RecordData,
-    estimate_histories,
     identify,
     pole_starts,
     sections,
@@ -172,28 +171,6 @@ def test_undetermined_parameters_are_named(case):
         assert result.condition_number < 1e8
     for name, std in result.params_std.items():
         assert np.isinf(std) == (name in result.undetermined) or np.isnan(std)
-
-
-# ------------------------------------------------------------------------------------- histories
-
-
-def test_history_before_each_record_is_found():
-    truth = PrandtlIshlinskiiOperator(np.array([0.0, 0.5, 1.0]), np.array([1.0, 0.5, 0.4]), 0.2)
-    histories, records = [2.0, -2.0, 0.0], []
-    for i, before in enumerate(histories):
-        u = 2.0 * np.sin(np.arange(400) / 15 + i) * np.linspace(0.4, 1.0, 400)
-        y = truth.run(np.r_[before, u], DT)[0][1:]
-        records.append(RecordData(u, y + 1e-3 * np.random.default_rng(i).normal(size=400), DT))
-    start = truth.unpack(np.zeros(5))
-    plain = identify([(start, ())], records, fixed=("drive_offset",))
-    result, before = estimate_histories(plain, records, fixed=("drive_offset",))
-    assert result.error < 2e-3 < plain.error
-    assert result.n_evaluations > plain.n_evaluations
-    np.testing.assert_allclose(result.operator.weights, truth.weights, rtol=0.01)
-    # what matters of a history is how the plays stand at the first sample
-    for record, true, found in zip(records, histories, before, strict=True):
-        y = [truth.run(np.r_[value, record.u], DT)[0][1:] for value in (true, found)]
-        np.testing.assert_allclose(y[0], y[1], atol=0.05)
 
 
 # ---------------------------------------------------------------------------------------- starts

@@ -1,0 +1,115 @@
+"""What came before a record: found where a record shows it, at rest where it does not."""
+
+import numpy as np
+import pytest
+
+from skhyst.disturbance import OffsetOperator
+from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
+from skhyst.linear import FirstOrderLagOperator, GainOperator, KelvinVoigtOperator
+from skhyst.linear import SecondOrderModeOperator as Mode
+from skhyst.operators import SeriesOperator
+from skhyst.optimize import RecordData, ages, estimate_histories, histories_of, identify, path_of
+
+DT, CUT, N = 0.02, 700, 600
+PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.5, 1.0]), np.array([1.0, 0.5, 0.4]), 0.2)
+DEVICES = {
+    "plays": PLAYS,
+    "bouc_wen": BoucWenOperator(0.4, 1.0, 0.3, 0.5),
+    "lag": FirstOrderLagOperator(0.7),
+    "creep": KelvinVoigtOperator(np.array([0.2, 0.3]), np.array([0.5, 4.0])),
+    "mode": Mode(9.0, 0.05),
+    "plays_and_mode": SeriesOperator(("plays", "mode"), (PLAYS, Mode(9.0, 0.05))).normalized(),
+}
+
+
+def drive(seed, n=CUT + N):
+    time, rng = np.arange(n) * DT, np.random.default_rng(seed)
+    waves = [np.sin(rng.uniform(0.5, 4.0) * time + rng.uniform(0, 6)) for _ in range(4)]
+    return np.sum(waves, axis=0)
+
+
+def cut(device, seed, noise=0.0):
+    """Return a record whose first part is not kept."""
+    u = drive(seed)
+    y = device.run(u, DT)[0] + noise * np.random.default_rng([seed, 1]).normal(size=len(u))
+    return RecordData(u[CUT:], y[CUT:], DT)
+
+
+def errors(device, record, before):
+    """Return the errors of a record from rest, and with what came before it."""
+    found = []
+    for u, skip in ((record.u, 0), (np.concatenate([path_of(before), record.u]), 2 ** len(before))):
+        y = device.run(u, DT, device.init(u[0]))[0][skip // 2 :]
+        found.append(np.sqrt(np.mean((y - record.y) ** 2)) / np.ptp(record.y))
+    return found
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_a_record_tells_how_it_began(name):
+    device = DEVICES[name]
+    records = [cut(device, seed) for seed in range(3)]
+    histories, runs = histories_of(device, (), records)
+    assert histories.shape == (3, 9)  # up to 256 samples before: half of a record, or less
+    assert runs > 0
+    for record, before in zip(records, histories, strict=True):
+        rest, known = errors(device, record, before)
+        assert known < max(0.1 * rest, 2e-3)
+
+
+def test_what_begins_at_rest_stays_there():
+    u = drive(0)
+    noise = 1e-3 * np.random.default_rng(0).normal(size=len(u))
+    record = RecordData(u, PLAYS.run(u, DT)[0] + noise, DT)
+    histories, _ = histories_of(PLAYS, (), [record])
+    np.testing.assert_allclose(histories, u[0], atol=0.05)
+
+
+def test_a_device_without_memory_tells_nothing():
+    record = cut(GainOperator(2.0), 0, noise=0.1)
+    histories, _ = histories_of(GainOperator(2.0), (), [record])
+    np.testing.assert_allclose(histories, record.u[0], atol=1e-6)
+
+
+def test_parameters_are_identified_with_it():
+    records = [cut(PLAYS, seed, noise=1e-3) for seed in range(3)]
+    start = PLAYS.unpack(np.zeros(5))
+    plain = identify([(start, ())], records, fixed=("drive_offset",))
+    result, before = estimate_histories(plain.operator, (), records, fixed=("drive_offset",))
+    assert result.error < 1.1e-3 < plain.error
+    assert result.n_evaluations > 50
+    np.testing.assert_allclose(result.operator.weights, PLAYS.weights, rtol=0.01)
+    assert max(errors(PLAYS, r, b)[1] for r, b in zip(records, before, strict=True)) < 1e-3
+
+
+def test_units_change_nothing():
+    record = cut(PLAYS, 1, noise=1e-3)
+    tiny = PrandtlIshlinskiiOperator(1e-9 * PLAYS.thresholds, 1e-6 * PLAYS.weights, 2e-16)
+    other = RecordData(1e-9 * record.u, 1e-15 * record.y, DT)
+    first, _ = histories_of(PLAYS, (), [record])
+    second, _ = histories_of(tiny, (), [other])
+    reached = errors(PLAYS, record, first[0])[1], errors(tiny, other, second[0])[1]
+    np.testing.assert_allclose(*reached, rtol=0.01)
+
+
+def test_what_stands_beside_is_no_history():
+    """A record's own constant is taken out before it is asked how the record began."""
+    record = cut(PLAYS, 2)
+    shifted = RecordData(record.u, record.y + 5.0, DT)
+    beside = (OffsetOperator(np.zeros(1)),)
+    for own in (record, shifted):
+        histories, _ = histories_of(PLAYS, beside, [own])
+        assert errors(PLAYS, record, histories[0])[1] < 1e-3
+
+
+def test_samples_that_do_not_count_tell_nothing():
+    record = cut(DEVICES["lag"], 3)
+    y, weights = record.y.copy(), np.ones(N)
+    y[5:20], weights[5:20] = 1e3, 0.0
+    first, _ = histories_of(DEVICES["lag"], (), [RecordData(record.u, y, DT, weights=weights)])
+    assert errors(DEVICES["lag"], record, first[0])[1] < 1e-3
+
+
+def test_the_path_is_straight_between_its_values():
+    assert ages([1.0, 2.0, 4.0]).tolist() == [1, 2, 4]
+    assert path_of([1.0, 2.0, 4.0]).tolist() == [4.0, 3.0, 2.0, 1.0]
+    assert path_of(0.5).tolist() == [0.5]
