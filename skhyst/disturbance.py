@@ -37,7 +37,7 @@ class DisturbanceOperator(Operator):
     signal_linear = True
     rank = 60
     stands_beside = True
-    has_constant = False  # among its basis
+    has_constant = False  # as the first column of its basis
 
     @abstractmethod
     def basis(self, time):

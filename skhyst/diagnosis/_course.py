@@ -2,7 +2,8 @@ r"""Whether what stands beside a model is more than the course that its noise ta
 
 An offset, a drift or a line is fitted to the record that it is in, and so foretells the samples
 between those that it was fitted to: where noise hangs together, as flicker noise does at any
-distance, it foretells the noise too. What is real stands out of the noise's spectrum.
+distance, it foretells the noise too. What is real stands out of the noise's spectrum. Of a drift
+that is what moves: its constant could be an offset's.
 
 With orthonormal columns :math:`q_j` of a basis and the course :math:`r` that is left to it, noise
 of the spectrum :math:`S(f)` gives :math:`q_j' r` the variance :math:`\sum_k S(f_k) Q_{jk}^2`, with
@@ -38,7 +39,10 @@ def course_p_values(tree, records):
         for record, output in zip(records, outputs, strict=True):
             time = record.dt * np.arange(len(record.y))
             others = [d.basis(time) for d in tree.disturbances if d is not disturbance]
-            bases.append(disturbance.basis(time))
+            own = disturbance.basis(time)
+            if disturbance.has_constant and own.shape[1] > 1:  # which is an offset's
+                own, others = own[:, 1:] - own[:, 1:].mean(axis=0), [*others, own[:, :1]]
+            bases.append(own)
             every = np.concatenate([bases[-1], *others], axis=1)
             rest = record.y - output
             solution = np.linalg.lstsq(every, rest, rcond=None)[0]

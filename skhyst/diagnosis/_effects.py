@@ -173,7 +173,7 @@ _BUILT_IN = (
     ),
     Effect(
         "timing",
-        lambda: [TimeShift(), HeldDrive()],
+        lambda: [TimeShift(), HeldDrive(), TimeShift(fit_skew=True)],
         "Drive and response are not read at the same instants, or the drive is held in between.",
         "Record one signal on both channels: what shift there is belongs to the instruments.",
         picture="frequency",

@@ -33,6 +33,11 @@ def is_plausible(margin, candidate, before, records, alpha):
     name, tree = candidate.effects[-1], candidate.structure
     if _have_changed_places(before.structure, tree, name):
         return False
+    return has_its_name(name, margin, tree, records, alpha)
+
+
+def has_its_name(name, margin, tree, records, alpha):
+    """Tell whether an effect of a tree is what its name says; see :func:`is_plausible`."""
     if margin is None:
         return True
     problem = tree.problem(records)

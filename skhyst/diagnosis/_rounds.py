@@ -22,7 +22,7 @@ from ._candidates import completed, halve, held_out, predicted, refitted
 from ._constants import FACTOR
 from ._course import course_p_values
 from ._effects import EFFECTS
-from ._plausibility import is_plausible
+from ._plausibility import has_its_name, is_plausible
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
 
@@ -353,7 +353,7 @@ class Rounds:
     def _without_course(self, base):
         """Return a candidate without what is no more than the noise's own course; None otherwise.
 
-        Before the end, and where structure is left, what is missing would count as noise.
+        Before the end, what is missing would count as noise.
         """
         # what a black box leaves has a course of the box's own
         if self.renew or not base.structure.disturbances:
@@ -394,7 +394,7 @@ class Rounds:
             needless = []
             for effect in base.structure.effects:
                 reduced = self._without(base, effect)
-                if not self._needs(base, reduced):
+                if not self._needs(base, reduced) and self._keeps_names(reduced.structure):
                     needless.append((reduced.error, effect, reduced))
             if not needless:
                 break
@@ -402,6 +402,13 @@ class Rounds:
             self._drop(effect, base)
         self._add_time("re-check", begin)
         return base
+
+    def _keeps_names(self, tree):
+        """Whether no effect of a tree has taken over what another was."""
+        return all(
+            has_its_name(name, EFFECTS[name].plausible, tree, self.records, self.criterion.alpha)
+            for name in tree.effects
+        )
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin

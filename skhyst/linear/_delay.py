@@ -14,7 +14,16 @@ from ..operators import Operator, parameter
 from ._linear import log_grid, time_span
 
 
-def shifted(signal, past, delay, *, causal=True):
+def cubic_weights(s):
+    """Return the weights of four samples, at 0 to 3, for the value and the slope at ``s``."""
+    values = -(s - 1) * (s - 2) * (s - 3) / 6, s * (s - 2) * (s - 3) / 2
+    values += -s * (s - 1) * (s - 3) / 2, s * (s - 1) * (s - 2) / 6
+    slopes = -(3 * s * s - 12 * s + 11) / 6, (3 * s * s - 10 * s + 6) / 2
+    slopes += -(3 * s * s - 8 * s + 3) / 2, (3 * s * s - 6 * s + 2) / 6
+    return values, slopes
+
+
+def _delayed(signal, past, delay):
     """Return a signal as it was some samples before, and its slope per sample there.
 
     Parameters
@@ -23,69 +32,26 @@ def shifted(signal, past, delay, *, causal=True):
     past : ndarray of shape (n_past,) or (n_past, m)
         Values before it, one at least; the first of them has stood for ever.
     delay : float
-        Samples; negative for values to come, of which the last one stands for ever.
-    causal : bool, default=True
-        Whether only values up to the present are used, of a delay that is not negative.
+        Samples.
 
     Returns
     -------
     values, slopes : ndarray of the shape of ``signal``
     """
     n, m = len(signal), len(past)
-    delay = float(np.clip(delay, -n - 4, n + m + 4))  # beyond that nothing changes
-    back = int(np.ceil(delay)) + 1  # from the present to the first of the four samples
-    back = max(back, 3) if causal else back
-    whole = np.concatenate(
-        [
-            np.repeat(past[:1], max(back - m, 0), axis=0),
-            past,
-            signal,
-            np.repeat(signal[-1:], max(3 - back, 0), axis=0),
-        ]
-    )
+    delay = min(delay, float(n + m + 4))  # beyond that nothing changes
+    back = max(int(np.ceil(delay)) + 1, 3)  # from the present to the first of the four samples
+    whole = np.concatenate([np.repeat(past[:1], max(back - m, 0), axis=0), past, signal])
     first = max(m, back) - back
-    s = back - delay
-    weights = -(s - 1) * (s - 2) * (s - 3) / 6, s * (s - 2) * (s - 3) / 2
-    weights += -s * (s - 1) * (s - 3) / 2, s * (s - 1) * (s - 2) / 6
-    slopes = -(3 * s * s - 12 * s + 11) / 6, (3 * s * s - 10 * s + 6) / 2
-    slopes += -(3 * s * s - 8 * s + 3) / 2, (3 * s * s - 6 * s + 2) / 6
     parts = [whole[first + j : first + j + n] for j in range(4)]
     return tuple(
-        sum(w * part for w, part in zip(own, parts, strict=True)) for own in (weights, slopes)
+        sum(w * part for w, part in zip(own, parts, strict=True))
+        for own in cubic_weights(back - delay)
     )
-
-
-class ShiftingOperator(Operator):
-    """Base of the shifts in time: a subclass has one parameter (s), by which the output is late."""
-
-    signal_linear = True
-
-    def _samples(self, dt):
-        return float(self.pack()[0]) / dt
-
-    def init(self, u0, initial_state="rest"):
-        return np.array([u0 if initial_state == "rest" else 0.0], dtype=float)
-
-    def run(self, u, dt, state=None):
-        u, delay = np.asarray(u, dtype=float), self._samples(dt)
-        if not u.size:
-            return np.empty(0), state
-        past = self.init(u[0]) if state is None else state
-        length = max(int(np.ceil(delay)) + 1, 3)
-        y, _ = shifted(u, past, delay, causal=self.causal)
-        return y, np.concatenate([past, u])[-length:]
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        rest = float(initial_state == "rest")
-        delay = self._samples(dt)
-        y, slopes = shifted(u, rest * u[:1], delay, causal=self.causal)
-        if du.shape[1]:
-            du, _ = shifted(du, rest * du[:1], delay, causal=self.causal)
-        return y, np.concatenate([du, -slopes[:, None] / dt], axis=1)
 
 
 @dataclass(frozen=True)
-class DelayOperator(ShiftingOperator):
+class DelayOperator(Operator):
     """``y(t) = u(t - delay)``, exact for an input that is a cubic polynomial between samples.
 
     Examples
@@ -97,6 +63,25 @@ class DelayOperator(ShiftingOperator):
 
     delay: float = parameter(log=True, lower=0.0, unit="s")
     rank: int = 5
+    signal_linear = True
+
+    def init(self, u0, initial_state="rest"):
+        return np.array([u0 if initial_state == "rest" else 0.0], dtype=float)
+
+    def run(self, u, dt, state=None):
+        u, delay = np.asarray(u, dtype=float), self.delay / dt
+        if not u.size:
+            return np.empty(0), state
+        past = self.init(u[0]) if state is None else state
+        y, _ = _delayed(u, past, delay)
+        return y, np.concatenate([past, u])[-max(int(np.ceil(delay)) + 1, 3) :]
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        rest, delay = float(initial_state == "rest"), self.delay / dt
+        y, slopes = _delayed(u, rest * u[:1], delay)
+        if du.shape[1]:
+            du, _ = _delayed(du, rest * du[:1], delay)
+        return y, np.concatenate([du, -slopes[:, None] / dt], axis=1)
 
 
 class Delay(ParametricModel):

@@ -1,38 +1,93 @@
-"""Shift in time of either sign, ``y(t) = u(t - shift)``, between the clocks of two instruments."""
+"""Shift in time of either sign between two instruments, which may grow: their clocks differ."""
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..base import ParametricModel
-from ..operators import parameter
-from ._delay import ShiftingOperator
+from ..operators import Operator, parameter
+from ._delay import cubic_weights
 from ._linear import log_grid, time_span
 
 
-@dataclass(frozen=True)
-class TimeShiftOperator(ShiftingOperator):
-    """``y(t) = u(t - shift)``; the output looks ahead by as much, and by two samples.
+def _read_at(signal, places):
+    """Return a signal (n_samples,) or (n_samples, m) between its samples, and its slope there.
 
-    Where a signal ends, its last value stands: a part of it does not know what comes.
+    ``places`` count in samples; the first and the last value stand for ever.
+    """
+    last = len(signal) - 1
+    places = np.clip(places, -4.0, last + 4.0)  # beyond that nothing changes
+    first = np.floor(places).astype(int) - 1
+    parts = [signal[np.clip(first + j, 0, last)] for j in range(4)]
+    s = (places - first).reshape(-1, *(1,) * (signal.ndim - 1))
+    return tuple(
+        sum(w * part for w, part in zip(own, parts, strict=True)) for own in cubic_weights(s)
+    )
+
+
+@dataclass(frozen=True)
+class TimeShiftOperator(Operator):
+    """``y(t) = u(t - shift - skew t)``, t from the record's start; the output looks ahead.
+
+    It does so by the shift and by two samples. Where a signal ends, its last value stands: a part
+    of it does not know what comes.
     """
 
     shift: float = parameter(unit="s")
+    skew: float = parameter(default=0.0)
     rank: int = 60
+    signal_linear = True
     causal = False
+
+    def init(self, u0, initial_state="rest"):
+        """Return what came in, and the time since the start; see the base."""
+        return np.array([u0 if initial_state == "rest" else 0.0], dtype=float), 0.0
+
+    def run(self, u, dt, state=None):
+        """Return the output and the state after it; see the base."""
+        u = np.asarray(u, dtype=float)
+        if not u.size:
+            return np.empty(0), state
+        past, start = self.init(u[0]) if state is None else state
+        whole = np.concatenate([past, u])
+        time = start + dt * np.arange(len(u))
+        y, _ = _read_at(whole, len(past) + np.arange(len(u)) - self._late(time) / dt)
+        return y, (whole, start + dt * len(u))
+
+    def _late(self, time):
+        return self.shift + self.skew * time
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the output and its tangents; see the base."""
+        rest = float(initial_state == "rest")
+        time = dt * np.arange(len(u))
+        places = 1 + np.arange(len(u)) - self._late(time) / dt
+        y, slopes = _read_at(np.concatenate([rest * u[:1], u]), places)
+        du, _ = _read_at(np.concatenate([rest * du[:1], du]), places)
+        own = -slopes[:, None] / dt * np.stack([np.ones_like(time), time], axis=1)
+        return y, np.concatenate([du, own], axis=1)
 
 
 class TimeShift(ParametricModel):
     r"""Shift in time of either sign, by any part of a sample.
 
-    .. math:: y(t) = u(t - \theta)
+    .. math:: y(t) = u(t - \theta - \kappa t)
 
     It belongs to a recording and to no device: the channels of a data logger are read one after
-    another, the filters of two amplifiers differ, two instruments start apart. Where the response
-    is ahead of the drive the model looks ahead, which none in service can.
+    another, the filters of two amplifiers differ, two instruments start apart, or their clocks
+    differ by a part :math:`\kappa`. Where the response is ahead of the drive the model looks ahead,
+    which none in service can.
+
+    Parameters
+    ----------
+    fit_skew : bool, default=False
+        Whether the clocks may differ.
 
     Attributes
     ----------
     operator_ : TimeShiftOperator
-        ``shift`` in s, by which the response is late; negative where it is ahead.
+        ``shift`` in s, by which the response is late at the start of a record, negative where it is
+        ahead; ``skew``, by which it becomes later per second.
 
     See Also
     --------
@@ -51,7 +106,21 @@ class TimeShift(ParametricModel):
     operator_class = TimeShiftOperator
     _any_interval = True
 
+    _parameter_constraints = {**ParametricModel._parameter_constraints, "fit_skew": ["boolean"]}
+
+    def __init__(
+        self, *, fit_skew=False, initial_state="rest", dt=1.0, method="variable_projection"
+    ):
+        self.fit_skew = fit_skew
+        self.initial_state = initial_state
+        self.dt = dt
+        self.method = method
+
     def starting_values(self, records):
+        """Return operators to start from; see the base."""
         dt, span = time_span(records)
+        if self.fit_skew:  # by half an interval and by two at the end of a record
+            ends = [sign * size * dt for size in (0.5, 2.0) for sign in (-1.0, 1.0)]
+            return [TimeShiftOperator(0.0, end / span) for end in ends]
         sizes = [0.5 * dt, *log_grid(2.0 * dt, max(0.02 * span, 4.0 * dt), 3)]
         return [TimeShiftOperator(float(sign * size)) for size in sizes for sign in (-1.0, 1.0)]

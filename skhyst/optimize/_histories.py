@@ -30,7 +30,7 @@ _PASTS = 50  # of the record itself, which are tried as what came before it
 _STARTS = 3
 _SWEEPS = 3
 _STEPS = np.outer(2.0 ** -np.arange(8), (1.0, -1.0)).ravel()  # relative to the limits
-_EVALUATIONS = 30  # of each trust-region search
+_EVALUATIONS, _FEW = 30, 5  # of each trust-region search, and of one that is not thorough
 _ROUNDS = 5
 _FAR = 1e10  # what a run that diverges leaves, relative to the response
 _STILL = 0.01  # part by which the error falls that is worth another round
@@ -107,8 +107,8 @@ def _tangents(problem, record):
 def histories_of(operator, disturbances, records, *, thorough=True):
     """Return the drive before each record with the parameters held, and how often all were run.
 
-    ``histories`` is (n_records, n_values). If not ``thorough``, they are the best of those that are
-    tried at first.
+    ``histories`` is (n_records, n_values). If not ``thorough``, the best of those that are tried at
+    first is followed down, and no more.
     """
     drives = [record.drive for record in records]
     low, high = min(u.min() for u in drives), max(u.max() for u in drives)
@@ -127,9 +127,11 @@ def _history(problem, record, limits, count, thorough):
         return np.full(count, low), 0
     misfit = _Misfit(problem, record, low, size)
     starts = sorted(_starts(record, low, size, count), key=misfit.cost)[:_STARTS]
+    misfit.hold(starts[0])
     if thorough:
-        misfit.hold(starts[0])
         starts = [_searched(misfit, start) for start in starts]
+    else:
+        starts = [starts[0], misfit.polished(starts[0], _FEW)]
     best = min(starts, key=misfit.cost)
     return low + size * best, misfit.runs
 
@@ -202,7 +204,7 @@ class _Misfit:
         left = self(values)
         return left @ left
 
-    def polished(self, values):
+    def polished(self, values, evaluations=_EVALUATIONS):
         """Return the minimum that a trust-region search reaches."""
         inside = np.clip(values, 1e-6, 1.0 - 1e-6)
-        return least_squares(self, inside, bounds=(0.0, 1.0), max_nfev=_EVALUATIONS).x
+        return least_squares(self, inside, bounds=(0.0, 1.0), max_nfev=evaluations).x

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import legvander
 
-from skhyst.diagnosis._course import course_p_value
+from skhyst.diagnosis._course import course_p_value, course_p_values
+from skhyst.diagnosis._edits import Beside
+from skhyst.diagnosis._tree import Tree
+from skhyst.disturbance import Drift, DriftOperator
+from skhyst.linear import Gain, GainOperator
+from skhyst.optimize import RecordData
 
 N = 800
 TIME = np.linspace(-1.0, 1.0, N)
@@ -41,3 +46,19 @@ def test_without_noise_everything_stands_out_and_nothing_is_nothing():
     basis = np.ones((N, 1))
     assert course_p_value([basis[:, 0], 2.0 * basis[:, 0]], [basis] * 2) < 1e-5
     assert course_p_value([np.zeros(N)] * 2, [basis] * 2) == 1.0
+
+
+def test_a_constant_is_an_offset_and_no_drift():
+    rng = np.random.default_rng(102)
+    model, time = Gain(), 0.01 * np.arange(N)
+    tree = Tree(model, GainOperator(1.0)).edited(
+        "drift", Beside(Drift(1), DriftOperator(np.zeros(2), 0.01 * N))
+    )
+    for slope, is_drift in ((0.0, False), (1.0, True)):
+        records = []
+        for _ in range(4):
+            u = rng.standard_normal(N)
+            y = u + rng.normal() + slope * rng.normal() * time + 0.05 * rng.standard_normal(N)
+            records.append(RecordData(u, y, 0.01))
+        (p_value,) = course_p_values(tree, records).values()
+        assert (p_value < 1e-4) == is_drift

@@ -17,6 +17,7 @@ from skhyst.linear import (
     LinearOperator,
     MultiInputTransferFunctionOperator,
     SecondOrderModeOperator,
+    TimeShift,
     TimeShiftOperator,
     TransferFunctionOperator,
 )
@@ -251,7 +252,7 @@ def test_shifts_are_exact_for_polynomials_of_third_degree(delay, coefficients):
     for operator in (DelayOperator(delay), TimeShiftOperator(delay), TimeShiftOperator(-delay)):
         y, _ = operator.run(law(time), DT)
         inner = slice(int(0.2 / DT) + 3, -int(0.2 / DT) - 3)
-        np.testing.assert_allclose(y[inner], law(time - operator.pack())[inner], atol=1e-9)
+        np.testing.assert_allclose(y[inner], law(time - operator.pack()[0])[inner], atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", [DelayOperator, TimeShiftOperator])
@@ -289,6 +290,25 @@ def test_a_shift_by_whole_samples_is_exact_in_both_directions(count):
     y, _ = TimeShiftOperator(count * 0.25).run(WALK, 0.25)
     at = np.clip(np.arange(len(WALK)) - count, 0, len(WALK) - 1)
     np.testing.assert_array_equal(y, WALK[at])
+
+
+@settings(deadline=None, max_examples=30)
+@given(shift=st.floats(-0.05, 0.05), skew=st.floats(-1e-2, 1e-2))
+def test_clocks_that_differ_read_later_and_later(shift, skew):
+    time = DT * np.arange(300)
+    y, _ = TimeShiftOperator(shift, skew).run(np.sin(2 * np.pi * time), DT)
+    inner = slice(12, -12)
+    expected = np.sin(2 * np.pi * (time - shift - skew * time))
+    np.testing.assert_allclose(y[inner], expected[inner], atol=1e-4)
+
+
+def test_the_skew_of_clocks_is_identified():
+    time = DT * np.arange(2000)
+    drive, y = (np.sin(2 * np.pi * t) + np.sin(5.1 * t) for t in (time, 0.9994 * time - 0.003))
+    model = TimeShift(fit_skew=True, dt=DT).fit(drive[:, None], y)
+    assert model.operator_.skew == pytest.approx(6e-4, rel=1e-2)
+    assert model.operator_.shift == pytest.approx(0.003, rel=2e-2)
+    assert TimeShift(dt=DT).fit(drive[:, None], y).operator_.skew == 0.0
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 49, 50, 80])
