@@ -198,6 +198,12 @@ _MODELS = [
         _TANGENTS("delay"),
     ),
     (
+        "clocks that differ: the shift grows the other way",
+        "return self.shift + self.skew * time",
+        "return self.shift - self.skew * time",
+        "tests/linear/test_linear.py -k clocks",
+    ),
+    (
         "delay: the part of a sample is taken from the wrong side",
         "in cubic_weights(back - delay)",
         "in cubic_weights(3.0 - (back - delay))",

@@ -186,4 +186,22 @@ CRITERION = [  # of this way to decide
         "if self._is_better(base, c)]",
         "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k 'two or pair'",
     ),
+    (
+        "what was estimated from a held-out record counts as foretold",
+        "own *= np.sqrt((n + k) / max(n - k, 1))",
+        "own *= 1.0",
+        "tests/diagnosis/test_candidates.py -k estimated",
+    ),
+    (
+        "a drift's constant counts as a drift",
+        "if disturbance.has_constant and own.shape[1] > 1:",
+        "if disturbance.has_constant and own.shape[1] > 99:",
+        "tests/diagnosis/test_course.py -k constant",
+    ),
+    (
+        "an effect may take over what another was",
+        "if not self._needs(base, reduced) and self._keeps_names(reduced.structure):",
+        "if not self._needs(base, reduced):",
+        "tests/diagnosis/test_timing.py",
+    ),
 ]

@@ -91,8 +91,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
         Whether what is left is noise, or structure that no effect explains. Undetermined: the fit
-        leaves noise, but the held-out error is three times as large or more, since records or
-        blocks do not foretell each other.
+        leaves noise, but the held-out error is three times as large or more, as that or as the
+        repeatability, or half of the response's range, since records or blocks do not foretell each
+        other.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
@@ -319,8 +320,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.noise_floor_, self.verdict_ = judgement.error, "noise"
         if judgement.structured:
             self.verdict_ = "unexplained"
-        elif self._knows_less(base, rounds):
+        elif self._is_far_off(base, judgement) or self._knows_less(base, rounds):
             self.verdict_ = "undetermined"
+
+    def _is_far_off(self, base, judgement):
+        """Whether no noise can be so large: that of repetitions is known, or it is the response."""
+        floor = judgement.error if judgement.repeated else np.inf
+        return base.error > min(3.0 * floor, 0.5 * np.ptp(self.response_))
 
     def _leaves_most(self, before):
         """Whether more than half of the structure in an error is left in the end."""

@@ -10,6 +10,7 @@ from joblib import Parallel
 from skhyst.diagnosis import EFFECTS, effect_names
 from skhyst.diagnosis._candidates import (
     Candidate,
+    foretold,
     halve,
     held_out,
     predicted,
@@ -21,7 +22,8 @@ from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.optimize import RecordData, predicted_cost, variable_projection
+from skhyst.linear import GainOperator
+from skhyst.optimize import OperatorProblem, RecordData, predicted_cost, variable_projection
 
 
 def some_records(seed, n=240, count=3, n_segments=6):
@@ -216,3 +218,14 @@ def test_the_effects_that_explain_most_stay_three_at_least():
     assert names[kept[0]] == "periodic_disturbance"
     costs = [min(c.promise for c in own) for own in variants]
     assert max(costs[i] for i in kept) <= min(c for i, c in enumerate(costs) if i not in kept)
+
+
+def test_what_was_estimated_from_a_record_makes_its_error_larger():
+    """Akaike's factor, for ten samples that count and two values before them."""
+    u = np.arange(12.0)
+    record = RecordData(u, u + 1.0, 1.0, before=np.array([0.0, 0.0]))
+    problem = OperatorProblem(GainOperator(1.0), [record, replace(record, before=None)])
+    known, plain = foretold(problem, [u, u], [2, 2])
+    np.testing.assert_allclose(known[2:], np.sqrt(12.0 / 8.0))
+    np.testing.assert_allclose(plain[2:], 1.0)
+    assert np.isnan(known[:2]).all()

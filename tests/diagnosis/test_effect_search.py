@@ -7,6 +7,7 @@ import sys
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import joblib
 import numpy as np
@@ -24,6 +25,7 @@ from skhyst.diagnosis import (
     register_effect,
     unregister_effect,
 )
+from skhyst.diagnosis._noise import Judgement
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import BlockedTimeSeriesSplit
@@ -174,6 +176,17 @@ def test_what_the_records_do_not_determine_is_no_verdict():
     report = found["levels"].report()
     assert report.headline == "Undetermined"
     assert any("Record longer" in step for step in report.next_steps)
+
+
+@pytest.mark.parametrize(
+    ("error", "repeated", "is_far"),
+    [(0.29, True, False), (0.31, True, True), (0.31, False, False), (0.51, False, True)],
+)
+def test_an_error_beyond_repetitions_or_half_the_range_is_no_noise(error, repeated, is_far):
+    search = EffectSearchCV(Gain())
+    search.response_ = np.array([-0.5, 0.5])
+    judgement = Judgement(False, 0.1, 1.0, 0.0, repeated)
+    assert search._is_far_off(SimpleNamespace(error=error), judgement) == is_far
 
 
 @pytest.mark.parametrize("effect", ["lag", "offset", "none"])
