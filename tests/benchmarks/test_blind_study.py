@@ -8,23 +8,6 @@ import pytest
 from blind_study import Case, judge, main, plan, read_rows, run, summary
 
 
-def row(effect, claimed="", ambiguous="", kind="single", **more):
-    case = Case(kind, effect, "bouc_wen", 0.002, 0, 6000)
-    return {
-        **case._asdict(),
-        "named": claimed.split("+")[0] or "none",
-        "claimed": claimed,
-        "ambiguous": ambiguous,
-        "verdict": "noise",
-        "before": 5.0,
-        "after": 1.0,
-        "effect_over_noise": 4.0,
-        "seconds": 1.0,
-        "processor_seconds": 2.0,
-        **more,
-    }
-
-
 def test_plan_holds_what_the_study_asks_for():
     cases = plan()
     assert len(set(cases)) == len(cases)
@@ -42,7 +25,7 @@ def test_plan_holds_what_the_study_asks_for():
         assert len({case.noise for case in cases if case.effect == structure}) == 3
 
 
-def test_no_plant_belongs_to_two_studies():
+def test_no_plant_belongs_to_two_studies(row):
     """As many plants as there may be, of studies beside each other and at the ends."""
     settling, reported = blind_study.SETTLING_SEEDS, blind_study.REPORTED_SEEDS
     used = [
@@ -82,7 +65,7 @@ def test_a_part_of_the_plan_is_a_part():
         ("", "", False, False),
     ],
 )
-def test_the_first_claim_counts(claimed, ambiguous, right, told):
+def test_the_first_claim_counts(claimed, ambiguous, right, told, row):
     (judged,) = judge([row("lag", claimed, ambiguous)]).itertuples()
     assert judged.right == right
     assert judged.right_or_ambiguous == told
@@ -98,13 +81,13 @@ def test_the_first_claim_counts(claimed, ambiguous, right, told):
         ("lag", "", False, False),
     ],
 )
-def test_both_effects_count_in_any_order(claimed, ambiguous, right, told):
+def test_both_effects_count_in_any_order(claimed, ambiguous, right, told, row):
     (judged,) = judge([row("lag+drift", claimed, ambiguous, "two")]).itertuples()
     assert judged.all == right
     assert judged.all_or_ambiguous == told
 
 
-def test_summary_prints_each_figure_beside_its_bar():
+def test_summary_prints_each_figure_beside_its_bar(row):
     rows = [
         row("lag", "lag"),
         row("lag", "creep", "lag"),
@@ -131,7 +114,7 @@ def test_summary_prints_each_figure_beside_its_bar():
     assert "not as asked: 4 of 9" in text
 
 
-def test_a_stopped_study_goes_on_where_it_ended(tmp_path, monkeypatch, capsys):
+def test_a_stopped_study_goes_on_where_it_ended(tmp_path, monkeypatch, capsys, row):
     searched = []
 
     def study(case):

@@ -14,21 +14,6 @@ PLANT = Plant({"dynamics": (partial(oscillate, frequency=1 / 25, damping=0.1),)}
 DRIVE = np.cumsum(np.random.default_rng(0).normal(size=400)) / 20.0
 
 
-def row(habit, effect, claimed="", ambiguous=""):
-    case = blind_study.Case(habit, effect, "cascade", 0.002, 0, 0)
-    return case._asdict() | {
-        "named": claimed.split("+")[0] or "none",
-        "claimed": claimed,
-        "ambiguous": ambiguous,
-        "verdict": "noise",
-        "before": 5.0,
-        "after": 1.0,
-        "effect_over_noise": 4.0,
-        "seconds": 1.0,
-        "processor_seconds": 2.0,
-    }
-
-
 def test_half_of_the_plan_hides_nothing_and_all_of_it_can_be_seen():
     cases = laboratory.plan()
     effects = pd.Series([case.effect for case in cases])
@@ -125,17 +110,17 @@ def test_the_drive_of_a_closed_loop_follows_from_the_response():
     assert np.abs(drive).max() < 0.1 * scale
 
 
-def test_names_are_false_or_wrong_where_neither_plant_nor_condition_has_them():
+def test_names_are_false_or_wrong_where_neither_plant_nor_condition_has_them(row):
     rows = [
-        row("late", "none", "timing"),
-        row("late", "none", "lag", "timing|delay"),
-        row("late", "none", "timing+drift", "+"),
-        row("bench", "none", "timing"),
-        row("late", "lag", "timing+lag", "+"),
-        row("late", "lag", "timing"),
-        row("late", "lag", "timing+creep", "+resonance"),
-        row("late", "lag", "timing+creep", "+lag"),
-        row("late", "lag"),
+        row("none", "timing", kind="late"),
+        row("none", "lag", "timing|delay", kind="late"),
+        row("none", "timing+drift", "+", kind="late"),
+        row("none", "timing", kind="bench"),
+        row("lag", "timing+lag", "+", kind="late"),
+        row("lag", "timing", kind="late"),
+        row("lag", "timing+creep", "+resonance", kind="late"),
+        row("lag", "timing+creep", "+lag", kind="late"),
+        row("lag", kind="late"),
     ]
     table = laboratory.judged(rows)
     assert table["false"].tolist() == [False, False, True, True] + 5 * [False]
