@@ -344,7 +344,7 @@ class Rounds:
             chosen, same = self._simplest([own, *claims])
             others = [c for c in same if c is not chosen]
             if chosen is not own:
-                self._drop(name, reduced)
+                self._drop(reduced)
                 self._claim(reduced, [chosen], others)
                 return chosen
             row |= _ambiguous(name, own, others)
@@ -364,14 +364,16 @@ class Rounds:
             return None
         self.effects = [e for e in self.effects if e.name != effect]
         reduced = self._without(base, effect)
-        self._drop(effect, reduced)
+        self._drop(reduced)
         return reduced
 
-    def _drop(self, effect, reduced):
-        self.dropped.append(effect)
-        self._claimed.add(frozenset(reduced.structure.effects))
-        self.history = [row for row in self.history if row["effect"] != effect]
-        self.say(f"{effect} is not needed: held-out error {reduced.error:.4g}")
+    def _drop(self, reduced):
+        left = frozenset(reduced.structure.effects)
+        gone = [row["effect"] for row in self.history if row["effect"] not in left]
+        self.dropped += gone
+        self._claimed.add(left)
+        self.history = [row for row in self.history if row["effect"] in left]
+        self.say(f"not needed: {', '.join(gone)}; held-out error {reduced.error:.4g}")
 
     def _refreshed(self, base):
         """Return a candidate identified anew from nothing, where that foretells better."""
@@ -395,11 +397,11 @@ class Rounds:
             for effect in base.structure.effects:
                 reduced = self._without(base, effect)
                 if not self._needs(base, reduced) and self._keeps_names(reduced.structure):
-                    needless.append((reduced.error, effect, reduced))
+                    needless.append(reduced)
             if not needless:
                 break
-            _, effect, base = min(needless, key=lambda entry: entry[0])
-            self._drop(effect, base)
+            base = min(needless, key=lambda own: own.error)
+            self._drop(base)
         self._add_time("re-check", begin)
         return base
 

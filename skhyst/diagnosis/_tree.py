@@ -240,11 +240,15 @@ class Tree:
         )
 
     def without(self, effect):
-        """Return the declared tree with the edits of all other effects, at the present values."""
+        """Return the declared tree with the edits of all other effects, at the present values.
+
+        What was done to a stage that the effect had added goes with it.
+        """
         tree = self.declared
         for name in self.effects:
-            if name != effect:
-                tree = tree.edited(name, *self.edits_of(name))
+            edits = self.edits_of(name)
+            if name != effect and all(edit.place in (None, *tree.names) for edit in edits):
+                tree = tree.edited(name, *edits)
         return tree._at_values_of(self)
 
     def _at_values_of(self, other):

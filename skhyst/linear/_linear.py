@@ -272,8 +272,11 @@ def complex_gain(a, b, c, d, points):
 
 
 def _equilibrium(a, b):
-    """Return the state at rest for a unit input."""
-    return -np.linalg.solve(a, b[..., None])[..., 0]
+    """Return the state at rest for a unit input; what never comes to rest begins at zero."""
+    try:
+        return -np.linalg.solve(a, b[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # a pole at zero
+        return -(np.linalg.pinv(a) @ b[..., None])[..., 0]
 
 
 class DiscretizedOperator(Operator):

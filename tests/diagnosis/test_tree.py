@@ -12,6 +12,7 @@ from skhyst.diagnosis._edits import (
     Beside,
     Drive,
     Enrich,
+    Hold,
     Insert,
     Modulate,
     Schedule,
@@ -368,3 +369,12 @@ def test_compositions_nested_in_a_declared_model_are_looked_through(records):
     np.testing.assert_allclose(
         more.without("resonance").respond(records), declared.respond(records), atol=1e-9
     )
+
+
+def test_what_was_done_to_an_added_stage_goes_with_it():
+    tree = Tree(Gain(), GainOperator(1.0))
+    tree = tree.edited("lag", Insert(FirstOrderLag(), FirstOrderLagOperator(0.1)))
+    tree = tree.edited("timing", Hold("lag", "zoh"))
+    assert tree.without("timing").effects == ("lag",)
+    assert tree.without("timing").part("lag").hold == "foh"
+    assert tree.without("lag").effects == ()

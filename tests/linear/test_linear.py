@@ -320,3 +320,9 @@ def test_whole_samples_are_an_exact_shift(count):
 def test_state_holds_no_more_than_the_delay():
     _, state = DelayOperator(0.035).run(np.tile(WALK, 100), DT)
     assert np.size(state) <= 5
+
+
+def test_what_has_no_state_of_rest_begins_at_zero():
+    """Two integrators: a fit may come by a mode of no frequency."""
+    nowhere = TransferFunctionOperator(np.empty(0), np.zeros(1), np.array([0.3]), np.array([2.0]))
+    np.testing.assert_array_equal(nowhere.run(np.ones(5), DT)[0], 0.0)
