@@ -147,7 +147,7 @@ def _starts(record, low, size, count):
         starts += [drive[0] + (level - drive[0]) * part for level in np.linspace(0.0, 1.0, _LEVELS)]
     back = 2**age
     for now in np.linspace(back[-1], len(drive), _PASTS).astype(int):  # pasts of its own
-        starts.append(drive[np.minimum(now, len(drive)) - back])
+        starts.append(drive[np.clip(now - back, 0, len(drive) - 1)])
     return starts
 
 

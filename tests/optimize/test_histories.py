@@ -113,3 +113,12 @@ def test_the_path_is_straight_between_its_values():
     assert ages([1.0, 2.0, 4.0]).tolist() == [1, 2, 4]
     assert path_of([1.0, 2.0, 4.0]).tolist() == [4.0, 3.0, 2.0, 1.0]
     assert path_of(0.5).tolist() == [0.5]
+
+
+def test_records_may_differ_in_length():
+    """The values reach up to half of the longest, which is beyond the shortest."""
+    whole = cut(PLAYS, 1)
+    short = RecordData(whole.u[:40], whole.y[:40], DT)
+    histories, _ = histories_of(PLAYS, (), [whole, short])
+    for record, before in zip([whole, short], histories, strict=True):
+        assert errors(PLAYS, record, before)[1] < 2e-3
