@@ -171,6 +171,7 @@ def _conclude(search, options, held_out):
         f"range), noise floor {search.noise_floor_:.4g}"
     )
     print(f"what is left: {_LEFT[search.verdict_]}")
+    print(f"its noise: {search.noise_model_}")
     if held_out is not None:
         before = search.held_out_error(*held_out, declared=True)
         after = search.held_out_error(*held_out)

@@ -3,6 +3,7 @@
 from ._data_quality import data_quality
 from ._effects import EFFECTS, Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence
+from ._noise_model import NoiseModel
 from ._pictures import Picture
 from ._report import Report
 from ._search import EffectSearchCV
@@ -12,6 +13,7 @@ __all__ = [
     "Effect",
     "EffectSearchCV",
     "Evidence",
+    "NoiseModel",
     "Picture",
     "Report",
     "data_quality",

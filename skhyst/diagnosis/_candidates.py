@@ -16,7 +16,7 @@ import numpy as np
 from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
-from ._constants import FACTOR, TOLERANCE
+from ._constants import FACTOR, NOTICEABLE, TOLERANCE
 from ._shortened import are_long
 from ._starts import starting_trees
 
@@ -176,6 +176,31 @@ def held_out(candidate, records, folds):
         weights=weights,
         error=root_mean_square(residuals, weights),
     )
+
+
+def level_folds(records):
+    """Return the folds that hold out each level of scheduled records, but the ends of the range.
+
+    Between other levels a straight line can be foretold.
+    """
+    levels = np.array([record.schedule for record in records])
+    owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
+    near = NOTICEABLE * np.abs(levels).max()
+    inner = levels[(levels > levels.min() + near) & (levels < levels.max() - near)]
+    return [(~own, own) for own in (np.abs(levels[owner] - level) <= near for level in inner)]
+
+
+def extrapolated(records, folds):
+    """Return the part of what is held out where the drive is outside of the range of its fold."""
+    drives = [r.drive[start:stop] for r in records for start, stop in r.segments]
+    ends = np.array([(u.min(), u.max()) for u in drives])
+    outside = total = 0
+    for train, test in folds:
+        low, high = ends[train, 0].min(), ends[train, 1].max()
+        held = np.concatenate([drives[i] for i in np.flatnonzero(test)])
+        outside += np.count_nonzero((held < low) | (held > high))
+        total += len(held)
+    return outside / total
 
 
 def foretold(problem, predictions, starts=None):

@@ -1,14 +1,16 @@
 """The error that no model can beat, and whether what is left is noise.
 
 Where the drive repeats, what the residual has in common in repetitions is structure, and what it
-has not is noise, whatever its colour. Where nothing repeats, noise is what nothing predicts: a
-flexible black box sees the drive's past, which a model could have used, and the residual's own
-past, which shows structure that is no function of the drive (an oscillation or a chaotic motion of
-its own, a gain that switches). Coloured noise of the sensor then counts as structure; only
-repetitions could tell.
+has not is noise, whatever its colour. Where nothing repeats, noise is what nothing predicts but its
+own law: a flexible black box sees the drive's past, which a model could have used, and the
+residual's own past, which shows structure that is no function of the drive (an oscillation or a
+chaotic motion of its own, a gain that switches). Coloured noise has a past, too, but not of the
+drive; so where the residual has the spectrum of a sensor's noise, see ``_noise_model``, the black
+box first sees the drive alone, and then has to foretell what that law does not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
@@ -16,6 +18,7 @@ from sklearn.linear_model import Ridge
 
 from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
 from ._criterion import block_p_value, paired_p_value
+from ._noise_model import NoiseModel, noise_model
 from ._periods import drive_period, repeats
 
 
@@ -24,8 +27,8 @@ class Judgement:
     """What is left: ``structured`` or noise.
 
     ``error`` is the root mean square that no model is expected to beat, ``p_value`` that of pure
-    noise, ``gain`` the part of the residual's power that is structure, and ``repeated`` tells
-    whether repetitions decided.
+    noise, ``gain`` the part of the residual's power that is structure, ``repeated`` tells whether
+    repetitions decided, and ``noise`` is what is no structure.
     """
 
     structured: bool
@@ -33,6 +36,24 @@ class Judgement:
     p_value: float
     gain: float
     repeated: bool
+    noise: NoiseModel
+
+
+class Trial(NamedTuple):
+    """What was tried to foretell a residual, or to find in repetitions.
+
+    ``share`` is the part of its power that is left, ``p_value`` that of nothing being foretold, and
+    ``left`` what is left, in stretches.
+    """
+
+    share: float
+    p_value: float
+    left: list
+
+    def is_structure(self, criterion):
+        """Whether it is significant, and matters."""
+        most = (1.0 - criterion.min_improvement) ** 2
+        return bool(self.p_value < criterion.alpha and self.share <= most)
 
 
 def judge_residual(records, residuals, predictions, rng, criterion):
@@ -53,25 +74,34 @@ def judge_residual(records, residuals, predictions, rng, criterion):
     -------
     Judgement
     """
-    known = np.concatenate([r[np.isfinite(r)] for r in residuals])
-    power = float(np.mean(np.square(known))) if known.size else 0.0
+    series = [part for r in residuals for part in _without_gaps(r)]
+    readings = [record.y for record in records]
+    noise = noise_model(series, readings)
+    power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
     if not power > 0.0:
-        return Judgement(False, 0.0, 1.0, 0.0, False)
+        return Judgement(False, 0.0, 1.0, 0.0, False, noise)
     pairs = list(_repetitions(records))
     floor = repeatability(records, pairs=pairs)
-    if floor is not None:
+    repeated = floor is not None
+    if repeated:
         common, p_value = _common_part(pairs, residuals)
-        left = max(power - common, 0.0)
+        apart = [residuals[i][a] - residuals[j][b] for i, a, j, b in pairs]
+        series = [np.sqrt(0.5) * part for own in apart for part in _without_gaps(own)]
+        trial = Trial(max(1.0 - common / power, 0.0), p_value, series)
     else:
-        error, p_value = black_box_gain(records, residuals, predictions, rng)
-        left = error**2
-    structured = (
-        p_value < criterion.alpha and left <= (1.0 - criterion.min_improvement) ** 2 * power
-    )
-    if floor is None:
-        floor = float(np.sqrt(left if structured else power))
-        return Judgement(structured, floor, p_value, 1.0 - left / power, False)
-    return Judgement(structured, floor, p_value, 1.0 - left / power, True)
+        trial = black_box_gain(records, residuals, predictions, rng, noise, criterion)
+    structured = trial.is_structure(criterion)
+    if not repeated:
+        floor = float(np.sqrt(power * (trial.share if structured else 1.0)))
+    if structured:
+        noise = replace(noise_model(trial.left, readings), standard_deviation=floor)
+    return Judgement(structured, floor, trial.p_value, 1.0 - trial.share, repeated, noise)
+
+
+def _without_gaps(values):
+    """Return the stretches of finite values."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.split(values[known], np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else []
 
 
 # ---------------------------------------------------------------------------------- repetitions
@@ -161,24 +191,49 @@ def _common_part(pairs, residuals):
 # ------------------------------------------------------------------------------------ black box
 
 
-def black_box_gain(records, residuals, predictions, rng):
+def black_box_gain(records, residuals, predictions, rng, noise, criterion):
     """Predict the residual by a black box; return what that achieves.
 
     Ridge regression and boosted trees see the drive and the model's output, their change over
-    logarithmically spaced lags, the time, and further columns; and the residual's own past: its
-    last values, averages, and the gain that it had with the drive. Folds are stretches of
+    logarithmically spaced lags, and further columns; and the residual's own past: its last values,
+    averages, and the gain that it had with the drive, and the time. Folds are stretches of
     consecutive samples. Of more than 10,000 samples, stretches spread over the records are seen.
+
+    Where the residual has the spectrum of a coloured noise, its past alone proves nothing. Noise
+    does not know the drive, though, and no more than its law foretells it: so the black box must
+    foretell the residual from the drive alone, or what the law leaves of it, or, from the drive
+    alone, how large that is which the law foretells, as of a gain that wanders.
 
     Returns
     -------
-    error : float
-        Root mean square of what the black box leaves, on held-out stretches, relative to the
-        residual's there and in units of the residual's over all samples.
-    p_value : float
-        That it predicts nothing, see ``_criterion``.
+    Trial
     """
-    x, y, block = _seen(records, residuals, predictions, rng)
-    left = np.stack([y, y])  # by ridge regression, and with trees
+    x, n_driven, y, new, block = _seen(records, residuals, predictions, rng, noise)
+    ends = np.flatnonzero(np.diff(block)) + 1
+
+    def trial(seen, target, n_trials=1):
+        boxes = _left_by_boxes(seen, target, block, rng)
+        left = min(boxes, key=lambda own: own @ own)
+        share = min((left @ left) / (target @ target), 1.0) if target.any() else 1.0
+        left = np.split(left, ends)
+        p_value = paired_p_value(np.split(target, ends), left)
+        return Trial(share, min(1.0, n_trials * len(boxes) * p_value), left)
+
+    if noise.law == "white":
+        return trial(x, y)
+    driven, size = x[:, :n_driven], np.square(y - new)
+    targets = [(driven, y), (x, new), (driven, size - size.mean())]
+    trials = [trial(*own, len(targets)) for own in targets]
+    best = min(trials, key=lambda own: (not own.is_structure(criterion), own.share))
+    if best.is_structure(criterion):  # then the past is of the structure, too
+        whole = trial(x, y)
+        best = best._replace(share=min(whole.share, trials[0].share), left=whole.left)
+    return best
+
+
+def _left_by_boxes(x, y, block, rng):
+    """Return what is left of held-out stretches by ridge regression, and with trees."""
+    left = np.stack([y, y])
     for fold in range(FACTOR):
         test = block % FACTOR == fold
         train = np.flatnonzero(~test)
@@ -197,16 +252,14 @@ def black_box_gain(records, residuals, predictions, rng):
         ).fit(x[train], y[train] - ridge.predict(x[train] / scale))
         left[:, test] -= ridge.predict(x[test] / scale)
         left[1, test] -= trees.predict(x[test])
-    best = min(left, key=lambda own: own @ own)
-    power = np.mean(np.concatenate([np.square(r[np.isfinite(r)]) for r in residuals]))
-    ends = np.flatnonzero(np.diff(block)) + 1
-    p_value = paired_p_value(np.split(y, ends), np.split(best, ends))
-    share = min((best @ best) / (y @ y), 1.0) if y.any() else 1.0
-    return float(np.sqrt(power * share)), min(1.0, len(left) * p_value)
+    return left
 
 
-def _seen(records, residuals, predictions, rng):
-    """Return what the black box sees: features, target, and the stretch of each row.
+def _seen(records, residuals, predictions, rng, noise):
+    """Return what the black box sees, row by row.
+
+    That is features, of which so many are driven; the residual; what its law as noise does not
+    foretell of it; and the number of the stretch.
 
     One scale serves all records, so that what depends on the amplitude stays visible.
     """
@@ -218,38 +271,41 @@ def _seen(records, residuals, predictions, rng):
     length = max(min(total, ENOUGH) // STRETCHES, 1)
     every = max(total // ENOUGH, 1)  # of so many stretches one is seen
     context = int(LAGS[-1])
-    features, target, block = [], [], []
+    features, target, innovations, block = [], [], [], []
     start = int(rng.integers(every))
     for record, r, p in zip(records, residuals, predictions, strict=True):
         rows = np.flatnonzero(np.isfinite(r))
+        new = np.concatenate(noise.innovations(_without_gaps(r)))
         parts = [rows[a : a + length] for a in range(0, len(rows), length)]
         for part in parts[start::every] if len(parts) > start else parts[:1]:
             first = max(part[0] - context, 0)
             seen = slice(first, part[-1] + 1)
             u = (record.u[seen] - shift) / size
             q = np.nan_to_num((p[seen] - level) / height)
-            own = _features(u, q, np.nan_to_num(r[seen]))
-            when = np.arange(first, part[-1] + 1)[:, None] / len(r)
-            extra = [] if record.auxiliary is None else [record.auxiliary[seen]]
-            features.append(np.concatenate([own, when, *extra], axis=1)[part - first])
+            driven, own = _features(u, q, np.nan_to_num(r[seen]))
+            own.append(np.arange(first, part[-1] + 1) / len(r))
+            driven += [] if record.auxiliary is None else list(record.auxiliary[seen].T)
+            features.append(np.stack([*driven, *own], axis=1)[part - first])
             target.append(r[part])
+            innovations.append(new[np.searchsorted(rows, part)])
             block.append(np.full(len(part), len(block)))
-    return np.concatenate(features), np.concatenate(target), np.concatenate(block)
+    found = np.concatenate(features), np.concatenate(target), np.concatenate(innovations)
+    return found[0], len(driven), *found[1:], np.concatenate(block)
 
 
 def _features(u, q, r):
-    """Return what is known of a stretch before each sample's residual, (n_samples, n_features)."""
-    columns = [u, q, q**2, q**3]
+    """Return what is known of a stretch before each sample's residual, driven, and of its own."""
+    driven = [u, q, q**2, q**3]
     for signal in (u, q):
-        columns += [signal - _moved(signal, lag, signal[0]) for lag in LAGS]
-    columns += [_moved(r, lag) for lag in LAGS[:4]]
+        driven += [signal - _moved(signal, lag, signal[0]) for lag in LAGS]
+    columns = [_moved(r, lag) for lag in LAGS[:4]]
     columns += [_past_mean(r, size) for size in LAGS[2::2]]
     for signal in (u - u.mean(), u - _moved(u, 1, u[0])):
         for size in LAGS[4::4]:
             power = _past_mean(signal**2, size)
             floor = 1e-3 * np.mean(signal**2) + np.finfo(float).tiny
             columns.append(_past_mean(r * signal, size) / (power + floor) * signal)
-    return np.stack(columns, axis=1)
+    return driven, columns
 
 
 def _moved(signal, lag, first=0.0):

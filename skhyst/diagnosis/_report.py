@@ -27,6 +27,8 @@ class Report:
         What is left over.
     error_before, error_after, noise_floor, response_range : float
         Held-out errors of both models, the error that no model can beat, and the range.
+    noise_model : dict
+        The fields of the search's :class:`NoiseModel`, and ``text``, which puts them into words.
     drive_name, response_name : str
         Names of the columns.
     claims, ranking, not_it : list of dict
@@ -36,7 +38,8 @@ class Report:
         ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where it has
         none: at a bound, or not determined by the data.
     data, settings, versions, seconds : dict
-        The recording and its faults, parameters of the search, packages, time by stage in s.
+        The recording, its faults and the part of it that folds extrapolate to, parameters of the
+        search, packages, time by stage in s.
     held_out : dict or None
         Errors on data that was kept from the search altogether.
     command : str or None
@@ -69,6 +72,7 @@ class Report:
     error_after: float
     noise_floor: float
     response_range: float
+    noise_model: dict
     drive_name: str
     response_name: str
     claims: list
@@ -119,7 +123,7 @@ class Report:
 
     @property
     def sentence(self):
-        """The verdict in one sentence: what is missing, the errors, the noise floor."""
+        """The verdict, after what to beware of: what is missing, the errors, the noise floor."""
         return verdict(self)[1]
 
     def to_dict(self):

@@ -2,6 +2,7 @@
 
 import math
 import platform
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -43,6 +44,7 @@ def collect(search, command, held_out):
         "error_after": float(search.error_after_),
         "noise_floor": float(search.noise_floor_),
         "response_range": float(np.ptp(search.response_)),
+        "noise_model": asdict(search.noise_model_) | {"text": str(search.noise_model_)},
         **names,
         "claims": claims,
         "ranking": ranking.to_dict("records"),
@@ -151,6 +153,7 @@ def _data(search):
         "n_inputs": search.n_features_in_,
         "interval": search.records_[0].dt,
         "records": records,
+        "extrapolated": float(search.extrapolated_),
         "faults": faults.to_dict("records"),
     }
 

@@ -2,6 +2,7 @@
 
 import math
 
+from ._constants import NOTICEABLE
 from ._report_data import looks
 from ._report_text import change, in_words, listed, number, percent, plus_minus, share, unit_of
 
@@ -20,7 +21,27 @@ _PROVISIONAL = (
 
 
 def verdict(report):
-    """Return the headline and the sentence that says what a search found."""
+    """Return the headline and the sentences that say what a search found, warnings first."""
+    headline, sentence = _found(report)
+    return headline, " ".join([*_warnings(report), sentence])
+
+
+def _warnings(report):
+    worst, part = max(report.error_before, report.error_after), report.data["extrapolated"]
+    if worst > report.response_range:
+        yield (
+            f"A held-out error of {_error(report, worst)} is more than all of the response: the "
+            "model runs away on what it was not fitted to."
+        )
+    if part > NOTICEABLE:
+        yield (
+            f"The folds extrapolate: {share(part)} of the samples are held out where the drive "
+            "goes beyond that of all records or blocks that they are foretold from."
+        )
+
+
+def _found(report):
+    """Return the headline and the sentence of what was found."""
     before, after, floor = (
         _error(report, value)
         for value in (report.error_before, report.error_after, report.noise_floor)
@@ -111,6 +132,7 @@ def _errors(report, figures):
     rows = [[name, number(own), percent(own, whole)] for name, own in errors.items()]
     widths = [100.0 * own / top if top > 0.0 else 0.0 for own in errors.values()]
     yield {**_table(head, "lrr", rows), "kind": "bars", "widths": widths}
+    yield _text(f"The noise in what is left: {report.noise_model['text']}.")
     if report.held_out:
         kept = report.held_out
         whole, names = kept["response_range"], ("before", "after")[: 1 + bool(report.effects)]

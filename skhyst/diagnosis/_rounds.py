@@ -18,7 +18,7 @@ from math import comb
 
 from joblib import Parallel, delayed
 
-from ._candidates import completed, halve, held_out, predicted, refitted
+from ._candidates import completed, halve, held_out, level_folds, predicted, refitted
 from ._constants import FACTOR
 from ._course import course_p_values
 from ._effects import EFFECTS
@@ -214,7 +214,21 @@ class Rounds:
 
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible
-        return is_plausible(margin, candidate, base, records, self.criterion.alpha)
+        named = is_plausible(margin, candidate, base, records, self.criterion.alpha)
+        return named and self._foretells_levels(candidate, base, records)
+
+    def _foretells_levels(self, candidate, base, records):
+        """Whether parameters that follow a number of the record suit records at other numbers.
+
+        Blocks of every record do not tell. Each record between others is held out.
+        """
+        if base.structure.lines or not candidate.structure.lines:
+            return True
+        folds = level_folds(candidate.structure.read(records))
+        if not folds:
+            return True
+        new, old = (held_out(c, records, folds) for c in (candidate, base))
+        return new.error < old.error
 
     def _variant(self, variants):
         """Return the simplest variant that foretells as well as the best."""

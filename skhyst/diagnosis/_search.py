@@ -18,7 +18,7 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, foretold, held_out, root_mean_square
+from ._candidates import Candidate, extrapolated, foretold, held_out, root_mean_square
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
@@ -27,6 +27,7 @@ from ._effects import EFFECTS
 from ._evidence import gather_evidence
 from ._location import locate
 from ._noise import judge_residual, repeatability
+from ._noise_model import NoiseModel
 from ._report import Report
 from ._rounds import Rounds
 
@@ -104,6 +105,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ones otherwise.
     noise_floor_ : float
         The error that no model is known to beat: from repetitions, else what a black box leaves.
+    noise_model_ : NoiseModel
+        Colour, outliers and steps of the noise in what no input explains.
     history_ : DataFrame
         One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (corrected for
         the number of candidates), ``ambiguous_with``, ``provisional`` (at the end more than half of
@@ -116,6 +119,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     dropped_ : list of str
         Effects that were claimed and then dropped, because later ones made them needless.
     evidence_ : dict of str to Evidence
+    extrapolated_ : float
+        Part of the held-out samples where the drive is outside of the range that their fold was
+        fitted to.
     data_quality_ : DataFrame
         Faults of the measurement, see :func:`data_quality`; they are reported, not removed.
     declared_estimator_, best_estimator_ : estimator
@@ -247,6 +253,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             _record_data(s, *self._inputs, self.response_, own)
             for s, own in zip(slices, segments, strict=True)
         ]
+        self.extrapolated_ = extrapolated(records, folds)
         records = declared.begin(records, folds)
         result, structure = declared.identified(records)
         problem = structure.problem(records)
@@ -310,14 +317,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
     def _judge(self, measured, base, rounds):
-        """Set the noise floor and the verdict."""
+        """Set the noise floor and its model, and the verdict."""
         if base.error <= rounds.negligible:
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
-            self.verdict_ = "noise"
+            self.verdict_, self.noise_model_ = "noise", NoiseModel("white", self.noise_floor_)
             return
         judgement = rounds.judgement or self._judged(measured, base, rounds)
         self.noise_floor_, self.verdict_ = judgement.error, "noise"
+        self.noise_model_ = judgement.noise
         if judgement.structured:
             self.verdict_ = "unexplained"
         elif self._is_far_off(base, judgement) or self._knows_less(base, rounds):

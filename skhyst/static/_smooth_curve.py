@@ -1,4 +1,4 @@
-"""Smooth memoryless curve: Legendre polynomials, and their tangents beyond them."""
+"""Smooth memoryless curve: Legendre polynomials, and a straight line beyond them."""
 
 from dataclasses import dataclass
 from numbers import Integral
@@ -9,14 +9,16 @@ from .._sklearn import Interval
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_MARGIN = 1.2  # half width of a smooth curve over that of the data
+_BEYOND = 3  # highest degree of the terms whose slope goes on beyond the data
 
 
 @dataclass(frozen=True)
 class PolynomialCurveOperator(StaticOperator):
     """Smooth curve ``y = v + scale sum_d coefficients_d P_d((v - center) / scale)``.
 
-    P_d are the Legendre polynomials from degree 2 on; beyond ``center +- scale`` it is straight.
+    P_d are the Legendre polynomials from degree 2 on. Beyond ``center +- scale`` it is straight,
+    with the slope that its terms up to the third have at the end: they can bend either way on
+    either side, and the slope of P_d there, d (d + 1) / 2, is the error that a coefficient makes.
     """
 
     coefficients: np.ndarray = parameter(linear=True)
@@ -37,6 +39,7 @@ class PolynomialCurveOperator(StaticOperator):
         slopes[:, 1] = 1.0
         for d in range(2, n + 2):
             slopes[:, d] = (2 * d - 1) * values[:, d - 1] + slopes[:, d - 2]
+        slopes[beyond != 0.0, _BEYOND + 1 :] = 0.0
         values, slopes = values[:, 2:], slopes[:, 2:]
         own = self.scale * (values + slopes * beyond[:, None])
         return v + own @ self.coefficients, 1.0 + slopes @ self.coefficients, own
@@ -45,8 +48,8 @@ class PolynomialCurveOperator(StaticOperator):
 class SmoothCurve(StaticModel):
     r"""Smooth memoryless curve: Legendre polynomials from degree 2 on, added to the identity.
 
-    Beyond the range of the fit by more than a fifth of its half, the curve goes on along its
-    tangent.
+    Beyond the range of the fit the curve is straight, with the slope there of its terms of the
+    second and third degree.
 
     Parameters
     ----------
@@ -82,6 +85,6 @@ class SmoothCurve(StaticModel):
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
-        scale = _MARGIN * 0.5 * (high - low) or 1.0
+        scale = 0.5 * (high - low) or 1.0
         coefficients = np.zeros(self.degree - 1)
         return [PolynomialCurveOperator(coefficients, center=0.5 * (low + high), scale=scale)]

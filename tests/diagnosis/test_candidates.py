@@ -10,9 +10,11 @@ from joblib import Parallel
 from skhyst.diagnosis import EFFECTS, effect_names
 from skhyst.diagnosis._candidates import (
     Candidate,
+    extrapolated,
     foretold,
     halve,
     held_out,
+    level_folds,
     predicted,
     refitted,
 )
@@ -229,3 +231,26 @@ def test_what_was_estimated_from_a_record_makes_its_error_larger():
     np.testing.assert_allclose(known[2:], np.sqrt(12.0 / 8.0))
     np.testing.assert_allclose(plain[2:], 1.0)
     assert np.isnan(known[:2]).all()
+
+
+def test_levels_are_held_out_between_others():
+    """Records at one level go together, and the ends of the range are foretold by nothing."""
+    u = np.arange(40.0)
+    records = [
+        RecordData(u, u, 1.0, segments=((0, 20), (20, 40)), schedule=level)
+        for level in (1.0, 2.0, 2.01, 3.0, 1.02)
+    ]
+    folds = level_folds(records)
+    assert len(folds) == 2
+    for train, test in folds:
+        assert np.flatnonzero(test).tolist() == [2, 3, 4, 5]
+        np.testing.assert_array_equal(train, ~test)
+    assert level_folds([records[0], records[3]]) == []
+
+
+def test_what_goes_beyond_the_drive_of_its_fold():
+    u = np.arange(100.0)
+    record = RecordData(u, u, 1.0, segments=((0, 20), (20, 40), (40, 100)))
+    inner, last = np.array([False, True, False]), np.array([False, False, True])
+    assert extrapolated([record], [(~inner, inner)]) == 0.0
+    assert extrapolated([record], [(~inner, inner), (~last, last)]) == 60 / 80

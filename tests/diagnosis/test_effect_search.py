@@ -21,6 +21,7 @@ from skhyst.compose import Cascade
 from skhyst.diagnosis import (
     Effect,
     EffectSearchCV,
+    NoiseModel,
     effect_names,
     register_effect,
     unregister_effect,
@@ -185,7 +186,7 @@ def test_what_the_records_do_not_determine_is_no_verdict():
 def test_an_error_beyond_repetitions_or_half_the_range_is_no_noise(error, repeated, is_far):
     search = EffectSearchCV(Gain())
     search.response_ = np.array([-0.5, 0.5])
-    judgement = Judgement(False, 0.1, 1.0, 0.0, repeated)
+    judgement = Judgement(False, 0.1, 1.0, 0.0, repeated, NoiseModel("white", 0.1))
     assert search._is_far_off(SimpleNamespace(error=error), judgement) == is_far
 
 

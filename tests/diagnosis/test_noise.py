@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._noise import black_box_gain, judge_residual, repeatability
+from skhyst.diagnosis._noise import judge_residual, repeatability
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
 
@@ -151,8 +152,9 @@ def judged(residual, seed, n_records=4, n=1200):
         residuals.append(r)
         predictions.append(u)
     with threadpool_limits(limits=1):  # as within a search
-        error, p = black_box_gain(records, residuals, predictions, rng)
-    return error, p, np.sqrt(np.mean(np.square(residuals)))
+        rms = np.sqrt(np.mean(np.square(residuals)))
+        found = judge_residual(records, residuals, predictions, rng, CRITERION)
+    return rms * np.sqrt(1.0 - found.gain), found.p_value, rms
 
 
 def test_white_noise_is_not_structure():
@@ -200,9 +202,9 @@ def test_rows_without_a_residual_are_left_out():
     r[:300] = np.nan
     p = np.where(np.isfinite(r), u, np.nan)
     with threadpool_limits(limits=1):
-        error, value = black_box_gain([RecordData(u, u, 1e-3)], [r], [p], rng)
-    assert error == pytest.approx(np.sqrt(np.nanmean(r**2)), rel=0.1)
-    assert 0.0 <= value <= 1.0
+        found = judge_residual([RecordData(u, u, 1e-3)], [r], [p], rng, CRITERION)
+    assert found.error == pytest.approx(np.sqrt(np.nanmean(r**2)), rel=0.1)
+    assert 0.0 <= found.p_value <= 1.0
 
 
 def test_records_of_very_different_length_and_size():
@@ -215,9 +217,9 @@ def test_records_of_very_different_length_and_size():
         records.append(RecordData(u, u + r, 1e-3))
         residuals.append(r)
     with threadpool_limits(limits=1):
-        error, p = black_box_gain(records, residuals, [record.u for record in records], rng)
-    assert p < 1e-6
-    assert error < 0.02
+        found = judge_residual(records, residuals, [record.u for record in records], rng, CRITERION)
+    assert found.p_value < 1e-6
+    assert found.error < 0.02
 
 
 def no_function_of_the_drive(u, rng):
@@ -266,6 +268,44 @@ def test_noise_is_noise(law):
             found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
         assert not found.structured
         assert found.error == pytest.approx(np.sqrt(np.mean(r**2)), rel=0.05)
+
+
+def coloured(law, rng, n):
+    """Return noise of unit variance that hangs together."""
+    if law == "flicker":
+        gains = np.append(0.0, np.arange(1.0, n + 1.0) ** -0.5)
+        noise = np.fft.irfft(np.fft.rfft(rng.standard_normal(2 * n)) * gains)[:n]
+        return noise / noise.std()
+    return lfilter([np.sqrt(1.0 - law**2)], [1.0, -law], rng.standard_normal(n + 200))[200:]
+
+
+@pytest.mark.parametrize("law", [0.6, 0.9, 0.97, "flicker"])
+def test_coloured_noise_is_noise(law):
+    """What has a past is no structure if it knows nothing of the drive; its size is the floor."""
+    for seed in (9040, 9041):
+        rng = np.random.default_rng(seed)
+        drives = [smooth(1500, rng) for _ in range(4)]
+        noise = [NOISE * coloured(law, rng, u.size) for u in drives]
+        records = [RecordData(u, u + r, 1e-3) for u, r in zip(drives, noise, strict=True)]
+        with threadpool_limits(limits=1):
+            found = judge_residual(records, noise, drives, rng, CRITERION)
+        assert not found.structured
+        assert found.error == pytest.approx(np.sqrt(np.mean(np.square(noise))))
+        assert found.noise.law == ("power_law" if law == "flicker" else "autoregressive")
+
+
+@pytest.mark.parametrize("law", [0.9, "flicker"])
+def test_what_the_drive_explains_stands_out_of_coloured_noise(law):
+    rng = np.random.default_rng(9050)
+    drives = [smooth(1500, rng) for _ in range(4)]
+    noise = [NOISE * coloured(law, rng, u.size) for u in drives]
+    left = [r + 1.5 * NOISE * np.sin(2.0 * u) for u, r in zip(drives, noise, strict=True)]
+    records = [RecordData(u, u + r, 1e-3) for u, r in zip(drives, left, strict=True)]
+    with threadpool_limits(limits=1):
+        found = judge_residual(records, left, drives, rng, CRITERION)
+    assert found.structured
+    # what the black box leaves, which sees the noise's past too
+    assert found.error < 1.05 * np.sqrt(np.mean(np.square(noise)))
 
 
 def test_repetitions_tell_coloured_noise_from_structure():

@@ -439,3 +439,19 @@ def test_a_value_reads_back_within_its_error(value, relative):
 @pytest.mark.parametrize("value", [None, math.nan, math.inf])
 def test_no_number_is_a_dash(value):
     assert number(value) == plus_minus(value, 1.0) == "–"
+
+
+def test_what_to_beware_of_comes_first(report):
+    plain = report.sentence
+    beyond = dataclasses.replace(report, error_after=2.0 * report.response_range)
+    assert beyond.sentence.startswith("A held-out error of ")
+    assert "200 %" in beyond.sentence.split(": ")[0]
+    far = dataclasses.replace(report, data=report.data | {"extrapolated": 0.2})
+    assert far.sentence == f"{far.sentence[: -len(plain)]}{plain}"
+    assert far.sentence.startswith("The folds extrapolate: 20 % of the samples")
+    assert not plain.startswith("The folds") or report.data["extrapolated"] > 0.05
+
+
+def test_the_noise_is_told(report):
+    assert report.noise_model["text"] in report.to_markdown().replace("\\", "")
+    assert report.to_dict()["noise_model"]["law"] in ("white", "autoregressive", "power_law")

@@ -1,0 +1,169 @@
+r"""What a sensor's noise is like: its colour, its converter, its outliers and lines.
+
+Of noise that is stationary the discrete cosine transform has about independent coefficients
+:math:`c_k`, of the variance :math:`S(f_k)`. Three spectra are compared, white noise, and white
+noise under a first-order process or under a power law, as flicker noise has,
+
+.. math:: S = \sigma^2 \qquad
+   S = \sigma^2 \left(1 - s + s \frac{1 - a^2}{1 - 2 a \cos 2 \pi f + a^2}\right) \qquad
+   S = \sigma^2 (1 - s + s\, b f^{-\beta})
+
+by Whittle's likelihood [1]_, :math:`\sum_k \log S(f_k) + c_k^2 / S(f_k)`; what the second and the
+third gain has to pay for two more parameters (Schwarz [2]_). A spectrum with a peak is none of
+these: that is a line, or an oscillation, and so is structure.
+
+References
+----------
+.. [1] P. Whittle, "Estimation and information in stationary time series", Arkiv foer Matematik 2
+   (1953).
+.. [2] G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import dct
+from scipy.linalg import solve_toeplitz
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+from ._constants import LAGS, STEEPEST
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of a sensor.
+
+    Parameters
+    ----------
+    law : {"white", "autoregressive", "power_law"}
+        Of its spectrum: constant, of a first-order process, or a power of the frequency.
+    standard_deviation : float
+        Units of the response.
+    coefficient : float
+        Correlation of neighbouring samples of the first-order process, or the exponent of one over
+        the frequency (1 for flicker noise); 0 for white noise.
+    share : float
+        Part of the variance that has this law; the rest is white.
+    outliers : float
+        Part of the samples that are further off than normal noise goes once in as many.
+    quantisation : float
+        Step of the converter, units of the response; 0 where readings show none. Of evenly spread
+        readings its square over 12 is in the variance.
+    """
+
+    law: str
+    standard_deviation: float
+    coefficient: float = 0.0
+    share: float = 0.0
+    outliers: float = 0.0
+    quantisation: float = 0.0
+
+    def spectrum(self, frequency):
+        """Return the power at frequencies in cycles a sample, one on average."""
+        return _spectrum(self.law, frequency, self.coefficient, self.share)
+
+    def innovations(self, series):
+        """Return what its own past does not foretell of each stretch of the noise."""
+        if self.law == "white":
+            return list(series)
+        lags = np.arange(LAGS[-1] + 1)
+        frequency = np.arange(0.5, 8 * len(lags)) / (16 * len(lags))  # fine enough for these lags
+        power = self.spectrum(frequency) / len(frequency)
+        correlations = np.cos(2.0 * np.pi * np.outer(lags, frequency)) @ power
+        past = solve_toeplitz(correlations[:-1], correlations[1:])
+        return [lfilter(np.append(1.0, -past), 1.0, own) for own in series]
+
+    def __str__(self):
+        size = f"standard deviation {self.standard_deviation:.3g}"
+        if self.law == "autoregressive":
+            text = f"first-order noise, correlation {self.coefficient:.2f} a sample"
+        elif self.law == "power_law":
+            text = f"noise as one over the frequency to the power of {self.coefficient:.2f}"
+        else:
+            text = "white noise"
+        parts = [f"{text}, {size}"]
+        if 0.0 < self.share < 0.95:
+            parts.append(f"{1.0 - self.share:.0%} of its power white")
+        if self.outliers:
+            parts.append(f"{self.outliers:.2%} outliers")
+        if self.quantisation:
+            parts.append(f"read in steps of {self.quantisation:.3g}")
+        return "; ".join(parts)
+
+
+def noise_model(series, readings=()):
+    """Return the noise model that stretches of noise have.
+
+    Parameters
+    ----------
+    series : sequence of ndarray
+        Noise, sample by sample, without gaps.
+    readings : sequence of ndarray, optional
+        What the sensor reads, for the step of its converter.
+
+    Returns
+    -------
+    NoiseModel
+    """
+    series = [own - own.mean() for own in series if len(own) > 1]
+    values = np.concatenate([*series, np.zeros(1)])
+    power = float(np.mean(np.square(values)))
+    size = np.sqrt(power)
+    step = quantisation_step(readings)
+    if not power > 0.0:
+        return NoiseModel("white", 0.0, quantisation=step)
+    frequency = np.concatenate([np.arange(1, len(own)) / (2.0 * len(own)) for own in series])
+    powers = np.concatenate([np.square(dct(own, norm="ortho")[1:]) for own in series]) / power
+    count = len(powers)
+    best = "white", 0.0, 0.0
+    least = _deviance(frequency, powers, *best)
+    for law, largest in (("autoregressive", 1.0), ("power_law", STEEPEST)):
+        starts = [(0.5 * largest, 0.5), (0.9 * largest, 0.5), (0.25 * largest, 0.9)]
+        start = min(starts, key=lambda x, law=law: _deviance(frequency, powers, law, *x))
+        bounds = [(0.0, largest * (1.0 - 1.0 / count)), (0.0, 1.0)]
+        found = minimize(
+            lambda x, law=law: _deviance(frequency, powers, law, *x) / count, start, bounds=bounds
+        )
+        if count * found.fun + 2.0 * np.log(count) < least:
+            best, least = (law, *map(float, found.x)), count * found.fun + 2.0 * np.log(count)
+    model = NoiseModel(best[0], size, best[1], best[2], quantisation=step)
+    innovations = np.concatenate(model.innovations(series))
+    usual = norm.isf(0.5 / count) * np.median(np.abs(innovations)) / norm.ppf(0.75)
+    outliers = float(np.mean(np.abs(innovations) > usual)) if usual > 0.0 else 0.0
+    # one is what chance gives
+    return NoiseModel(*best[:1], size, *best[1:], outliers if outliers * count > 3.0 else 0.0, step)
+
+
+def quantisation_step(readings):
+    """Return the step of a converter, 0 where readings are no multiples of one."""
+    levels = np.unique(np.concatenate([*readings, np.zeros(0)]))
+    n = sum(map(len, readings))
+    if len(levels) < 3 or 2 * len(levels) > n:
+        return 0.0
+    steps = np.diff(levels)
+    step = steps.min()
+    # the numbers are rounded, too
+    near = np.abs(steps / step - np.round(steps / step)) < 0.05
+    return float(steps.sum() / np.round(steps / step).sum()) if near.all() else 0.0
+
+
+def _spectrum(law, frequency, coefficient, share):
+    if law == "white":
+        return np.ones_like(frequency)
+    if law == "autoregressive":
+        a = coefficient
+        shape = (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(2.0 * np.pi * frequency) + a * a)
+    else:
+        shape = frequency**-coefficient
+        shape = shape / shape.mean()
+    return 1.0 - share + share * shape
+
+
+def _deviance(frequency, powers, law, coefficient, share):
+    """Return minus twice Whittle's log likelihood, the variance at its best."""
+    spectrum = _spectrum(law, frequency, coefficient, share)
+    if not np.all(spectrum > 0.0):
+        return np.inf
+    return len(powers) * np.log(np.mean(powers / spectrum)) + np.log(spectrum).sum() + len(powers)

@@ -1,0 +1,112 @@
+"""What a sensor's noise is like."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from skhyst.diagnosis import NoiseModel
+from skhyst.diagnosis._noise_model import noise_model, quantisation_step
+
+N = 2000
+
+
+def first_order(coefficient, rng, n=N):
+    """Return a first-order process of unit variance."""
+    innovations = rng.standard_normal(n + 200) * np.sqrt(1.0 - coefficient**2)
+    return lfilter([1.0], [1.0, -coefficient], innovations)[200:]
+
+
+def flicker(exponent, rng, n=N):
+    """Return noise whose power falls with the frequency, of about unit variance."""
+    gains = np.append(0.0, np.arange(1.0, 2 * n + 1) ** (-0.5 * exponent))
+    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal(4 * n)) * gains)
+    return noise[:n] / noise.std()
+
+
+def test_white_noise_is_white():
+    laws = [
+        noise_model([np.random.default_rng([4100, k]).standard_normal(500)]).law for k in range(100)
+    ]
+    assert laws.count("white") >= 97  # two more parameters have to pay
+
+
+@pytest.mark.parametrize("coefficient", [0.5, 0.9, 0.97])
+def test_a_first_order_process_is_found(coefficient):
+    rng = np.random.default_rng(4101)
+    found = noise_model([first_order(coefficient, rng) for _ in range(4)])
+    assert found.law == "autoregressive"
+    assert found.coefficient == pytest.approx(coefficient, abs=0.03)
+    assert found.standard_deviation == pytest.approx(1.0, rel=0.15)
+    assert found.share > 0.95
+
+
+@pytest.mark.parametrize("exponent", [0.7, 1.0, 1.5])
+def test_a_power_law_is_found(exponent):
+    rng = np.random.default_rng(4102)
+    found = noise_model([flicker(exponent, rng) for _ in range(4)])
+    assert found.law == "power_law"
+    assert found.coefficient == pytest.approx(exponent, abs=0.1)
+
+
+def test_white_noise_below_a_colour_is_told_apart():
+    rng = np.random.default_rng(4103)
+    series = [first_order(0.95, rng) + 0.5 * rng.standard_normal(N) for _ in range(4)]
+    found = noise_model(series)
+    assert found.share == pytest.approx(0.8, abs=0.06)
+    assert found.coefficient == pytest.approx(0.95, abs=0.02)
+
+
+@pytest.mark.parametrize("coefficient", [0.5, 0.9])
+def test_innovations_are_what_the_past_does_not_foretell(coefficient):
+    """Of a first-order process these are known: white, of the variance 1 - a^2."""
+    rng = np.random.default_rng(4104)
+    series = [first_order(coefficient, rng) for _ in range(4)]
+    model = NoiseModel("autoregressive", 1.0, coefficient, 1.0)
+    new = np.concatenate([own[5:] for own in model.innovations(series)])
+    assert np.var(new) == pytest.approx(1.0 - coefficient**2, rel=0.05)
+    assert abs(np.corrcoef(new[1:], new[:-1])[0, 1]) < 0.03
+    own = series[0]
+    np.testing.assert_allclose(
+        model.innovations([own])[0][300:], (own[1:] - coefficient * own[:-1])[299:], atol=1e-3
+    )
+
+
+@settings(max_examples=10, deadline=None)
+@given(exponent=st.integers(-30, 30), offset=st.floats(-10, 10))
+def test_units_and_offsets_do_not_matter(exponent, offset):
+    rng, scale = np.random.default_rng(4105), 2.0**exponent
+    series = [first_order(0.8, rng, 500)]
+    plain, other = noise_model(series), noise_model([scale * (series[0] + offset)])
+    assert other.law == plain.law
+    assert other.coefficient == pytest.approx(plain.coefficient, rel=1e-3)
+    assert other.standard_deviation == pytest.approx(scale * plain.standard_deviation)
+
+
+def test_outliers_are_counted():
+    rng = np.random.default_rng(4106)
+    noise = rng.standard_normal(N)
+    assert noise_model([noise]).outliers == 0.0
+    noise[::100] += 12.0
+    assert noise_model([noise]).outliers == pytest.approx(0.01, abs=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(step=st.floats(1e-9, 1e9), offset=st.integers(-1000, 1000))
+def test_the_step_of_a_converter_is_found(step, offset):
+    rng = np.random.default_rng(4107)
+    codes = np.round(20.0 * np.sin(np.linspace(0.0, 30.0, N)) + rng.standard_normal(N)) + offset
+    assert quantisation_step([step * codes]) == pytest.approx(step, rel=1e-6)
+    assert quantisation_step([step * (codes + 0.3 * rng.random(N))]) == 0.0
+
+
+def test_nothing_has_no_law():
+    assert noise_model([np.zeros(50)]).standard_deviation == 0.0
+    assert noise_model([]).law == "white"
+
+
+def test_it_is_put_into_words():
+    model = NoiseModel("power_law", 0.2, 1.1, 0.7, 0.01, 0.05)
+    for part in ("1.10", "0.2", "30%", "1.00% outliers", "steps of 0.05"):
+        assert part in str(model)
