@@ -76,6 +76,24 @@ DIAGNOSIS = [
         "tests/diagnosis/test_data_quality.py -k 'physics or pulse'",
     ),
     (
+        "lost samples: what moved sides leave need not be what stretches beside leave",
+        "found[own] &= drive.left(rows[own], lost) < bound * drive.beside(rows[own])",
+        "found[own] &= True",
+        "tests/diagnosis/test_data_quality.py -k rough",
+    ),
+    (
+        "a noisy drive: what a slow device does not follow is noise",
+        "return floor if _foretold(u, y) < alpha else 0.0",
+        "return floor",
+        "tests/diagnosis/test_data_quality.py -k rough",
+    ),
+    (
+        "exchanged channels: a response that lags is one that leads",
+        "area = np.sign(u @ y)",
+        "area = -np.sign(u @ y)",
+        "tests/diagnosis/test_data_quality.py -k exchanged",
+    ),
+    (
         "a set of effects is claimed twice",
         "new = frozenset(better.structure.effects) not in self._claimed",
         "new = True",

@@ -3,10 +3,14 @@
 A physical effect acts before the noise of the sensor; a fault of the converter or of the recorder
 acts behind it, and leaves readings that are equal to the last digit. That tells clipping at the
 converter's range from a saturation of the device, and a stuck sensor from a rest.
+
+What drive and response say of each other, see ``_channels``.
 """
 
 import numpy as np
 import pandas as pd
+
+from ._channels import are_exchanged, lost_samples, noise_on_drive, reaction_p_value
 
 _ADVICE = {
     "outlier": "take the rows out as missing readings, or use a robust loss",
@@ -15,6 +19,10 @@ _ADVICE = {
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "put the turns together again, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
+    "lost_samples": "start a new record at each of these rows; a time index would show the gap",
+    "swapped_channels": "check the columns: the drive reads like a response, and lags",
+    "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
+    "closed_loop": "drive with a reference and search with that as the drive, or open the loop",
 }
 
 
@@ -33,9 +41,16 @@ def data_quality(X, y, records):
     -------
     DataFrame
         One row a fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
-        ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``), ``record``,
-        ``n_samples``, ``rows`` (the first few), ``value`` (reading at which it stuck or was clipped
-        or lost; the way of a turn; relative standard deviation of the interval), ``advice``.
+        ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
+        ``lost_samples``, ``swapped_channels``, ``noisy_drive``), ``record``, ``n_samples``,
+        ``rows`` (the first few), ``value`` (reading at which it stuck or was clipped or lost; the
+        way of a turn; relative standard deviation of the interval; number of samples lost before
+        each row; standard deviation of the drive's noise; NaN for others), ``advice``.
+
+    Notes
+    -----
+    Whether the drive reacts to the noise of the response shows in what a model leaves alone:
+    ``data_quality_`` of a search that leaves noise has ``closed_loop`` too, with the p-value.
 
     Examples
     --------
@@ -69,6 +84,34 @@ def data_quality(X, y, records):
         jitter = _jitter(X, record)
         if jitter > 0.05:  # rounding of the interval by a tenth gives 0.04
             found.append(("clock_jitter", record.label, np.arange(record.n_samples), jitter))
+        whole = np.arange(record.rows.start, record.rows.stop)
+        noise = noise_on_drive(u, own)
+        if noise > 0.0 and are_exchanged(u, own):
+            found.append(("swapped_channels", record.label, whole, np.nan))
+        elif noise > 0.0:
+            found.append(("noisy_drive", record.label, whole, noise))
+        for rows, number in lost_samples(u, own):
+            found.append(("lost_samples", record.label, rows + record.rows.start, number))
+    return _table(found)
+
+
+def with_reactions(table, drive, residuals, records):
+    """Return the table with the records whose drive reacts to what a model leaves as noise.
+
+    Noise on the drive is in the residual too: of such records nothing is said.
+    """
+    found = []
+    others = set(table["record"][table["fault"].isin(["noisy_drive", "swapped_channels"])])
+    for record, own in zip(records, residuals, strict=True):
+        start = int(np.argmax(np.isfinite(own)))
+        p_value = reaction_p_value(drive[record.rows][start:], np.nan_to_num(own[start:]))
+        if len(records) * p_value < 0.001 and record.label not in others:
+            rows = np.arange(record.rows.start, record.rows.stop)
+            found.append(("closed_loop", record.label, rows, p_value))
+    return pd.concat([table, _table(found)], ignore_index=True) if found else table
+
+
+def _table(found):
     rows = [
         (fault, label, len(at), tuple(at[:5].tolist()), float(value), _ADVICE[fault])
         for fault, label, at, value in found

@@ -145,7 +145,7 @@ def _data(search):
             part = signal[record.rows]
             own |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
         records.append(own)
-    faults = search.data_quality_.drop(columns="value").astype({"record": str})
+    faults = search.data_quality_.astype({"record": str})
     return {
         "n_records": len(records),
         "n_samples": len(search.response_),

@@ -302,15 +302,14 @@ def _data(report, figures):
     yield _table(head, "lrrrrrr", rows)
     faults = [
         [row[name] for name in ("fault", "record", "n_samples")]
-        + [", ".join(map(str, row["rows"])), row["advice"]]
+        + [", ".join(map(str, row["rows"])), number(row["value"]), row["advice"]]
         for row in data["faults"]
     ]
     if faults:
         yield _text("The recording has faults that are no physics. They are in what was fitted:")
-        yield _table(["fault", "record", "samples", "first rows", ""], "llrll", faults)
+        yield _table(["fault", "record", "samples", "first rows", "value", ""], "llrlrl", faults)
     else:
-        nothing = "No outliers, lost or stuck readings, clipping or clock jitter were found."
-        yield _text(nothing, "quiet")
+        yield _text("No faults of the measurement were found.", "quiet")
 
 
 def _origin(report, figures):

@@ -22,7 +22,7 @@ from ._candidates import Candidate, extrapolated, foretold, held_out, root_mean_
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
-from ._data_quality import data_quality, lost_readings
+from ._data_quality import data_quality, lost_readings, with_reactions
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
 from ._location import locate
@@ -123,7 +123,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Part of the held-out samples where the drive is outside of the range that their fold was
         fitted to.
     data_quality_ : DataFrame
-        Faults of the measurement, see :func:`data_quality`; they are reported, not removed.
+        Faults of the measurement, see :func:`data_quality`; they are reported, not removed. Where
+        what is left is noise, also whether the drive reacts to it (``closed_loop``).
     declared_estimator_, best_estimator_ : estimator
         Both fitted on all data. Where a regressor that is no parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
@@ -298,6 +299,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
         self._judge(declared.measured(records), base, rounds)
+        if self.verdict_ == "noise":
+            _, left = _fitted(base, records)
+            table = with_reactions(self.data_quality_, self.drive_, left, slices)
+            self.data_quality_ = table
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()

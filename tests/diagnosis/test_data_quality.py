@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from plants import MATRIX, make_recording
 
+from skhyst.datasets.simulation import first_order, plays
 from skhyst.diagnosis import EffectSearchCV, data_quality
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.records import record_slices, stack_records
@@ -140,12 +141,98 @@ def test_record_and_rows_of_several_records(signals):
     assert table["rows"].tolist() == [(N + 10,)]
 
 
+SCALES = [(1.0, 1.0), (1e-9, -1e9), (-1e9, 1e-9)]
+
+
+def kinds(drive, y):
+    return set(faults(drive, y)["fault"])
+
+
+def in_units(drive, y, scales):
+    """Return both channels in other units, with another zero."""
+    return scales[0] * (drive - 0.3), scales[1] * (y + 0.2)
+
+
+@pytest.fixture
+def lagging():
+    """A smooth drive, and a response that follows it through plays and a lag."""
+    angles = np.arange(N) / np.array([[60.0], [25.0], [14.0]])
+    drive = np.array([1.0, 0.6, 0.4]) @ np.sin(angles + [[1.0], [0.0], [2.0]])
+    y = first_order(plays(drive, 1.0, [0.0, 0.2, 0.6], [1.0, 0.5, 0.5]), 1.0, 3.0)
+    return drive, y + 0.004 * np.random.default_rng(2).normal(size=N)
+
+
+@pytest.mark.parametrize("scales", SCALES)
+@pytest.mark.parametrize("number", [1, 2, 5])
+def test_lost_samples_by_row_and_number(signals, scales, number):
+    drive, y = signals[0], 3.0 * signals[0] + 0.001 * np.random.default_rng(1).normal(size=N)
+    kept = np.delete(np.arange(N), [3040 + np.arange(number), 3355 + np.arange(number)])
+    assert faults(*in_units(drive, y, scales)).empty
+    found = faults(*in_units(drive[kept], y[kept], scales))[["fault", "rows", "value"]]
+    rows = (3040, 3355 - number)
+    assert found.to_numpy().tolist() == [["lost_samples", rows, number]]
+    # a drive that jumps ahead alone has lost nothing
+    assert "lost_samples" not in kinds(drive[kept], y[: len(kept)])
+
+
+@pytest.mark.parametrize("scales", SCALES)
+def test_exchanged_channels(lagging, scales):
+    drive, y = in_units(*lagging, scales)
+    assert faults(drive, y).empty
+    assert kinds(y, drive) == {"swapped_channels"}
+
+
+@pytest.mark.parametrize("scales", SCALES)
+def test_noise_on_the_recorded_drive(lagging, scales):
+    drive, y = lagging
+    noise = 0.05 * np.random.default_rng(5).normal(size=N)
+    (row,) = faults(*in_units(drive + noise, y, scales)).itertuples()
+    assert row.fault == "noisy_drive"
+    assert row.value == pytest.approx(abs(scales[0]) * 0.05, rel=0.1)
+
+
+ROUGH = {
+    "white": lambda rng: rng.normal(size=N),
+    "walk": lambda rng: np.cumsum(rng.normal(size=N)),
+    "binary": lambda rng: np.repeat(rng.choice([-1.0, 1.0], N // 5), 5),
+    "chirp": lambda rng: np.sin(np.pi * np.arange(N) ** 2 / (2.0 * N)),
+    "steps": lambda rng: np.repeat(rng.normal(size=N // 100), 100),
+    "dither": lambda rng: np.sin(np.arange(N) / 100.0) + 0.01 * rng.normal(size=N),
+}
+
+
+@pytest.mark.parametrize("name", ROUGH)
+@pytest.mark.parametrize("lag", [0.0, 3.0, 30.0])
+def test_a_rough_drive_is_none_of_these(name, lag):
+    rng = np.random.default_rng(6)
+    drive = ROUGH[name](rng)
+    y = plays(drive, 1.0, [0.0, 0.1], [1.0, 0.5])
+    y = first_order(y, 1.0, lag) if lag else y
+    y = y + 0.002 * np.ptp(y) * rng.normal(size=N)
+    assert not kinds(drive, y) & {"noisy_drive", "swapped_channels", "lost_samples"}
+
+
+@pytest.mark.parametrize("feedback", [0.0, 0.3])
+def test_a_search_tells_a_drive_that_reacts_to_the_noise(signals, feedback):
+    noise = 0.02 * np.random.default_rng(8).normal(size=N)
+    drive, y, heard = np.empty(N), np.empty(N), 0.0
+    for t, reference in enumerate(signals[0]):
+        drive[t] = reference - feedback * heard
+        y[t] = 2.0 * drive[t] + noise[t]
+        heard = y[t]
+    search = EffectSearchCV(PrandtlIshlinskii(3), effects=["offset"]).fit(drive[:, None], y)
+    assert search.verdict_ == "noise"
+    assert ("closed_loop" in set(search.data_quality_["fault"])) == (feedback > 0.0)
+
+
 def test_search_reports_faults(signals):
     drive, y = signals
     y[77] += 0.5
     search = EffectSearchCV(PrandtlIshlinskii(3), effects=["offset"]).fit(drive[:, None], y)
     assert search.data_quality_["fault"].tolist() == ["outlier"]
     report = search.report()
-    assert report.to_dict()["data"]["faults"][0]["rows"] == [77]
+    (fault,) = report.to_dict()["data"]["faults"]
+    assert fault["rows"] == [77]
+    assert fault["value"] is None
     assert "outlier" in report.to_html()
     assert "| outlier |" in report.to_markdown()
