@@ -193,10 +193,14 @@ class _Stretches:
     def left(self, rows, lost, gap=0):
         """Return the sum of squares if so many are lost; a gap leaves out some that are not."""
         after = np.arange(2 * self.side) >= self.side
-        times = np.arange(-self.side, self.side) + lost * after
-        windows = self.signal[rows[:, None] + np.arange(-self.side, self.side) + gap * after]
-        basis = np.linalg.qr(np.vander(times / self.side, 4))[0]
-        return np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
+        around = np.arange(-self.side, self.side)
+        basis = np.linalg.qr(np.vander((around + lost * after) / self.side, 4))[0]
+        left = np.empty(len(rows))
+        for start in range(0, len(rows), ENOUGH):  # a long record has no room for all windows
+            own = slice(start, start + ENOUGH)
+            windows = self.signal[rows[own, None] + around + gap * after]
+            left[own] = np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
+        return left
 
     def beside(self, rows):
         """Return the larger one of what is left of the stretches before and behind."""
