@@ -32,7 +32,14 @@ from .optimize import (
 )
 from .records import record_slices
 
-__all__ = ["ParametricModel", "informed", "one_thread", "read_data", "run_records"]
+__all__ = [
+    "ParametricModel",
+    "informed",
+    "one_thread",
+    "read_data",
+    "run_records",
+    "with_params",
+]
 
 _NAMED = 10  # undetermined parameters that a warning lists
 _EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
@@ -72,6 +79,13 @@ def informed(model, parent):
     if known and isinstance(model, ParametricModel):
         model = copy.copy(model)
         vars(model).update(known)
+    return model
+
+
+def with_params(model, **params):
+    """Return a copy of a model with other parameters, which knows the columns of X as before."""
+    model = copy.copy(model)
+    vars(model).update(params)
     return model
 
 
@@ -258,6 +272,20 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Identify from ``RecordData``; return an ``IdentificationResult``."""
         return self._refine(self.starting_values(data), data)
 
+    def _with_hold(self, hold):
+        """Return the model with this hold of the drive where it is "auto"; itself if it is not."""
+        return with_params(self, hold=hold) if getattr(self, "hold", None) == "auto" else self
+
+    def _decide(self, data):
+        """Return the model with its hold decided, and what identification found for it."""
+        held = [self._with_hold(hold) for hold in ("foh", "zoh")]
+        if held[0] is self:
+            return self, self._identify(data)
+        results = [model._identify(data) for model in held]
+        better = int(results[1].error < results[0].error)
+        evaluations = sum(result.n_evaluations for result in results)
+        return held[better], replace(results[better], n_evaluations=evaluations)
+
     def _refine(self, starts, data, method=None, fixed=frozenset()):
         """Return what identification finds from operators of one structure."""
         return identify(
@@ -281,7 +309,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _fit_records(self, data):
         """Fit validated records."""
-        return self._finish(self._identify(data), data)
+        return self._finish(self._decide(data)[1], data)
 
     def _finish(self, result, data):
         """Store what identification found, and what came before the records where it is asked."""

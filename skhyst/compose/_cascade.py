@@ -9,7 +9,7 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition
-from ..base import ParametricModel, informed
+from ..base import ParametricModel, informed, with_params
 from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
 
@@ -132,6 +132,21 @@ class Composition(ParametricModel, BaseComposition):
     def _any_interval(self):
         return all(model._any_interval for model in self._models())
 
+    def _with_hold(self, hold):
+        self._check_steps()
+        held = [
+            step if isinstance(step, FrozenEstimator) else step._with_hold(own)
+            for (_, step), own in zip(self.steps, self._holds(hold), strict=True)
+        ]
+        if all(new is step for new, (_, step) in zip(held, self.steps, strict=True)):
+            return self
+        names = [name for name, _ in self.steps]
+        return with_params(self, steps=list(zip(names, held, strict=True)))
+
+    def _holds(self, hold):
+        """Return the hold for each step, where that of the drive is to be decided."""
+        return [hold] * len(self.steps)
+
     @abstractmethod
     def _compose(self, names, stages):
         """Return the operator made of stages."""
@@ -169,6 +184,10 @@ class Cascade(Composition):
     dynamics are added in both orders, and the better fit is kept. In long records whose drive is
     sampled much finer than it moves, every n-th sample serves for this, and the end of it is
     refined on all samples.
+
+    With ``hold="auto"`` the whole is identified with either hold of the drive, and the better fit
+    is kept. The first step that has a ``hold`` sees the drive; what comes behind it is smooth, so
+    "auto" is a straight line there.
 
     A step that is known already, such as a vibration measured at a small signal, is fitted first
     and put in a :class:`sklearn.frozen.FrozenEstimator`. All its parameters are then held, its
@@ -230,6 +249,15 @@ class Cascade(Composition):
                 raise ValueError(
                     f"The step '{name}' of Cascade reads columns of X: it must be the first."
                 )
+
+    def _holds(self, hold):
+        # behind the first that has one, the signal is smooth
+        has_one = [
+            any(key.split("__")[-1] == "hold" for key in model.get_params())
+            for model in self._models()
+        ]
+        first = has_one.index(True) if any(has_one) else len(has_one)
+        return [hold if i <= first else "foh" for i in range(len(has_one))]
 
     def _compose(self, names, stages):
         return SeriesOperator(tuple(names), tuple(stages)).normalized()

@@ -9,7 +9,7 @@ from numbers import Integral
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
-from ..base import ParametricModel, informed
+from ..base import ParametricModel, informed, with_params
 from ..operators import Operator, ParameterSpec, WrappedOperator, put_beside, take_apart
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
@@ -159,6 +159,10 @@ class AroundModel(ParametricModel):
 
     def held_parameters(self):
         return self.estimator.held_parameters()
+
+    def _with_hold(self, hold):
+        estimator = self.estimator._with_hold(hold)
+        return self if estimator is self.estimator else with_params(self, estimator=estimator)
 
     def _check_estimator(self):
         if not isinstance(self.estimator, ParametricModel):

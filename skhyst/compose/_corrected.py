@@ -146,7 +146,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             records = records_of(p)
             with one_thread():
                 if last is None:
-                    result = effects._identify(records)
+                    _, result = effects._decide(records)
                 else:  # from where it ended the last time
                     start = last.operator, last.disturbances
                     result = effects._refine([start], records, "variable_projection")

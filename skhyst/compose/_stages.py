@@ -5,7 +5,6 @@ of it follows the drive: a series of named stages. What follows reads that serie
 one in its place, and leaves everything around it as it is.
 """
 
-import copy
 import re
 from dataclasses import replace
 from functools import singledispatch
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base import with_params
 from ..operators import Operator, SeriesOperator, SumOperator
 from ._cascade import Cascade
 from ._columns import ColumnOperator, Modulated, ModulatedOperator, OnColumn
@@ -88,7 +88,7 @@ def put_beside_series(whole, name, model, branch=None, column=None):
     else:
         total, parts = whole.model, _parts(whole.model, whole.operator)
     if branch is None:
-        return Stage(None, _like(total, steps=[*total.steps, (name, model)]), _sum(parts))
+        return Stage(None, with_params(total, steps=[*total.steps, (name, model)]), _sum(parts))
     model = OnColumn(model, column, **options)
     return Stage(
         None, *_of_parts(total, [*parts, Stage(name, model, ColumnOperator(branch, column))])
@@ -197,7 +197,7 @@ def _(model: Sum, whole):
     if len(driven) == 1:
         return driven[0]
     if driven and len(driven) < len(model.steps):
-        return Stage(_DRIVEN, *_of_parts(_like(model, steps=[]), driven))
+        return Stage(_DRIVEN, *_of_parts(with_params(model, steps=[]), driven))
 
 
 @singledispatch
@@ -217,17 +217,19 @@ def _(model: ScheduledParameters, whole, part):
         if key in keys and len(owners) == 1 and line.mean():
             lines[owners[0]] = line * (values[owners[0]] / line.mean())
     names, operator = _scheduled(part, whole.operator.low, whole.operator.high, lines)
-    return _like(model, estimator=part.model, parameters=names), operator
+    return with_params(model, estimator=part.model, parameters=names), operator
 
 
 @_around.register
 def _(model: OnColumn, whole, part):
-    return _like(model, estimator=part.model), replace(whole.operator, operator=part.operator)
+    return with_params(model, estimator=part.model), replace(whole.operator, operator=part.operator)
 
 
 @_around.register
 def _(model: Modulated, whole, part):
-    return _like(model, estimator=part.model), replace(whole.operator, operator=_of_columns(part))
+    return with_params(model, estimator=part.model), replace(
+        whole.operator, operator=_of_columns(part)
+    )
 
 
 @_around.register
@@ -260,7 +262,7 @@ def _in_series(model, whole, stages):
 def _(model: Cascade, whole, stages):
     names, operators = (tuple(stage[i] for stage in stages) for i in (0, 2))
     series = SeriesOperator(names, operators).normalized()
-    return Stage(whole.name, _like(model, steps=[stage[:2] for stage in stages]), series)
+    return Stage(whole.name, with_params(model, steps=[stage[:2] for stage in stages]), series)
 
 
 @singledispatch
@@ -312,13 +314,6 @@ def _(model: Sum, whole):
 # ---------------------------------------------------------------------- pieces
 
 
-def _like(model, **params):
-    """Return a model with other parameters, which knows the columns of X as before."""
-    model = copy.copy(model)
-    vars(model).update(params)
-    return model
-
-
 def _wrapped(kind, part, **params):
     """Return a composition of the model of a part."""
     model = part.model
@@ -340,7 +335,7 @@ def _of_parts(model, parts):
     """Return the model and the operator of a sum of other parts and of its disturbances."""
     beside = model._disturbance_names(0)
     kept = [step for step in model.steps if step[0] in beside]
-    return _like(model, steps=[*(part[:2] for part in parts), *kept]), _sum(parts)
+    return with_params(model, steps=[*(part[:2] for part in parts), *kept]), _sum(parts)
 
 
 def _sum(parts):

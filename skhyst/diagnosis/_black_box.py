@@ -91,12 +91,11 @@ class Declared:
 
         What came before the records is estimated where the declared model asks for it.
         """
-        model, histories = self.model, ()
-        read = as_read(model, records)
-        result = model._identify(read)
+        read, histories = as_read(self.model, records), ()
+        model, result = self.model._decide(read)
         if model.initial_state == "estimate" and not model._reads_columns:
-            result, model.initial_drive_ = model._with_histories(result, read)
-            histories = tuple(model.initial_drive_)
+            result, drives = model._with_histories(result, read)
+            self.model.initial_drive_, histories = drives, tuple(drives)
         return result, Tree.from_result(model, result, histories)
 
     def fitted(self, result):

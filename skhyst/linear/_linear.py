@@ -253,8 +253,18 @@ def _tangent_loop(states, ad, b, c, direct, by, output_by, w_first, dw_first, u,
     return y, dy
 
 
+def refuse_open_hold(hold):
+    """Refuse a hold that nothing has decided."""
+    if hold not in ("foh", "zoh"):
+        raise ValueError(
+            f"The 'hold' must be 'foh' or 'zoh' here: records alone decide on 'auto', when the "
+            f"whole model is fitted to them. Got {hold!r} instead."
+        )
+
+
 def discretize(a, b, dt, hold):
     """Return Ad, B0, B1 for stacked matrices ``a`` (..., n, n) and ``b`` (..., n)."""
+    refuse_open_hold(hold)
     n = a.shape[-1]
     block = np.zeros((*a.shape[:-2], n + 2, n + 2), dtype=a.dtype)
     block[..., :n, :n] = a * dt
@@ -438,15 +448,16 @@ class LinearModel(ParametricModel):
     ----------
     fit_gain, fit_intercept : bool, default=True
         Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
+    hold : {"foh", "zoh", "auto"}, default="foh"
+        Drive between samples: a straight line, or constant. "auto": the one with which the fit has
+        the smaller error; the ``hold`` of ``operator_`` says which.
     """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "fit_gain": ["boolean"],
         "fit_intercept": ["boolean"],
-        "hold": [StrOptions({"foh", "zoh"})],
+        "hold": [StrOptions({"foh", "zoh", "auto"})],
     }
 
     def __init__(

@@ -20,7 +20,7 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..operators import Operator, parameter
 from ._gain import slope
-from ._linear import LinearModel, log_grid, time_span
+from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 
 _SPACING = 0.8  # of the logarithms of the rates
 _FASTEST = 12.0  # largest rate times the shortest time: exp(-12) is left of such a unit then
@@ -94,6 +94,7 @@ class LogCreepOperator(Operator):
 
     def _discrete(self, dt):
         """Return the decay of each unit and its weights of the last and the present input."""
+        refuse_open_hold(self.hold)
         steps = self._rates * dt
         gone = -np.expm1(-steps)
         now = 1.0 - gone / steps if self.hold == "foh" else np.zeros_like(steps)

@@ -16,7 +16,7 @@ from ..exceptions import DivergenceWarning
 from ..records import record_slices
 from ._conversion import control_system, scipy_system
 from ._estimate_response import chosen_columns
-from ._linear import LinearModel
+from ._linear import LinearModel, refuse_open_hold
 from ._modes import ModesMixin, section_poles
 from ._rational import TransferFunctionOperator
 from ._transfer_function_fit import choose_orders, fit_response, held_names, record_starts
@@ -238,6 +238,7 @@ class TransferFunction(ModesMixin, LinearModel):
             is "drive".
         """
         self._validate_params()
+        refuse_open_hold(self.hold)
         self._check_orders()
         g, std = response.response, response.std
         if g.shape[1] > 1 and not self._reads_columns:
@@ -326,6 +327,7 @@ class TransferFunction(ModesMixin, LinearModel):
         array([2., 2.])
         """
         model = cls(**params)
+        refuse_open_hold(model.hold)
         operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
         single = isinstance(operator, TransferFunctionOperator)
         shape = np.shape(operator.numerator if single else operator.numerators)
