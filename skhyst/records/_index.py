@@ -114,7 +114,7 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
     refuse_interval(dt, "record_slices")
     dt = float(dt)
     if y is not None:
-        _refuse_lost_index(X, y)
+        refuse_lost_index(X, y)
     index = getattr(X, "index", None)
     if not isinstance(index, pd.Index):
         index = pd.RangeIndex(len(X))
@@ -165,7 +165,33 @@ def sampling_interval(X, *, dt=1.0) -> float:
     return records[0].dt
 
 
-def _refuse_lost_index(X, y):
+def by_interval(records):
+    """Return which records are sampled alike.
+
+    Parameters
+    ----------
+    records : sequence of RecordSlice
+        Or of anything else with ``dt``, the sampling interval in s.
+
+    Returns
+    -------
+    dict of float to list of int
+        The numbers of the records of each interval, the shortest interval first.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skhyst.records import by_interval, record_slices
+    >>> times = pd.MultiIndex.from_tuples([("a", 0.0), ("a", 0.5), ("b", 0.0), ("b", 0.1)])
+    >>> by_interval(record_slices(pd.DataFrame({"drive": 0.0}, times), one_interval=False))
+    {0.1: [1], 0.5: [0]}
+    """
+    intervals = sorted({record.dt for record in records})
+    return {dt: [i for i, r in enumerate(records) if r.dt == dt] for dt in intervals}
+
+
+def refuse_lost_index(X, y):
+    """Refuse a response whose index says more than that of the input, or something else."""
     own, index = getattr(X, "index", None), getattr(y, "index", None)
     if not isinstance(index, pd.Index) or _says_less(index):
         return
@@ -207,7 +233,8 @@ def _pieces(stamps):
         counts = (
             " The integers of the index count samples: give times in seconds as floats."
             if stamps.counts
-            else " If the sampling is uneven, call skhyst.records.resample_records."
+            else " If the sampling is uneven, call skhyst.records.resample_records, which "
+            "EffectSearchCV does with resample='auto'."
         )
         raise RecordError(
             f"A record must have at least two samples. Got {describe_rows(single)} that stand(s) "
@@ -232,8 +259,9 @@ def _sampling_intervals(stamps, pieces, one_interval):
                 f"The sampling must be even. Got record {stamps.label(a, run)!r}, rows {a} to "
                 f"{b - 1}, with a mean interval of {mean * stamps.unit:.6g} s from which single "
                 f"intervals deviate by up to {jitter * stamps.unit:.3g} s and the clock by up to "
-                f"{stray * stamps.unit:.3g} s instead; call skhyst.records.resample_records. If "
-                f"the rows are a random subset: {SPLITTERS}."
+                f"{stray * stamps.unit:.3g} s instead; call skhyst.records.resample_records, which "
+                f"EffectSearchCV does with resample='auto'. If the rows are a random subset: "
+                f"{SPLITTERS}."
             )
     allowed = MISMATCH + JITTER / intervals
     found = np.zeros(len(pieces))

@@ -7,7 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skhyst.exceptions import RecordError
-from skhyst.records import iter_records, record_slices, resample_records, stack_records
+from skhyst.records import (
+    iter_records,
+    record_slices,
+    resample_like,
+    resample_records,
+    resampling_error,
+    stack_records,
+)
 
 
 def sine(frequency, dt, n, dates=False):
@@ -213,3 +220,76 @@ def test_inputs_are_not_changed():
     resample_records(X, y, dt=0.03)
     pd.testing.assert_frame_equal(X, before[0])
     pd.testing.assert_series_equal(y, before[1])
+
+
+SIGNALS = {
+    "sine": lambda t: np.sin(40.0 * t),
+    "three sines": lambda t: np.sin(19.0 * t) + 0.3 * np.sin(57.0 * t + 1.0) + 0.1 * np.sin(99 * t),
+    "sweep": lambda t: np.sin(3.0 * t + 1.5 * t**2),
+    "triangle": lambda t: np.arcsin(np.sin(19.0 * t)),
+    "clipped": lambda t: np.clip(np.sin(19.0 * t), -0.6, 0.6),
+}
+SPACINGS = {
+    "uniform": lambda rng: rng.uniform(0.5, 1.5, 2000),
+    "random": lambda rng: 0.05 + rng.exponential(1.0, 2000),
+    "lost": lambda rng: rng.geometric(0.6, 2000) * 0.6,
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("spacing", SPACINGS)
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_the_error_of_a_grid_is_told_within_a_factor_of_two(signal, spacing, noise):
+    rng = np.random.default_rng(7)
+    times, exact = 0.01 * np.cumsum(SPACINGS[spacing](rng)), SIGNALS[signal]
+    X, clean = pd.DataFrame({"drive": times}, times), exact(times)
+    new = resample_records(X, clean, dt="auto")[1]
+    true = np.sqrt(np.mean((new - exact(new.index.get_level_values("time").to_numpy())) ** 2))
+    told = resampling_error(X, clean + noise * rng.normal(size=len(times)))
+    assert 0.5 < told / true < 2.0
+    assert resampling_error(X, 7.0 * clean) == pytest.approx(7.0 * resampling_error(X, clean))
+
+
+def test_what_is_straight_or_even_costs_nothing():
+    times = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 300))
+    X = pd.DataFrame({"drive": times}, times)
+    assert resampling_error(X, 3.0 * times - 1.0) == pytest.approx(0.0, abs=1e-9)
+    even = sine(1.0, 0.01, 500)
+    assert resampling_error(even, even["drive"] ** 2) == 0.0
+    assert resampling_error(even, even["drive"] ** 2, dt=0.005) > 0.0
+    assert resample_records(even, dt="auto") is even
+
+
+def test_intervals_of_records_that_are_sampled_alike_are_one():
+    rng = np.random.default_rng(0)
+    sizes = {"a": 0.01, "b": 0.0101, "c": 0.043, "d": 0.0099}
+    parts = {}
+    for name, dt in sizes.items():
+        times = dt * np.cumsum(rng.uniform(0.7, 1.3, 400))
+        parts[name] = pd.DataFrame({"drive": np.sin(times)}, times)
+    X = pd.concat(parts, names=["record", "time"])
+    medians = {name: np.median(np.diff(part.index)) for name, part in parts.items()}
+    records = record_slices(resample_records(X, dt="auto"), one_interval=False)
+    found = {record.label: record.dt for record in records}
+    least = min(medians.values())
+    assert found["a"] == found["b"] == found["d"] == pytest.approx(least)
+    assert found["c"] == pytest.approx(4.0 * least)
+    assert all(found[name] <= 1.0001 * medians[name] for name in sizes)
+
+
+def test_a_grid_is_read_at_the_instants_of_the_readings():
+    rng = np.random.default_rng(0)
+    times = [np.cumsum(rng.uniform(0.5, 1.5, 50)) for _ in range(2)]
+    X = stack_records([pd.DataFrame({"drive": 2.0 * t + 1.0}, t) for t in times])
+    grid = resample_records(X, dt="auto")["drive"]
+    read = resample_like(grid, X)
+    inner = read[read < grid.max()]
+    assert len(read) == len(X)
+    assert len(inner) > 95
+    np.testing.assert_allclose(read[:49], X["drive"][:49], atol=1e-9)
+
+
+def test_integers_that_count_have_no_interval_to_find():
+    X = pd.DataFrame({"drive": np.arange(5.0)}, index=[0, 1, 3, 4, 8])
+    with pytest.raises(RecordError, match="integers, which count samples"):
+        resample_records(X, dt="auto")
