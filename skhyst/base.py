@@ -51,7 +51,7 @@ def read_data(estimator, X, y=None, *, reset, dt):
     The index is read before scikit-learn turns the frame into an array.
     """
     options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
-    sampling = {"dt": dt, "one_interval": getattr(estimator, "_one_interval", True)}
+    sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
     if y is None and not reset:
         array = validate_data(estimator, X, reset=False, **options)
         return record_slices(_indexed(X, array), **sampling), array, None
@@ -60,6 +60,14 @@ def read_data(estimator, X, y=None, *, reset, dt):
     _refuse_extreme("X", array[:, 0])
     _refuse_extreme("y", response)
     return record_slices(_indexed(X, array), y, **sampling), array, response
+
+
+def _counts_samples(estimator):
+    """Whether an estimator, or a part of it, is right for one sampling interval only."""
+    parts = estimator.get_params().values()
+    return getattr(estimator, "_one_interval", True) or any(
+        getattr(part, "_one_interval", False) for part in parts
+    )
 
 
 @cache

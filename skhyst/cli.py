@@ -10,6 +10,7 @@ import importlib.util
 import math
 import shlex
 import sys
+from collections import Counter
 from pathlib import Path
 
 import joblib
@@ -96,6 +97,8 @@ def _add_diagnose(commands):
     add("--missing-code", type=float, help="value that marks a lost reading")
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
+    grid = "interpolate unevenly sampled records onto even grids"
+    add("--resample", choices=("auto",), help=grid)
     rest = "search the first part (of the records, or of the only one), report on the rest"
     add("--train-fraction", type=float, metavar="F", help=rest)
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
@@ -125,11 +128,12 @@ def _diagnose(options):
         X, y = X.iloc[rows], y.iloc[rows]
     held_out = None
     if options.train_fraction is not None:
-        n = _training_rows(X, options.train_fraction)
+        n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)
         X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
     effects = options.effects if options.effects == "all" else options.effects.split(",")
     more = {"effects": effects, "cv": options.cv, "alpha": options.alpha}
-    search = _search(model, options, max_effects=options.max_effects, **more).fit(X, y)
+    more |= {"max_effects": options.max_effects, "resample": options.resample}
+    search = _search(model, options, **more).fit(X, y)
     _conclude(search, options, held_out)
 
 
@@ -172,6 +176,9 @@ def _conclude(search, options, held_out):
     )
     print(f"what is left: {_LEFT[search.verdict_]}")
     print(f"its noise: {search.noise_model_}")
+    if search.resampling_error_:
+        error = search.resampling_error_
+        print(f"interpolation onto even grids changes the response by about {error:.4g} (RMS)")
     if held_out is not None:
         before = search.held_out_error(*held_out, declared=True)
         after = search.held_out_error(*held_out)
@@ -311,11 +318,18 @@ def _rows(text):
     return slice(start, stop)
 
 
-def _training_rows(X, fraction):
-    """Return the number of rows of the first part: whole records, or part of the only one."""
+def _training_rows(X, fraction, uneven=False):
+    """Return the number of rows of the first part: whole records, or part of the only one.
+
+    Where they may be sampled unevenly, the record level alone tells them apart.
+    """
     if not 0.0 < fraction < 1.0:
         raise ValueError(f"The train fraction must lie between 0 and 1. Got {fraction:g} instead.")
-    sizes = [record.n_samples for record in record_slices(X)]
+    if uneven:
+        labels = X.index.get_level_values("record") if X.index.nlevels > 1 else [0] * len(X)
+        sizes = list(Counter(labels).values())
+    else:
+        sizes = [record.n_samples for record in record_slices(X, one_interval=False)]
     single = len(sizes) == 1
     n = int(fraction * len(X)) if single else sum(sizes[: math.ceil(fraction * len(sizes))])
     if not 0 < n < len(X):

@@ -227,18 +227,23 @@ def _spectral_lines(records, count):
 
     One after the other: each line found is fitted and taken away before the next is sought.
     """
-    dt, longest = records[0].dt, max(len(r.y) for r in records)
-    n = next_fast_len(_OVERSAMPLING * longest, real=True)
+    dt, longest = min(r.dt for r in records), max(len(r.y) * r.dt for r in records)
+    n = next_fast_len(round(_OVERSAMPLING * longest / dt), real=True)
     grid = np.fft.rfftfreq(n, dt)
+    # of one duration, so that the lines of all transforms are about the same
+    sizes = [round(n * dt / r.dt) for r in records]
     rest = [r.y - r.y.mean() for r in records]
     found = []
     for _ in range(count):
-        power = sum(np.abs(np.fft.rfft(y * np.hanning(len(y)), n)) ** 2 for y in rest)
+        power = np.zeros(len(grid))
+        for y, size in zip(rest, sizes, strict=True):
+            own = np.abs(np.fft.rfft(y * np.hanning(len(y)), size)) ** 2
+            power[: len(own)] += own[: len(power)]
         # the first bins are what a mean and a trend leave
-        power[grid < 2.0 / (dt * longest)] = 0.0
+        power[grid < 2.0 / longest] = 0.0
         found.append(grid[np.argmax(power)])
         line = SinusoidOperator(np.zeros(2), np.array(found[-1:]))
         for i, y in enumerate(rest):
-            basis = line.basis(dt * np.arange(len(y)))
+            basis = line.basis(records[i].dt * np.arange(len(y)))
             rest[i] = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
     return np.array(found)

@@ -91,6 +91,22 @@ def test_train_fraction_is_kept_away(recording, tmp_path):
     assert search.held_out_error(X[n:], y[n:], declared=True) in held_out.values()
 
 
+def test_uneven_readings_are_refused_or_interpolated(recording, tmp_path, capsys):
+    table = pd.read_csv(recording)
+    rows = np.sort(np.random.default_rng(0).choice(len(table), len(table) // 2, replace=False))
+    path, found = tmp_path / "uneven.csv", tmp_path / "out.json"
+    table.iloc[rows].to_csv(path, index=False)
+    assert main(arguments(path)) == 1
+    assert "resample='auto'" in capsys.readouterr().err
+    more = "--resample", "auto", "--train-fraction", "0.6", "--json", str(found)
+    assert main(arguments(path, *more)) == 0
+    result = json.loads(found.read_text())
+    assert result["effects"] == ["output_saturation"]
+    error = result["data"]["resampling_error"]
+    assert f"changes the response by about {error:.4g} (RMS)" in capsys.readouterr().out
+    assert result["held_out"]["n_samples"] == len(rows) - int(0.6 * len(rows))
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [

@@ -71,6 +71,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         The records of the fit.
     """
 
+    _one_interval = True  # lags count samples
+
     _parameter_constraints = {
         "input_lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],
         "output_lags": [Interval(Integral, 0, None, closed="left"), "array-like"],

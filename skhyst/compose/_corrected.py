@@ -77,6 +77,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     0.05
     """
 
+    _one_interval = False  # unless its estimator asks for one
+
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],
         "effects": [HasMethods(["fit", "predict"]), None],

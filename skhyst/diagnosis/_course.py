@@ -9,7 +9,8 @@ With orthonormal columns :math:`q_j` of a basis and the course :math:`r` that is
 of the spectrum :math:`S(f)` gives :math:`q_j' r` the variance :math:`\sum_k S(f_k) Q_{jk}^2`, with
 the discrete cosine transform :math:`Q_j` of the column, whose coefficients of stationary noise are
 about independent. Over the decade around the basis the spectrum is taken for a power of the
-frequency, :math:`S = c f^{-\beta}`, as those of white noise and flicker noise are.
+frequency, :math:`S = c f^{-\beta}`, as those of white noise and flicker noise are. Frequencies
+count per sample: in these units both are one and the same law at every sampling interval.
 Whittle's likelihood [1]_ of the basis and the frequencies around it is compared with the one where
 the power in the basis may be larger by a factor; twice the logarithm of the ratio follows the
 chi-squared law of one degree of freedom.

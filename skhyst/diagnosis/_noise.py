@@ -16,6 +16,7 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
+from ..records import by_interval
 from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
 from ._criterion import block_p_value, paired_p_value
 from ._noise_model import NoiseModel, noise_model
@@ -89,7 +90,7 @@ def judge_residual(records, residuals, predictions, rng, criterion):
         series = [np.sqrt(0.5) * part for own in apart for part in _without_gaps(own)]
         trial = Trial(max(1.0 - common / power, 0.0), p_value, series)
     else:
-        trial = black_box_gain(records, residuals, predictions, rng, noise, criterion)
+        trial = _by_black_boxes(records, residuals, predictions, rng, criterion)
     structured = trial.is_structure(criterion)
     if not repeated:
         floor = float(np.sqrt(power * (trial.share if structured else 1.0)))
@@ -191,7 +192,20 @@ def _common_part(pairs, residuals):
 # ------------------------------------------------------------------------------------ black box
 
 
-def black_box_gain(records, residuals, predictions, rng, noise, criterion):
+def _by_black_boxes(records, residuals, predictions, rng, criterion):
+    """Return the trial of all records: lags count samples, so each interval has its black box."""
+    known = [i for i, r in enumerate(residuals) if np.isfinite(r).any()]
+    trials, powers = [], []
+    for numbers in by_interval([records[i] for i in known]).values():
+        own = [[part[known[i]] for i in numbers] for part in (records, residuals, predictions)]
+        trials.append(black_box_gain(*own, rng, criterion))
+        powers.append(sum(np.nansum(np.square(r)) for r in own[1]))
+    p_value = min(1.0, len(trials) * min(own.p_value for own in trials))
+    share = np.average([own.share for own in trials], weights=powers)
+    return Trial(share, p_value, [part for own in trials for part in own.left])
+
+
+def black_box_gain(records, residuals, predictions, rng, criterion):
     """Predict the residual by a black box; return what that achieves.
 
     Ridge regression and boosted trees see the drive and the model's output, their change over
@@ -208,6 +222,7 @@ def black_box_gain(records, residuals, predictions, rng, noise, criterion):
     -------
     Trial
     """
+    noise = noise_model([part for r in residuals for part in _without_gaps(r)])
     x, n_driven, y, new, block = _seen(records, residuals, predictions, rng, noise)
     ends = np.flatnonzero(np.diff(block)) + 1
 

@@ -28,7 +28,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from ._constants import LAGS, STEEPEST
+from ._constants import LAGS, NOTICEABLE, STEEPEST
 
 
 @dataclass(frozen=True)
@@ -114,18 +114,15 @@ def noise_model(series, readings=()):
     step = quantisation_step(readings)
     if not power > 0.0:
         return NoiseModel("white", 0.0, quantisation=step)
-    frequency = np.concatenate([np.arange(1, len(own)) / (2.0 * len(own)) for own in series])
-    powers = np.concatenate([np.square(dct(own, norm="ortho")[1:]) for own in series]) / power
-    count = len(powers)
+    bins = _binned(series, power)
+    count = sum(map(len, series)) - len(series)
     best = "white", 0.0, 0.0
-    least = _deviance(frequency, powers, *best)
+    least = _deviance(*bins, *best)
     for law, largest in (("autoregressive", 1.0), ("power_law", STEEPEST)):
         starts = [(0.5 * largest, 0.5), (0.9 * largest, 0.5), (0.25 * largest, 0.9)]
-        start = min(starts, key=lambda x, law=law: _deviance(frequency, powers, law, *x))
+        start = min(starts, key=lambda x, law=law: _deviance(*bins, law, *x))
         bounds = [(0.0, largest * (1.0 - 1.0 / count)), (0.0, 1.0)]
-        found = minimize(
-            lambda x, law=law: _deviance(frequency, powers, law, *x) / count, start, bounds=bounds
-        )
+        found = minimize(lambda x, law=law: _deviance(*bins, law, *x) / count, start, bounds=bounds)
         if count * found.fun + 2.0 * np.log(count) < least:
             best, least = (law, *map(float, found.x)), count * found.fun + 2.0 * np.log(count)
     model = NoiseModel(best[0], size, best[1], best[2], quantisation=step)
@@ -149,7 +146,7 @@ def quantisation_step(readings):
     return float(steps.sum() / np.round(steps / step).sum()) if near.all() else 0.0
 
 
-def _spectrum(law, frequency, coefficient, share):
+def _spectrum(law, frequency, coefficient, share, counts=None):
     if law == "white":
         return np.ones_like(frequency)
     if law == "autoregressive":
@@ -157,13 +154,23 @@ def _spectrum(law, frequency, coefficient, share):
         shape = (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(2.0 * np.pi * frequency) + a * a)
     else:
         shape = frequency**-coefficient
-        shape = shape / shape.mean()
+        shape = shape / np.average(shape, weights=counts)
     return 1.0 - share + share * shape
 
 
-def _deviance(frequency, powers, law, coefficient, share):
+def _binned(series, power):
+    """Return frequencies, mean squares and numbers of coefficients within a few per cent."""
+    frequency = np.concatenate([np.arange(1, len(own)) / (2.0 * len(own)) for own in series])
+    powers = np.concatenate([np.square(dct(own, norm="ortho")[1:]) for own in series]) / power
+    _, bins = np.unique(np.log(frequency) // NOTICEABLE, return_inverse=True)
+    counts = np.bincount(bins)
+    return np.bincount(bins, frequency) / counts, np.bincount(bins, powers) / counts, counts
+
+
+def _deviance(frequency, powers, counts, law, coefficient, share):
     """Return minus twice Whittle's log likelihood, the variance at its best."""
-    spectrum = _spectrum(law, frequency, coefficient, share)
+    spectrum = _spectrum(law, frequency, coefficient, share, counts)
     if not np.all(spectrum > 0.0):
         return np.inf
-    return len(powers) * np.log(np.mean(powers / spectrum)) + np.log(spectrum).sum() + len(powers)
+    mean = np.average(powers / spectrum, weights=counts)
+    return counts.sum() * (np.log(mean) + 1.0) + counts @ np.log(spectrum)

@@ -8,7 +8,7 @@ import numpy as np
 from ..compose import amplitude
 from ..inspection import binned_statistics, branch, spectrum
 from ..linear import frequency_response
-from ..records import stack_records
+from ..records import by_interval, stack_records
 
 
 @dataclass(frozen=True)
@@ -153,13 +153,25 @@ def _measured_response(claim, numbers):
     """Return frequency (Hz) and the measured response of the missing stage, where coherent.
 
     Input is the model without the stage, output the measurement: what lies between them is what
-    the stage has to do. ``numbers`` are those of the records to take.
+    the stage has to do. ``numbers`` are those of the records to take; those of each sampling
+    interval have lines of their own.
     """
-    inputs, dt = [claim.without[i] for i in numbers], claim.records[0].dt
-    pairs = zip(inputs, [claim.measured[i] for i in numbers], strict=True)
+    records = [claim.records[i] for i in numbers]
+    found = [
+        _lines(*([part[numbers[i]] for i in own] for part in (claim.without, claim.measured)), dt)
+        for dt, own in by_interval(records).items()
+    ]
+    frequency, response = (np.concatenate(part) for part in zip(*found, strict=True))
+    order = np.argsort(frequency, kind="stable")
+    return frequency[order], response[order]
+
+
+def _lines(inputs, outputs, dt):
+    """Return frequency (Hz) and response between signals, where they are coherent."""
     sizes = [len(x) for x in inputs]
     length = min(1024, *sizes, max(sum(sizes) // 4, 2))  # several segments, also of one record
     options = {"method": "h1", "segment_length": length, "detrend": "linear"}
+    pairs = zip(inputs, outputs, strict=True)
     found = frequency_response(*stack_records(pairs, dt=dt), **options)
     frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
     # 60 dB below the strongest, what comes in is what leaks through the window
@@ -169,15 +181,23 @@ def _measured_response(claim, numbers):
 
 
 def _own_response(operator, claim, highest):
-    """Return frequency (Hz) and the response of a linear operator to a pulse."""
-    dt, n_samples = claim.records[0].dt, max(len(r.u) for r in claim.records)
-    pulse = np.zeros(n_samples)
-    start = operator.init(0.0, "zero")
-    rest = operator.run(pulse, dt, start)[0]
-    pulse[1] = 1.0
-    transfer = np.fft.rfft(operator.run(pulse, dt, start)[0] - rest) / np.fft.rfft(pulse)
-    frequency = np.fft.rfftfreq(n_samples, dt)
-    kept = (frequency > 0.0) & (frequency <= max(2.0 * highest, 5.0 * frequency[1]))
+    """Return frequency (Hz) and the response of a linear operator to a pulse.
+
+    Records that are sampled more slowly add the frequencies below those of the others.
+    """
+    frequency, transfer = np.empty(0), np.empty(0)
+    for dt, numbers in by_interval(claim.records).items():
+        n_samples = max(len(claim.records[i].u) for i in numbers)
+        pulse = np.zeros(n_samples)
+        start = operator.init(0.0, "zero")
+        rest = operator.run(pulse, dt, start)[0]
+        pulse[1] = 1.0
+        own = np.fft.rfft(operator.run(pulse, dt, start)[0] - rest) / np.fft.rfft(pulse)
+        at = np.fft.rfftfreq(n_samples, dt)
+        below = (at > 0.0) & (at < frequency.min(initial=np.inf))
+        frequency = np.concatenate([at[below], frequency])
+        transfer = np.concatenate([own[below], transfer])
+    kept = frequency <= max(2.0 * highest, 5.0 * frequency[0])
     return frequency[kept], transfer[kept]
 
 
@@ -224,14 +244,17 @@ def _beside(claim):
 
 def _spectra(title, claim):
     """Draw the spectrum of what is left, with and without a disturbance."""
-    spans = _spans(claim.measured)
-    left, identified = map(np.concatenate, _beside(claim))
-    curves = tuple(
-        (label, *spectrum(values, spans, claim.records[0].dt), "line")
-        for label, values in (("without it", left), ("with it", left - identified))
-    )
+    left, identified = _beside(claim)
+    with_it = [x - y for x, y in zip(left, identified, strict=True)]
+    groups, curves = by_interval(claim.records), []
+    for dt, numbers in groups.items():
+        every = f", every {dt:.3g} s" if len(groups) > 1 else ""
+        for label, signals in (("without it", left), ("with it", with_it)):
+            own = [signals[i] for i in numbers]
+            found = spectrum(np.concatenate(own), _spans(own), dt)
+            curves.append((f"{label}{every}", *found, "line"))
     y_label = "residual (response / sqrt Hz)"
-    return Picture(title, "frequency (Hz)", y_label, curves, x_log=True, y_log=True)
+    return Picture(title, "frequency (Hz)", y_label, tuple(curves), x_log=True, y_log=True)
 
 
 def _time(title, claim):

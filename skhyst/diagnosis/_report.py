@@ -46,7 +46,7 @@ class Report:
         The command that made the report.
     spectra : dict of str to list of float
         ``frequency`` (Hz) and the amplitude spectral density of the residual, ``before`` and
-        ``after``.
+        ``after``, of the records of each sampling ``interval`` (s), one after the other.
     location, declared_location : list of dict
         Where what is left, and what the declared model leaves, stands out: the record, time, drive,
         rate and frequency at which its mean power is above that of the whole by a half.

@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from ..inspection import spectrum
+from ..records import by_interval
 from ._effects import EFFECTS
 from ._location import locate
 from ._report_text import listed, number
@@ -139,6 +140,7 @@ def _data(search):
             "label": str(record.label),
             "n_samples": record.n_samples,
             "start_time": record.start_time,
+            "interval": record.dt,
             "duration": record.dt * record.n_samples,
         }
         for name, signal in signals.items():
@@ -151,7 +153,8 @@ def _data(search):
         "n_samples": len(search.response_),
         "n_scored": int(np.count_nonzero(np.isfinite(search.residual_before_))),
         "n_inputs": search.n_features_in_,
-        "interval": search.records_[0].dt,
+        "resampling_error": search.resampling_error_,
+        "interval": min(record.dt for record in search.records_),
         "records": records,
         "extrapolated": float(search.extrapolated_),
         "faults": faults.to_dict("records"),
@@ -177,14 +180,17 @@ def _location(table, slices):
 
 
 def _spectra(search):
-    """Return the amplitude spectral density of the residual before and after."""
-    spans = [record.rows for record in search.records_]
+    """Return the amplitude spectral density of the residual before and after, by the interval."""
     unscored = np.isnan(search.residual_before_ + search.residual_after_)
-    found = {}
-    for name in ("before", "after"):
-        residual = np.where(unscored, np.nan, getattr(search, f"residual_{name}_"))
-        frequency, density = spectrum(residual, spans, search.records_[0].dt, per_decade=40)
-        found |= {"frequency": frequency.tolist(), name: density.tolist()}
+    found = {"interval": [], "frequency": [], "before": [], "after": []}
+    for dt, numbers in by_interval(search.records_).items():
+        spans = [search.records_[i].rows for i in numbers]
+        for name in ("before", "after"):
+            residual = np.where(unscored, np.nan, getattr(search, f"residual_{name}_"))
+            frequency, density = spectrum(residual, spans, dt, per_decade=40)
+            found[name] += density.tolist()
+        found["frequency"] += frequency.tolist()
+        found["interval"] += [dt] * len(frequency)
     return found
 
 

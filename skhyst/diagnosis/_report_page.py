@@ -288,11 +288,18 @@ def _parameters(report, figures):
 def _data(report, figures):
     data = report.data
     yield _heading("Data")
+    every = listed(f"{number(dt)} s" for dt in sorted({r["interval"] for r in data["records"]}))
     yield _text(
-        f"{data['n_samples']} samples in {data['n_records']} records, one every "
-        f"{number(data['interval'])} s; {data['n_scored']} were scored while held out. "
+        f"{data['n_samples']} samples in {data['n_records']} records, one every {every}; "
+        f"{data['n_scored']} were scored while held out. "
         f"Drive: {report.drive_name}. Response: {report.response_name}."
     )
+    if data["resampling_error"]:
+        yield _text(
+            "The readings were not evenly spaced: these samples are interpolated between them, "
+            f"which changes the response by about {_error(report, data['resampling_error'])}. What "
+            "is smaller than that may be owed to it."
+        )
     ends = ("duration", "drive_min", "drive_max", "response_min", "response_max")
     rows = [
         [row["label"], row["n_samples"], *(number(row[name]) for name in ends)]

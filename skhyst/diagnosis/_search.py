@@ -17,6 +17,7 @@ from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
+from ..records import resample_like, resample_records, resampling_error
 from ._black_box import declare, drive_of
 from ._candidates import Candidate, extrapolated, foretold, held_out, root_mean_square
 from ._claim import Claim
@@ -137,6 +138,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice
     drive_, response_ : ndarray of shape (n_samples,)
+        What was searched: on the even grids where the data were resampled, as are all samples here.
+    resampling_error_ : float
+        Root mean square of what interpolation has changed in the response, its units, as estimated
+        by :func:`skhyst.records.resampling_error`; 0 where nothing was resampled. An effect that
+        removes less than that may be one of the grid.
     seconds_ : dict of str to float
 
     See Also
@@ -156,6 +162,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     ['output_saturation']
     """
 
+    _one_interval = False  # unless the declared model asks for one
+
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],
         "effects": ["array-like", str],
@@ -170,6 +178,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         "min_improvement": [Interval(Real, 0, 1, closed="left")],
         "loss": [StrOptions({"huber", "squared"})],
         "washout": [Interval(Integral, 0, None, closed="left"), None],
+        "resample": [StrOptions({"auto"}), None],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
         "random_state": ["random_state"],
@@ -186,6 +195,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         min_improvement=0.05,
         loss="squared",
         washout=None,
+        resample=None,
         n_jobs=None,
         verbose=0,
         random_state=None,
@@ -198,6 +208,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.min_improvement = min_improvement
         self.loss = loss
         self.washout = washout
+        self.resample = resample
         self.n_jobs = n_jobs
         self.verbose = verbose
         self.random_state = random_state
@@ -224,6 +235,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         effects = self._chosen_effects()
         declared = clone(self.estimator)
+        even, response = self._even(X, y)
+        self.resampling_error_ = 0.0 if even is X else resampling_error(X, y)
+        X, y = even, response
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         declared = declare(declared, X, drive, response, slices, len(folds), self.random_state)
@@ -236,6 +250,13 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         with threadpool_limits(limits=1):
             self._search(declared, slices, effects, segments, folds)
         return self
+
+    def _even(self, X, y=None):
+        """Return the data on even grids, where that is asked for and they are not."""
+        if self.resample is None or not hasattr(X, "iloc"):
+            return X, y
+        found = resample_records(X, y, dt="auto")
+        return (found, None) if y is None else found
 
     def _chosen_effects(self):
         names = np.ravel(self.effects).tolist()
@@ -373,9 +394,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             print(f"[EffectSearchCV] {text}", file=sys.stderr, flush=True)
 
     def predict(self, X):
-        """Return the free run of the augmented model, shape (n_samples,)."""
+        """Return the free run of the augmented model, shape (n_samples,).
+
+        Of a drive that is sampled unevenly, with ``resample="auto"``: that on even grids,
+        interpolated at the instants of ``X``.
+        """
         check_is_fitted(self)
-        return self.best_estimator_.predict(X)
+        even, _ = self._even(X)
+        found = self.best_estimator_.predict(even)
+        return found if even is X else resample_like(pd.Series(found, even.index), X)
 
     def held_out_error(self, X, y, *, declared=False):
         """Return the root mean square error on records that the search has not seen.
@@ -399,6 +426,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         dt = getattr(self.estimator, "dt", 1.0)
+        X, y = self._even(X, y)
         slices, columns, response = read_data(self, X, y, reset=False, dt=dt)
         driver = self.declared_estimator_ if declared else self._driver
         inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []

@@ -142,7 +142,7 @@ class SignalDisplay(Display):
             drive=drive,
             response=response,
             predictions=predictions,
-            records=record_slices(X, y, dt=dt),
+            records=record_slices(X, y, dt=dt, one_interval=False),
             drive_name="drive" if columns is None else str(columns[0]),
             response_name=str(getattr(y, "name", None) or "response"),
         )

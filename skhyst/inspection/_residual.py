@@ -3,6 +3,7 @@
 import numpy as np
 
 from .._documentation import documented_like
+from ..records import by_interval
 from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 from ._signals import binned_statistics, branch, envelope, spectrum
@@ -125,16 +126,18 @@ class ResidualDisplay(SignalDisplay):
         ax.legend(handles, labels, loc="best", fontsize="small", framealpha=0.7)
 
     def _plot_spectrum(self, ax):
-        dt = self.records[0].dt
-        low = high = None
-        for name, values, color in self._colored():
-            frequency, density = spectrum(values, self.spans, dt, per_decade=40)
-            ax.loglog(frequency, density, color=color, linewidth=1.0, label=plain(name))
-            if frequency.size:
-                low, high = frequency[0], frequency[-1]
-        if self.noise_floor is not None and low is not None:
-            level = self.noise_floor * np.sqrt(2.0 * dt)
-            style = {"color": FLOOR, "linewidth": 1.4, "label": "noise floor"}
-            ax.plot([low, high], [level, level], ":", **style)
+        groups = by_interval(self.records)
+        floor = {"color": FLOOR, "linewidth": 1.4, "label": "noise floor"}
+        for dt, numbers in groups.items():
+            spans = [self.spans[i] for i in numbers]
+            every = f", every {dt:.3g} s" if len(groups) > 1 else ""
+            for name, values, color in self._colored():
+                frequency, density = spectrum(values, spans, dt, per_decade=40)
+                label = f"{plain(name)}{every}"
+                ax.loglog(frequency, density, color=color, linewidth=1.0, label=label)
+            if self.noise_floor is not None and frequency.size:
+                level = self.noise_floor * np.sqrt(2.0 * dt)
+                ax.plot([frequency[0], frequency[-1]], [level, level], ":", **floor)
+                floor["label"] = None
         tidy(ax, title="Spectrum", x_label="frequency (Hz)", y_label="residual per √Hz")
         ax.legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)

@@ -103,7 +103,7 @@ class _WashoutScorer:
         """Return the score of the predicted rows that count."""
         y_pred = np.asarray(estimator.predict(X))
         check_consistent_length(X, y, y_pred)
-        records = record_slices(X, y)
+        records = record_slices(X, y, one_interval=False)
         counts = np.zeros(len(y_pred), dtype=bool)
         for record in records:
             counts[record.rows.start + self.washout : record.rows.stop] = True

@@ -61,7 +61,7 @@ class _RecordSplitter(BaseCrossValidator):
             )
         check_integer("n_splits", self.n_splits, 2, type(self).__name__)
         X, y = indexable(X, y)
-        records = record_slices(X, y)
+        records = record_slices(X, y, one_interval=False)
         labelled = isinstance(getattr(X, "index", None), pd.MultiIndex)
         return self._row_numbers(records, labelled, self._folds(records, labelled, X, y))
 
@@ -76,8 +76,9 @@ class _RecordSplitter(BaseCrossValidator):
         for masks in folds:
             train, test = map(np.flatnonzero, masks)
             if several:
-                _refuse_joined(train, labels, time, 1.5 * records[0].dt)
-                _refuse_joined(test, labels, time, 1.5 * records[0].dt)
+                longest = 1.5 * max(record.dt for record in records)
+                _refuse_joined(train, labels, time, longest)
+                _refuse_joined(test, labels, time, longest)
             yield train, test
 
 

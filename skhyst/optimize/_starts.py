@@ -24,8 +24,8 @@ def pole_starts(records, n_poles):
     Parameters
     ----------
     records : sequence of (u, y, dt)
-        Input and response, (n_samples,) each; interval in s. Of several intervals only the records
-        at the shortest are used.
+        Input and response, (n_samples,) each; interval in s. Records at each interval give sets of
+        their own: slow poles show at long ones.
     n_poles : int
 
     Returns
@@ -33,10 +33,18 @@ def pole_starts(records, n_poles):
     list of ndarray of shape (n_poles,)
         Stable poles, complex.
     """
-    found, shortest = [], min(dt for _, _, dt in records)
-    records = [record for record in records if record[2] == shortest]
+    found = []
+    for interval in sorted({dt for _, _, dt in records}):
+        signals = [(u, y) for u, y, dt in records if dt == interval]
+        found += _poles_at(interval, signals, n_poles)
+    return found
+
+
+def _poles_at(interval, signals, n_poles):
+    """Return the pole sets of records of one interval."""
+    found = []
     for q in _DECIMATIONS:
-        parts = [(u[::q], y[::q]) for u, y, _ in records]
+        parts = [(u[::q], y[::q]) for u, y in signals]
         if sum(len(u) for u, _ in parts) < _MIN_SAMPLES * (2 * n_poles + 2):
             break
         denominator = np.r_[1.0, np.zeros(n_poles)]
@@ -67,7 +75,7 @@ def pole_starts(records, n_poles):
             roots[outside] = 1.0 / np.conj(roots[outside])
             roots = np.where(np.abs(roots) > 0.9999, roots * 0.9999, roots)
             denominator = np.real(np.poly(roots))
-            dt = shortest * q
+            dt = interval * q
             # a pole near zero or on the negative axis is faster than the sampling resolves
             fast = (np.abs(roots) < 1e-3) | ((np.abs(roots.imag) < 1e-12) & (roots.real <= 0.0))
             poles = np.where(fast, -_FASTEST / dt, np.log(np.where(fast, 0.5, roots)) / dt)

@@ -30,6 +30,8 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         Number of columns of ``X``.
     """
 
+    _one_interval = True  # what is between two rows may depend on it
+
     _parameter_constraints = {"columns": [Integral, str, "array-like"]}
 
     def __init_subclass__(cls, **options):
@@ -71,7 +73,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             raise ValueError(
                 f"The 'columns' parameter of {type(self).__name__} must name at least one column."
             )
-        self._fit_records(array, record_slices(_indexed(X, array), y, dt=self._interval()))
+        self._fit_records(array, self._records(X, array, y))
         return self
 
     def transform(self, X):
@@ -91,7 +93,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         array = validate_data(self, X, dtype=np.float64, reset=False)
         names = self.get_feature_names_out()
         features = np.empty((len(array), len(names)))
-        for record in record_slices(_indexed(X, array), dt=self._interval()):
+        for record in self._records(X, array):
             self._transform_record(array[record.rows], record.dt, features[record.rows])
         if hasattr(X, "iloc"):
             return type(X)(features, index=X.index, columns=names, copy=False)
@@ -113,8 +115,9 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         names = check_feature_names_in(self, input_features)
         return np.asarray(self._names(names), dtype=object)
 
-    def _interval(self):
-        return getattr(self, "dt", 1.0)
+    def _records(self, X, array, y=None):
+        options = {"dt": getattr(self, "dt", 1.0), "one_interval": self._one_interval}
+        return record_slices(X if hasattr(X, "iloc") else array, y, **options)
 
 
 def find_column(estimator, column, parameter):
@@ -131,7 +134,3 @@ def find_column(estimator, column, parameter):
         f"The '{parameter}' parameter of {type(estimator).__name__} must be positions or names of "
         f"columns of X, which has {estimator.n_features_in_} features. Got {column!r} instead."
     )
-
-
-def _indexed(X, array):
-    return X if hasattr(X, "iloc") else array

@@ -33,6 +33,8 @@ class _OperatorBasis(RecordTransformer):
         "include_drive": ["boolean"],
     }
 
+    _one_interval = False  # plays know no time
+
     def _fit_records(self, X, records):
         if self.thresholds is None:
             number = self.n_operators + self._first
