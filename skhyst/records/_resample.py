@@ -162,7 +162,7 @@ def resampling_error(X, y, *, dt="auto", max_gap=None):
     >>> times = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 2000)) * 0.01
     >>> y = np.sin(20.0 * times)
     >>> print(f"{resampling_error(pd.DataFrame({'drive': y}, times), y):.4f}")
-    0.0029
+    0.0035
     """
     frame, series = as_frame(X), as_series(y)
     refuse_lengths(frame, series, "resampling_error")
