@@ -78,6 +78,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Samples at the start of each block, or of each record, that are simulated but not scored.
         None: 5 % of a block of a single record, whose past is unknown; nothing where there are
         several records, each from its own start.
+    resample : {"auto"} or None, default=None
+        What becomes of records that are sampled unevenly. None: they are refused. "auto": drive,
+        further columns and response are interpolated onto even grids, at intervals that
+        :func:`skhyst.records.resample_records` derives. Everything then refers to the samples of
+        these grids, row numbers in ``cv``, ``washout`` and faults of the measurement among them;
+        only :meth:`predict` returns to the instants that it is given.
     n_jobs : int or None, default=None
         Processes. None is 1, or what joblib's context says; -1 is all processors. A round's steps
         are many and short, so that threads would wait for each other's interpreter lock; the
