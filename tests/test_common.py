@@ -154,6 +154,9 @@ MODELS |= {
     "RateDependentPrandtlIshlinskii, slope": lambda: RateDependentPrandtlIshlinskii(
         4, variant="slope", dt=DT
     ),
+    "RateDependentPrandtlIshlinskii, proportional": lambda: RateDependentPrandtlIshlinskii(
+        4, variant="proportional", smoothing="speed", dt=DT
+    ),
     "Preisach": lambda: Preisach(6, dt=DT),
     "KrasnoselskiiPokrovskii": lambda: KrasnoselskiiPokrovskii(6, dt=DT),
     "CoulombFriction": lambda: CoulombFriction(True, asymmetry=True, dt=DT),
@@ -191,6 +194,7 @@ PLAYS = {
     "ModifiedPrandtlIshlinskii",
     "RateDependentPrandtlIshlinskii",
     "RateDependentPrandtlIshlinskii, slope",
+    "RateDependentPrandtlIshlinskii, proportional",
     "Preisach",
     "KrasnoselskiiPokrovskii",
     "MaxwellSlip",

@@ -240,9 +240,10 @@ class BesideForce:
 
 @dataclass(frozen=True)
 class RateDependence:
-    """Plays whose thresholds, or weights, follow the rate of the drive."""
+    """Plays whose thresholds, or weights, follow the rate of the drive, at once or smoothed."""
 
     variant: str
+    smoothing: str = "none"
 
     def trees(self, name, scene):
         for at, (place, _, operator) in enumerate(scene.tree.stages):
@@ -254,6 +255,7 @@ class RateDependence:
                 continue
             model = RateDependentPrandtlIshlinskii(
                 variant=self.variant,
+                smoothing=self.smoothing,
                 thresholds=np.array(operator.thresholds),
                 non_negative=operator.non_negative,
             )

@@ -160,7 +160,11 @@ _BUILT_IN = (
     ),
     Effect(
         "rate_dependence",
-        lambda: [RateDependence("threshold"), RateDependence("slope")],
+        lambda: [
+            RateDependence(variant, smoothing)
+            for smoothing in ("none", "speed", "velocity")
+            for variant in ("threshold", "proportional", "slope")
+        ],
         "The hysteresis itself changes with the rate of the drive.",
         "Repeat one loop at several rates: its width grows without the phase of linear dynamics.",
         picture="rate",

@@ -139,7 +139,7 @@ def _rates(claim, signals):
 
 def _rate(title, claim):
     """Draw what rate-dependent plays add to slow ones against the rate of the drive."""
-    slow = replace(claim.operator, dilation=0.0, rate_weights=())
+    slow = replace(claim.operator, dilation=0.0, stretch=0.0, rate_weights=())
     slow = claim.structure.with_stage(claim.at, operator=slow)
     lacking = claim.lacking(slow.respond(claim.records))
     curves = _means(_rates(claim, claim.seen.inputs), *lacking)

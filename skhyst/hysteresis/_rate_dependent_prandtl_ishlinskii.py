@@ -1,121 +1,41 @@
 r"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the drive.
 
-    y = c + sum_k (w_k + s_k |u'|) F_k[u],    F_k a play of the threshold r_k + beta |u'|
+    y = c + sum_k (w_k + s_k v) F_k[u],    F_k a play of the threshold r_k (1 + kappa v) + beta v
 
 with growing thresholds (Al Janaideh and Krejci 2013) or rate weights s_k (Ang, Khosla and Riviere
-2007). The rate at a sample is that of the straight line that leads to it. Threshold and drive are
-straight lines between samples, so the ends of the slack are too, and a play, which lies between
-them at the start, is moved by one of them at most: clipping it to their last values is exact. A
-threshold of zero is the plain gain and does not grow.
+2007). The rate v is |u'|, or what a first-order low-pass makes of |u'| or of u', whose size is then
+taken. At a sample u' is that of the straight line that leads to it, and the low-pass is exact for
+that. Threshold and drive are straight lines between samples, so the ends of the slack are too, and
+a play, which lies between them at the start, is moved by one of them at most: clipping it to their
+last values is exact. A threshold of zero is the plain gain and does not grow. All others stay above
+zero and in their order, whatever the rate, since neither kappa nor beta is negative.
 """
 
-import dataclasses
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
 
-from .._jit import jit
 from .._sklearn import StrOptions
-from ..operators import as_signal, clip_play, parameter
-from ._common import fastest_change, show, swing
+from ..operators import as_signal, parameter
+from ._common import show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
+from ._rate_dependent_prandtl_ishlinskii_loops import (
+    rate_play_inverse,
+    rate_play_run,
+    rate_play_tangents,
+)
 
 _PASSES = 40  # of the inverse with one window, at most
 _GAIN = 0.99  # part of the error that a pass must leave at most, for another one
 _RESERVE = 0.9  # of the rate at which the response is no longer monotone
 _GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range
+_STRETCHES = np.geomspace(0.03, 3.0, 5)  # the same over the threshold itself
+_MEMORIES = 4  # time constants to start from, from two samples to a tenth of the longest record
 
 
-@jit
-def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, out):
-    """Write ``sum_k (w_k + s_k rate) F_k[u]`` to ``out`` (n,); ``plays`` (K,) is updated.
-
-    ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
-    """
-    n_plays = thresholds.size
-    for i in range(u.size):
-        value = u[i]
-        rate = rates[i]
-        for k in range(n_plays):
-            slack = thresholds[k] + growth[k] * rate
-            plays[k] = clip_play(plays[k], value - slack, value + slack)
-        total = 0.0
-        for k in range(n_plays):
-            total += (weights[k] + rate * rate_weights[k]) * plays[k]
-        out[i] = total
-
-
-@jit
-def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, out):
-    """Write to ``out`` (n,) the drive whose :func:`rate_play_run` is ``y`` at the given rates.
-
-    The first threshold is zero and does not grow; the sums of the first weights are positive at
-    all rates; growth is the same for all other plays. The response is then a rising function of
-    the drive, straight between the values at which one play after the other starts to move: these
-    are passed in order, upwards or downwards. ``plays`` (K,) is updated.
-    """
-    n_plays = thresholds.size
-    for i in range(y.size):
-        rate = rates[i]
-        rest = y[i]
-        for k in range(1, n_plays):
-            rest -= (weights[k] + rate * rate_weights[k]) * plays[k]
-        slope = weights[0] + rate * rate_weights[0]
-        value = rest / slope
-        sign = 0.0
-        for k in range(1, n_plays):
-            slack = thresholds[k] + growth[k] * rate
-            if sign >= 0.0 and value > plays[k] + slack:
-                sign = 1.0
-            elif sign <= 0.0 and value < plays[k] - slack:
-                sign = -1.0
-            else:
-                break
-            weight = weights[k] + rate * rate_weights[k]
-            slope += weight
-            rest += weight * (plays[k] + sign * slack)
-            value = rest / slope
-        for k in range(n_plays):
-            slack = thresholds[k] + growth[k] * rate
-            plays[k] = clip_play(plays[k], value - slack, value + slack)
-        out[i] = value
-
-
-@jit
-def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
-    """Write to ``out`` (n, m + K) the tangents carried through by the plays, and the plays.
-
-    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates, which act
-    by the thresholds here, not by the weights. ``plays`` (K,) is updated. A play that moves takes
-    over the tangent of the end of its slack; one that sticks keeps the one it took last.
-    """
-    m = du.shape[1]
-    tangents = np.zeros((thresholds.size, m))
-    for i in range(u.size):
-        value = u[i]
-        rate = rates[i]
-        row = out[i]
-        row[:m] = 0.0
-        for k in range(thresholds.size):
-            slack = thresholds[k] + growth[k] * rate
-            play = plays[k]
-            sign = 0.0
-            if value - slack >= play:
-                play = value - slack
-                sign = -1.0
-            elif value + slack <= play:
-                play = value + slack
-                sign = 1.0
-            plays[k] = play
-            row[m + k] = play
-            weight = weights[k] + rate * rate_weights[k]
-            for j in range(m):
-                if sign != 0.0:
-                    tangents[k, j] = du[i, j] + sign * growth[k] * drates[i, j]
-                row[j] += weight * tangents[k, j]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     """Weighted sum of plays, as in :class:`RateDependentPrandtlIshlinskii`.
 
@@ -128,19 +48,28 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     intercept : float, default=0.0
         In units of the response.
     dilation : float, default=0.0
-        Growth of the thresholds with the rate, in s; zero: none, and not identified.
+        Growth of all thresholds above zero with the rate, in s; zero: none, and not identified.
+    stretch : float, default=0.0
+        Instead, relative growth of the thresholds with the rate, in s/drive; zero likewise.
+    time_constant : float, default=0.0
+        Of the low-pass that the rate goes through, in s; above zero where there is one.
+    smoothing : {"none", "speed", "velocity"}, default="none"
+        What goes through it: nothing, the size of the drive's rate, or the rate with its sign, of
+        which the size is taken behind.
     non_negative : bool, default=True
         Whether the weights at rest are bounded below by zero when they are identified.
 
     Raises
     ------
     ValueError
-        If the thresholds are negative or do not ascend, or there is not one weight for each.
+        If the thresholds are negative or do not ascend, or there is not one weight for each; if
+        dilation, stretch or time constant are negative, the former two are both there, or the
+        latter is not what the smoothing needs.
 
     Notes
     -----
-    The state is a tuple of the plays (n_plays,) and the last drive. ``"rest"`` is a first loading
-    from zero, infinitely slow.
+    The state is a tuple of the plays (n_plays,), the last drive, and the last of the low-pass.
+    ``"rest"`` is a first loading from zero, infinitely slow.
 
     Examples
     --------
@@ -157,6 +86,9 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     rate_weights: np.ndarray = parameter(default=(), linear=True, unit="response s/drive^2")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     dilation: float = parameter(default=0.0, log=True, lower=0.0, unit="s")
+    stretch: float = parameter(default=0.0, log=True, lower=0.0, unit="s/drive")
+    time_constant: float = parameter(default=0.0, log=True, lower=0.0, unit="s")
+    smoothing: str = "none"
     non_negative: bool = True
 
     def __post_init__(self):
@@ -165,65 +97,126 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         matching = self.rate_weights.shape in {(0,), (size,)}
         wanted = f"have one value for each of the {size} thresholds, or none"
         self._require("rate_weights", matching, wanted)
-
-    def parameter_specs(self):
-        """Return the identifiable fields; without ``dilation`` where it is zero."""
-        specs = super().parameter_specs()
-        if self.dilation == 0.0:
-            del specs["dilation"]
-        return specs
+        self._require("dilation", self.dilation >= 0.0, "not be negative")
+        wanted = "not be negative, and 0 where there is a dilation"
+        fitting = self.stretch >= 0.0 and 0.0 in (self.stretch, self.dilation)
+        self._require("stretch", fitting, wanted)
+        known = self.smoothing in ("none", "speed", "velocity")
+        self._require("smoothing", known, "be 'none', 'speed' or 'velocity'")
+        fitting = self.time_constant > 0.0 if self._smooths else self.time_constant == 0.0
+        wanted = "be above 0 with a smoothing, and 0 without"
+        self._require("time_constant", fitting, wanted)
 
     @property
-    def _grows(self):
-        return (self.thresholds > 0.0).astype(float)
+    def _smooths(self):
+        return self.smoothing != "none"
+
+    def parameter_specs(self):
+        """Return the identifiable fields, of those of the rate only what is not zero."""
+        specs = super().parameter_specs()
+        for name in ("dilation", "stretch", "time_constant"):
+            if getattr(self, name) == 0.0:
+                del specs[name]
+        return specs
 
     def _arguments(self):
+        """Return thresholds, their growth, weights and those of the rate, (n_plays,) each."""
         rate_weights = self.rate_weights if self.rate_weights.size else np.zeros_like(self.weights)
-        return self.thresholds, self.dilation * self._grows, self.weights, rate_weights
+        growth = self.dilation * (self.thresholds > 0.0) + self.stretch * self.thresholds
+        return self.thresholds, growth, self.weights, rate_weights
+
+    def paces(self, velocities, dt, before=0.0):
+        """Return what thresholds and weights follow, (n_samples,), and the last of the low-pass.
+
+        Parameters
+        ----------
+        velocities : array-like of shape (n_samples,)
+            Rates of the drive on the way to each sample, in units of the drive over s.
+        dt : float
+            Sampling interval in s.
+        before : float, default=0.0
+            The last of the low-pass before the first sample.
+        """
+        smooth = self._low_pass(self._passed(velocities), dt, before)
+        return np.abs(smooth), float(smooth[-1]) if smooth.size else before
+
+    def _passed(self, velocities):
+        """Return what goes through the low-pass."""
+        return velocities if self.smoothing == "velocity" else np.abs(velocities)
+
+    def _low_pass(self, signals, dt, before=0.0):
+        """Return signals (n_samples, ...) behind the low-pass, each constant over an interval."""
+        if not (self._smooths and signals.size):
+            return signals
+        fade = np.exp(-dt / self.time_constant)
+        first = np.full((1, *signals.shape[1:]), fade * before)
+        gain = -np.expm1(-dt / self.time_constant)
+        return lfilter([gain], [1.0, -fade], signals, axis=0, zi=first)[0]
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``: plays (n_plays,) and last drive."""
+        """Return the state before the first sample ``u0``: plays, last drive, and its low-pass."""
         last = float(u0) if initial_state == "rest" else 0.0
-        return np.clip(0.0, last - self.thresholds, last + self.thresholds), last
+        return np.clip(0.0, last - self.thresholds, last + self.thresholds), last, 0.0
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
         y = np.empty(u.size)
-        plays, last = self.init(u[0] if u.size else 0.0) if state is None else state
+        plays, last, smooth = self.init(u[0] if u.size else 0.0) if state is None else state
         plays = plays.copy()
-        rates = np.abs(np.diff(u, prepend=last)) / dt
+        rates, smooth = self.paces(np.diff(u, prepend=last) / dt, dt, smooth)
         rate_play_run(u, rates, *self._arguments(), plays, y)
         y += self.intercept
-        return y, (plays, float(u[-1]) if u.size else last)
+        return y, (plays, float(u[-1]) if u.size else last, smooth)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         state = self.init(u[0] if u.size else 0.0, initial_state)
         y, _ = self.run(u, dt, state)
         # the first sample is the first loading, so that its tangents are those of a sample
-        steps = np.diff(u, prepend=state[1])
         before = du[:1] if initial_state == "rest" else np.zeros((1, du.shape[1]))
-        drates = np.diff(du, axis=0, prepend=before[: len(du)]) * (np.sign(steps) / dt)[:, None]
-        rates, m = np.abs(steps) / dt, du.shape[1]
-        if self.dilation:  # a threshold grows by ``growth * rate``, so this is one tangent more
-            drive = np.column_stack((du, np.zeros(u.size)))
-            speed = np.column_stack((drates, rates / self.dilation))
-        else:
-            drive, speed = du, drates
-        arguments = self._arguments()
+        velocities = np.diff(u, prepend=state[1]) / dt
+        rates, drates = self._rate_tangents(
+            velocities, np.diff(du, axis=0, prepend=before[: len(du)]) / dt, dt
+        )
+        m, arguments = du.shape[1], self._arguments()
+        # growth and low-pass act by the rate alone, as tangents of a drive that stands still do; a
+        # threshold grows by ``growth * rate``, so growth itself is one tangent more
+        own = np.zeros((u.size, drates.shape[1] - m))
+        speeds = drates
+        growth = self.dilation or self.stretch
+        if growth:
+            own = np.column_stack((np.zeros(u.size), own))
+            speeds = np.insert(drates, m, rates / growth, axis=1)
+            drates = np.insert(drates, m, 0.0, axis=1)
+        drive = np.hstack((du, own))
         out = np.empty((u.size, drive.shape[1] + self.thresholds.size))
         start = np.zeros(self.thresholds.size)
-        rate_play_tangents(u, as_signal(drive), rates, as_signal(speed), *arguments, start, out)
+        rate_play_tangents(u, as_signal(drive), rates, as_signal(speeds), *arguments, start, out)
         plays = out[:, drive.shape[1] :]
-        carried = out[:, :m] + (plays @ arguments[-1])[:, None] * drates
+        carried = out[:, : drive.shape[1]] + (plays @ arguments[-1])[:, None] * drates
         scaled = rates[:, None] * plays[:, : self.rate_weights.size]
         ones = np.ones((u.size, 1))
-        return y, np.hstack((carried, plays, scaled, ones, out[:, m : drive.shape[1]]))
+        return y, np.hstack((carried[:, :m], plays, scaled, ones, carried[:, m:]))
+
+    def _rate_tangents(self, velocities, tangents, dt):
+        """Return the rates (n,), and their tangents (n, m), behind which that of the low-pass."""
+        if self.smoothing != "velocity":
+            tangents = tangents * np.sign(velocities)[:, None]
+        passed = self._passed(velocities)
+        smooth = self._low_pass(passed, dt)
+        tangents = self._low_pass(tangents, dt)
+        if self._smooths:
+            # of x_i = f x_{i-1} + (1 - f) p_i with f = exp(-dt / tau)
+            fade = np.exp(-dt / self.time_constant)
+            change = fade * dt / self.time_constant**2
+            source = change * (np.append(0.0, smooth[:-1])[: smooth.size] - passed)
+            tangents = np.column_stack((tangents, lfilter([1.0], [1.0, -fade], source)))
+        return np.abs(smooth), tangents * np.sign(smooth)[:, None]
 
     def characteristics(self, seen):
         """Return how much the loop grows at the rate that a tenth of the samples exceed."""
         fast = np.quantile(seen.rates, 0.9)
-        change = self.dilation or np.sum(self.rate_weights) / np.sum(self.weights)
+        change = self.dilation or self.stretch or np.sum(self.rate_weights) / np.sum(self.weights)
         growth = 100.0 * change * fast / (0.5 * np.ptp(seen.ends) if self.dilation else 1.0)
         return {"growth at fast motion": (growth, "%"), "fast motion": (fast, "drive/s")}
 
@@ -233,7 +226,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         Parameters
         ----------
         y, rates : array-like of shape (n_samples,)
-            Response, and sizes of the drive's rates, units of the drive over s.
+            Response, and what :meth:`paces` returns for the drive, in units of the drive over s.
         plays : ndarray of shape (n_plays,), optional
             The plays before the first sample; by default they are zero.
 
@@ -245,8 +238,10 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         y, rates = as_signal(np.asarray(y) - self.intercept), as_signal(rates)
         thresholds, growth, weights, rate_weights = self._arguments()
         fastest = rates.max(initial=0.0)
-        sums = np.cumsum(weights), np.cumsum(weights + fastest * rate_weights)
-        least = np.min(sums)
+        ends = np.array([weights, weights + fastest * rate_weights])
+        if self.stretch:  # where thresholds shrink, plays may move in any order
+            ends[:, 1:] = np.minimum(ends[:, 1:], 0.0)
+        least = np.min(np.cumsum(ends, axis=1))
         if thresholds[0] != 0.0 or not least > 0.0:
             raise ValueError(
                 "RateDependentPrandtlIshlinskiiOperator.drive_at_rates needs a first threshold of "
@@ -289,10 +284,10 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
             u = best
             for _ in range(_PASSES):
-                rates = np.abs(uniform_filter1d(np.diff(u, prepend=u[0]), 2 * half + 1)) / dt
+                velocities = uniform_filter1d(np.diff(u, prepend=u[0]), 2 * half + 1) / dt
                 if initial_state == "zero":
-                    rates[0] = np.abs(u[0]) / dt
-                u, error = advance(rates)
+                    velocities[0] = u[0] / dt
+                u, error = advance(self.paces(velocities, dt)[0])
                 gained = error < _GAIN * smallest
                 if error < smallest:
                     best, smallest = u, error
@@ -312,38 +307,58 @@ class RateDependentPrandtlIshlinskii(PlayModel):
     r"""Prandtl-Ishlinskii model that depends on the rate of the drive.
 
     With ``variant="threshold"`` (Al Janaideh and Krejci 2013) all thresholds but the one at zero
-    grow with the rate, and loops widen:
+    grow with the rate v, and loops widen:
 
-    .. math:: y = c + \sum_k w_k F_{r_k(t)}[u], \quad r_k(t) = r_k + \beta |u'(t)|
+    .. math:: y = c + \sum_k w_k F_{r_k(t)}[u], \quad r_k(t) = r_k + \beta v(t)
+
+    With ``variant="proportional"`` they grow in proportion, so that all of the loop widens alike:
+
+    .. math:: r_k(t) = r_k (1 + \kappa v(t))
 
     With ``variant="slope"`` (Ang, Khosla and Riviere 2007) the weights change with the rate, and
     loops tilt:
 
-    .. math:: y = c + \sum_k (w_k + s_k |u'(t)|) F_{r_k}[u]
+    .. math:: y = c + \sum_k (w_k + s_k v(t)) F_{r_k}[u]
 
     The size of the rate counts, so that a model without intercept stays odd. The rate at a
-    sample is that of the straight line that leads to it. All parameters but :math:`\beta` are
-    solved exactly by least squares.
+    sample is that of the straight line that leads to it. By itself, :math:`v = |u'|`, it acts at
+    once; by ``smoothing`` it acts behind a first-order low-pass, as of a device that warms up when
+    it moves or of one whose inside follows late:
+
+    .. math:: \tau v' + v = |u'| \quad\text{(speed)}, \qquad
+       \tau q' + q = u', \; v = |q| \quad\text{(velocity)}
+
+    A time constant far above the periods of the drive leaves a speed its mean, and a velocity
+    nothing. All parameters but :math:`\beta`, :math:`\kappa` and :math:`\tau` are solved exactly
+    by least squares.
 
     Parameters
     ----------
-    variant : {"threshold", "slope"}, default="threshold"
+    variant : {"threshold", "proportional", "slope"}, default="threshold"
         What follows the rate.
+    smoothing : {"none", "speed", "velocity"}, default="none"
+        What a low-pass smooths: nothing, the size of the rate, or the rate with its sign.
 
     Attributes
     ----------
     rate_weights_ : ndarray of shape (n_operators,) or (0,)
         Change of the weights with the rate (``variant="slope"``).
     dilation_ : float
-        Growth of the thresholds with the rate, in s; 0 with ``variant="slope"``.
+        Growth of the thresholds with the rate, in s; 0 but with ``variant="threshold"``.
+    stretch_ : float
+        Relative growth, in s/drive; 0 but with ``variant="proportional"``.
+    time_constant_ : float
+        Of the low-pass, in s; 0 where there is none.
 
     References
     ----------
     M. Al Janaideh and P. Krejci, "Inverse rate-dependent Prandtl-Ishlinskii model for feedforward
     compensation of hysteresis in a piezomicropositioning actuator", IEEE/ASME Trans. Mechatronics
-    18(5), 2013. W. T. Ang, P. K. Khosla and C. N. Riviere, "Feedforward controller with inverse
-    rate-dependent model for piezoelectric actuators in trajectory-tracking applications",
-    IEEE/ASME Trans. Mechatronics 12(2), 2007.
+    18(5), 2013. M. Al Janaideh, P. Krejci and G. A. Monteiro, "Inverse rate-dependent
+    Prandtl-Ishlinskii operators and applications", Applications of Mathematics 68, 2023, of
+    thresholds that are any functions of time. W. T. Ang, P. K. Khosla and C. N. Riviere,
+    "Feedforward controller with inverse rate-dependent model for piezoelectric actuators in
+    trajectory-tracking applications", IEEE/ASME Trans. Mechatronics 12(2), 2007.
 
     Examples
     --------
@@ -360,7 +375,8 @@ class RateDependentPrandtlIshlinskii(PlayModel):
 
     _parameter_constraints = {
         **PlayModel._parameter_constraints,
-        "variant": [StrOptions({"threshold", "slope"})],
+        "variant": [StrOptions({"threshold", "proportional", "slope"})],
+        "smoothing": [StrOptions({"none", "speed", "velocity"})],
     }
 
     operator_class = RateDependentPrandtlIshlinskiiOperator
@@ -370,6 +386,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         n_operators=20,
         *,
         variant="threshold",
+        smoothing="none",
         thresholds="grid",
         non_negative=True,
         fit_intercept=True,
@@ -380,6 +397,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.n_operators = n_operators
         self.variant = variant
+        self.smoothing = smoothing
         self.thresholds = thresholds
         self.non_negative = non_negative
         self.fit_intercept = fit_intercept
@@ -387,25 +405,42 @@ class RateDependentPrandtlIshlinskii(PlayModel):
     def starting_values(self, records):
         thresholds = place_thresholds(self.thresholds, records, self.n_operators)
         zeros = np.zeros(len(thresholds))
-        if self.variant == "slope":
-            rates, dilations = zeros, [0.0]
-        else:
-            rates, dilations = (), self._dilations(records)
-        kind, options = RateDependentPrandtlIshlinskiiOperator, {"non_negative": self.non_negative}
-        return [
-            kind(thresholds, zeros, rates, dilation=float(dilation), **options)
-            for dilation in dilations
-        ]
+        plain = RateDependentPrandtlIshlinskiiOperator(
+            thresholds,
+            zeros,
+            zeros if self.variant == "slope" else (),
+            non_negative=self.non_negative,
+        )
+        found = []
+        for memory in self._memories(records):
+            start = replace(plain, smoothing=self.smoothing, time_constant=memory)
+            if self.variant == "slope":
+                found.append(start)
+                continue
+            half, fastest = 0.5 * swing(records), self._fastest(records, start)
+            if self.variant == "proportional":
+                found += [replace(start, stretch=float(s)) for s in _STRETCHES / fastest]
+            else:
+                found += [replace(start, dilation=float(g)) for g in half * _GROWTHS / fastest]
+        return found
+
+    def _memories(self, records):
+        """Return time constants, from what records resolve to what they show."""
+        if self.smoothing == "none":
+            return [0.0]
+        dt = min(record.dt for record in records)
+        longest = max(record.dt * len(record.u) for record in records)
+        return np.geomspace(2.0 * dt, max(0.1 * longest, 4.0 * dt), _MEMORIES).tolist()
 
     @staticmethod
-    def _dilations(records):
-        """Return growths with which a threshold changes by a part of the drive's half range."""
-        fastest = fastest_change(records)
-        return _GROWTHS * (0.5 * swing(records) / fastest if fastest > 0.0 else records[0].dt)
+    def _fastest(records, start):
+        """Return the highest rate that acts, one swing an interval where the drive never moves."""
+        rates = [start.paces(np.diff(r.u) / r.dt, r.dt)[0].max(initial=0.0) for r in records]
+        return max(rates) or swing(records) / records[0].dt
 
     def _adopt(self, result):
         super()._adopt(result)
-        show(self, self.operator_, "rate_weights", "dilation")
+        show(self, self.operator_, "rate_weights", "dilation", "stretch", "time_constant")
         return self
 
     def _invert(self, y, slices):

@@ -1,5 +1,7 @@
 """Plays that follow the rate of the drive: definition, loops, inverse, recovery of plants."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,25 +15,59 @@ from skhyst.hysteresis import (
     RateDependentPrandtlIshlinskii,
     RateDependentPrandtlIshlinskiiOperator,
 )
+from skhyst.hysteresis import _rate_dependent_prandtl_ishlinskii as rate_dependent
+from skhyst.operators import check_operator
 
 DT = 1e-3
 R, W, S = np.array([0.0, 0.4, 0.9, 1.6]), np.array([1.0, 0.5, 0.4, 0.3]), np.array([3, -2, 1, 2])
-VARIANTS = pytest.mark.parametrize("variant", ["threshold", "slope"])
+LAWS = {
+    "threshold": {"dilation": 4e-3},
+    "proportional": {"stretch": 5e-3},
+    "slope": {"rate_weights": 1e-3 * S},
+}
+MEMORY = 8 * DT
+VARIANTS = pytest.mark.parametrize("variant", LAWS)
+SMOOTHINGS = pytest.mark.parametrize("smoothing", ["none", "speed", "velocity"])
 signals = arrays(float, st.integers(2, 80), elements=st.floats(-5, 5))
 
 
-def make(variant):
-    if variant == "threshold":
-        return RateDependentPrandtlIshlinskiiOperator(R, W, (), 0.3, 4e-3)
-    return RateDependentPrandtlIshlinskiiOperator(R, W, 1e-3 * S, 0.3)
+def make(variant, smoothing="none"):
+    memory = 0.0 if smoothing == "none" else MEMORY
+    return RateDependentPrandtlIshlinskiiOperator(
+        R, W, intercept=0.3, time_constant=memory, smoothing=smoothing, **LAWS[variant]
+    )
 
 
-def by_definition(u, dt, weights, rate_weights, intercept, dilation):
+def low_pass(signal, dt, memory):
+    """The response of a low-pass to what is constant on the way to each sample, as a sum."""
+    ago = dt * (np.arange(signal.size)[:, None] - np.arange(signal.size))
+    part = np.exp(-np.maximum(ago, 0.0) / memory) - np.exp(-np.maximum(ago + dt, 0.0) / memory)
+    return (part * (ago >= 0.0)) @ signal
+
+
+def paces(u, dt, smoothing, memory):
+    velocities = np.diff(u, prepend=u[0]) / dt
+    if smoothing == "velocity":
+        return np.abs(low_pass(velocities, dt, memory))
+    speeds = np.abs(velocities)
+    return speeds if smoothing == "none" else low_pass(speeds, dt, memory)
+
+
+def by_definition(
+    u,
+    dt,
+    weights,
+    rate_weights=0.0,
+    intercept=0.0,
+    dilation=0.0,
+    stretch=0.0,
+    smoothing="none",
+    memory=MEMORY,
+):
     """The plays' differential inclusion, in fine steps, the threshold moving along."""
     plays, last, slack, y = np.zeros(R.size), u[0], R, []
-    for value in u:
-        rate = abs(value - last) / dt
-        goal = R + dilation * rate * (R > 0.0)
+    for value, rate in zip(u, paces(u, dt, smoothing, memory), strict=True):
+        goal = (R * (1.0 + stretch * rate) + dilation * rate) * (R > 0.0)
         for part in np.linspace(0.0, 1.0, 5):
             v, r = last + part * (value - last), slack + part * (goal - slack)
             plays = np.maximum(v - r, np.minimum(v + r, plays))
@@ -44,25 +80,75 @@ def by_definition(u, dt, weights, rate_weights, intercept, dilation):
 
 
 @VARIANTS
-@settings(deadline=None, max_examples=30)
+@SMOOTHINGS
+@settings(deadline=None, max_examples=20)
 @given(u=signals, speed=st.floats(1e-3, 1e2))
-def test_follows_its_definition(variant, u, speed):
-    operator = make(variant)
-    rate_weights = operator.rate_weights if variant == "slope" else np.zeros(4)
-    expected = by_definition(u, DT / speed, W, rate_weights, 0.3, operator.dilation)
-    found, _ = operator.run(u, DT / speed)
+def test_follows_its_definition(variant, smoothing, u, speed):
+    expected = by_definition(u, DT / speed, W, intercept=0.3, smoothing=smoothing, **LAWS[variant])
+    found, _ = make(variant, smoothing).run(u, DT / speed)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * (1 + np.abs(expected).max()))
 
 
-@settings(deadline=None, max_examples=30)
+@VARIANTS
+@SMOOTHINGS
+@settings(deadline=None, max_examples=10)
 @given(u=signals)
-def test_without_rate_it_is_the_plain_model(u):
+def test_without_rate_it_is_the_plain_model(variant, smoothing, u):
+    """Infinitely slow, or with nothing that follows the rate."""
     expected, _ = PrandtlIshlinskiiOperator(R, W, 0.3).run(u, 1.0)
-    for variant in ("threshold", "slope"):
-        np.testing.assert_allclose(make(variant).run(u, 1e12)[0], expected, rtol=0, atol=1e-10)
-    plain = RateDependentPrandtlIshlinskiiOperator(R, W, intercept=0.3)
+    operator = make(variant, smoothing)
+    np.testing.assert_allclose(operator.run(u, 1e12)[0], expected, rtol=0, atol=1e-10)
+    plain = replace(operator, rate_weights=(), dilation=0.0, stretch=0.0)
     np.testing.assert_allclose(plain.run(u, DT)[0], expected, rtol=0, atol=1e-12)
-    assert [name for name, _ in plain.entries()][-1] == "intercept"
+    names = [name for name, _ in plain.entries()]
+    assert names[5:] == ([] if smoothing == "none" else ["time_constant"])
+
+
+@VARIANTS
+@pytest.mark.parametrize("smoothing", ["speed", "velocity"])
+def test_a_low_pass_that_forgets_at_once_is_none(variant, smoothing):
+    u = np.cumsum(np.random.default_rng(0).normal(size=300))
+    fast = replace(make(variant, smoothing), time_constant=DT / 50)
+    np.testing.assert_allclose(fast.run(u, DT)[0], make(variant).run(u, DT)[0], rtol=1e-12)
+
+
+@VARIANTS
+@SMOOTHINGS
+def test_derivatives_and_pieces(variant, smoothing):
+    u = np.cumsum(np.random.default_rng(1).normal(size=300))
+    check_operator(make(variant, smoothing), u, 20 * DT)
+
+
+@VARIANTS
+@SMOOTHINGS
+def test_plain_python_agrees_with_what_is_compiled(variant, smoothing, monkeypatch):
+    u = np.cumsum(np.random.default_rng(2).normal(size=150))
+    operator, du = make(variant, smoothing), np.ones((u.size, 1))
+
+    def all_of_it():
+        y, dy = operator.linearize(u, du, DT)
+        rates, _ = operator.paces(np.diff(u, prepend=u[0]) / DT, DT)
+        return y, dy, operator.drive_at_rates(y, rates)
+
+    compiled = all_of_it()
+    for name in ("rate_play_run", "rate_play_tangents", "rate_play_inverse"):
+        monkeypatch.setattr(rate_dependent, name, getattr(rate_dependent, name).py_func)
+    for one, other in zip(compiled, all_of_it(), strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-11, atol=1e-11)
+
+
+@VARIANTS
+@SMOOTHINGS
+def test_thresholds_stay_above_zero_and_in_their_order(variant, smoothing):
+    """Seen in the first loading from rest, along which all plays that move have one slope."""
+    operator = replace(make(variant, smoothing), weights=[0.0, 0.0, 0.0, 1.0], rate_weights=())
+    slacks = []
+    for k in range(1, R.size):
+        alone = replace(operator, weights=np.eye(R.size)[k], intercept=0.0)
+        u = 400.0 * np.linspace(0.0, 1.0, 30) ** 2
+        slacks.append((u - alone.run(u, 20 * DT)[0])[-1])
+    assert slacks[0] > 0.0
+    assert np.all(np.diff(slacks) > 0.0)
 
 
 def triangle(rate, periods=3, n=4000):
@@ -92,23 +178,28 @@ def test_dissipation(u, speed):
 
 
 @pytest.mark.parametrize("rate_weights", [(), 0.1 * W, -0.02 * W])
-@pytest.mark.parametrize("dilation", [0.0, 0.3, 5.0])
-def test_inverse_at_known_rates(dilation, rate_weights):
-    operator = RateDependentPrandtlIshlinskiiOperator(R, W, rate_weights, 0.3, dilation)
+@pytest.mark.parametrize(("dilation", "stretch"), [(0, 0), (0.3, 0), (5, 0), (0, 0.3), (0, 5)])
+@SMOOTHINGS
+def test_inverse_at_known_rates(dilation, stretch, rate_weights, smoothing):
+    memory = 0.0 if smoothing == "none" else 3.0
+    operator = RateDependentPrandtlIshlinskiiOperator(
+        R, W, rate_weights, 0.3, dilation, stretch, memory, smoothing
+    )
     u = np.cumsum(np.random.default_rng(0).normal(size=600)) * 0.3 + 0.3
     y, _ = operator.run(u, 1.0)
-    rates, tolerance = np.abs(np.diff(u, prepend=u[0])), 1e-12 * np.ptp(u)
+    rates, tolerance = paces(u, 1.0, smoothing, memory), 1e-12 * np.ptp(u)
     np.testing.assert_allclose(operator.drive_at_rates(y, rates), u, rtol=0, atol=tolerance)
-    _, (plays, _) = operator.run(u[:200], 1.0)
+    _, (plays, *_) = operator.run(u[:200], 1.0)
     rest = operator.drive_at_rates(y[200:], rates[200:], plays)
     np.testing.assert_allclose(rest, u[200:], rtol=0, atol=tolerance)
 
 
 @VARIANTS
+@SMOOTHINGS
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
-def test_inverse_without_the_rates(variant, initial_state):
+def test_inverse_without_the_rates(variant, smoothing, initial_state):
     """What is left is a small part of what the inverse of the plain model leaves."""
-    operator = make(variant)
+    operator = make(variant, smoothing)
     time = DT * np.arange(3000)
     u = 4.0 * np.sin(2 * np.pi * 1.5 * time) * np.cos(0.8 * time)
     y, _ = operator.run(u, DT, operator.init(u[0], initial_state))
@@ -147,19 +238,36 @@ def test_no_inverse(thresholds, weights, rate_weights, rate):
 @pytest.mark.parametrize("drive_unit", [1e-9, 1e9])
 @pytest.mark.parametrize("time_unit", [1e-6, 1e6])
 @VARIANTS
-def test_units_of_the_operator(variant, drive_unit, time_unit):
-    operator = make(variant)
+@SMOOTHINGS
+def test_units_of_the_operator(variant, smoothing, drive_unit, time_unit):
+    operator = make(variant, smoothing)
     other = RateDependentPrandtlIshlinskiiOperator(
         R * drive_unit,
         W / drive_unit,
         operator.rate_weights * time_unit / drive_unit**2,
         0.3,
         operator.dilation * time_unit,
+        operator.stretch * time_unit / drive_unit,
+        operator.time_constant * time_unit,
+        smoothing,
     )
     u = np.cumsum(np.random.default_rng(4).normal(size=300)) * 0.1
     expected, _ = operator.run(u, DT)
     found, _ = other.run(u * drive_unit, DT * time_unit)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.ptp(expected))
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("stretch", {"stretch": 0.1, "dilation": 0.1}),
+        ("time_constant", {"smoothing": "speed"}),
+        ("time_constant", {"smoothing": "velocity", "time_constant": -1.0}),
+    ],
+)
+def test_laws_that_exclude_each_other(name, values):
+    with pytest.raises(ValueError, match=f"The '{name}' parameter of RateDependent"):
+        RateDependentPrandtlIshlinskiiOperator(R, W, **values)
 
 
 # Estimator
@@ -168,39 +276,55 @@ def test_units_of_the_operator(variant, drive_unit, time_unit):
 class Plant:
     """Random plays under a sweep."""
 
-    def __init__(self, seed, variant, n=2500):
+    def __init__(self, seed, variant, smoothing="none", n=2500):
         rng = np.random.default_rng(seed)
         time = DT * np.arange(n)
         sweep = np.sin(2 * np.pi * rng.uniform(0.5, 2.0) * time * (1.0 + 1.5 * time))
         self.u = 4.0 * sweep * (0.5 + 0.5 * np.cos(0.7 * time) ** 2)
-        self.weights, self.intercept = rng.uniform(0.3, 1.0, 4), rng.uniform(-2, 2)
-        self.dilation = rng.uniform(2e-3, 8e-3) * (variant == "threshold")
-        self.rate_weights = rng.uniform(-2e-3, 2e-3, 4) * (variant == "slope")
-        constants = self.weights, self.rate_weights, self.intercept, self.dilation
-        self.y = by_definition(self.u, DT, *constants)
+        weights, intercept = rng.uniform(0.3, 1.0, 4), rng.uniform(-2, 2)
+        dilation, slopes = rng.uniform(2e-3, 8e-3), rng.uniform(-2e-3, 2e-3, 4)
+        law = {
+            "threshold": {"dilation": dilation},
+            "proportional": {"stretch": 0.4 * dilation},
+            "slope": {"rate_weights": slopes},
+        }.get(variant, {})
+        self.y = by_definition(
+            self.u, DT, weights, intercept=intercept, smoothing=smoothing, memory=0.05, **law
+        )
+        rates = law.pop("rate_weights", [])
+        memory = [] if smoothing == "none" else [0.05]
+        self.truth = np.concatenate(
+            [weights, rates, [intercept], *map(np.atleast_1d, law.values()), memory]
+        )
         self.noise = 0.005 * self.y.std() * rng.normal(size=n)
         self.X = self.u.reshape(-1, 1)
 
 
 @VARIANTS
-def test_recovery_of_random_plants(variant, assert_recovered):
+@SMOOTHINGS
+def test_recovery_of_random_plants(variant, smoothing, assert_recovered):
     def plant(seed):
-        p = Plant(seed, variant)
-        rates = p.rate_weights if variant == "slope" else []
-        last = [p.dilation] if variant == "threshold" else []
-        truth = np.concatenate([p.weights, rates, [p.intercept], last])
-        return p.u, p.y, p.y + p.noise, np.sqrt(np.mean(p.noise**2)), truth
+        p = Plant(seed, variant, smoothing)
+        return p.u, p.y, p.y + p.noise, np.sqrt(np.mean(p.noise**2)), p.truth
 
-    model = RateDependentPrandtlIshlinskii(thresholds=R, variant=variant, dt=DT)
-    assert np.median(assert_recovered(model, map(plant, range(20)))) < 40
+    model = RateDependentPrandtlIshlinskii(
+        thresholds=R, variant=variant, smoothing=smoothing, dt=DT
+    )
+    plants = map(plant, range(20 if smoothing == "none" else 10))
+    most = 40 if smoothing == "none" else 120  # it starts from four time constants
+    assert np.median(assert_recovered(model, plants)) < most
 
 
 @VARIANTS
-def test_better_than_the_plain_model(variant):
-    plant = Plant(0, variant)
+@SMOOTHINGS
+def test_better_than_the_plain_model(variant, smoothing):
+    plant = Plant(0, variant, smoothing)
     noisy = plant.y + plant.noise
     plain = PrandtlIshlinskii().fit(plant.X, noisy)
-    model = RateDependentPrandtlIshlinskii(variant=variant, dt=DT).fit(plant.X, noisy)
+    model = RateDependentPrandtlIshlinskii(
+        thresholds=R, variant=variant, smoothing=smoothing, dt=DT
+    )
+    model.fit(plant.X, noisy)
     errors = [np.sqrt(np.mean((m.predict(plant.X) - plant.y) ** 2)) for m in (model, plain)]
     assert errors[0] < 0.1 * errors[1]
 
@@ -226,9 +350,10 @@ def test_data_without_rate_dependence():
 
 
 @VARIANTS
+@SMOOTHINGS
 @pytest.mark.parametrize(("drive", "response", "time"), [(1e6, 1e-9, 1e3), (1e-9, 1e9, 1e-6)])
-def test_units_of_the_model(variant, drive, response, time, assert_unit_free):
-    plant = Plant(4, variant)
-    model = RateDependentPrandtlIshlinskii(6, variant=variant, dt=DT)
+def test_units_of_the_model(variant, smoothing, drive, response, time, assert_unit_free):
+    plant = Plant(4, variant, smoothing)
+    model = RateDependentPrandtlIshlinskii(6, variant=variant, smoothing=smoothing, dt=DT)
     noisy = plant.y + plant.noise
     assert_unit_free(model, plant.u, noisy, drive, response, 1e-5, dt=DT * time)

@@ -395,7 +395,9 @@ WRONG = {
     MaxwellSlipOperator: PLAYS | {"thresholds": (*PLAYS["thresholds"], [0.0, 1.0])},
     PrandtlIshlinskiiOperator: PLAYS | {"form": ("stops",)},
     PreisachOperator: GRID | {"reversible": ([1.0],)},
-    RateDependentPrandtlIshlinskiiOperator: PLAYS | {"rate_weights": ([1.0],)},
+    RateDependentPrandtlIshlinskiiOperator: PLAYS
+    | {"rate_weights": ([1.0],), "dilation": (-0.1,), "stretch": (-0.1,)}
+    | {"smoothing": ("rate",), "time_constant": (0.1,)},
     BoucWen: {"exponent": (0.1, "free"), "asymmetry": (2,)},
     Dahl: {"exponent": (0.0, -1.0, "1")},
     Duhem: {"degree": (0, 10, 1.5)},
@@ -405,7 +407,7 @@ WRONG = {
     ModifiedPrandtlIshlinskii: {"dead_zone_thresholds": ([1.0, 0.0],), "n_dead_zones": (0,)},
     PrandtlIshlinskii: {"form": ("spring",)},
     Preisach: LEVELS | {"reversible": (2,)},
-    RateDependentPrandtlIshlinskii: {"variant": ("speed",)},
+    RateDependentPrandtlIshlinskii: {"variant": ("speed",), "smoothing": ("threshold",)},
 }
 CASES = [(kind, *case) for kind, fields in WRONG.items() for case in fields.items()]
 CASES = [(kind, name, value) for kind, name, values in CASES for value in values]

@@ -147,6 +147,14 @@ def make_operators():
         "rate-dependent plays, weights": op.RateDependentPrandtlIshlinskiiOperator(
             np.array([0.0, 0.21, 0.43]), np.array([1.0, 0.4, 0.3]), np.array([0.01, -0.02, 0.03])
         ),
+        "rate-dependent plays, in proportion, smoothed": op.RateDependentPrandtlIshlinskiiOperator(
+            np.array([0.0, 0.21, 0.43]),
+            np.array([1.0, 0.4, 0.3]),
+            np.array([0.01, -0.02, 0.03]),
+            stretch=0.012,
+            time_constant=0.04,
+            smoothing="velocity",
+        ),
         "series": op.SeriesOperator(
             ("delay", "plays", "zones", "lag"), (op.DelayOperator(0.013), plays, zones, lag)
         ),
