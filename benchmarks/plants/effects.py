@@ -49,6 +49,7 @@ class Setting:
     motion: dict = field(default_factory=dict)  # parameters of the plant's own mode
     core: dict = field(default_factory=dict)  # parameters of the core
     substeps: int = SUBSTEPS
+    strength: float = 1.0  # of the effect, relative to what is drawn, see `WEAKENED`
 
 
 def asymmetry(rng, setting):
@@ -56,6 +57,7 @@ def asymmetry(rng, setting):
     thresholds = np.sort(rng.uniform(0.0, 0.5, count))
     weights = rng.uniform(0.5, 1.5, count)
     bend = rng.choice([-1, 1]) * rng.uniform(0.15, 0.35)  # share of the peak on that side
+    bend *= setting.strength
     weights *= bend / np.sum(weights * (1.0 - thresholds))  # above -0.7 in all: monotone
     stage = partial(dead_zones, side=side, thresholds=thresholds, weights=weights)
     truth = {"side": side, "thresholds": setting.unit * thresholds, "weights": weights}
@@ -66,6 +68,7 @@ def static_nonlinearity(rng, setting):
     scale = np.abs(setting.response).max()
     law = (bend_tanh, bend_cubic, bend_exponential)[rng.integers(3)]
     share = rng.uniform(0.18, 0.3)  # departure from the tangent at zero, at the peak
+    share *= setting.strength
     if law is bend_tanh:
         bend = np.sqrt(3 * share) * (1 + 0.6 * share)  # tanh(b) / b = 1 - share, to a percent
     elif law is bend_cubic:
@@ -80,6 +83,7 @@ def lag(rng, setting):
     tau = rng.uniform(3, 30)
     if setting.mode:  # a much slower lag would leave nothing of the mode to see
         tau = max(3.0, rng.uniform(0.8, 3.0) / (2 * np.pi * setting.mode))
+    tau *= setting.strength
     return Effect("dynamics", partial(first_order, tau=tau), truth={"tau": tau * setting.dt})
 
 
@@ -99,7 +103,7 @@ def resonance(rng, setting):
 
 def creep(rng, setting):
     longest = np.mean(setting.lengths)
-    share = rng.uniform(0.15, 0.3)  # of the settled response
+    share = rng.uniform(0.15, 0.3) * setting.strength  # of the settled response
     count = rng.integers(0, 4)
     if count:
         # One unit in each equal part of the logarithm of time; a lone slow one would hardly show.
@@ -119,27 +123,28 @@ def creep(rng, setting):
     return Effect("dynamics", stage, truth=truth)
 
 
-def _clipping_levels(rng, low, high):
+def _clipping_levels(rng, low, high, strength):
     sides = rng.integers(3)  # high, low, both
-    top = high * rng.uniform(0.7, 0.85) if sides != 1 else np.inf
-    bottom = low * rng.uniform(0.7, 0.85) if sides != 0 else -np.inf
+    top = high * rng.uniform(0.7, 0.85) ** strength if sides != 1 else np.inf
+    bottom = low * rng.uniform(0.7, 0.85) ** strength if sides != 0 else -np.inf
     return bottom, top
 
 
 def output_saturation(rng, setting):
-    low, high = _clipping_levels(rng, *setting.settled)
+    low, high = _clipping_levels(rng, *setting.settled, setting.strength)
     truth = {"low": setting.unit * low, "high": setting.unit * high}
     return Effect("last", partial(clip, low=low, high=high), truth=truth)
 
 
 def input_saturation(rng, setting):
-    low, high = _clipping_levels(rng, *setting.drive)
+    low, high = _clipping_levels(rng, *setting.drive, setting.strength)
     return Effect("first", partial(clip, low=low, high=high), truth={"low": low, "high": high})
 
 
 def drift(rng, setting):
     law = ("linear", "exponential", "sine")[rng.integers(3)]
     spans = rng.uniform(0.04, 0.2, len(setting.lengths)) * np.ptp(setting.response)
+    spans *= setting.strength
     beside = []
     for n, span in zip(setting.lengths, spans, strict=True):
         s = np.arange(n) / n
@@ -158,7 +163,7 @@ def offset(rng, setting):
     values = rng.choice([-1, 1], count) * rng.uniform(0.02, 0.1, count)
     while np.ptp(np.sign(values[:N_TRAIN])) == 0:  # equal offsets are one offset, of the model
         values *= rng.choice([-1, 1], count)
-    values *= np.ptp(setting.response)
+    values *= np.ptp(setting.response) * setting.strength
     beside = [np.full(n, value) for n, value in zip(setting.lengths, values, strict=True)]
     return Effect(beside=beside, truth={"values": setting.unit * values})
 
@@ -169,6 +174,7 @@ def periodic_disturbance(rng, setting):
     while count == 2 and 1 / 1.3 < frequencies[0] / frequencies[1] < 1.3:
         frequencies = log_uniform(rng, 1 / 250, 1 / 8, count)
     amplitudes = rng.uniform(0.015, 0.05, count) * np.ptp(setting.response)
+    amplitudes *= setting.strength
     shape = (len(setting.lengths), count)
     locked = rng.random() < 0.5  # to the start of every record; else each starts at random
     phases = rng.uniform(0, 2 * np.pi, (1, count) if locked else shape)
@@ -201,6 +207,7 @@ def draw_plays(rng, low, high):
 def hysteresis(rng, setting):
     if rng.random() < 0.5:
         thresholds, weights = draw_plays(rng, 0.6, 1.0)
+        weights[1:] *= setting.strength
         truth = {
             "law": "plays",
             "thresholds": thresholds * np.abs(setting.drive).max(),
@@ -209,6 +216,7 @@ def hysteresis(rng, setting):
         stage = partial(plays, thresholds=thresholds, weights=weights)
         return Effect("middle", stage, truth=truth)
     force = rng.uniform(0.06, 0.2)  # largest hysteretic force, part of the largest drive
+    force *= setting.strength
     stiffness = rng.uniform(0.3, 1.5)  # of the hysteretic spring near zero, part of the spring
     parameters = {
         "stiffness": stiffness,
@@ -226,17 +234,17 @@ def _one_play(half_width):
 
 def backlash(rng, setting):
     if setting.declared == "second_order" and rng.random() < 0.5:
-        half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.drive) / 2
+        half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.drive) / 2 * setting.strength
         truth = {"place": "first", "half_width": half_width}
         return Effect("first", _one_play(half_width), truth=truth)
-    half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.response) / 2
+    half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.response) / 2 * setting.strength
     truth = {"place": "last", "half_width": setting.unit * half_width}
     return Effect("last", _one_play(half_width), truth=truth)
 
 
 def dead_zone(rng, setting):
     low, high = setting.drive
-    half_width = rng.uniform(0.05, 0.15) * (high - low) / 2
+    half_width = rng.uniform(0.05, 0.15) * (high - low) / 2 * setting.strength
     center = (low + high) / 2 + rng.uniform(-0.4, 0.4) * (high - low) / 2
     truth = {"center": center, "half_width": half_width}
     return Effect("first", partial(dead_band, center=center, half_width=half_width), truth=truth)
@@ -244,7 +252,7 @@ def dead_zone(rng, setting):
 
 def rate_dependence(rng, setting):
     rates = np.abs(np.concatenate([np.diff(drive) for drive in setting.drives[:N_TRAIN]]))
-    widening = rng.uniform(0.05, 0.15) * np.ptp(setting.drive) / 2
+    widening = rng.uniform(0.05, 0.15) * np.ptp(setting.drive) / 2 * setting.strength
     growth = widening / np.quantile(rates, 0.9)  # where the drive is fast, not only on edges
     return Effect(
         alter=lambda plant, _: plant.adapt("core", widening=growth),
@@ -262,7 +270,7 @@ def slew_limit(rng, setting):
 
 
 def friction(rng, setting):
-    coulomb = rng.uniform(0.04, 0.15)  # part of the largest drive
+    coulomb = rng.uniform(0.04, 0.15) * setting.strength  # part of the largest drive
     stribeck = rng.random() < 0.5
     static = coulomb * (rng.uniform(1.2, 1.7) if stribeck else 1.0)
     fitted = np.concatenate([np.diff(drive) for drive in setting.drives[:N_TRAIN]])
@@ -287,6 +295,7 @@ def cubic_stiffness(rng, setting):
     hardening = rng.random() < 0.5
     peak = np.abs(setting.response).max()
     cubic = rng.uniform(0.15, 0.5) / peak**2 if hardening else -rng.uniform(0.06, 0.15) / peak**2
+    cubic *= setting.strength
     drives = [drive / np.abs(setting.drive).max() for drive in setting.drives]
     own = {name: setting.motion[name] for name in ("frequency", "damping")}
     # a soft spring must not be pushed near its summit, where x + k3 x^3 no longer grows
@@ -305,7 +314,7 @@ def cubic_stiffness(rng, setting):
 def auxiliary_input(rng, setting):
     name, column, middle, size = draw_column(rng, setting.lengths)
     law = ("static", "lag", "gain")[rng.integers(3)]
-    strength = rng.choice([-1, 1]) * rng.uniform(0.05, 0.15)
+    strength = rng.choice([-1, 1]) * rng.uniform(0.05, 0.15) * setting.strength
     units = [(values - middle) / size for values in column]
     truth = {"law": law, "column": name}
     if law == "gain":
@@ -336,7 +345,8 @@ def amplitude_dependence(rng, setting):
     names = list(rng.permutation(list(ranges))[: rng.integers(1, 3)])
     if names == ["damping"]:  # alone it would hardly show
         names.append("frequency")
-    slopes = {name: rng.choice([-1, 1]) * rng.uniform(*ranges[name]) for name in names}
+    sizes = {name: rng.choice([-1, 1]) * rng.uniform(*ranges[name]) for name in names}
+    slopes = {name: size * setting.strength for name, size in sizes.items()}
 
     def alter(plant, number):
         factor = {name: 1.0 + slope * place[number] for name, slope in slopes.items()}
@@ -380,3 +390,6 @@ LAWS = {
         slew_limit,
     )
 }
+# a weak one is still what it is: a short delay would be one of the instruments, a fast mode or a
+# high limit of the rate would be nothing
+WEAKENED = tuple(name for name in LAWS if name not in ("delay", "resonance", "slew_limit"))

@@ -8,19 +8,23 @@ samples.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from skhyst.datasets.simulation import first_order, refine
 
-from .effects import SUBSTEPS
+from . import other_laws
+from .effects import SUBSTEPS, WEAKENED
 from .recording import (
     BASES,
     EFFECTS,
+    MATRIX,
     change,
     draw_plant,
+    effect_pairs,
     put_in,
     recorded,
     respond,
@@ -33,6 +37,9 @@ BESIDE = {"drift", "periodic_disturbance", "auxiliary_input"}
 LOOP = 0.5  # gain of the feedback: its fixed point is approached by that factor a round
 SLOWNESS = 300.0  # of its low-pass, samples: no mode gets through
 ROUNDS = 20
+SMALLER, SHOWING = 0.1, 2.5  # effect of an unequal pair: over the larger one; at least, over noise
+NEAR = 1.2  # ratio to that, up to which it is what was asked for
+TRIALS = 12  # of its strength
 
 
 @dataclass(frozen=True)
@@ -96,11 +103,25 @@ class Habit:
         Effects that it leaves no trace of.
     makes : set of str
         Names that are true of the condition itself.
+    laws : dict of str to callable
+        The only effects of these plants, and their laws, where they are others.
+    unequal : bool
+        Whether plants have two effects, of which the last is far smaller.
     """
 
     draw: Callable
     hides: set = frozenset()
     makes: set = frozenset()
+    laws: dict = field(default_factory=dict)
+    unequal: bool = False
+
+    def possible(self, declared):
+        """Return what a plant can hide, in an order of its own: tuples of names."""
+        if self.unequal:
+            pairs = [p for pair in effect_pairs(declared) for p in (pair, pair[::-1])]
+            return [pair for pair in pairs if pair[1] in WEAKENED]
+        seen = set(MATRIX[declared]) - self.hides
+        return [(name,) for name in sorted(seen & set(self.laws) if self.laws else seen)]
 
 
 def _of_either_sign(rng, low, high):
@@ -137,6 +158,8 @@ HABITS = {
     "held_drive": Habit(lambda rng: Condition(hold="step"), makes={"timing"}),
     "closed_loop": Habit(lambda rng: Condition(feedback=True)),
     "noisy_drive": Habit(lambda rng: Condition(drive_noise=rng.uniform(0.002, 0.01))),
+    "other_laws": Habit(lambda rng: Condition(), laws=other_laws.LAWS),
+    "unequal_pair": Habit(lambda rng: Condition(), unequal=True),
 }
 
 
@@ -197,7 +220,11 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
         sine = [np.sin(2 * np.pi * np.arange(u.size) / condition.period) for u in setting.drives]
         tops = [np.abs(u).max() for u in setting.drives]
         setting = replace(setting, drives=tuple(a * u for a, u in zip(tops, sine, strict=True)))
-    found = put_in(rng, names, plant, setting)[0]
+    put = partial(put_in, names=names, plant=plant, setting=setting, laws=HABITS[habit].laws)
+    if HABITS[habit].unequal and len(names) > 1:
+        found = _unequal(rng, put, noise)
+    else:
+        found = put(rng)[0]
     if condition.feedback:
         setting = _closed(seed, plant, found, setting, noise, condition)
     here = partial(read, condition=condition)
@@ -223,6 +250,27 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
     }
     fitted = [records[i] for i in kept]
     return recorded(fitted, records[N_TRAIN:], setting, noise_std, truth)
+
+
+def _unequal(rng, put, noise):
+    """Draw two effects, the last so weak that it changes a tenth of what the first does.
+
+    Where that would be lost in the noise, it is stronger.
+    """
+    plant, setting = put.keywords["plant"], put.keywords["setting"]
+    low, high, strength = 0.0, np.inf, 1.0
+    for _ in range(TRIALS):
+        found, clean = put(deepcopy(rng), last=strength)
+        least = SHOWING * noise * np.ptp(np.concatenate(clean[:N_TRAIN]))
+        large, small = (change(clean, respond(plant, [one], setting)) for one in found[::-1])
+        ratio = small / max(SMALLER * large, least)
+        if 1.0 / NEAR < ratio < NEAR or (ratio < 1.0 and high == np.inf):  # none is made stronger
+            break
+        low, high = (low, strength) if ratio > 1.0 else (strength, high)
+        strength /= ratio  # as most are in proportion
+        if not low < strength < high:
+            strength = np.sqrt(low * high) if low else 0.5 * high
+    return found
 
 
 def _kept(setting, condition):

@@ -87,8 +87,43 @@ def mode(
 
 
 @numba.njit(cache=True)
-def _stribeck(v, static, coulomb, velocity):
-    return coulomb + (static - coulomb) * np.exp(-((v / velocity) ** 2))
+def stopped_mode(signal, step, frequency, damping, gap, stiffer):
+    """Add a second spring, `stiffer` times as stiff, to both sides of a gap."""
+    w = 2.0 * np.pi * frequency
+    a, b = w * w, 2.0 * damping * w
+    out = np.empty(signal.size)
+    x, v = signal[0], 0.0
+    if abs(x) > gap:
+        x = np.sign(x) * (abs(x) + stiffer * gap) / (1.0 + stiffer)
+    out[0] = x
+    for i in range(1, signal.size):
+        u0, u2 = signal[i - 1], signal[i]
+        drives = (u0, 0.5 * (u0 + u2), 0.5 * (u0 + u2), u2)
+        dx = dv = sum_x = sum_v = 0.0
+        for k in range(4):
+            y, ahead = x + PARTS[k] * step * dx, v + PARTS[k] * step * dv
+            more = stiffer * np.sign(y) * max(abs(y) - gap, 0.0)
+            dv = a * (drives[k] - y - more) - b * ahead
+            dx = ahead
+            sum_x += WEIGHTS[k] * dx
+            sum_v += WEIGHTS[k] * dv
+        x += step / 6.0 * sum_x
+        v += step / 6.0 * sum_v
+        out[i] = x
+    return out
+
+
+@numba.njit(cache=True)
+def _stribeck(v, static, coulomb, velocity, curve=0):
+    """The fall is a bell, by default, an exponential (1), or one over a square (2)."""
+    s = abs(v) / velocity
+    if curve == 1:
+        part = np.exp(-s)
+    elif curve == 2:
+        part = 1.0 / (1.0 + s * s)
+    else:
+        part = np.exp(-(s**2))
+    return coulomb + (static - coulomb) * part
 
 
 @numba.njit(cache=True)
@@ -133,23 +168,23 @@ def lugre_mode(
 
 
 @numba.njit(cache=True)
-def _slide(x, v, u0, u2, s, a, b, sign, static, coulomb, velocity):
+def _slide(x, v, u0, u2, s, a, b, sign, *level):
     """Advance by a step in which the friction keeps its sign."""
     u1 = 0.5 * (u0 + u2)
     v1 = v
-    f1 = a * (u0 - x - sign * _stribeck(v1, static, coulomb, velocity)) - b * v1
+    f1 = a * (u0 - x - sign * _stribeck(v1, *level)) - b * v1
     v2 = v + 0.5 * s * f1
-    f2 = a * (u1 - x - 0.5 * s * v1 - sign * _stribeck(v2, static, coulomb, velocity)) - b * v2
+    f2 = a * (u1 - x - 0.5 * s * v1 - sign * _stribeck(v2, *level)) - b * v2
     v3 = v + 0.5 * s * f2
-    f3 = a * (u1 - x - 0.5 * s * v2 - sign * _stribeck(v3, static, coulomb, velocity)) - b * v3
+    f3 = a * (u1 - x - 0.5 * s * v2 - sign * _stribeck(v3, *level)) - b * v3
     v4 = v + s * f3
-    f4 = a * (u2 - x - s * v3 - sign * _stribeck(v4, static, coulomb, velocity)) - b * v4
+    f4 = a * (u2 - x - s * v3 - sign * _stribeck(v4, *level)) - b * v4
     new_x = x + s / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
     return new_x, v + s / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
 
 
 @numba.njit(cache=True)
-def coulomb_mode(signal, step, frequency, damping, static, coulomb, velocity, inner=8):
+def coulomb_mode(signal, step, frequency, damping, static, coulomb, velocity, curve=0, inner=8):
     """Add Coulomb friction, with a Stribeck fall where it is static above coulomb.
 
     It sticks while the force on it is below `static`; the moment where the velocity turns is found
@@ -177,13 +212,17 @@ def coulomb_mode(signal, step, frequency, damping, static, coulomb, velocity, in
                         left *= (abs(u2 - x) - static) / (abs(u2 - x) - abs(ub - x))
                     sign = np.sign(u2 - x)
                 ub = u2 - left * (u2 - u0)
-                xn, vn = _slide(x, v, ub, u2, left * s, a, b, sign, static, coulomb, velocity)
+                xn, vn = _slide(
+                    x, v, ub, u2, left * s, a, b, sign, static, coulomb, velocity, curve
+                )
                 if vn * sign >= 0.0:
                     x, v, left = xn, vn, 0.0
                     break
                 part = v / (v - vn)
                 um = ub + part * (u2 - ub)
-                x, _ = _slide(x, v, ub, um, part * left * s, a, b, sign, static, coulomb, velocity)
+                x, _ = _slide(
+                    x, v, ub, um, part * left * s, a, b, sign, static, coulomb, velocity, curve
+                )
                 left *= 1.0 - part
                 v = 0.0
                 sign = 0.0 if abs(um - x) <= static else -sign

@@ -227,14 +227,17 @@ def draw_plant(seed, kind, n_samples, substeps, distract, spread):
     return plant, setting, signals, column
 
 
-def put_in(rng, names, plant, setting):
-    """Draw the effects, each for the plant with those before it; return them and the responses."""
-    found = []
-    for name in names:
-        law = effects.LAWS.get(name) or unknown.LAWS[name]
+def put_in(rng, names, plant, setting, laws=None, last=1.0):
+    """Draw the effects, each for the plant with those before it; return them and the responses.
+
+    Some have other laws, the last effect another strength.
+    """
+    found, laws = [], effects.LAWS | unknown.LAWS | (laws or {})
+    for i, name in enumerate(names, start=1):
         if found:
             setting = replace(setting, response=_bounds(respond(plant, found, setting)))
-        found.append(law(rng, setting))
+        strength = last if i == len(names) else 1.0
+        found.append(laws[name](rng, replace(setting, strength=strength)))
     return found, respond(plant, found, setting)
 
 

@@ -7,8 +7,10 @@ import pandas as pd
 import plants
 import pytest
 from plants import laboratory as lab
+from plants import motion, other_laws
+from scipy.special import gamma
 
-from skhyst.datasets.simulation import Plant, first_order, oscillate
+from skhyst.datasets.simulation import Plant, first_order, oscillate, plays
 
 PLANT = Plant({"dynamics": (partial(oscillate, frequency=1 / 25, damping=0.1),)})
 DRIVE = np.cumsum(np.random.default_rng(0).normal(size=400)) / 20.0
@@ -21,8 +23,10 @@ def test_half_of_the_plan_hides_nothing_and_all_of_it_can_be_seen():
     assert text in " ".join(laboratory.__doc__.split())
     assert len({case.seed for case in cases}) == len(cases)
     for case in cases:
-        possible = set(plants.MATRIX[case.declared]) - lab.HABITS[case.kind].hides
-        assert case.effect == "none" or case.effect in possible
+        hidden = set(case.effect.split("+")) - {"none"}
+        assert hidden <= set(plants.MATRIX[case.declared]) - lab.HABITS[case.kind].hides
+        assert len(hidden) <= 1 + (case.kind == "unequal_pair")
+        assert hidden <= set(other_laws.LAWS) or case.kind != "other_laws"
     kinds = {case.kind for case in cases if case.effect == "none"}
     assert kinds == set(lab.HABITS) == {case.kind for case in cases if case.effect != "none"}
 
@@ -130,3 +134,141 @@ def test_names_are_false_or_wrong_where_neither_plant_nor_condition_has_them(row
     assert "no report" in text
     assert "claims where nothing is missing: 2 of 4" in text
     assert "wrong names: 1 of 5" in text
+
+
+def test_both_of_two_are_named_by_a_claim_each(row):
+    rows = [
+        row("lag+drift", "lag+drift", "+", kind="unequal_pair"),
+        row("lag+drift", "drift+slew_limit", "+lag", kind="unequal_pair"),
+        row("lag+drift", "lag", "drift", kind="unequal_pair"),
+        row("lag+drift", "lag", kind="unequal_pair"),
+        row("lag+drift", "lag+creep", "+", kind="unequal_pair"),
+        row("lag+drift", "lag+drift+creep", "++", kind="unequal_pair"),
+    ]
+    table = laboratory.judged(rows)
+    assert table["right"].tolist() == [True, True, False, False, False, True]
+    assert table["wrong"].tolist() == [False, False, False, False, True, False]
+    assert not table["null"].any()
+    assert not table["false"].any()
+
+
+@pytest.mark.parametrize(
+    ("pair", "declared"),
+    [
+        (("lag", "output_saturation"), "prandtl_ishlinskii"),
+        (("output_saturation", "creep"), "bouc_wen"),
+        (("resonance", "asymmetry"), "cascade"),
+    ],
+)
+def test_one_of_two_is_a_tenth_of_the_other_and_shows(pair, declared):
+    recording = lab.record_in("unequal_pair", pair, declared, 11, noise=0.0005)
+    large, small = (recording.truth["effect_over_noise"][name] for name in pair)
+    assert small > 2.0
+    wanted = max(0.1 * large, lab.SHOWING)
+    assert small / wanted == pytest.approx(1.0, rel=0.25)
+
+
+# ------------------------------------------------------------------------------------ other laws
+
+
+STEP = 1 / 32
+FINE = np.interp(STEP * np.arange(3201), np.arange(101), DRIVE[:101])
+SETTING = plants.Setting((-2.0, 1.0), (-1.0, 1.0), (-0.9, 1.1), (1000,) * 8, 0.0, 0.001, 1.0)
+
+
+def test_plays_without_a_rate_are_plain_and_with_it_follow_the_filtered_one():
+    thresholds, weights = np.array([0.0, 0.1, 0.4]), np.array([1.0, 0.5, 0.5])
+    u, step = FINE, STEP
+    plain = other_laws.rate_plays(u, step, thresholds, weights, 0.0, 0.0, 0.0, 5.0, True)
+    np.testing.assert_allclose(plain, plays(u, step, thresholds, weights), atol=1e-12)
+    at_once = plays(u, step, thresholds, weights, stretch=0.5, widening=0.2)
+    known = other_laws.rate_plays(u, step, thresholds, weights, 0.5, 0.2, 0.0, 0.0, False)
+    assert np.std(known - at_once) < 0.01 * np.std(at_once - plain)
+    # a ramp that has gone on for long: the rate is the ramp's, and each play its slack behind
+    ramp = 0.3 * step * np.arange(20_000)
+    for signed in (True, False):
+        y = other_laws.rate_plays(ramp, step, thresholds, weights, 0.5, 0.2, 0.1, 20.0, signed)
+        slack = thresholds * 1.15 + 0.06 * (thresholds > 0.0)
+        wide = weights * (1.0 + 0.03 * (thresholds > 0.0))
+        assert y[-1] == pytest.approx(wide @ (ramp[-1] - slack), rel=1e-6)
+
+
+def test_creep_of_a_ramp_is_the_integral_of_the_compliance():
+    """Of the logarithm by hand, of a power by the gamma function."""
+    step, n = 1 / 32, 6401
+    ramp = step * np.arange(n)
+    t = ramp[-1]
+    power = partial(other_laws.by_power, size=0.2, exponent=0.3, longest=100.0)
+    y = other_laws.slow_step(ramp, step, power)
+    fractional = 0.2 * gamma(1.3) / 100.0**0.3 * t**1.3 / gamma(2.3)
+    assert y[-1] - t == pytest.approx(fractional, rel=1e-4)
+    decades = partial(other_laws.by_logarithm, decade=0.05, shortest=3.0)
+    y = other_laws.slow_step(ramp, step, decades)
+    integral = 0.05 / np.log(10.0) * ((3.0 + t) * np.log1p(t / 3.0) - t)
+    assert y[-1] - t == pytest.approx(integral, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["output_saturation", "input_saturation"])
+@pytest.mark.parametrize("seed", range(10))
+def test_what_saturates_is_smooth_and_levels_off(name, seed):
+    effect = other_laws.LAWS[name](np.random.default_rng(seed), SETTING)
+    low, high = SETTING.settled if name == "output_saturation" else SETTING.drive
+    x = np.linspace(low, high, 2001)
+    slope = np.diff(effect.stage(x, 1.0)) / np.diff(x)
+    assert slope.max() == pytest.approx(1.0, abs=1e-5)
+    assert slope.min() >= 0.0
+    assert max(slope[0], slope[-1]) < 0.15
+    assert np.abs(np.diff(slope)).max() < 0.01
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_sensor_bends_and_its_slope_at_zero_is_one(seed):
+    law = other_laws.LAWS["static_nonlinearity"](np.random.default_rng(seed), SETTING).stage
+    x = np.linspace(-1, 1, 2001)
+    slope = np.diff(law(x, 1.0)) / np.diff(x)
+    assert slope.min() > 0.0
+    assert slope[1000] == pytest.approx(1.0, abs=0.01)
+    assert 0.1 < np.abs(law(x, 1.0) - x).max() < 0.6
+
+
+def test_an_elastic_play_follows_its_equation():
+    """tau y' is the way beyond the slack; with stiff ends it is a play."""
+    u, step = FINE, STEP
+    y = other_laws.elastic_play(u, step, 0.1, 0.5)
+    way = 0.5 * (u[1:] + u[:-1]) - 0.5 * (y[1:] + y[:-1])
+    beyond = np.sign(way) * np.maximum(np.abs(way) - 0.1, 0.0)
+    assert np.std(0.5 * np.diff(y) / step - beyond) < 0.02 * np.std(beyond)
+    stiff = other_laws.elastic_play(u, step, 0.1, 1e-4)
+    np.testing.assert_allclose(stiff, plays(u, step, [0.1], [1.0]), atol=0.01 * np.ptp(u))
+
+
+def test_a_second_spring_acts_beyond_its_gap():
+    step = 1 / 16
+    drive = 0.8 * np.sin(2 * np.pi * step * np.arange(8000) / 60)
+    path = motion.stopped_mode(drive, step, 1 / 40, 0.1, 0.3, 0.7)
+    w, x = 2 * np.pi / 40, path[1:-1]
+    v, a = (path[2:] - path[:-2]) / (2 * step), (path[2:] - 2 * x + path[:-2]) / step**2
+    left = drive[1:-1] - x - 0.2 / w * v - a / w**2
+    expected = 0.7 * np.sign(x) * np.maximum(np.abs(x) - 0.3, 0.0)
+    np.testing.assert_allclose(left, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("curve", [1, 2])
+def test_falls_of_the_friction_differ_and_end_alike(curve):
+    v = np.linspace(0.0, 3.0, 7)
+    part = {1: np.exp(-v), 2: 1.0 / (1.0 + v**2)}[curve]
+    level = [motion._stribeck(one, 0.2, 0.1, 1.0, curve) for one in v]
+    np.testing.assert_allclose(level, 0.1 + 0.1 * part)
+
+
+@pytest.mark.parametrize(
+    ("effect", "declared"),
+    [(e, d) for d in plants.BASES for (e,) in lab.HABITS["other_laws"].possible(d)],
+)
+def test_effects_of_other_laws_show_and_none_is_that_of_the_study(effect, declared):
+    recording = lab.record_in("other_laws", effect, declared, 1, noise=0.0005)
+    assert np.isfinite(np.concatenate([recording.y_train, recording.y_test])).all()
+    assert 2.0 < recording.truth["effect_over_noise"][effect] < 400.0
+    usual = lab.record_in("bench", effect, declared, 1, noise=0.0005)
+    np.testing.assert_array_equal(recording.X_train, usual.X_train)
+    assert (recording.y_train - usual.y_train).std() > 3.0 * recording.noise_std
