@@ -72,26 +72,26 @@ def rate_dependence(rng, setting):
 # ------------------------------------------------------------------------- creep
 
 
-def slow_step(signal, step, compliance):
+def slow_step(signal, step, compliance, longest):
     """Add what each change of the signal leads to later: compliance of the time since then.
 
-    A record begins as the device was put down: what it rests at has not crept.
+    It ends after the longest time, since when the device has rested.
     """
-    times = step * (np.arange(signal.size) + 0.5)
+    times = np.minimum(step * (np.arange(signal.size) + 0.5), longest)
     crept = fftconvolve(np.diff(signal), compliance(times))[: signal.size - 1]
-    return signal + np.append(0.0, crept)
+    return signal + signal[0] * compliance(longest) + np.append(0.0, crept)
 
 
 def by_logarithm(t, decade, shortest):
     return decade * np.log10(1.0 + t / shortest)
 
 
-def by_power(t, size, exponent, longest):
-    return size * (t / longest) ** exponent
+def by_power(t, size, exponent):
+    return size * t**exponent
 
 
 def creep(rng, setting):
-    """Creep by the logarithm, or by a power, of the time since each change: it never ends."""
+    """Creep by the logarithm, or by a power, of the time since each change."""
     longest = np.mean(setting.lengths)
     share = rng.uniform(0.15, 0.3) * setting.strength  # of the response a record's length later
     size = share / (1.0 - share)
@@ -100,8 +100,9 @@ def creep(rng, setting):
         decade = size / np.log10(1.0 + longest / shortest)
         law = partial(by_logarithm, decade=decade, shortest=shortest)
     else:
-        law = partial(by_power, size=size, exponent=rng.uniform(0.15, 0.5), longest=longest)
-    stage = partial(slow_step, compliance=law)
+        exponent = rng.uniform(0.15, 0.5)
+        law = partial(by_power, size=size / longest**exponent, exponent=exponent)
+    stage = partial(slow_step, compliance=law, longest=longest)
     return Effect("dynamics", stage, truth={"law": law.func.__name__, **law.keywords})
 
 

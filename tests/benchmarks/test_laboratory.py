@@ -198,14 +198,16 @@ def test_creep_of_a_ramp_is_the_integral_of_the_compliance():
     step, n = 1 / 32, 6401
     ramp = step * np.arange(n)
     t = ramp[-1]
-    power = partial(other_laws.by_power, size=0.2, exponent=0.3, longest=100.0)
-    y = other_laws.slow_step(ramp, step, power)
-    fractional = 0.2 * gamma(1.3) / 100.0**0.3 * t**1.3 / gamma(2.3)
+    power = partial(other_laws.by_power, size=0.05, exponent=0.3)
+    y = other_laws.slow_step(ramp, step, power, 1000.0)
+    fractional = 0.05 * gamma(1.3) * t**1.3 / gamma(2.3)
     assert y[-1] - t == pytest.approx(fractional, rel=1e-4)
     decades = partial(other_laws.by_logarithm, decade=0.05, shortest=3.0)
-    y = other_laws.slow_step(ramp, step, decades)
+    y = other_laws.slow_step(ramp, step, decades, 1000.0)
     integral = 0.05 / np.log(10.0) * ((3.0 + t) * np.log1p(t / 3.0) - t)
     assert y[-1] - t == pytest.approx(integral, rel=1e-4)
+    rest = other_laws.slow_step(np.full(500, 2.0), step, decades, 1000.0)
+    np.testing.assert_allclose(rest, 2.0 + 2.0 * decades(1000.0))
 
 
 @pytest.mark.parametrize("name", ["output_saturation", "input_saturation"])
