@@ -244,7 +244,7 @@ def backlash(rng, setting):
 
 def dead_zone(rng, setting):
     low, high = setting.drive
-    half_width = rng.uniform(0.05, 0.15) * (high - low) / 2 * setting.strength
+    half_width = rng.uniform(0.05, 0.15) * (high - low) / 2
     center = (low + high) / 2 + rng.uniform(-0.4, 0.4) * (high - low) / 2
     truth = {"center": center, "half_width": half_width}
     return Effect("first", partial(dead_band, center=center, half_width=half_width), truth=truth)
@@ -391,5 +391,6 @@ LAWS = {
     )
 }
 # a weak one is still what it is: a short delay would be one of the instruments, a fast mode or a
-# high limit of the rate would be nothing
-WEAKENED = tuple(name for name in LAWS if name not in ("delay", "resonance", "slew_limit"))
+# high limit of the rate would be nothing, a narrow dead zone would shift the drive by its centre
+_NOT_WEAKENED = ("dead_zone", "delay", "resonance", "slew_limit")
+WEAKENED = tuple(name for name in LAWS if name not in _NOT_WEAKENED)

@@ -46,7 +46,7 @@ def rate_dependence(rng, setting):
     law = ("proportional", "filtered_thresholds", "filtered_weights")[rng.integers(3)]
     tau, signed = log_uniform(rng, 5, 100), bool(rng.integers(2))
     tau = 0.0 if law == "proportional" else tau
-    share = rng.uniform(0.05, 0.15) * setting.strength  # of the half range, where the drive is fast
+    share = rng.uniform(0.05, 0.15)  # of the half range, where the drive is fast
     rates = []
     for drive in setting.drives[:N_TRAIN]:
         change = np.diff(drive)
@@ -93,7 +93,7 @@ def by_power(t, size, exponent):
 def creep(rng, setting):
     """Creep by the logarithm, or by a power, of the time since each change."""
     longest = np.mean(setting.lengths)
-    share = rng.uniform(0.15, 0.3) * setting.strength  # of the response a record's length later
+    share = rng.uniform(0.15, 0.3)  # of the response a record's length later
     size = share / (1.0 - share)
     if rng.random() < 0.5:
         shortest = log_uniform(rng, 1, 30)
@@ -122,9 +122,9 @@ def level_cubic(signal, step, center, level):
 def _levels_off(rng, place, low, high, setting, unit):
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     if rng.random() < 0.5:  # the slope is 0.15 to 0.02 at the ends
-        law, level = level_tanh, rng.uniform(0.4, 0.6) / setting.strength**0.5
+        law, level = level_tanh, rng.uniform(0.4, 0.6)
     else:
-        law, level = level_cubic, rng.uniform(0.7, 0.95) / setting.strength**0.5
+        law, level = level_cubic, rng.uniform(0.7, 0.95)
     parameters = {"center": center, "level": level * half}
     truth = {"law": law.__name__, **{name: unit * value for name, value in parameters.items()}}
     return Effect(place, partial(law, **parameters), truth=truth)
@@ -150,7 +150,7 @@ def bend_root(signal, step, scale, bend):
 def static_nonlinearity(rng, setting):
     """A sensor whose law is an arc tangent, a root, or two straight lines that are rounded."""
     scale = np.abs(setting.response).max()
-    share = rng.uniform(0.18, 0.3) * setting.strength  # departure at the peak
+    share = rng.uniform(0.18, 0.3)  # departure at the peak
     if rng.random() < 0.5:
         law, bend = bend_arctan, np.sqrt(3.0 * share) * (1.0 + 1.1 * share)
     else:  # above -0.45, so that it is a root of what is above a tenth
@@ -186,7 +186,7 @@ def backlash(rng, setting):
     place, ends, unit = ("first", setting.drive, 1.0)
     if not first:
         place, ends, unit = ("last", setting.response, setting.unit)
-    half_width = rng.uniform(0.04, 0.12) * np.ptp(ends) / 2 * setting.strength
+    half_width = rng.uniform(0.04, 0.12) * np.ptp(ends) / 2
     tau = rng.uniform(0.3, 1.0)  # samples: the ends are stiff
     truth = {"place": place, "half_width": unit * half_width, "tau": tau * setting.dt}
     return Effect(place, partial(elastic_play, half_width=half_width, tau=tau), truth=truth)
@@ -194,7 +194,7 @@ def backlash(rng, setting):
 
 def friction(rng, setting):
     """Stribeck's fall by another curve than a bell: exponential, or one over a square."""
-    coulomb = rng.uniform(0.04, 0.15) * setting.strength  # part of the largest drive
+    coulomb = rng.uniform(0.04, 0.15)  # part of the largest drive
     fitted = np.concatenate([np.diff(drive) for drive in setting.drives[:N_TRAIN]])
     typical = np.sqrt(np.mean(np.square(fitted))) / np.abs(setting.drive).max()
     curve = int(rng.integers(1, 3))
@@ -216,7 +216,7 @@ def cubic_stiffness(rng, setting):
     peak = np.abs(setting.response).max()
     parameters = {
         "gap": rng.uniform(0.2, 0.5) * peak,
-        "stiffer": rng.uniform(0.3, 1.0) * setting.strength,
+        "stiffer": rng.uniform(0.3, 1.0),
     }
 
     def alter(plant, _):

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import plants
 import pytest
+from plants import effects, motion, other_laws, recording
 from plants import laboratory as lab
-from plants import motion, other_laws
 from scipy.special import gamma
 
 from skhyst.datasets.simulation import Plant, first_order, oscillate, plays
@@ -161,11 +161,25 @@ def test_both_of_two_are_named_by_a_claim_each(row):
     ],
 )
 def test_one_of_two_is_a_tenth_of_the_other_and_shows(pair, declared):
-    recording = lab.record_in("unequal_pair", pair, declared, 11, noise=0.0005)
-    large, small = (recording.truth["effect_over_noise"][name] for name in pair)
+    recorded = lab.record_in("unequal_pair", pair, declared, 11, noise=0.0005)
+    large, small = (recorded.truth["effect_over_noise"][name] for name in pair)
     assert small > 2.0
     wanted = max(0.1 * large, lab.SHOWING)
     assert small / wanted == pytest.approx(1.0, rel=0.25)
+
+
+@pytest.mark.parametrize("name", effects.WEAKENED)
+def test_what_is_weakened_fades(name):
+    kind = next(i for i, d in enumerate(plants.BASES) if name in plants.MATRIX[d])
+    plant, setting, *_ = recording.draw_plant(3, kind, 1500, 8, False, spread=True)
+    bare = recording.respond(plant, [], setting)
+    sizes = [
+        recording.change(
+            recording.put_in(np.random.default_rng(0), [name], plant, setting, last=last)[1], bare
+        )
+        for last in (1.0, 0.1, 0.01)
+    ]
+    assert sizes[2] < 0.5 * sizes[1] < 0.25 * sizes[0]
 
 
 # ------------------------------------------------------------------------------------ other laws
@@ -268,9 +282,9 @@ def test_falls_of_the_friction_differ_and_end_alike(curve):
     [(e, d) for d in plants.BASES for (e,) in lab.HABITS["other_laws"].possible(d)],
 )
 def test_effects_of_other_laws_show_and_none_is_that_of_the_study(effect, declared):
-    recording = lab.record_in("other_laws", effect, declared, 1, noise=0.0005)
-    assert np.isfinite(np.concatenate([recording.y_train, recording.y_test])).all()
-    assert 2.0 < recording.truth["effect_over_noise"][effect] < 400.0
+    other = lab.record_in("other_laws", effect, declared, 1, noise=0.0005)
+    assert np.isfinite(np.concatenate([other.y_train, other.y_test])).all()
+    assert 2.0 < other.truth["effect_over_noise"][effect] < 400.0
     usual = lab.record_in("bench", effect, declared, 1, noise=0.0005)
-    np.testing.assert_array_equal(recording.X_train, usual.X_train)
-    assert (recording.y_train - usual.y_train).std() > 3.0 * recording.noise_std
+    np.testing.assert_array_equal(other.X_train, usual.X_train)
+    assert (other.y_train - usual.y_train).std() > 3.0 * other.noise_std
