@@ -49,7 +49,9 @@ class ColumnOperator(WrappedOperator):
         return self.operator.step(state, _one(u, self.column), dt)
 
     def linearize(self, u, du, dt, initial_state="rest"):
-        return self.operator.linearize(_one(u, self.column), du, dt, initial_state)
+        # the tangents are those of the drive, column 0
+        own = du if self.column == 0 else np.zeros_like(du)
+        return self.operator.linearize(_one(u, self.column), own, dt, initial_state)
 
 
 @dataclass(frozen=True)

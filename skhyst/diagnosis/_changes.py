@@ -66,8 +66,7 @@ class UnderWay:
         unknown = tree.model.get_params().get("initial_state") != "rest" or tree.multi_input
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
-        roughly = tree.led_by(scene.records, thorough=False)
-        return [tree.edited(name, Begin(roughly.histories))]
+        return [tree.edited(name, Begin(tree.led_by(scene.records).histories))]
 
 
 @dataclass(frozen=True)

@@ -362,10 +362,10 @@ class Tree:
         problem = OperatorProblem(self.operator, self.read(records), initial_state=self.state)
         return [problem.simulate(self.operator, record) for record in problem.records]
 
-    def led_by(self, records, *, thorough=True):
+    def led_by(self, records):
         """Return the tree with what came before records estimated, the parameters held."""
         alone = as_read(self.model, records)
-        found, _ = histories_of(self.operator, self.disturbances, alone, thorough=thorough)
+        found, _ = histories_of(self.operator, self.disturbances, alone)
         return replace(self, histories=tuple(found))
 
     # ------------------------------------------------------------------ as an estimator

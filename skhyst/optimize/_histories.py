@@ -7,14 +7,18 @@ the record, with a rest at the first of them. With the parameters held, each rec
 least-squares problem.
 
 The output depends on these values piecewise smoothly at best: plays that did not move do not tell
-where they would have turned. So rests at many levels, with some way from there, and pasts that the
-record itself has seen are tried; the best few are searched on by steps of all sizes in one value
-after the other, and by a trust-region search. What the record does not tell is kept at rest: to
-change by the whole range from one value to the next costs as much as the mean sample leaves.
+where they would have turned. So the search begins with the best of a rest and pasts that the record
+itself has seen. In turn it steps in one value after the other, the longest ago first, and descends
+along the derivatives, which the operator carries from its input. What the record does not tell is
+kept at rest: to change by the whole range from one value to the next costs as much as the mean
+sample leaves.
 
 The parameters come first from the later half of each record, of which its start tells least. Then
 both are identified in turn, the parameters with what a change of these values would add to each
 record taken out.
+
+Each search goes on while the sum of squares falls by more than chance would let it: of n samples of
+noise, k values are expected to take the part k / n.
 """
 
 from dataclasses import replace
@@ -23,17 +27,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ._identify import identify
-from ._problem import OperatorProblem
+from ._problem import OperatorProblem, ages, scheduled
 
-_LEVELS = 17  # of a rest, over three times the range of the drive
-_PASTS = 50  # of the record itself, which are tried as what came before it
-_STARTS = 3
-_SWEEPS = 3
-_STEPS = np.outer(2.0 ** -np.arange(8), (1.0, -1.0)).ravel()  # relative to the limits
-_EVALUATIONS, _FEW = 30, 5  # of each trust-region search, and of one that is not thorough
-_ROUNDS = 5
+_THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
+_STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
 _FAR = 1e10  # what a run that diverges leaves, relative to the response
-_STILL = 0.01  # part by which the error falls that is worth another round
 
 
 def estimate_histories(operator, disturbances, records, *, fixed=(), method="variable_projection"):
@@ -60,22 +58,22 @@ def estimate_histories(operator, disturbances, records, *, fixed=(), method="var
     late = [
         replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
     ]
-    result, evaluations = identify(start, late, fixed=fixed, method=method), 0
-    for _ in range(_ROUNDS):
+    chance = count * len(records) / sum(record.counts().sum() for record in records)
+    result, evaluations, gain = identify(start, late, fixed=fixed, method=method), 0, 1.0
+    while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = histories_of(operator, disturbances, records)
         trial = [replace(r, before=own) for r, own in zip(records, found, strict=True)]
         result = identify([(operator, disturbances)], trial, fixed=fixed, method=method)
         evaluations += runs + result.n_evaluations
-        gain = 1.0 - result.error / best.error if best.error > 0.0 else 0.0
+        gain = 1.0 - (result.error / best.error) ** 2 if best.error > 0.0 else 0.0
         if gain > 0.0:
             records, best = trial, result
-        if gain < _STILL:
-            break
-        problem = OperatorProblem(best.operator, records, disturbances=best.disturbances)
-        loose = [replace(r, beside=_tangents(problem, r)) for r in records]
-        start = [(best.operator, best.disturbances)]
-        result = identify(start, loose, fixed=fixed, method=method)
+        if gain > chance:
+            problem = OperatorProblem(best.operator, records, disturbances=best.disturbances)
+            loose = [replace(r, beside=problem.carried(best.operator, r)) for r in records]
+            start = [(best.operator, best.disturbances)]
+            result = identify(start, loose, fixed=fixed, method=method)
     histories = np.array([record.before for record in records])
     return replace(best, n_evaluations=best.n_evaluations + evaluations), histories
 
@@ -91,91 +89,55 @@ def _rested(record, count):
     return replace(record, before=np.full(count, record.drive[0]))
 
 
-def _tangents(problem, record):
-    """Return the derivatives of the output by what came before a record, (n, n_values)."""
-    step = 1e-6 * (np.ptp(np.concatenate([record.drive, record.before])) or 1.0)
-    sides = [
-        [
-            problem.simulate(problem.operator, replace(record, before=record.before + change))
-            for change in (own, -own)
-        ]
-        for own in step * np.eye(len(record.before))
-    ]
-    return np.stack([(a - b) / (2.0 * step) for a, b in sides], axis=1)
-
-
-def histories_of(operator, disturbances, records, *, thorough=True):
+def histories_of(operator, disturbances, records):
     """Return the drive before each record with the parameters held, and how often all were run.
 
-    ``histories`` is (n_records, n_values). If not ``thorough``, the best of those that are tried at
-    first is followed down, and no more.
+    ``histories`` is (n_records, n_values).
     """
     drives = [record.drive for record in records]
     low, high = min(u.min() for u in drives), max(u.max() for u in drives)
     # what came before may have gone as far again
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     problem = OperatorProblem(operator, records, disturbances=disturbances)
-    found = [_history(problem, record, limits, count, thorough) for record in problem.records]
+    found = [_history(problem, record, limits, count) for record in problem.records]
     return np.array([own for own, _ in found]), max(runs for _, runs in found)
 
 
-def _history(problem, record, limits, count, thorough):
+def _history(problem, record, limits, count):
     """Return the drive before one record, and the number of runs that it took."""
     low, high = limits
     size = high - low
     if not size > 0.0:
         return np.full(count, low), 0
     misfit = _Misfit(problem, record, low, size)
-    starts = sorted(_starts(record, low, size, count), key=misfit.cost)[:_STARTS]
-    misfit.hold(starts[0])
-    if thorough:
-        starts = [_searched(misfit, start) for start in starts]
-    else:
-        starts = [starts[0], misfit.polished(starts[0], _FEW)]
-    best = min(starts, key=misfit.cost)
+    best = min(_starts(record, low, size, count), key=misfit.cost)
+    misfit.hold(best)
+    chance, before, least = count / max(record.counts().sum(), 1.0), np.inf, misfit.cost(best)
+    while least < (1.0 - chance) * before:
+        before = least
+        best, least = misfit.descended(*misfit.stepped(best, least), chance)
     return low + size * best, misfit.runs
 
 
 def _starts(record, low, size, count):
     """Return what may have come before a record, relative to the limits."""
-    drive, age = (record.drive - low) / size, np.arange(count)
+    drive, back = (record.drive - low) / size, ages(np.empty(count))
     starts = [np.full(count, drive[0])]
     if np.size(record.before) == count:
         starts.append(np.clip((record.before - low) / size, 0.0, 1.0))
-    for way in (0, count // 2, count - 1):  # values from the rest to the record
-        part = np.minimum(age / max(way, 1), 1.0) if way else np.ones(count)
-        starts += [drive[0] + (level - drive[0]) * part for level in np.linspace(0.0, 1.0, _LEVELS)]
-    back = 2**age
-    for now in np.linspace(back[-1], len(drive), _PASTS).astype(int):  # pasts of its own
+    # pasts of its own, as many as there are steps in all values
+    for now in np.linspace(back[-1], len(drive), count * len(_STEPS)).astype(int):
         starts.append(drive[np.clip(now - back, 0, len(drive) - 1)])
     return starts
-
-
-def _searched(misfit, values):
-    """Return the minimum near a start: by steps of all sizes in each value, and by descent."""
-    values = misfit.polished(values)
-    for _ in range(_SWEEPS):
-        before = misfit.cost(values)
-        at, least = values.copy(), before
-        for place in range(len(values))[::-1]:
-            here = at.copy()
-            for step in _STEPS:
-                trial = here.copy()
-                trial[place] = np.clip(here[place] + step, 0.0, 1.0)
-                cost = misfit.cost(trial)
-                if cost < least:
-                    at, least = trial, cost
-        values = min(values, misfit.polished(at), key=misfit.cost)
-        if misfit.cost(values) > (1.0 - _STILL) * before:
-            break
-    return values
 
 
 class _Misfit:
     """What a record leaves as a function of the drive before it, relative to the limits."""
 
     def __init__(self, problem, record, low, size):
-        self._problem, self._record, self._low, self._size = problem, record, low, size
+        self._problem, self._low, self._size = problem, low, size
+        self._operator = scheduled(problem.operator, record)
+        self._record = replace(record, schedule=None)
         self._root, self._basis = np.sqrt(record.counts()), None
         if problem.disturbances:
             columns = self._root[:, None] * problem.basis(problem.disturbances, record)
@@ -191,20 +153,47 @@ class _Misfit:
         self._stiffness = np.sqrt(self.cost(values) / len(self._root))
 
     def __call__(self, values):
-        self.runs += 1
-        record = replace(self._record, before=self._low + self._size * values)
-        left = self._root * (self._problem.simulate(self._problem.operator, record) - record.y)
-        if self._basis is not None:
-            left -= self._basis @ (self._basis.T @ left)
+        record = self._begun(values)
+        left = self._left(self._problem.simulate(self._operator, record) - record.y)
         changes = self._stiffness * np.diff(values, prepend=self._last)
-        return np.nan_to_num(np.concatenate([left / self._scale, changes]), nan=_FAR, posinf=_FAR)
+        return np.nan_to_num(np.concatenate([left, changes]), nan=_FAR, posinf=_FAR)
+
+    def _begun(self, values):
+        self.runs += 1
+        return replace(self._record, before=self._low + self._size * values)
+
+    def _left(self, part):
+        """Return what is left of columns of the response, relative to it."""
+        part = (part.T * (self._root / self._scale)).T
+        return part if self._basis is None else part - self._basis @ (self._basis.T @ part)
+
+    def _derivatives(self, values):
+        part = self._problem.carried(self._operator, self._begun(values))
+        count = len(values)
+        changes = self._stiffness * (np.eye(count) - np.eye(count, k=-1))
+        found = np.concatenate([self._left(self._size * part), changes])
+        return np.nan_to_num(found, posinf=0.0, neginf=0.0)
 
     def cost(self, values):
         """Return the sum of squares."""
         left = self(values)
         return left @ left
 
-    def polished(self, values, evaluations=_EVALUATIONS):
-        """Return the minimum that a trust-region search reaches."""
+    def stepped(self, values, least):
+        """Return the best that steps in one value after the other reach, and its sum of squares."""
+        for place in range(len(values))[::-1]:
+            for step in _STEPS:
+                trial = values.copy()
+                trial[place] = np.clip(values[place] + step, 0.0, 1.0)
+                cost = self.cost(trial)
+                if cost < least:
+                    values, least = trial, cost
+        return values, least
+
+    def descended(self, values, least, tolerance):
+        """Return the minimum that a trust-region search reaches, and its sum of squares."""
         inside = np.clip(values, 1e-6, 1.0 - 1e-6)
-        return least_squares(self, inside, bounds=(0.0, 1.0), max_nfev=evaluations).x
+        found = least_squares(
+            self, inside, jac=self._derivatives, bounds=(0.0, 1.0), ftol=tolerance
+        )
+        return (found.x, 2.0 * found.cost) if 2.0 * found.cost < least else (values, least)

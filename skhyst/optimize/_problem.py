@@ -205,9 +205,17 @@ class OperatorProblem(Unknowns):
     def simulate(self, operator, record):
         """Return the operator's output for a record, (n_samples,)."""
         u, skip = record.with_history()
-        operator = _scheduled(operator, record)
+        operator = scheduled(operator, record)
         state = operator.init(u[0], self.initial_state)
         return operator.run(u, record.dt, state)[0][skip:]
+
+    def carried(self, operator, record):
+        """Return the derivatives of the output by what came before a record, (n, n_values)."""
+        u, skip = record.with_history()
+        du = np.zeros((len(u), np.size(record.before)))
+        du[:skip] = np.transpose([path_of(own) for own in np.eye(du.shape[1])])
+        operator = scheduled(operator, record)
+        return operator.carry(u, du, record.dt, self.initial_state)[1][skip:]
 
     def outputs(self, operator, disturbances, coefficients):
         """Return the output of each record, with its row of the disturbances' coefficients."""
@@ -274,7 +282,7 @@ class OperatorProblem(Unknowns):
     def _linearized(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""
         u, skip = record.with_history()
-        y, dy = _scheduled(operator, record).linearize(
+        y, dy = scheduled(operator, record).linearize(
             u, np.empty((len(u), 0)), record.dt, self.initial_state
         )
         return y[skip:], dy[skip:]
@@ -349,7 +357,8 @@ class OperatorProblem(Unknowns):
         return found
 
 
-def _scheduled(operator, record):
+def scheduled(operator, record):
+    """Return the operator as it is in a record."""
     return operator if record.schedule is None else operator.at(record.schedule)
 
 

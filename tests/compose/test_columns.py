@@ -50,6 +50,18 @@ def thresholds():
     return PrandtlIshlinskii(thresholds=[0.0, 0.3])
 
 
+def test_tangents_are_those_of_the_drive():
+    """What moves the drive does not move a further column."""
+    u, along = np.random.default_rng(0).normal(size=(2, N, 2))
+    along[:, 1] = 0.0
+    both = SumOperator(
+        ("drive", "load"), (ColumnOperator(LAG, 0), ColumnOperator(GainOperator(3.0), 1))
+    )
+    ends = [both.run(u + way * along, DT)[0] for way in (0.5, -0.5)]  # it is linear
+    _, dy = both.linearize(u, along[:, :1], DT)
+    np.testing.assert_allclose(dy[:, 0], ends[0] - ends[1], atol=1e-12)
+
+
 def test_a_column_acts_through_a_lag_of_its_own(X):
     lag = FirstOrderLagOperator(0.1, 0.8)
     y = by_record(X, lambda part: plays(part) + lag.run(part["load"].to_numpy(), DT)[0])

@@ -1,5 +1,7 @@
 """What came before a record: found where a record shows it, at rest where it does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,15 @@ from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import FirstOrderLagOperator, GainOperator, KelvinVoigtOperator
 from skhyst.linear import SecondOrderModeOperator as Mode
 from skhyst.operators import SeriesOperator
-from skhyst.optimize import RecordData, ages, estimate_histories, histories_of, identify, path_of
+from skhyst.optimize import (
+    OperatorProblem,
+    RecordData,
+    ages,
+    estimate_histories,
+    histories_of,
+    identify,
+    path_of,
+)
 
 DT, CUT, N = 0.02, 700, 600
 PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.5, 1.0]), np.array([1.0, 0.5, 0.4]), 0.2)
@@ -107,6 +117,23 @@ def test_samples_that_do_not_count_tell_nothing():
     y[5:20], weights[5:20] = 1e3, 0.0
     first, _ = histories_of(DEVICES["lag"], (), [RecordData(record.u, y, DT, weights=weights)])
     assert errors(DEVICES["lag"], record, first[0])[1] < 1e-3
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_derivatives_are_those_of_the_output(name):
+    device, step = DEVICES[name], 1e-6
+    record = cut(device, 0)
+    before = record.u[0] + np.array([0.3, -0.6, 0.9, -1.2, 1.5, -1.8])
+    problem = OperatorProblem(device, [replace(record, before=before)])
+
+    def output(values):
+        return problem.simulate(device, replace(record, before=values))
+
+    ends = [[output(before + way) for way in (move, -move)] for move in step * np.eye(6)]
+    expected = np.stack([(a - b) / (2.0 * step) for a, b in ends], axis=1)
+    found = problem.carried(device, problem.records[0])
+    np.testing.assert_allclose(found, expected, atol=1e-6 * max(np.abs(expected).max(), 1.0))
+    assert np.abs(expected).max() > 1e-3
 
 
 def test_the_path_is_straight_between_its_values():
