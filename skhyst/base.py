@@ -393,7 +393,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
         y : array-like of shape (n_samples,)
-            Response where it is known, such as in the first part of a record, NaN elsewhere.
+            Response where it is known, such as in the first part of a record, NaN elsewhere. A
+            record that has none begins as in :meth:`predict`.
 
         Returns
         -------
@@ -411,7 +412,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         >>> bool(np.allclose(model.predict_from(late, known), model.predict(u)[200:], rtol=0.01))
         True
         """
-        check_is_fitted(self)
+        rest = self.predict(X)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
         y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
         check_consistent_length(X, y)
@@ -427,7 +428,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = [replace(r, before=b) for r, b in zip(data, histories, strict=True)]
         problem = OperatorProblem(driven, data, disturbances=beside)
         parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
-        return np.concatenate(parts)
+        told = [known[s.rows].any() for s in slices]
+        own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
+        return np.concatenate(own)
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"

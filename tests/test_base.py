@@ -11,7 +11,8 @@ import pytest
 from sklearn.base import clone
 
 from skhyst.base import ParametricModel, run_records
-from skhyst.compose import Cascade
+from skhyst.compose import Cascade, Sum
+from skhyst.disturbance import Offset
 from skhyst.exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from skhyst.hysteresis import (
     MaxwellSlip,
@@ -271,6 +272,19 @@ def test_estimated_history():
     operator, first = model.operator_, data[0].iloc[:N]
     expected, _ = operator.run(first["drive"].to_numpy(), DT)
     np.testing.assert_array_equal(model.predict(first), expected)
+
+
+def test_a_record_that_tells_nothing_begins_as_in_predict():
+    """What stands beside it is then the mean over the records of the fit, as in predict."""
+    u = [drive(0), drive(1)]
+    data = pd.concat([frame(part, record=i) for i, part in enumerate(u)])
+    y = np.concatenate([PLANT.run(u[0], DT)[0] + 2.0, PLANT.run(u[1], DT)[0] + 4.0])
+    model = Sum([("plant", MODELS["cascade"]), ("offset", Offset())], dt=DT).fit(data, y)
+    y[N:] = np.nan
+    free, told = model.predict(data), model.predict_from(data, y)
+    np.testing.assert_array_equal(told[N:], free[N:])
+    assert np.abs(free[N:]).mean() > 1.0
+    assert np.nanmax(np.abs(told - y)) < 0.01 < 0.9 < np.nanmax(np.abs(free - y))
 
 
 # -------------------------------------------------------------------------------------- results
