@@ -395,7 +395,8 @@ class Rounds:
             return base
         trees = [base.structure.identified(self.records)]
         if base.structure.histories:
-            trees = [t.with_histories(self.records) for t in (base.structure, *trees)]
+            anew = [replace(t, histories=()) for t in (base.structure, *trees)]
+            trees = [t.with_histories(self.records) for t in anew]
         anew = [refitted(base, tree, self.records) for tree in trees]
         anew = min(anew, key=lambda c: c.cost)
         if anew.cost >= base.cost:
