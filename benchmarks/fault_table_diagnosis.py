@@ -176,8 +176,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "the threshold of structure times ten, in parts of the error",
-        "left <= (1.0 - criterion.min_improvement) ** 2 * power",
-        "left <= (1.0 - 10.0 * criterion.min_improvement) ** 2 * power",
+        "return bool(self.p_value < criterion.alpha and self.share <= most)",
+        "return bool(self.p_value < criterion.alpha and self.share <= most**10)",
         "tests/diagnosis/test_noise.py -k structure",
     ),
     (

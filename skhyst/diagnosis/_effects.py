@@ -57,6 +57,7 @@ from ._plausibility import (
     remembers,
     rings,
     slides,
+    varies_in_rate,
 )
 
 
@@ -161,13 +162,19 @@ _BUILT_IN = (
     Effect(
         "rate_dependence",
         lambda: [
-            RateDependence(variant, smoothing)
-            for smoothing in ("none", "speed", "velocity")
-            for variant in ("threshold", "proportional", "slope")
+            RateDependence("threshold"),
+            RateDependence("proportional"),
+            RateDependence("slope"),
+            RateDependence("threshold", "speed"),
+            RateDependence("threshold", "velocity"),
+            # weights behind a low-pass of the signed rate follow the way since a turn, as any
+            # law of a loop does
+            RateDependence("slope", "speed"),
         ],
         "The hysteresis itself changes with the rate of the drive.",
         "Repeat one loop at several rates: its width grows without the phase of linear dynamics.",
         picture="rate",
+        plausible=varies_in_rate,
     ),
     Effect(
         "initial_state",

@@ -3,7 +3,6 @@
 import numpy as np
 
 from ..hysteresis import PrandtlIshlinskiiOperator
-from ..operators import turning_points
 from ._constants import AWAY, NOTICEABLE, PROBES, SAME
 
 
@@ -12,11 +11,20 @@ def repeats(a, b):
     return np.max(np.abs(a - b)) <= 1e-6 * np.ptp(a)
 
 
+def turns(u):
+    """Return the samples at which a signal turns round by more than a twentieth of its range."""
+    r = 0.5 * NOTICEABLE * np.ptp(u)
+    if not r > 0.0:
+        return np.empty(0, dtype=int)
+    ways = np.diff(PrandtlIshlinskiiOperator([r], [1.0], drive_offset=float(u[0])).run(u, 1.0)[0])
+    moving = np.flatnonzero(ways)
+    rising = ways[moving] > 0.0
+    return 1 + moving[:-1][rising[1:] != rising[:-1]]
+
+
 def visible_turns(u):
     """Return how often a signal turns round by more than a twentieth of its range."""
-    r = 0.5 * NOTICEABLE * np.ptp(u)
-    play = PrandtlIshlinskiiOperator([r], [1.0], drive_offset=float(u[0]))
-    return max(len(turning_points(play.run(u, 1.0)[0])) - 2, 0) if r > 0.0 else 0
+    return len(turns(u))
 
 
 def drive_period(u):

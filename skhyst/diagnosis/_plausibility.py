@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import norm
 
 from ._constants import FEW_TURNS, FLAT, HARD, NOTICEABLE, REPEATS, STEP
-from ._periods import near_period, visible_turns
+from ._periods import near_period, turns, visible_turns
 
 
 def is_plausible(margin, candidate, before, records, alpha):
@@ -120,6 +120,20 @@ def is_between_samples(operator, motion, records):
     """Return by how much a shift is below an interval, of either sign where it looks ahead."""
     shift = getattr(operator, "shift", None)
     return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
+
+
+def varies_in_rate(operator, motion, records):
+    """Tell whether ways from turn to turn differ in duration, by more than a sample at each end.
+
+    At one frequency the rate follows from the amplitude, whatever depends on either.
+    """
+    durations = [record.dt * np.diff(turns(record.drive)) for record in records]
+    ends = np.array([np.quantile(own, (0.1, 0.9)) for own in durations if len(own)])
+    if not len(ends):
+        return -np.inf
+    low, high = ends[:, 0].min(), ends[:, 1].max()
+    coarse = 2.0 * max(record.dt for record in records)
+    return np.inf if high - low > NOTICEABLE * low + coarse else -np.inf
 
 
 def levels_off(operator, motion, records):

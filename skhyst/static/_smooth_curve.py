@@ -66,7 +66,7 @@ class SmoothCurve(StaticModel):
     >>> import numpy as np
     >>> from skhyst.static import SmoothCurve
     >>> u = np.linspace(-1, 1, 201)
-    >>> y = u + 0.1 * (u**3 - 0.864 * u)
+    >>> y = u + 0.1 * (u**3 - 0.6 * u)
     >>> model = SmoothCurve(degree=3).fit(u.reshape(-1, 1), y)
     >>> bool(np.allclose(model.predict(u.reshape(-1, 1)), y))
     True

@@ -50,8 +50,8 @@ def assert_same(other, first, unit=1.0):
     assert list(own.index) == list(table.index)
     for column in ("error_before", "error_after"):
         np.testing.assert_allclose(own[column], unit * table[column], rtol=100 * CLOSE)
-    # what came before a record is followed down by differences, which lose digits
-    np.testing.assert_allclose(own["screen"], table["screen"], atol=10 * CLOSE)
+    # what came before a record is sought in steps: a last digit may decide on one more
+    np.testing.assert_allclose(own["screen"], table["screen"], atol=100 * CLOSE)
     np.testing.assert_allclose(own["p_value"], table["p_value"], rtol=1e-4)
 
 

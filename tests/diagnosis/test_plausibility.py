@@ -10,7 +10,7 @@ from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._candidates import Candidate, refitted
 from skhyst.diagnosis._edits import Insert
 from skhyst.diagnosis._periods import near_period
-from skhyst.diagnosis._plausibility import goes_on, is_plausible
+from skhyst.diagnosis._plausibility import goes_on, is_plausible, varies_in_rate
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
 from skhyst.linear import (
@@ -106,3 +106,19 @@ def test_a_period_is_known_between_the_samples(period):
     assert margin(harmonics, np.array([]), records) < 0.0
     beside = replace(harmonics, frequencies=harmonics.frequencies + 2.0 / 6.0)  # turns a record
     assert margin(beside, np.array([]), records) > 0.0
+
+
+def test_rate_dependence_needs_more_than_one_rate():
+    """At one frequency, whatever the amplitude, rate and amplitude are one."""
+
+    def told(*drives, dt=1.0):
+        return varies_in_rate(None, None, [RecordData(u, u, dt) for u in drives]) > 0.0
+
+    t = np.arange(2000.0)
+    sine = np.sin(2 * np.pi * t / 97.3)
+    assert not told(sine)
+    assert not told(sine * np.exp(-t / 600.0), 3.0 * sine)
+    assert not told(sine[:60])
+    assert told(sine, np.sin(2 * np.pi * t / 140.0))
+    assert told(np.sin(2 * np.pi * (t / 200.0) ** 1.5))
+    assert told(np.cumsum(np.random.default_rng(0).normal(size=2000)))
