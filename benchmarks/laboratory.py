@@ -35,6 +35,7 @@ from blind_study import (
     judge,
     names,
     provenance,
+    refits,
     seed_of_study,
     share,
     study,
@@ -133,6 +134,7 @@ def summary(rows, first_seed):
         f"claims where nothing is missing: {share(nulls['false'], FALSE, most=True)}",
         f"named rightly, or told as ambiguous with it: {share(seen['right'], NAMED)}",
         f"wrong names: {share(seen['wrong'], WRONG, most=True)}",
+        refits(table),
         f"searches that raised: {table['raised'].sum()} of {len(table)}",
         "",
     ]

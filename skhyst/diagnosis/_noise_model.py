@@ -19,7 +19,8 @@ References
 .. [2] G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct
@@ -64,16 +65,20 @@ class NoiseModel:
         """Return the power at frequencies in cycles a sample, one on average."""
         return _spectrum(self.law, frequency, self.coefficient, self.share)
 
-    def innovations(self, series):
-        """Return what its own past does not foretell of each stretch of the noise."""
-        if self.law == "white":
-            return list(series)
+    @cached_property
+    def _forecast(self):
+        """Weights of the past samples, the last one first, that foretell the next."""
         lags = np.arange(LAGS[-1] + 1)
         frequency = np.arange(0.5, 8 * len(lags)) / (16 * len(lags))  # fine enough for these lags
         power = self.spectrum(frequency) / len(frequency)
         correlations = np.cos(2.0 * np.pi * np.outer(lags, frequency)) @ power
-        past = solve_toeplitz(correlations[:-1], correlations[1:])
-        return [lfilter(np.append(1.0, -past), 1.0, own) for own in series]
+        return solve_toeplitz(correlations[:-1], correlations[1:])
+
+    def innovations(self, series):
+        """Return what its own past does not foretell of each stretch of the noise."""
+        if self.law == "white":
+            return list(series)
+        return [lfilter(np.append(1.0, -self._forecast), 1.0, own) for own in series]
 
     def __str__(self):
         size = f"standard deviation {self.standard_deviation:.3g}"
@@ -108,9 +113,8 @@ def noise_model(series, readings=()):
     NoiseModel
     """
     series = [own - own.mean() for own in series if len(own) > 1]
-    values = np.concatenate([*series, np.zeros(1)])
-    power = float(np.mean(np.square(values)))
-    size = np.sqrt(power)
+    power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
+    size = float(np.sqrt(power))
     step = quantisation_step(readings)
     if not power > 0.0:
         return NoiseModel("white", 0.0, quantisation=step)
@@ -125,12 +129,12 @@ def noise_model(series, readings=()):
         found = minimize(lambda x, law=law: _deviance(*bins, law, *x) / count, start, bounds=bounds)
         if count * found.fun + 2.0 * np.log(count) < least:
             best, least = (law, *map(float, found.x)), count * found.fun + 2.0 * np.log(count)
-    model = NoiseModel(best[0], size, best[1], best[2], quantisation=step)
+    model = NoiseModel(best[0], size, *best[1:], quantisation=step)
     innovations = np.concatenate(model.innovations(series))
     usual = norm.isf(0.5 / count) * np.median(np.abs(innovations)) / norm.ppf(0.75)
-    outliers = float(np.mean(np.abs(innovations) > usual)) if usual > 0.0 else 0.0
-    # one is what chance gives
-    return NoiseModel(*best[:1], size, *best[1:], outliers if outliers * count > 3.0 else 0.0, step)
+    count = np.count_nonzero(np.abs(innovations) > usual) if usual > 0.0 else 0
+    # chance gives one; more than four in one case of 300
+    return replace(model, outliers=count / len(innovations) if count > 4 else 0.0)
 
 
 def quantisation_step(readings):

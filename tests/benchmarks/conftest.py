@@ -18,6 +18,7 @@ def row():
             "verdict": "noise",
             "before": 5.0,
             "after": 1.0,
+            "refitted": 1.0,
             "effect_over_noise": 4.0,
             "seconds": 1.0,
             "processor_seconds": 2.0,

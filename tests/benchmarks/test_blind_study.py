@@ -148,3 +148,10 @@ def test_a_search_that_fails_is_a_row(monkeypatch):
     assert found["named"] == "error"
     assert found["message"] == "ValueError: no"
     assert "FAILED" in summary([found])
+
+
+def test_models_that_are_not_fitted_again_are_counted(row):
+    errors = 0.99, 1.0, 1.009, 1.02, float("nan")
+    rows = [row("lag", "lag", refitted=error) for error in errors]
+    (told,) = [text for text in summary(rows).splitlines() if text.startswith("fitted again")]
+    assert "3 of 4" in told
