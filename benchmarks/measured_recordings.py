@@ -24,7 +24,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -284,9 +284,21 @@ CASES = {
 }
 
 
-def search_one(case, data, jobs, again):
+def first_alone(X, y, X_test, y_test):
+    """Return the first record, and all others held out."""
+    (_, X, y), *rest = [
+        (label, *(own.droplevel("record") if own.index.nlevels > 1 else own for own in part))
+        for label, *part in [*iter_records(X, y), *iter_records(X_test, y_test)]
+    ]
+    return X, y, *stack_records({i: part for i, (_, *part) in enumerate(rest)})
+
+
+def search_one(case, data, jobs, again, alone):
     """Return the row of the table."""
     X, y, X_test, y_test = case.load(data)
+    if alone:
+        X, y, X_test, y_test = first_alone(X, y, X_test, y_test)
+        case = replace(case, blocks=False)
     start = time.perf_counter()
     search = case.search(n_jobs=jobs).fit(X, y)
     seconds = time.perf_counter() - start
@@ -364,6 +376,8 @@ def main():
     parser.add_argument("--only", default="", help=f"of {', '.join(CASES)}, by commas")
     parser.add_argument("--jobs", type=int, default=2, help="processes of a search")
     parser.add_argument("--again", action="store_true", help="search each augmented model again")
+    alone = "search the first record of each alone, all others held out"
+    parser.add_argument("--alone", action="store_true", help=alone)
     parser.add_argument("--output", type=Path, help="CSV file of the table")
     options = parser.parse_args()
     names = [name for name in options.only.split(",") if name] or list(CASES)
@@ -379,7 +393,9 @@ def main():
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # what data do not determine is not the matter here
-                row = search_one(CASES[name], options.data, options.jobs, options.again)
+                row = search_one(
+                    CASES[name], options.data, options.jobs, options.again, options.alone
+                )
         except Exception as error:  # one recording does not keep the others from the table
             print(f"{name}: failed, {type(error).__name__}: {error}", flush=True)
             failed = True

@@ -19,12 +19,12 @@ from skhyst.diagnosis._candidates import (
     refitted,
 )
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._edits import Beside
+from skhyst.diagnosis._edits import Beside, Schedule
 from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import GainOperator
+from skhyst.linear import Gain, GainOperator
 from skhyst.optimize import OperatorProblem, RecordData, predicted_cost, variable_projection
 
 
@@ -254,3 +254,22 @@ def test_what_goes_beyond_the_drive_of_its_fold():
     inner, last = np.array([False, True, False]), np.array([False, False, True])
     assert extrapolated([record], [(~inner, inner)]) == 0.0
     assert extrapolated([record], [(~inner, inner), (~last, last)]) == 60 / 80
+
+
+@pytest.mark.parametrize(("gains", "told"), [((1.0, 1.2, 1.4), True), ((1.0, 2.2, 1.4), False)])
+def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
+    """Blocks of every record show that gains differ, not that they are on a line."""
+    records = []
+    for level, gain in enumerate(gains, start=1):
+        u = level * np.sin(np.arange(240) / 7.0)
+        rng = np.random.default_rng([9010, level])
+        segments = tuple(pairwise(range(0, 241, 40)))
+        y = gain * u + 0.01 * rng.standard_normal(240)
+        records.append(RecordData(u, y, 1.0, segments=segments))
+    tree = Tree.from_result(Gain(), Gain()._identify(records))
+    lines = tree.edited("amplitude_dependence", Schedule("amplitude", 1.0, 3.0, "all"))
+    base, candidate = (refitted(candidate_of(own, records), own, records) for own in (tree, lines))
+    assert candidate.cost < 0.9 * base.cost  # of the fit, in either case
+    effects, criterion = [EFFECTS["amplitude_dependence"]], Criterion(0.01, 0.05)
+    rounds = Rounds(effects, records, block_folds(records), criterion, 1, 1, 0.0, print, None, None)
+    assert rounds._foretells_levels(candidate, base, records) == told
