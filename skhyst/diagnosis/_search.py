@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Iterable
-from dataclasses import replace
 from numbers import Integral, Real
 
 import numpy as np
@@ -391,9 +390,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Three times: a fold's own error then is not of the size of the noise, nor twice that.
         """
         _, residuals = _fitted(base, rounds.records)
-        if base.error < 3.0 * root_mean_square(residuals, base.weights):
-            return False
-        return rounds.criterion.p_value(base, replace(base, residuals=residuals)) < self.alpha
+        return base.error >= 3.0 * root_mean_square(residuals, base.weights)
 
     def _say(self, text):
         if self.verbose:
