@@ -77,25 +77,25 @@ def judge_residual(records, residuals, predictions, rng, criterion):
     """
     series = [part for r in residuals for part in _without_gaps(r)]
     readings = [record.y for record in records]
-    noise = noise_model(series, readings)
     power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
     if not power > 0.0:
-        return Judgement(False, 0.0, 1.0, 0.0, False, noise)
+        return Judgement(False, 0.0, 1.0, 0.0, False, noise_model(series, readings))
     pairs = list(_repetitions(records))
     floor = repeatability(records, pairs=pairs)
     repeated = floor is not None
     if repeated:
         common, p_value = _common_part(pairs, residuals)
         apart = [residuals[i][a] - residuals[j][b] for i, a, j, b in pairs]
-        series = [np.sqrt(0.5) * part for own in apart for part in _without_gaps(own)]
-        trial = Trial(max(1.0 - common / power, 0.0), p_value, series)
+        left = [np.sqrt(0.5) * part for own in apart for part in _without_gaps(own)]
+        trial = Trial(max(1.0 - common / power, 0.0), p_value, left)
     else:
         trial = _by_black_boxes(records, residuals, predictions, rng, criterion)
     structured = trial.is_structure(criterion)
     if not repeated:
         floor = float(np.sqrt(power * (trial.share if structured else 1.0)))
+    noise = noise_model(trial.left if structured else series, readings)
     if structured:
-        noise = replace(noise_model(trial.left, readings), standard_deviation=floor)
+        noise = replace(noise, standard_deviation=floor)
     return Judgement(structured, floor, trial.p_value, 1.0 - trial.share, repeated, noise)
 
 

@@ -324,9 +324,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        self._judge(declared.measured(records), base, rounds)
+        _, left = _fitted(base, records)
+        self._judge(declared.measured(records), base, rounds, left)
         if self.verdict_ == "noise":
-            _, left = _fitted(base, records)
             table = with_reactions(self.data_quality_, self.drive_, left, slices)
             self.data_quality_ = table
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
@@ -347,8 +347,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _judge(self, measured, base, rounds):
-        """Set the noise floor and its model, and the verdict."""
+    def _judge(self, measured, base, rounds, left):
+        """Set the noise floor and its model, and the verdict, from what the fit leaves too."""
         if base.error <= rounds.negligible:
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
@@ -359,7 +359,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.noise_model_ = judgement.noise
         if judgement.structured:
             self.verdict_ = "unexplained"
-        elif self._is_far_off(base, judgement) or self._knows_less(base, rounds):
+        elif self._is_far_off(base, judgement) or _knows_less(base, left):
             self.verdict_ = "undetermined"
 
     def _is_far_off(self, base, judgement):
@@ -383,14 +383,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         seen = [[part[i] for i in order] for part in (measured, residuals, fitted)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         return judge_residual(*seen, rng, rounds.criterion)
-
-    def _knows_less(self, base, rounds):
-        """Whether a candidate foretells what is held out far worse than its fit to everything.
-
-        Three times: a fold's own error then is not of the size of the noise, nor twice that.
-        """
-        _, residuals = _fitted(base, rounds.records)
-        return base.error >= 3.0 * root_mean_square(residuals, base.weights)
 
     def _say(self, text):
         if self.verbose:
@@ -463,6 +455,14 @@ def _fitted(candidate, records):
         for r, own, part in zip(records, candidate.predictions, parts, strict=True)
     ]
     return predictions, [r.y - part for r, part in zip(records, predictions, strict=True)]
+
+
+def _knows_less(candidate, left):
+    """Whether a candidate foretells what is held out far worse than its fit to everything.
+
+    Three times: a fold's own error then is not of the size of the noise, nor twice that.
+    """
+    return candidate.error >= 3.0 * root_mean_square(left, candidate.weights)
 
 
 def _with_others(drive, columns):

@@ -148,11 +148,11 @@ def resampling_error(X, y, *, dt="auto", max_gap=None):
 
     Notes
     -----
-    It is as good as the readings follow the response: of a sine it is right to a tenth with ten
-    readings a period, and half of the error with four. A response with kinks has up to twice that
-    error, one that jumps between readings three to eight times, and what is over by the next
-    reading is not seen at all. The bend counts as independent of the spacing: where the response
-    was read more often because it bent, the error is smaller. Slow noise counts as response.
+    It is as good as the readings follow the response, and rather too small: with few readings a
+    period, and more so where the response has kinks or jumps between readings; what is over by the
+    next reading is not seen at all. The bend counts as independent of the spacing: where the
+    response was read more often because it bent, the error is smaller. Slow noise counts as
+    response.
 
     Examples
     --------
