@@ -28,7 +28,7 @@ __all__ = ["main", "parse_model"]
 
 _LEFT = {
     "noise": "noise",
-    "undetermined": "noise in the fit, but what is held out is not foretold",
+    "undetermined": "perhaps noise; the recording cannot tell",
     "unexplained": "structure that no effect explains",
 }
 _DRAWN = ("jinja2", "matplotlib")

@@ -18,14 +18,14 @@ from sklearn.linear_model import Ridge
 
 from ..records import by_interval
 from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
-from ._criterion import block_p_value, paired_p_value
+from ._criterion import block_length, block_p_value, paired_p_value
 from ._noise_model import NoiseModel, noise_model
 from ._periods import drive_period, repeats
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is left: ``structured`` or noise.
+    """What is left: ``structured``, noise, or ``open`` where the recording cannot tell.
 
     ``error`` is the root mean square that no model is expected to beat, ``p_value`` that of pure
     noise, ``gain`` the part of the residual's power that is structure, ``repeated`` tells whether
@@ -33,6 +33,7 @@ class Judgement:
     """
 
     structured: bool
+    open: bool
     error: float
     p_value: float
     gain: float
@@ -51,10 +52,13 @@ class Trial(NamedTuple):
     p_value: float
     left: list
 
+    def matters(self, criterion):
+        """Whether as much is taken away as by a candidate that matters."""
+        return bool(self.share <= (1.0 - criterion.min_improvement) ** 2)
+
     def is_structure(self, criterion):
         """Whether it is significant, and matters."""
-        most = (1.0 - criterion.min_improvement) ** 2
-        return bool(self.p_value < criterion.alpha and self.share <= most)
+        return self.p_value < criterion.alpha and self.matters(criterion)
 
 
 def judge_residual(records, residuals, predictions, rng, criterion):
@@ -79,7 +83,7 @@ def judge_residual(records, residuals, predictions, rng, criterion):
     readings = [record.y for record in records]
     power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
     if not power > 0.0:
-        return Judgement(False, 0.0, 1.0, 0.0, False, noise_model(series, readings))
+        return Judgement(False, False, 0.0, 1.0, 0.0, False, noise_model(series, readings))
     pairs = list(_repetitions(records))
     floor = repeatability(records, pairs=pairs)
     repeated = floor is not None
@@ -96,7 +100,8 @@ def judge_residual(records, residuals, predictions, rng, criterion):
     noise = noise_model(trial.left if structured else series, readings)
     if structured:
         noise = replace(noise, standard_deviation=floor)
-    return Judgement(structured, floor, trial.p_value, 1.0 - trial.share, repeated, noise)
+    unsure = not structured and trial.matters(criterion)
+    return Judgement(structured, unsure, floor, trial.p_value, 1.0 - trial.share, repeated, noise)
 
 
 def _without_gaps(values):
@@ -283,7 +288,9 @@ def _seen(records, residuals, predictions, rng, noise):
     shift, size = drives.mean(), np.ptp(drives) or 1.0
     level, height = finite.mean(), np.ptp(finite) or 1.0
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
-    length = max(min(total, ENOUGH) // STRETCHES, 1)
+    # what neighbours have in common foretells nothing: a stretch is no shorter than that lasts
+    lasting, _ = block_length([part for r in residuals for part in _without_gaps(r)])
+    length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
     every = max(total // ENOUGH, 1)  # of so many stretches one is seen
     context = int(LAGS[-1])
     features, target, innovations, block = [], [], [], []

@@ -9,8 +9,9 @@ from ._report_text import change, in_words, listed, number, percent, plus_minus,
 _NO_CLAIM = {
     "noise": "Nothing is missing: no effect that was tried makes the held-out error significantly "
     "smaller, and it is already at the noise floor.",
-    "undetermined": "No effect is claimed, and what the fit leaves is noise; but records or blocks "
-    "do not foretell each other, so an effect would not show held out.",
+    "undetermined": "No effect is claimed, but the recording cannot tell that none is missing: its "
+    "records or blocks do not foretell each other, or it is too short to tell slow noise from what "
+    "follows the drive.",
     "unexplained": "No effect is claimed, though something is left: the error is above the noise "
     "floor, and none of the effects that were tried makes it significantly smaller.",
 }
@@ -53,8 +54,9 @@ def _found(report):
     if report.verdict == "undetermined":
         headline, mark = "Undetermined", "; and undetermined"
         noise = (
-            f"The fit leaves noise, {floor}, but what is held out is not foretold: its parts go "
-            "further than the others, or the records are too short for so many parameters."
+            f"What the fit leaves may be noise, {floor}, but the recording cannot tell: parts of "
+            "it go further than the others, or it is too short for so many parameters, or to tell "
+            "slow noise from what follows the drive."
         )
     if not report.effects and explained:
         return headline, (

@@ -97,10 +97,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     effects_ : list of str
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
-        Whether what is left is noise, or structure that no effect explains. Undetermined: the fit
-        leaves noise, but the held-out error is three times as large or more, as that or as the
-        repeatability, or half of the response's range, since records or blocks do not foretell each
-        other.
+        Whether what is left is noise, or structure that no effect explains. Undetermined: what
+        repetitions have in common, or what a black box foretells, would matter, but chance may have
+        made it; or the fit leaves noise, but the held-out error is three times as large or more, as
+        that or as the repeatability, or half of the response's range, since records or blocks do
+        not foretell each other.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
@@ -359,7 +360,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.noise_model_ = judgement.noise
         if judgement.structured:
             self.verdict_ = "unexplained"
-        elif self._is_far_off(base, judgement) or _knows_less(base, left):
+        elif judgement.open or self._is_far_off(base, judgement) or _knows_less(base, left):
             self.verdict_ = "undetermined"
 
     def _is_far_off(self, base, judgement):

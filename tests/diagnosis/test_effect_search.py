@@ -186,7 +186,7 @@ def test_what_the_records_do_not_determine_is_no_verdict():
 def test_an_error_beyond_repetitions_or_half_the_range_is_no_noise(error, repeated, is_far):
     search = EffectSearchCV(Gain())
     search.response_ = np.array([-0.5, 0.5])
-    judgement = Judgement(False, 0.1, 1.0, 0.0, repeated, NoiseModel("white", 0.1))
+    judgement = Judgement(False, False, 0.1, 1.0, 0.0, repeated, NoiseModel("white", 0.1))
     assert search._is_far_off(SimpleNamespace(error=error), judgement) == is_far
 
 

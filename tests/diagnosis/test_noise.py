@@ -294,6 +294,31 @@ def test_coloured_noise_is_noise(law):
         assert found.noise.law == ("power_law" if law == "flicker" else "autoregressive")
 
 
+@pytest.mark.parametrize("law", [0.9, 0.97, "flicker"])
+def test_slow_noise_in_a_short_record_is_no_structure(law):
+    """Neighbours have it in common, and their drive too: that proves nothing."""
+    for seed in range(9060, 9065):
+        rng = np.random.default_rng(seed)
+        u, r = smooth(500, rng), NOISE * coloured(law, rng, 500)
+        with threadpool_limits(limits=1):
+            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+        assert not found.structured
+
+
+def test_between_noise_and_structure_a_short_record_cannot_tell():
+    rng = np.random.default_rng(9061)
+    u = smooth(500, rng)
+    noise, found = NOISE * coloured(0.9, rng, u.size), []
+    for size in np.geomspace(0.1, 10.0, 9):
+        r = noise + size * NOISE * np.sin(2.0 * u)
+        judgement = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+        assert not (judgement.open and judgement.structured)
+        found.append("open" if judgement.open else "structure" if judgement.structured else "noise")
+    assert found[0] == "noise"
+    assert "open" in found
+    assert found[-1] == "structure"
+
+
 @pytest.mark.parametrize("law", [0.9, "flicker"])
 def test_what_the_drive_explains_stands_out_of_coloured_noise(law):
     rng = np.random.default_rng(9050)

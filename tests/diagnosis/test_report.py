@@ -231,13 +231,13 @@ SAID = [  # report, changes of it, what it says, and what it does not say
     (
         "nothing",
         {"verdict": "undetermined"},
-        ["Undetermined", "is not foretold", "do not foretell each other"],
+        ["Undetermined", "the recording cannot tell", "do not foretell each other"],
         "Nothing is missing",
     ),
     (
         "report",
         {"verdict": "undetermined"},
-        ["Missing: resonance; and undetermined", "is not foretold"],
+        ["Missing: resonance; and undetermined", "the recording cannot tell"],
         "nexplained",
     ),
     ("report", provisional, ["provisionally", "more than half of the structure"], "Nothing"),
