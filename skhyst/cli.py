@@ -93,6 +93,8 @@ def _add_diagnose(commands):
     add("--time-unit", default="s", help="unit of the time (default: s)")
     add("--record", metavar="COL", help="column that labels the records")
     add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
+    loop = "column of the reference that the controller followed, where there was one"
+    add("--reference", metavar="COL", help=loop)
     add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
     add("--missing-code", type=float, help="value that marks a lost reading")
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
@@ -122,7 +124,10 @@ def _diagnose(options):
     if options.report and options.report.suffix.lower() not in _TEMPLATED:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     _prepare(outputs)
-    X, y = read_records(options.file, **{name: getattr(options, name) for name in _READING})
+    reading = {name: getattr(options, name) for name in _READING}
+    if options.reference is not None:
+        reading["auxiliary"] = [*options.auxiliary, options.reference]
+    X, y = read_records(options.file, **reading)
     if options.rows:
         rows = _rows(options.rows)
         X, y = X.iloc[rows], y.iloc[rows]
@@ -133,6 +138,7 @@ def _diagnose(options):
     effects = options.effects if options.effects == "all" else options.effects.split(",")
     more = {"effects": effects, "cv": options.cv, "alpha": options.alpha}
     more |= {"max_effects": options.max_effects, "resample": options.resample}
+    more["reference"] = None if options.reference is None else X.shape[1] - 1
     search = _search(model, options, **more).fit(X, y)
     _conclude(search, options, held_out)
 
@@ -176,6 +182,8 @@ def _conclude(search, options, held_out):
     )
     print(f"what is left: {_LEFT[search.verdict_]}")
     print(f"its noise: {search.noise_model_}")
+    if search.reference_share_ is not None:
+        print(f"the reference foretells {100.0 * search.reference_share_:.3g} % of the drive")
     if search.resampling_error_:
         error = search.resampling_error_
         print(f"interpolation onto even grids changes the response by about {error:.4g} (RMS)")

@@ -24,7 +24,7 @@ from ._constants import FACTOR, NOTICEABLE
 from ._tree import Tree, as_read
 
 
-def declare(estimator, X, columns, y, slices, cv, random_state):
+def declare(estimator, X, columns, y, slices, cv, random_state, reference=None):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""
     if getattr(estimator, "operator_class", Operator).stands_beside:
         raise ValueError(
@@ -37,7 +37,7 @@ def declare(estimator, X, columns, y, slices, cv, random_state):
             # the names of columns are not known to a step of a composition
             estimator.set_params(inputs=list(estimator._columns(columns.shape[1])))
         return Declared(estimator, columns, slices)
-    return BlackBox(estimator, X, columns, y, slices, cv, random_state)
+    return BlackBox(estimator, X, columns, y, slices, cv, random_state, reference)
 
 
 def _comes_apart(estimator):
@@ -123,11 +123,11 @@ class Declared:
 class BlackBox(Declared):
     """Any regressor."""
 
-    def __init__(self, estimator, X, columns, y, slices, cv, random_state):
+    def __init__(self, estimator, X, columns, y, slices, cv, random_state, reference):
         super().__init__(Gain(dt=getattr(estimator, "dt", 1.0)), columns, slices)
         read_data(self.model, X, y, reset=True, dt=self.model.dt)
         self._estimator = _seeded(estimator, random_state)
-        self._X, self._y, self._cv = X, y, cv
+        self._X, self._y, self._cv, self._reference = X, y, cv, reference
 
     def driver(self):
         return self._fitted
@@ -159,7 +159,8 @@ class BlackBox(Declared):
         return Box(tuple(driven), predictions, targets, turns)
 
     def _driven(self, p, records):
-        return [replace(r, u=p[s.rows]) for s, r in zip(self._slices, records, strict=True)]
+        driven = [replace(r, u=p[s.rows]) for s, r in zip(self._slices, records, strict=True)]
+        return driven if self._reference is None else self._reference.explain(driven)
 
     def fitted(self, result):
         """Return the declared estimator, fitted to all rows."""

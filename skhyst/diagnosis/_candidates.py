@@ -39,6 +39,8 @@ class Candidate:
         Solution in the coordinates of the least-squares problem.
     residuals, predictions, weights : tuple of ndarray of shape (n_samples,)
         Held out, of each record, NaN where nothing is scored; no weights (None) are ones.
+    explained : tuple of ndarray of shape (n_samples,) or None
+        Held out: what it responds to the drive that a reference explains, where there is one.
     error : float
         Held-out root mean square error.
     box : object
@@ -54,6 +56,7 @@ class Candidate:
     residuals: tuple | None = None
     predictions: tuple | None = None
     weights: tuple | None = None
+    explained: tuple | None = None
     error: float = np.nan
     box: object = None
 
@@ -155,27 +158,55 @@ def held_out(candidate, records, folds):
     problem = candidate.structure.problem(records)
     alike = not all(problem.depends_on(train) for train, _ in folds)
     blocks = problem.evaluate(problem.x0) if alike else None
-    predictions = [np.full(len(record.y), np.nan) for record in records]
+    # what is predicted with the measured drive, and with the one that a reference explains
+    drives = [None, driven_by_reference(candidate.structure, records)]
+    drives = drives[: 1 + (drives[1] is not None)]
+    predictions = [[np.full(len(r.y), np.nan) for r in records] for _ in drives]
     long = are_long(records)
     for train, test in folds:
         x = _fold_solution(problem, train, blocks, long)
         wanted = np.unique(problem.segment_record[test])
-        parts = problem.predictions(x, train, wanted)
-        segment = 0
-        for number, record in enumerate(records):
-            for start, stop in record.segments:
-                if test[segment]:
-                    predictions[number][start:stop] = parts[number][start:stop]
-                segment += 1
-    residuals = foretold(problem, predictions)
+        for own, driven in zip(predictions, drives, strict=True):
+            parts = problem.predictions(x, train, wanted, driven)
+            segment = 0
+            for number, record in enumerate(records):
+                for start, stop in record.segments:
+                    if test[segment]:
+                        own[number][start:stop] = parts[number][start:stop]
+                    segment += 1
+    residuals = foretold(problem, predictions[0])
     weights = tuple(record.weights for record in records)
     return replace(
         candidate,
         residuals=tuple(residuals),
-        predictions=tuple(predictions),
+        predictions=tuple(predictions[0]),
         weights=weights,
+        explained=tuple(predictions[1]) if predictions[1:] else None,
         error=root_mean_square(residuals, weights),
     )
+
+
+def driven_by_reference(structure, records):
+    """Return the records that a model reads, driven by what a reference explains; None without."""
+    if records[0].explained is None:
+        return None
+    return structure.problem([replace(r, u=r.explained) for r in records]).records
+
+
+def fitted(candidate, records, *, by_reference=False):
+    """Return what a candidate predicts and leaves where it is fitted, NaN where nothing counts.
+
+    Or what it responds to the drive that the reference explains.
+    """
+    problem = candidate.structure.problem(records)
+    every = np.ones(len(problem.segment_record), dtype=bool)
+    driven = driven_by_reference(candidate.structure, records) if by_reference else None
+    parts = problem.predictions(problem.x0, every, driven=driven)
+    predictions = [
+        np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
+        for r, own, part in zip(records, candidate.predictions, parts, strict=True)
+    ]
+    return predictions, [r.y - part for r, part in zip(records, predictions, strict=True)]
 
 
 def level_folds(records):

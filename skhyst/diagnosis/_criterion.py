@@ -33,6 +33,16 @@ are enough where the gain is far beyond chance.
 it the noise's own course. It stays only where the noise alone, whose spectrum goes on as it does
 outside of what was fitted, does not make it at the same level, see ``_course``.
 
+**A drive that follows the response.** In a closed loop :math:`\Delta` depends on the noise by way
+of the drive, so that :math:`\sum \Delta_t a_t` is not zero on average where the model is right and
+:math:`a` is noise. The difference :math:`Z` of what both models respond to the part of the drive
+that the controller's reference explains (``_reference``) knows no noise. It takes the place of
+:math:`\Delta` in the gain, :math:`\sum w_t Z_t (a_t + b_t)`, and in :math:`Q = \sum w_t Z_t b_t`.
+Half the gain is :math:`\sum w_t Z_t a_t - \frac{1}{2} \sum w_t Z_t \Delta_t`: the first sum is zero
+on average, and p is 1 where the second is not positive, since Z then shows nothing of
+:math:`\Delta`. That is the test with the least-squares projection of :math:`\Delta` on Z: its
+factor cancels in T, and so needs no cross-fit.
+
 **The family.** Half of `alpha` is for effects alone, half for pairs: the p-value is multiplied by
 twice the number of candidates of its kind (Bonferroni with weights), all possible pairs among them.
 So a claim is false with probability `alpha` at most, however the candidates depend on each other,
@@ -95,11 +105,14 @@ class Criterion:
 
     def p_value(self, worse, better, n_tried=1):
         """Return the p-value against a contestant that foretells better, among so many tried."""
-        p = paired_p_value(worse.residuals, better.residuals, better.weights)
+        instruments = better.explained and [
+            b - a for a, b in zip(worse.explained, better.explained, strict=True)
+        ]
+        p = paired_p_value(worse.residuals, better.residuals, better.weights, instruments)
         return min(1.0, n_tried * p)
 
 
-def paired_p_value(worse, better, weights=None):
+def paired_p_value(worse, better, weights=None, instruments=None):
     """Return the p-value against smaller squared errors of one of two predictions.
 
     Parameters
@@ -108,20 +121,26 @@ def paired_p_value(worse, better, weights=None):
         Held-out residuals of each record; NaN where nothing is scored.
     weights : sequence of ndarray or None, optional
         Of the samples of each record.
+    instruments : sequence of ndarray or None, optional
+        What knows no noise of the difference of the predictions, better less worse; by default that
+        difference itself.
 
     Returns
     -------
     float
     """
-    gain, chances = 0.0, []
+    gain, shown, chances = 0.0, 0.0, []
     weights = [None] * len(worse) if weights is None else weights
+    instruments = [None] * len(worse) if instruments is None else instruments
     scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse) or 1.0
-    for a, b, w in zip(worse, better, weights, strict=True):
+    for a, b, w, z in zip(worse, better, weights, instruments, strict=True):
         known = np.isfinite(a) & np.isfinite(b)
         a, b, w = a[known] / scale, b[known] / scale, 1.0 if w is None else w[known]
-        gain += np.sum(w * (a - b) * (a + b))
-        chances.append(w * (a - b) * b)
-    return block_p_value(0.5 * gain, chances)
+        z = w * (a - b if z is None else z[known] / scale)
+        gain += np.sum(z * (a + b))
+        shown += np.sum(z * (a - b))
+        chances.append(z * b)
+    return block_p_value(0.5 * gain, chances) if shown > 0.0 else 1.0
 
 
 def block_p_value(total, chances):

@@ -22,7 +22,7 @@ _ADVICE = {
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
     "swapped_channels": "check the columns: the drive reads like a response, and lags",
     "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
-    "closed_loop": "drive with a reference and search with that as the drive, or open the loop",
+    "closed_loop": "record what the controller follows, and search with it as the reference",
 }
 
 

@@ -61,7 +61,7 @@ class Trial(NamedTuple):
         return self.p_value < criterion.alpha and self.matters(criterion)
 
 
-def judge_residual(records, residuals, predictions, rng, criterion):
+def judge_residual(records, residuals, predictions, rng, criterion, *, in_loop=False):
     """Decide whether residuals are noise or structure that a model has left.
 
     What repetitions have in common, or what a black box foretells, is structure where it is
@@ -74,6 +74,9 @@ def judge_residual(records, residuals, predictions, rng, criterion):
         Of each record, NaN where nothing counts.
     rng : numpy.random.Generator
     criterion : Criterion
+    in_loop : bool, default=False
+        Whether the records have the reference of a loop in the place of the drive, and predictions
+        are of what that explains. Repetitions then share no drive, but still no noise.
 
     Returns
     -------
@@ -95,7 +98,7 @@ def judge_residual(records, residuals, predictions, rng, criterion):
     else:
         trial = _by_black_boxes(records, residuals, predictions, rng, criterion)
     structured = trial.is_structure(criterion)
-    if not repeated:
+    if in_loop or not repeated:
         floor = float(np.sqrt(power * (trial.share if structured else 1.0)))
     noise = noise_model(trial.left if structured else series, readings)
     if structured:
@@ -319,22 +322,23 @@ def _features(u, q, r):
     """Return what is known of a stretch before each sample's residual, driven, and of its own."""
     driven = [u, q, q**2, q**3]
     for signal in (u, q):
-        driven += [signal - _moved(signal, lag, signal[0]) for lag in LAGS]
-    columns = [_moved(r, lag) for lag in LAGS[:4]]
-    columns += [_past_mean(r, size) for size in LAGS[2::2]]
-    for signal in (u - u.mean(), u - _moved(u, 1, u[0])):
+        driven += [signal - moved(signal, lag, signal[0]) for lag in LAGS]
+    columns = [moved(r, lag) for lag in LAGS[:4]]
+    columns += [past_mean(r, size) for size in LAGS[2::2]]
+    for signal in (u - u.mean(), u - moved(u, 1, u[0])):
         for size in LAGS[4::4]:
-            power = _past_mean(signal**2, size)
+            power = past_mean(signal**2, size)
             floor = 1e-3 * np.mean(signal**2) + np.finfo(float).tiny
-            columns.append(_past_mean(r * signal, size) / (power + floor) * signal)
+            columns.append(past_mean(r * signal, size) / (power + floor) * signal)
     return driven, columns
 
 
-def _moved(signal, lag, first=0.0):
+def moved(signal, lag, first=0.0):
+    """Return the signal so many samples before each one, with a first value before the start."""
     return np.concatenate([np.full(min(lag, len(signal)), first), signal[:-lag]])
 
 
-def _past_mean(signal, size):
+def past_mean(signal, size):
     """Return the mean of up to ``size`` samples before each one."""
     sums = np.concatenate([[0.0], np.cumsum(signal)])
     stop = np.arange(len(signal))

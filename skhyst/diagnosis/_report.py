@@ -38,8 +38,8 @@ class Report:
         ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where it has
         none: at a bound, or not determined by the data.
     data, settings, versions, seconds : dict
-        The recording, its faults and the part of it that folds extrapolate to, parameters of the
-        search, packages, time by stage in s.
+        The recording, its faults, the part of it that folds extrapolate to and the reference of its
+        loop, parameters of the search, packages, time by stage in s.
     held_out : dict or None
         Errors on data that was kept from the search altogether.
     command : str or None

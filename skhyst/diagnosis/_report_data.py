@@ -11,6 +11,7 @@ from ..inspection import spectrum
 from ..records import by_interval
 from ._effects import EFFECTS
 from ._location import locate
+from ._reference import column_of
 from ._report_text import listed, number
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
@@ -157,8 +158,19 @@ def _data(search):
         "interval": min(record.dt for record in search.records_),
         "records": records,
         "extrapolated": float(search.extrapolated_),
+        "reference": _reference(search),
         "faults": faults.to_dict("records"),
     }
+
+
+def _reference(search):
+    """Return the name of the reference and the part of the drive that it foretells, or None."""
+    if search.reference is None:
+        return None
+    at = column_of(search)
+    names = getattr(search, "feature_names_in_", None)
+    name = f"column {at}" if names is None else str(names[at])
+    return {"name": name, "share": float(search.reference_share_)}
 
 
 def _held_out(search, X, y):

@@ -40,6 +40,13 @@ def _warnings(report):
             "goes beyond that of all records or blocks that they are foretold from."
         )
 
+    if any(fault["fault"] == "closed_loop" for fault in report.data["faults"]):
+        yield (
+            "The drive reacts to the noise of the response, as in a closed loop: claims and "
+            "parameters may be biased. Record what the controller follows as a further column, and "
+            "search with it as the reference."
+        )
+
 
 def _found(report):
     """Return the headline and the sentence of what was found."""
@@ -301,6 +308,12 @@ def _data(report, figures):
             "The readings were not evenly spaced: these samples are interpolated between them, "
             f"which changes the response by about {_error(report, data['resampling_error'])}. What "
             "is smaller than that may be owed to it."
+        )
+    if data["reference"]:
+        yield _text(
+            f"Reference of the loop: {data['reference']['name']}. It foretells "
+            f"{share(data['reference']['share'])} of the drive, and the decisions rest on that. "
+            "The fits do not: noise in the rest of the drive biases their parameters."
         )
     ends = ("duration", "drive_min", "drive_max", "response_min", "response_max")
     rows = [

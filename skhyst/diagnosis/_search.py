@@ -18,7 +18,7 @@ from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ..records import resample_like, resample_records, resampling_error
 from ._black_box import declare, drive_of
-from ._candidates import Candidate, extrapolated, foretold, held_out, root_mean_square
+from ._candidates import Candidate, extrapolated, fitted, foretold, held_out, root_mean_square
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
@@ -28,6 +28,7 @@ from ._evidence import gather_evidence
 from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._noise_model import NoiseModel
+from ._reference import Reference, column_of, without_column
 from ._report import Report
 from ._rounds import Rounds
 
@@ -77,6 +78,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Samples at the start of each block, or of each record, that are simulated but not scored.
         None: 5 % of a block of a single record, whose past is unknown; nothing where there are
         several records, each from its own start.
+    reference : int, str or None, default=None
+        Position or name of the column of X that is the reference of the controller, where the drive
+        was recorded in closed loop. Decisions then rest on what it explains of the drive, which
+        knows nothing of the noise. It is no input: the estimator gets X without that column.
     resample : {"auto"} or None, default=None
         What becomes of records that are sampled unevenly. None: they are refused. "auto": drive,
         further columns and response are interpolated onto even grids, at intervals that
@@ -126,12 +131,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     dropped_ : list of str
         Effects that were claimed and then dropped, because later ones made them needless.
     evidence_ : dict of str to Evidence
+    reference_share_ : float or None
+        Part of the drive's power about its mean that the reference foretells; None without one.
     extrapolated_ : float
         Part of the held-out samples where the drive is outside of the range that their fold was
         fitted to.
     data_quality_ : DataFrame
         Faults of the measurement, see :func:`data_quality`; they are reported, not removed. Where
-        what is left is noise, also whether the drive reacts to it (``closed_loop``).
+        what is left is noise, also whether the drive reacts to it (``closed_loop``), unless a
+        reference takes account of it.
     declared_estimator_, best_estimator_ : estimator
         Both fitted on all data. Where a regressor that is no parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
@@ -184,6 +192,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         "min_improvement": [Interval(Real, 0, 1, closed="left")],
         "loss": [StrOptions({"huber", "squared"})],
         "washout": [Interval(Integral, 0, None, closed="left"), None],
+        "reference": [Integral, str, None],
         "resample": [StrOptions({"auto"}), None],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -201,6 +210,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         min_improvement=0.05,
         loss="squared",
         washout=None,
+        reference=None,
         resample=None,
         n_jobs=None,
         verbose=0,
@@ -214,6 +224,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.min_improvement = min_improvement
         self.loss = loss
         self.washout = washout
+        self.reference = reference
         self.resample = resample
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -245,8 +256,14 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.resampling_error_ = 0.0 if even is X else resampling_error(X, y)
         X, y = even, response
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
+        at, reference = column_of(self), None
+        if at is not None:
+            reference = Reference(drive, at, slices, self.alpha)
+            X, drive = without_column(X, at), without_column(drive, at)
+        self._reference, self.reference_share_ = reference, reference and reference.share
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
-        declared = declare(declared, X, drive, response, slices, len(folds), self.random_state)
+        own = X, drive, response, slices, len(folds), self.random_state, reference
+        declared = declare(declared, *own)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
         self._inputs = _with_others(declared.drive(), drive)
@@ -281,6 +298,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             _record_data(s, *self._inputs, self.response_, own)
             for s, own in zip(slices, segments, strict=True)
         ]
+        if self._reference is not None:
+            records = self._reference.explain(records)
         self.extrapolated_ = extrapolated(records, folds)
         records = declared.begin(records, folds)
         result, structure = declared.identified(records)
@@ -325,22 +344,24 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        _, left = _fitted(base, records)
+        *_, left = fitted(base, records)
         self._judge(declared.measured(records), base, rounds, left)
-        if self.verdict_ == "noise":
+        if self.verdict_ == "noise" and self._reference is None:
             table = with_reactions(self.data_quality_, self.drive_, left, slices)
             self.data_quality_ = table
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
-        del self._inputs
+        del self._inputs, self._reference
         self._structure = base.structure
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
-        columns, self.evidence_ = tuple(getattr(self, "feature_names_in_", ())), {}
+        columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
+        if columns and self.reference is not None:
+            del columns[column_of(self)]
         for row in history:
             effect = EFFECTS[row["effect"]]
-            claim = Claim(effect, base.structure, result, tuple(records), columns)
+            claim = Claim(effect, base.structure, result, tuple(records), tuple(columns))
             row["evidence"] = gather_evidence(claim, first.error, base.error, self.response_name_)
             row["provisional"] = self._leaves_most(row["error_before"])
             self.evidence_[effect.name] = row["evidence"]
@@ -379,11 +400,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         A held-out record that goes further than the others shows what they do not determine, which
         is no missing structure.
         """
-        fitted, residuals = _fitted(base, rounds.records)
+        in_loop = self._reference is not None
+        predictions, residuals = fitted(base, rounds.records)
+        if in_loop:
+            predictions, _ = fitted(base, rounds.records, by_reference=True)
+            measured = self._reference.in_place(measured)
         order = by_content(self.records_, self.drive_, self.response_)
-        seen = [[part[i] for i in order] for part in (measured, residuals, fitted)]
+        seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        return judge_residual(*seen, rng, rounds.criterion)
+        return judge_residual(*seen, rng, rounds.criterion, in_loop=in_loop)
 
     def _say(self, text):
         if self.verbose:
@@ -396,8 +421,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         interpolated at the instants of ``X``.
         """
         check_is_fitted(self)
-        even, _ = self._even(X)
-        found = self.best_estimator_.predict(even)
+        own = even = self._even(X)[0]
+        if self.reference is not None:
+            read_data(self, even, reset=False, dt=getattr(self.estimator, "dt", 1.0))
+            own = without_column(even, column_of(self))
+        found = self.best_estimator_.predict(own)
         return found if even is X else resample_like(pd.Series(found, even.index), X)
 
     def held_out_error(self, X, y, *, declared=False):
@@ -424,6 +452,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         dt = getattr(self.estimator, "dt", 1.0)
         X, y = self._even(X, y)
         slices, columns, response = read_data(self, X, y, reset=False, dt=dt)
+        X, columns = (without_column(own, column_of(self)) for own in (X, columns))
         driver = self.declared_estimator_ if declared else self._driver
         inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
@@ -445,17 +474,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the :class:`Report`: HTML, Markdown, JSON."""
         check_is_fitted(self)
         return Report.from_search(self, command=command)
-
-
-def _fitted(candidate, records):
-    """Return what a candidate predicts and leaves where it is fitted, NaN where nothing counts."""
-    problem = candidate.structure.problem(records)
-    parts = problem.predictions(problem.x0, np.ones(len(problem.segment_record), dtype=bool))
-    predictions = [
-        np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
-        for r, own, part in zip(records, candidate.predictions, parts, strict=True)
-    ]
-    return predictions, [r.y - part for r, part in zip(records, predictions, strict=True)]
 
 
 def _knows_less(candidate, left):

@@ -73,4 +73,5 @@ def _first_part(record, residual, share):
         segments=tuple(pairwise(edges.tolist())),
         auxiliary=None if record.auxiliary is None else record.auxiliary[:stop],
         weights=None if record.weights is None else record.weights[:stop],
+        explained=None if record.explained is None else record.explained[:stop],
     )

@@ -16,8 +16,9 @@ class RecordData:
     ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
     ``before``, the drive 1, 2, 4, ... samples before the record, the record is simulated from rest
     at the last of these instead of from rest at its first value. ``schedule`` is the number that
-    scheduled parameters depend on. ``auxiliary`` are further columns (n_samples, n_auxiliary) that
-    nothing here reads.
+    scheduled parameters depend on. ``auxiliary`` are further columns (n_samples, n_auxiliary), and
+    ``explained`` (n_samples,) is the drive as far as the reference of a loop explains it; nothing
+    here reads them.
 
     ``weights`` (n_samples,), finite and not negative: the squared error of each sample counts so
     much, as if the sample were there so many times. The record is simulated over all samples, but
@@ -36,6 +37,7 @@ class RecordData:
     auxiliary: np.ndarray | None = None
     weights: np.ndarray | None = None
     beside: np.ndarray | None = None
+    explained: np.ndarray | None = None
 
     def __post_init__(self):
         if not self.segments:
@@ -335,12 +337,13 @@ class OperatorProblem(Unknowns):
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
-    def predictions(self, x, select, wanted=None):
+    def predictions(self, x, select, wanted=None, driven=None):
         """Return the prediction of each (wanted) record where the selected segments are known.
 
         The coefficients of a record's disturbances come from its selected segments. In a record
         that has none, those for every other segment come from the segments between, so that no
-        sample is predicted from itself.
+        sample is predicted from itself. ``driven`` are the records with another drive, to which the
+        rest then responds.
         """
         operator, disturbances = self.unpack(x)
         found = []
@@ -348,12 +351,14 @@ class OperatorProblem(Unknowns):
             if wanted is not None and number not in wanted:
                 found.append(None)
                 continue
-            y = self.simulate(operator, record)
+            y, part = self.simulate(operator, record), 0.0
             if disturbances:
                 basis = self.basis(disturbances, record)
                 known = select[self.segment_record == number]
-                y = y + _predicted_part(basis, record.y - y, record, known)
-            found.append(y)
+                part = _predicted_part(basis, record.y - y, record, known)
+            if driven is not None:
+                y = self.simulate(operator, driven[number])
+            found.append(y + part)
         return found
 
 

@@ -4,6 +4,7 @@ A static regressor behind one of them becomes a hysteresis model. A frame gives 
 same index, so that record and time are not lost on the way through a pipeline.
 """
 
+from ._base import find_column
 from ._input_gradient import GeneralizedInputGradient
 from ._lagged_features import LaggedFeatures, lagged_columns, read_lag_table, read_lags
 from ._play_operators import PlayOperators, StopOperators
@@ -13,6 +14,7 @@ __all__ = [
     "LaggedFeatures",
     "PlayOperators",
     "StopOperators",
+    "find_column",
     "lagged_columns",
     "read_lag_table",
     "read_lags",

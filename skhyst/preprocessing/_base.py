@@ -121,7 +121,34 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
 
 
 def find_column(estimator, column, parameter):
-    """Return the position of a column given by position or name; ``parameter`` named it."""
+    """Return the position of a column given by position or name.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Knows ``n_features_in_`` and, where columns go by name, ``feature_names_in_``.
+    column : int or str
+        Position, from the end where it is negative, or name.
+    parameter : str
+        Name of the parameter that it was given for; an error names it.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    ValueError
+        If there is no such column.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skhyst.preprocessing import PlayOperators, find_column
+    >>> plays = PlayOperators().fit(pd.DataFrame({"drive": [0.0, 1.0], "load": [2.0, 2.0]}))
+    >>> find_column(plays, "load", "columns"), find_column(plays, -2, "columns")
+    (1, 0)
+    """
     if isinstance(column, str):
         names = list(getattr(estimator, "feature_names_in_", ()))
         if column in names:

@@ -199,7 +199,8 @@ def test_a_total_that_chance_makes_often_is_not_significant():
 
 def contestant(cost, residual):
     error = float(np.sqrt(np.mean(np.square(residual))))
-    return SimpleNamespace(cost=cost, error=error, residuals=(residual,), weights=(None,))
+    known = {"residuals": (residual,), "weights": (None,), "explained": None}
+    return SimpleNamespace(cost=cost, error=error, **known)
 
 
 def test_a_better_model_is_better_held_out_and_in_the_fit():

@@ -1,0 +1,143 @@
+r"""The reference of a closed loop: what it explains of the drive depends on no noise.
+
+A controller sees the response, and with it the sensor's noise, so a drive in a loop depends on the
+noise, and so does whatever is computed from it. The reference that the controller follows moves the
+drive and knows nothing of the noise: it is an instrument [1]_. What a model responds to the part of
+the drive that it explains is the instrument for what the model predicts, as in the refined method
+of Young and Jakeman [2]_, and takes its place in the criterion and in the verdict's black box.
+
+That part is found by least squares with a light ridge from features of the reference: its powers,
+its plays, and its differences and means over logarithmically spaced lags up to half a record, which
+are coarse bins of any linear response. Each stretch is explained by what the others have taught:
+coefficients that have seen its own noise would carry some of it back.
+
+The fits themselves stay as they are. They make the error of the output small, noise in the drive
+included, and so their parameters are biased, the more the larger the part of the drive that the
+reference does not explain.
+
+References
+----------
+.. [1] T. Soederstroem, P. Stoica, "Instrumental Variable Methods for System Identification" (1983).
+.. [2] P. Young, A. Jakeman, "Refined instrumental variable methods of recursive time-series
+   analysis, part I", Int. J. Control 29 (1979).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from sklearn.linear_model import Ridge
+
+from ..preprocessing import PlayOperators, find_column
+from ._constants import ENOUGH, FACTOR, STRETCHES
+from ._criterion import paired_p_value
+from ._noise import moved, past_mean
+
+
+class Reference:
+    """The reference of some records, and how much of the drive it explains.
+
+    Parameters
+    ----------
+    columns : ndarray of shape (n_samples, n_inputs)
+        Column 0 is the drive.
+    number : int
+        Of the column that is the reference.
+    slices : sequence of RecordSlice
+    alpha : float
+        Level at which the reference must foretell the drive.
+
+    Attributes
+    ----------
+    share : float
+        Part of the drive's power about its mean that the reference foretells.
+
+    Raises
+    ------
+    ValueError
+        If the column is the drive, or constant, or foretells nothing of the drive.
+    """
+
+    def __init__(self, columns, number, slices, alpha):
+        drive, values = columns[:, 0], columns[:, number]
+        if np.array_equal(drive, values):
+            raise _refused(f"another column than the drive. Got column {number}")
+        if not np.ptp(values) > 0.0:
+            raise _refused(f"a column that moves. Got column {number}, which is constant,")
+        self._values = [values[s.rows] for s in slices]
+        self._features = _features(self._values)
+        self._rows = [s.rows for s in slices]
+        left, apart = drive - self._explained(drive), drive - drive.mean()
+        power = apart @ apart
+        self.share = 1.0 - (left @ left) / power if power > 0.0 else 0.0
+        p_value = paired_p_value(*([own[rows] for rows in self._rows] for own in (apart, left)))
+        if not p_value < alpha:
+            raise _refused(
+                "the column that the controller of the drive followed. Got column "
+                f"{number}, which foretells {max(100.0 * self.share, 0.0):.2g} % of the drive "
+                f"(p = {p_value:.2g})"
+            )
+
+    def _explained(self, signal):
+        """Return what the reference explains of a signal, each stretch from the others."""
+        fold = np.arange(len(signal)) * STRETCHES // len(signal) % FACTOR
+        found = np.empty(len(signal))
+        for number in range(FACTOR):
+            train = np.flatnonzero(fold != number)
+            train = train[:: max(len(train) // ENOUGH, 1)]
+            x = self._features[train]
+            scale = x.std(axis=0)
+            scale[scale == 0.0] = 1.0
+            ridge = Ridge(alpha=1e-3 * len(train)).fit(x / scale, signal[train])
+            found[fold == number] = ridge.predict(self._features[fold == number] / scale)
+        return found
+
+    def explain(self, records):
+        """Return the records with what the reference explains of what drives them."""
+        found = self._explained(np.concatenate([record.u for record in records]))
+        return [
+            replace(record, explained=found[rows])
+            for record, rows in zip(records, self._rows, strict=True)
+        ]
+
+    def in_place(self, records):
+        """Return the records driven by the reference; what that explains is a further column."""
+        found = []
+        for record, values in zip(records, self._values, strict=True):
+            others = [] if record.auxiliary is None else [record.auxiliary]
+            columns = np.column_stack([record.explained, *others])
+            found.append(replace(record, u=values, auxiliary=columns))
+        return found
+
+
+def _features(references):
+    """Return features of all samples, (n_samples, n_features)."""
+    every = np.concatenate(references)
+    plays = PlayOperators().fit(every[:, None])
+    middle, size = every.mean(), np.ptp(every)
+    lags = 2 ** np.arange(max(map(len, references)).bit_length() - 1)
+    found = []
+    for values in references:
+        own = (values - middle) / size
+        columns = [own, own**2, own**3, *plays.transform(values[:, None]).T]
+        columns += [own - moved(own, lag, own[0]) for lag in lags]
+        columns += [past_mean(own - own[0], lag) for lag in lags]
+        found.append(np.stack(columns, axis=1))
+    return np.concatenate(found)
+
+
+def _refused(what):
+    return ValueError(f"The 'reference' parameter of EffectSearchCV must be {what} instead.")
+
+
+def column_of(search):
+    """Return the number of the column that is the reference of a search; None without one."""
+    return None if search.reference is None else find_column(search, search.reference, "reference")
+
+
+def without_column(X, number):
+    """Return X without a column, and as it is without a number."""
+    if number is None:
+        return X
+    if not hasattr(X, "iloc"):
+        return np.delete(X, number, axis=1)
+    return X.iloc[:, [i for i in range(X.shape[1]) if i != number]]
