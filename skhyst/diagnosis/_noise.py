@@ -6,7 +6,8 @@ own law: a flexible black box sees the drive's past, which a model could have us
 residual's own past, which shows structure that is no function of the drive (an oscillation or a
 chaotic motion of its own, a gain that switches). Coloured noise has a past, too, but not of the
 drive; so where the residual has the spectrum of a sensor's noise, see ``_noise_model``, the black
-box first sees the drive alone, and then has to foretell what that law does not.
+box first sees the drive alone, and then has to foretell what that law does not. In a closed loop
+the drive knows the noise: the reference of the loop takes its place, see ``_reference``.
 """
 
 from dataclasses import dataclass, replace

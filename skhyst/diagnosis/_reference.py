@@ -28,7 +28,7 @@ import numpy as np
 from sklearn.linear_model import Ridge
 
 from ..preprocessing import PlayOperators, find_column
-from ._constants import ENOUGH, FACTOR, STRETCHES
+from ._constants import ENOUGH, FACTOR, NEGLIGIBLE, STRETCHES
 from ._criterion import paired_p_value
 from ._noise import moved, past_mean
 
@@ -84,11 +84,8 @@ class Reference:
         for number in range(FACTOR):
             train = np.flatnonzero(fold != number)
             train = train[:: max(len(train) // ENOUGH, 1)]
-            x = self._features[train]
-            scale = x.std(axis=0)
-            scale[scale == 0.0] = 1.0
-            ridge = Ridge(alpha=1e-3 * len(train)).fit(x / scale, signal[train])
-            found[fold == number] = ridge.predict(self._features[fold == number] / scale)
+            ridge = Ridge(alpha=1e-3 * len(train)).fit(self._features[train], signal[train])
+            found[fold == number] = ridge.predict(self._features[fold == number])
         return found
 
     def explain(self, records):
@@ -110,19 +107,22 @@ class Reference:
 
 
 def _features(references):
-    """Return features of all samples, (n_samples, n_features)."""
+    """Return features of all samples, each of unit variance, (n_samples, n_features)."""
     every = np.concatenate(references)
-    plays = PlayOperators().fit(every[:, None])
     middle, size = every.mean(), np.ptp(every)
+    plays = PlayOperators().fit((every[:, None] - middle) / size)
     lags = 2 ** np.arange(max(map(len, references)).bit_length() - 1)
     found = []
     for values in references:
         own = (values - middle) / size
-        columns = [own, own**2, own**3, *plays.transform(values[:, None]).T]
+        columns = [own, own**2, own**3, *plays.transform(own[:, None]).T]
         columns += [own - moved(own, lag, own[0]) for lag in lags]
         columns += [past_mean(own - own[0], lag) for lag in lags]
         found.append(np.stack(columns, axis=1))
-    return np.concatenate(found)
+    found = np.concatenate(found)
+    # one scale for all stretches: what hardly moves in most of them is no lever in the others
+    scale = found.std(axis=0)
+    return found / np.where(scale > NEGLIGIBLE, scale, 1.0)
 
 
 def _refused(what):

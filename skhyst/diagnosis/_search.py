@@ -256,12 +256,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.resampling_error_ = 0.0 if even is X else resampling_error(X, y)
         X, y = even, response
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
-        at, reference = column_of(self), None
-        if at is not None:
-            reference = Reference(drive, at, slices, self.alpha)
-            X, drive = without_column(X, at), without_column(drive, at)
-        self._reference, self.reference_share_ = reference, reference and reference.share
+        at, every = column_of(self), drive
+        X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
+        reference = None if at is None else Reference(every, at, slices, self.alpha)
+        self._reference, self.reference_share_ = reference, reference and reference.share
         own = X, drive, response, slices, len(folds), self.random_state, reference
         declared = declare(declared, *own)
         self.response_name_ = str(getattr(y, "name", None) or "response")
