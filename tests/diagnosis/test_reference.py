@@ -124,17 +124,6 @@ def test_an_offset_knows_no_noise_either():
     assert search().fit(X, y).effects_ == ["offset"]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_an_excursion_in_one_stretch_is_no_lever(seed):
-    """What hardly moves in other stretches has taught little, and tells little."""
-    rng = np.random.default_rng(seed)
-    reference = wandering(rng, N, 30)
-    reference[705:720] *= 10.0
-    drive = np.concatenate([np.repeat(reference[:1], 3), reference[:-3]])
-    X = np.column_stack([drive, reference])
-    assert Reference(X, 1, record_slices(X, dt=1.0), 0.01).share > 0.9
-
-
 def test_repetitions_of_a_reference_share_no_noise():
     """The loop makes the response repeat better than the noise is large: that is no floor."""
     rng = np.random.default_rng(4)
