@@ -27,6 +27,7 @@ from skhyst.hysteresis import (
     BoucWenStage,
     CoulombFriction,
     Duhem,
+    EndStops,
     FrictionStage,
     KrasnoselskiiPokrovskii,
     LuGre,
@@ -66,6 +67,7 @@ EXAMPLES = {
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
     "KelvinVoigt": lambda: KelvinVoigt(1),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=BRIEFLY),
+    "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=BRIEFLY),
     "FrictionStage": lambda: FrictionStage(
         False, n_substeps=1, initial_state="zero", method=BRIEFLY
     ),
@@ -84,6 +86,7 @@ EXAMPLES = {
 MEMORYLESS = {
     "DeadBand",
     "DeadZones",
+    "Fold",
     "Gain",
     "Saturation",
     "SCNRegressor",
@@ -165,6 +168,7 @@ MODELS |= {
     "Duhem, degree 3": lambda: Duhem(3, dt=DT),
     "GrayBoxHysteresis": lambda: GrayBoxHysteresis(dt=DT, method=LevenbergMarquardt(max_epochs=60)),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=2, dt=DT),
+    "EndStops": lambda: EndStops("upper", fit_stop_damping=False, n_substeps=2, dt=DT),
     "FrictionStage": lambda: FrictionStage(False, fit_bristle_damping=False, n_substeps=2, dt=DT),
     "RestoringForce": lambda: RestoringForce(
         1, damping_degree=1, fit_preload=False, n_substeps=2, dt=DT
@@ -205,6 +209,7 @@ NO_GAIN = {
     "DeadBand",
     "Delay",
     "DeadZones",
+    "Fold",
     "Saturation",
     "SlewLimit",
     "SmoothCurve",

@@ -6,6 +6,7 @@ from ._bouc_wen_stage import BoucWenStage, BoucWenStageOperator
 from ._coulomb_friction import CoulombFriction, CoulombFrictionOperator
 from ._dahl import Dahl, DahlOperator
 from ._duhem import Duhem, DuhemOperator
+from ._end_stops import EndStops, EndStopsOperator
 from ._friction_stage import FrictionStage, FrictionStageOperator
 from ._jiles_atherton import JilesAtherton, JilesAthertonOperator
 from ._krasnoselskii_pokrovskii import KrasnoselskiiPokrovskii, KrasnoselskiiPokrovskiiOperator
@@ -37,6 +38,8 @@ __all__ = [
     "DahlOperator",
     "Duhem",
     "DuhemOperator",
+    "EndStops",
+    "EndStopsOperator",
     "FrictionStage",
     "FrictionStageOperator",
     "JilesAtherton",

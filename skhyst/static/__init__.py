@@ -3,6 +3,7 @@
 from ._base import StaticOperator
 from ._dead_band import DeadBand, DeadBandOperator
 from ._dead_zones import DeadZoneOperator, DeadZones, MonotoneDeadZoneOperator
+from ._fold import Fold, FoldOperator
 from ._saturation import Saturation, SaturationOperator
 from ._smooth_curve import PolynomialCurveOperator, SmoothCurve
 from ._soft_saturation import SoftSaturation, SoftSaturationOperator
@@ -12,6 +13,8 @@ __all__ = [
     "DeadBandOperator",
     "DeadZoneOperator",
     "DeadZones",
+    "Fold",
+    "FoldOperator",
     "MonotoneDeadZoneOperator",
     "PolynomialCurveOperator",
     "Saturation",

@@ -34,7 +34,7 @@ OPTIONS = {
     "LuGre": {"fit_stiffness": True},
 }
 # in the equation of motion: a position has no limit that would not act back on it
-STAGES = {"BoucWenStage", "FrictionStage", "RestoringForce"}
+STAGES = {"BoucWenStage", "EndStops", "FrictionStage", "RestoringForce"}
 MODELS = sorted(
     name
     for name in set(hysteresis.__all__) - STAGES

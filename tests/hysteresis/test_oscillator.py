@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 from skhyst.hysteresis import (
     BoucWenStage,
     BoucWenStageOperator,
+    EndStops,
+    EndStopsOperator,
     FrictionStage,
     FrictionStageOperator,
     RestoringForce,
@@ -27,6 +29,7 @@ W, ZETA = 60.0, 0.3
 FRICTION = FrictionStageOperator(W, ZETA, 0.3, 0.65, 4.0, 10.0, 0.2)
 BOUC_WEN = BoucWenStageOperator(W, ZETA, 4.0, 0.3, 0.3)
 BILINEAR = RestoringForceOperator(W, ZETA, [0.3, 0.1], [0.2], 4.0, 0.2)
+STOPS = EndStopsOperator(W, ZETA, 12.0, 0.2, -0.3, 0.4)
 
 
 def walk(n, seed=0):
@@ -79,6 +82,16 @@ def bilinear(p, n):
         curve = curve + p["lambda_1"] * v + p["lambda_3"] * v**3 - p["preload"]
         held = (np.abs(z) >= p["z_s"]) & (z * v > 0.0)
         return curve + z, np.where(held, 0.0, p["alpha_s"] * v)
+
+    return force
+
+
+def stops(p, n):
+    def force(x, v, z):
+        beyond = x - np.clip(x, p["lower_stop"] - 1.0, p["upper_stop"] - 1.0)  # about the intercept
+        touch = beyond != 0.0
+        contact = p["stop_stiffness"] * beyond + p["stop_damping"] * v * touch
+        return p["stiffness"] * x + p["damping"] * v + contact, 0.0
 
     return force
 
@@ -136,6 +149,7 @@ KINKED = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10, "max_step": 0.001}
             4,
             (1.7, 2.4, 3e-4),
         ),
+        (stops, STOPS, walk(40), 0.02, KINKED, 8, (1.7, 2.4, 3e-4)),
     ],
 )
 def test_order_of_convergence(law, stage, u, dt, options, coarsest, bounds):
@@ -158,6 +172,7 @@ def test_order_of_convergence(law, stage, u, dt, options, coarsest, bounds):
         dataclasses.replace(BOUC_WEN, level=0.0),
         dataclasses.replace(BOUC_WEN, hysteresis_stiffness=1e-12),
         RestoringForceOperator(W, ZETA, [0.0], [0.0], 4.0, 0.0),
+        dataclasses.replace(STOPS, lower=-1e3, upper=1e3),
     ],
 )
 def test_without_other_forces_it_is_the_linear_mode(stage, damping_ratio, n_substeps):
@@ -176,6 +191,7 @@ def test_without_other_forces_it_is_the_linear_mode(stage, damping_ratio, n_subs
         (dataclasses.replace(FRICTION, static_level=1e7), 10.0, 0.5),
         (dataclasses.replace(BOUC_WEN, level=1e7), 4.0, 0.3),
         (RestoringForceOperator(W, ZETA, [], [], 4.0, 1e3), 4.0, 0.3),
+        (EndStopsOperator(W, ZETA, 12.0, 0.2, -1e-9, 1e-9), 12.0, 0.5),
     ],
 )
 def test_small_motion_is_that_of_a_stiffer_linear_mode(stage, stiffness, damping):
@@ -210,7 +226,11 @@ def some_bilinear(w, damping, rho, level, speed, part, exponent):
     return RestoringForceOperator(w, damping, [], [], rho, level, n_substeps=1)
 
 
-@pytest.mark.parametrize("make", [some_friction, some_bouc_wen, some_bilinear])
+def some_stops(w, damping, rho, level, speed, part, exponent):
+    return EndStopsOperator(w, damping, rho, speed, -level, level, n_substeps=1)
+
+
+@pytest.mark.parametrize("make", [some_friction, some_bouc_wen, some_bilinear, some_stops])
 @given(
     logs=st.tuples(*(st.floats(-2.0, 3.0) for _ in range(4))),
     part=st.floats(-1.0, 1.0),
@@ -237,7 +257,11 @@ def test_energy_is_dissipated_at_any_step(make, logs, part, exponent, damping, s
     for _ in range(50):
         q, p, f, _ = state
         assert make is not some_bilinear or abs(f) <= level
-        energies.append(0.5 * (p * p + (q - drive) ** 2 + f * f / rho))
+        if make is some_stops:  # the spring of a stop
+            beyond = max(abs(q) - level, 0.0)
+            energies.append(0.5 * (p * p + (q - drive) ** 2 + rho * beyond**2))
+        else:
+            energies.append(0.5 * (p * p + (q - drive) ** 2 + f * f / rho))
         state, _ = stage.step(state, drive, dt)
     assert np.all(np.diff(energies) <= 1e-12 * energies[0])
 
@@ -248,6 +272,7 @@ def test_energy_is_dissipated_at_any_step(make, logs, part, exponent, damping, s
         FRICTION,
         *(of_bouc_wen(*law) for law in ((0.3, 1.0), (-0.4, 4.0), (-1.5, 2.0), (2.0, 1.0))),
         dataclasses.replace(BILINEAR, preload=0.3),
+        STOPS,
     ],
 )
 def test_rest_is_reached_by_a_slow_first_loading(stage):
@@ -259,7 +284,12 @@ def test_rest_is_reached_by_a_slow_first_loading(stage):
 
 @pytest.mark.parametrize(
     ("stage", "part"),
-    [(FRICTION, 2e-4), (BOUC_WEN, 2e-4), (dataclasses.replace(BILINEAR, scale=0.7), 5e-4)],
+    [
+        (FRICTION, 2e-4),
+        (BOUC_WEN, 2e-4),
+        (dataclasses.replace(BILINEAR, scale=0.7), 5e-4),
+        (STOPS, 5e-4),
+    ],
 )
 def test_feedback_is_undone_by_its_opposite(stage, part):
     stage = dataclasses.replace(stage, gain=-2.0, intercept=1.0, n_substeps=64)
@@ -279,6 +309,7 @@ def test_feedback_is_undone_by_its_opposite(stage, part):
         (FRICTION, ("static_level", "stribeck_velocity")),
         (BOUC_WEN, ("level",)),
         (BILINEAR, ("slip_level", "scale")),
+        (STOPS, ("lower", "upper")),
     ],
 )
 def test_unit_of_the_drive(stage, names, unit):
@@ -366,6 +397,11 @@ PLANTS = {
             20.0, 0.3, [0.4], [0.3], 4.0, 0.3, 0.2, 3.0, 0.5, scale=0.5 * np.ptp(U), n_substeps=5
         ),
         RestoringForce(3, damping_degree=3, dt=DT),
+        1e-4,
+    ),
+    "end stops, pulled the other way": (
+        EndStopsOperator(20.0, 0.3, 15.0, 0.2, -0.7, 1.0, -3.0, 0.5, n_substeps=5),
+        EndStops(dt=DT),
         1e-4,
     ),
 }
@@ -485,6 +521,7 @@ STARTS = {
         RestoringForceOperator(SLOW, LIGHT, [1.5], [], 0.0, 0.0, 0.1),
         RestoringForce(3, damping_degree=1, fit_hysteresis=False),
     ),
+    "end stops": (EndStopsOperator(SLOW, LIGHT, 30.0, 0.1, -0.3, 0.5), EndStops()),
     "Duffing, degree 5": (
         RestoringForceOperator(SLOW, LIGHT, [0.5, 1.0], [0.5], 0.0, 0.0),
         RestoringForce(5, damping_degree=3, fit_hysteresis=False),

@@ -187,6 +187,13 @@ def make_operators():
         "Bouc-Wen stage without limit": op.BoucWenStageOperator(
             20.0, 3.0, 3.0, 0.8, -1.3, 1.01, n_substeps=1
         ),
+        "end stops": op.EndStopsOperator(
+            90.0, 0.15, 30.0, 0.3, 0.02, 0.613, gain=0.8, intercept=0.1, n_substeps=4
+        ),
+        "upper end stop": op.EndStopsOperator(20.0, 0.05, 300.0, upper=0.437, n_substeps=2),
+        "end stops that overlap": op.EndStopsOperator(20.0, 0.3, 3.0, 0.1, 0.713, 0.237),
+        "fold": op.FoldOperator(0.413),
+        "fold, upper": op.FoldOperator(0.413, side=-1),
         "empty sum": op.SumOperator((), ()),
         "gain": op.GainOperator(1.3, 0.2),
         "held": op.FrozenOperator(plays),

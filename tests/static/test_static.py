@@ -13,6 +13,7 @@ from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.static import (
     DeadBandOperator,
     DeadZoneOperator,
+    FoldOperator,
     MonotoneDeadZoneOperator,
     PolynomialCurveOperator,
     SaturationOperator,
@@ -48,6 +49,19 @@ def test_infinite_level_is_no_parameter(operator, names):
     assert [name for name, _ in operator.entries()] == names
     assert operator.n_parameters == len(names)
     assert respond(operator.unpack(operator.pack())) == pytest.approx(respond(operator))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_smooth_signal_comes_back_from_its_fold_or_its_mirror_image(side, sign):
+    """As it begins: on the side that is not folded, or on the other."""
+    fold, rng = FoldOperator(0.3, side), np.random.default_rng(0)
+    time = np.arange(2000) / 50.0
+    signal = 0.3 + sign * np.cos(time) + 0.4 * np.cos(2.3 * time)
+    reading = respond(fold, signal) + 0.0005 * rng.normal(size=time.size)
+    assert np.all(side * (respond(fold, signal) - 0.3) >= 0.0)
+    mirrored = 0.3 + side * np.sign(signal[0] - 0.3) * (signal - 0.3)
+    np.testing.assert_allclose(fold.unfolded(reading), mirrored, atol=0.02)
 
 
 @settings(deadline=None, max_examples=25)

@@ -1,0 +1,366 @@
+r"""Mass, spring and damper between end stops.
+
+In units of the drive, with ``p = q'/w`` and the ways ``x`` by which q is beyond the stops,
+
+    q''/w^2 + 2 zeta q'/w + q + F = u,   F = kappa x + 2 zeta_s x'/w   (upper stop, less the lower).
+
+Over the straight way D of a substep (see ``_oscillator``) the mean of x and its change are known in
+closed form, and ``D + b F(D)`` grows with D, so that its root lies between rest and the way that
+the force at rest would leave; Newton's method, safeguarded by bisection, finds it there.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._jit import jit
+from .._sklearn import StrOptions
+from ..operators import parameter
+from ._oscillator import (
+    FREE,
+    OWN,
+    OscillatorOperator,
+    Q,
+    begin,
+    carry,
+    move_tangents,
+    oscillator,
+    solve_tangents,
+)
+from ._oscillator_model import OscillatorModel
+
+_STEPS = 60  # halvings of the bracket reach the last digit
+_EXACT = 1e-15
+_W, _, _STIFFNESS, _DAMPING, _LEVELS = range(OWN, OWN + 5)  # columns of the derivatives
+
+
+@jit
+def contact(x0, x1):
+    """Return the mean of ``max(x, 0)`` on the way from x0 to x1, its derivatives and its change."""
+    deep, shallow = max(x0, x1), min(x0, x1)
+    if deep <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    if shallow >= 0.0:
+        return 0.5 * (x0 + x1), 0.5, 0.5, x1 - x0
+    share = deep / (deep - shallow)  # of the way
+    near, far = share - 0.5 * share * share, 0.5 * share * share
+    if x1 > x0:
+        return 0.5 * share * deep, far, near, x1
+    return 0.5 * share * deep, near, far, -x0
+
+
+@jit
+def stops(q, delta, kappa, eta, lower, upper):
+    """Return the mean force of both stops on the way from q by ``delta``, and its slope by it."""
+    above, _, by_above, more_above = contact(q - upper, q + delta - upper)
+    below, _, by_below, more_below = contact(lower - q, lower - q - delta)
+    touching = 1.0 * (q + delta > upper) + 1.0 * (q + delta < lower)
+    force = kappa * (above - below) + eta * (more_above - more_below)
+    return force, kappa * (by_above + by_below) + eta * touching
+
+
+@jit
+def stopped(reach, b, q, kappa, eta, lower, upper):
+    """Return the D that solves ``D = reach - b F``, the mean F and its slope by D."""
+    force, slope = stops(q, reach, kappa, eta, lower, upper)
+    at_rest = stops(q, 0.0, kappa, eta, lower, upper)[0]
+    if force == 0.0 and at_rest == 0.0:
+        return reach, force, slope
+    delta = reach - b * at_rest
+    near, far = 0.0, delta
+    for _ in range(_STEPS):
+        force, slope = stops(q, delta, kappa, eta, lower, upper)
+        excess = delta + b * force - reach
+        if excess * far > 0.0:
+            far = delta
+        else:
+            near = delta
+        step = -excess / (1.0 + b * slope)
+        if abs(step) <= _EXACT * abs(delta):
+            break
+        delta += step
+        if not min(near, far) <= delta <= max(near, far):
+            delta = 0.5 * (near + far)
+    force, slope = stops(q, delta, kappa, eta, lower, upper)
+    return delta, force, slope
+
+
+@jit
+def end_stops_run(mode, law, h, n_substeps, u, before, q, p, f, out):
+    """Write q and return the last q, p and f; ``law`` is (w, kappa, zeta_s, lower, upper)."""
+    w, kappa, damping, lower, upper = law
+    eta = 2.0 * damping / (w * h)
+    for k in range(u.size):
+        u0 = before
+        for i in range(n_substeps):
+            u1 = before + (u[k] - before) * ((i + 1) / n_substeps)
+            reach, speed = oscillator(mode, q, p, u0, u1)
+            delta, force, _ = stopped(reach, mode[2], q, kappa, eta, lower, upper)
+            q += delta
+            p = speed - mode[3] * force
+            u0 = u1
+        before = u[k]
+        out[k] = q
+    return q, p, f
+
+
+@jit
+def end_stops_tangents(
+    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
+):
+    """Write q and its tangents, the parameters being w, zeta, kappa, zeta_s and finite levels."""
+    w, kappa, damping, lower, upper = law
+    eta_damping = 2.0 / (w * h)
+    eta = damping * eta_damping
+    n_own = dout.shape[1] - du.shape[1]
+    step = np.empty((3, FREE + n_own))
+    by = np.zeros((3, OWN + n_own))
+    for k in range(u.size):
+        u0 = before
+        begin(step)
+        for i in range(n_substeps):
+            start, stop = i / n_substeps, (i + 1) / n_substeps
+            u1 = before + (u[k] - before) * stop
+            reach, speed = oscillator(mode, q, p, u0, u1)
+            delta, force, slope = stopped(reach, mode[2], q, kappa, eta, lower, upper)
+            end = q + delta
+            above, above0, above1, more_above = contact(q - upper, end - upper)
+            below, below0, below1, more_below = contact(lower - q, lower - end)
+            by_upper = kappa * (above0 + above1) + eta * (1.0 * (end > upper) - 1.0 * (q > upper))
+            by_lower = kappa * (below0 + below1) + eta * (1.0 * (end < lower) - 1.0 * (q < lower))
+            by[1] = 0.0
+            by[1, Q] = by_upper + by_lower
+            by[1, _W] = -eta / w * (more_above - more_below)
+            by[1, _STIFFNESS] = above - below
+            by[1, _DAMPING] = eta_damping * (more_above - more_below)
+            column = _LEVELS
+            if lower > -math.inf:
+                by[1, column] = -by_lower
+                column += 1
+            if upper < math.inf:
+                by[1, column] = -by_upper
+            solve_tangents(mode[2], slope, force, by)
+            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            q = end
+            p = speed - mode[3] * force
+            u0 = u1
+        carry(step, k, du, dbefore, d, dout)
+        before = u[k]
+        out[k] = q
+
+
+@dataclass(frozen=True)
+class EndStopsOperator(OscillatorOperator):
+    r"""Mass, spring and damper between end stops.
+
+    The equations of :class:`EndStops` divided by ``b``: displacement ``q`` and forces are in units
+    of the drive, and ``u`` holds the stage at ``q = u`` where it touches no stop.
+
+    Parameters
+    ----------
+    stop_stiffness : float
+        :math:`\kappa = k_s / k`, relative to the spring.
+    stop_damping : float, default=0.0
+        :math:`\zeta_s = d_s / (2 \sqrt{k m})`; while the stage touches a stop the damping ratio is
+        that of the sum with :math:`\zeta`.
+    lower, upper : float, default=-inf, inf
+        Where the stops are, units of the drive: the drive that just brings the stage there. An
+        infinite one is none and is not identified. Stops that overlap clamp the stage.
+
+    Notes
+    -----
+    State and substeps are those of :class:`OscillatorOperator`; the hysteretic force is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.hysteresis import EndStopsOperator
+    >>> stage = EndStopsOperator(50.0, 0.5, 19.0, upper=0.6)
+    >>> drive = np.interp(np.arange(4000) * 1e-2, [0.0, 20.0, 40.0], [0.0, 1.0, -1.0])
+    >>> y, _ = stage.run(drive, 1e-2)
+    >>> print(f"{y.max():.2f} {y.min():.2f}")
+    0.62 -1.00
+    """
+
+    natural_frequency: float = parameter(log=True, lower=0.0, unit="rad/s")
+    damping_ratio: float = parameter(log=True, lower=0.0)
+    stop_stiffness: float = parameter(log=True, lower=0.0)
+    stop_damping: float = parameter(default=0.0, lower=0.0)
+    lower: float = parameter(default=-math.inf, unit="drive")
+    upper: float = parameter(default=math.inf, unit="drive")
+    gain: float = parameter(default=1.0, linear=True, unit="response/drive")
+    intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
+    n_substeps: int = 8
+
+    _loop = staticmethod(end_stops_run)
+    _tangent_loop = staticmethod(end_stops_tangents)
+
+    def parameter_specs(self):
+        specs = super().parameter_specs()
+        return {name: spec for name, spec in specs.items() if np.isfinite(getattr(self, name))}
+
+    def physical(self, mass=1.0):
+        """Return the quantities of the equation of motion for a known mass.
+
+        Those of :meth:`OscillatorOperator.physical`, ``stop_stiffness``, ``stop_damping``, and
+        where the response meets the stops, ``lower_stop`` and ``upper_stop``.
+        """
+        p = super().physical(mass)
+        lower, upper = self._ends()
+        return p | {
+            "stop_stiffness": p["stiffness"] * self.stop_stiffness,
+            "stop_damping": 2.0 * self.stop_damping * self.natural_frequency * p["mass"],
+            "lower_stop": lower,
+            "upper_stop": upper,
+        }
+
+    def characteristics(self, seen):
+        lower, upper = (end if math.isfinite(end) else math.nan for end in self._ends())
+        return {
+            "stiffness of the stop over that of the spring": (self.stop_stiffness, ""),
+            "lower stop": (lower, "response"),
+            "upper stop": (upper, "response"),
+        }
+
+    def _ends(self):
+        """Return where the response meets the lower and the upper stop."""
+        ends = [float(self.gain * level + self.intercept) for level in (self.lower, self.upper)]
+        return ends if self.gain > 0.0 else ends[::-1]
+
+    def way_before_sliding(self):
+        return None
+
+    def fastest_rate(self):
+        return self.natural_frequency * math.sqrt(1.0 + self.stop_stiffness)
+
+    def _fed_back(self, s, shift):
+        return {
+            "stop_stiffness": self.stop_stiffness / s,
+            "stop_damping": self.stop_damping / math.sqrt(s),
+            "lower": s * self.lower + shift,
+            "upper": s * self.upper + shift,
+        }
+
+    def _rest(self, u0):
+        by, kappa = np.zeros((2, self.n_parameters - 1)), self.stop_stiffness
+        levels = {name: getattr(self, name) for name in ("lower", "upper")}
+        levels = {name: level for name, level in levels.items() if math.isfinite(level)}
+        for touched in ([], ["lower"], ["upper"], ["lower", "upper"]):  # one of them is true
+            share = 1.0 / (1.0 + kappa * len(touched))
+            q = share * (u0 + kappa * sum(getattr(self, name) for name in touched))
+            beyond = {"lower": q < self.lower, "upper": q > self.upper}
+            if touched == [name for name in beyond if beyond[name]]:
+                break
+        by[0, 0] = share
+        by[0, 3] = share * sum(levels[name] - q for name in touched)
+        for column, name in enumerate(levels, start=5):
+            by[0, column] = kappa * share * (name in touched)
+        return q, 0.0, by
+
+    def _law(self, u):
+        own = self.stop_stiffness, self.stop_damping, self.lower, self.upper
+        return tuple(map(float, (self.natural_frequency, *own)))
+
+
+_PARTS = (0.2, 0.4, 0.6, 0.75, 0.9)  # half ranges of the response at which a stop may stand
+
+
+class EndStops(OscillatorModel):
+    r"""Mass, spring and damper between end stops: a stage that knocks against what limits its way.
+
+    .. math::
+
+        m \ddot x + d \dot x + k x + F = b u, \qquad y = x + c
+
+        F = k_s (x - x_s) + d_s \dot x \text{ beyond a stop at } x_s, \text{ else } 0
+
+    The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
+    ``b``, since a response to a drive does not tell the mass; both stops are alike.
+
+    Parameters
+    ----------
+    sides : {"both", "lower", "upper"}, default="both"
+        At which ends of the response there is a stop.
+    fit_stop_damping : bool, default=True
+        Whether :math:`d_s` is fitted (0 otherwise).
+
+    Attributes
+    ----------
+    operator_ : EndStopsOperator
+        ``natural_frequency`` (rad/s), ``damping_ratio``, ``stop_stiffness`` (relative to the
+        spring), ``stop_damping`` (a damping ratio), ``lower`` and ``upper`` (units of the drive),
+        ``gain``, ``intercept``.
+
+    Notes
+    -----
+    Starting values come as those of :class:`FrictionStage`. The damper of a stop pulls as well as
+    pushes, as that of a Kelvin-Voigt contact does.
+
+    References
+    ----------
+    S. W. Shaw, P. J. Holmes, "A periodically forced piecewise linear oscillator", J. Sound and
+    Vibration 90(1), 1983.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.hysteresis import EndStops, EndStopsOperator
+    >>> time = np.arange(1500) * 0.01
+    >>> drive = np.sin(0.7 * time) + 0.8 * np.sin(2.9 * time) + 0.3 * np.sin(11.0 * time)
+    >>> plant = EndStopsOperator(20.0, 0.2, 30.0, upper=0.9, gain=3.0)
+    >>> y, _ = plant.run(drive, 0.01)
+    >>> model = EndStops("upper", fit_stop_damping=False, dt=0.01).fit(drive.reshape(-1, 1), y)
+    >>> print(f"{model.operator_.upper:.2f} {model.operator_.stop_stiffness:.0f}")
+    0.90 30
+    """
+
+    operator_class = EndStopsOperator
+    _parameter_constraints = {
+        **OscillatorModel._parameter_constraints,
+        "sides": [StrOptions({"both", "lower", "upper"})],
+        "fit_stop_damping": ["boolean"],
+    }
+
+    def __init__(
+        self,
+        sides="both",
+        *,
+        fit_stop_damping=True,
+        fit_intercept=True,
+        mass=1.0,
+        n_substeps=None,
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        self.sides = sides
+        self.fit_stop_damping = fit_stop_damping
+        self.fit_intercept = fit_intercept
+        self.mass = mass
+        self.n_substeps = n_substeps
+
+    def _signs(self):
+        return [
+            sign for sign, side in ((-1.0, "lower"), (1.0, "upper")) if self.sides in (side, "both")
+        ]
+
+    def _laws(self, length, speed):
+        return [[((1.0 - part) * length, part * length)] for part in _PARTS]
+
+    def _forces(self, law, y, dt, length):
+        ways = [sign * np.maximum(sign * y - law[1], 0.0) for sign in self._signs()]
+        return np.sum(ways, axis=0)[:, None]
+
+    def _own(self, law, gain, stiffness, level, swing):
+        return {"stop_stiffness": stiffness}
+
+    def _stage(self, law, mode, scales, factors=None, **level):
+        stage = super()._stage(law, mode, scales, factors, **level)
+        if stage is None:
+            return None
+        ends = [(scales[1] + s * law[1] - mode.intercept) / mode.gain for s in self._signs()]
+        sides = ["upper" if sign * mode.gain > 0.0 else "lower" for sign in self._signs()]
+        return dataclasses.replace(stage, **dict(zip(sides, ends, strict=True)))

@@ -1,0 +1,91 @@
+"""Fold: what passes a level is turned back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._sklearn import StrOptions
+from ..operators import parameter
+from ._base import StaticModel, StaticOperator, range_of_drive
+
+_PARTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the drive's range, at which a level may stand
+
+
+@dataclass(frozen=True)
+class FoldOperator(StaticOperator):
+    """``y = a + s |u - a|`` about the level a; see :class:`Fold`.
+
+    Parameters
+    ----------
+    level : float
+        ``a``, units of the drive.
+    side : {1, -1}, default=1
+        ``s``: what is below the level is turned up (1), or what is above it down (-1).
+    """
+
+    level: float = parameter(unit="drive")
+    side: int = 1
+    rank = 50
+
+    def _evaluate(self, v):
+        slope = self.side * np.where(v < self.level, -1.0, 1.0)
+        return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
+
+    def unfolded(self, y):
+        """Return the smooth signal, (n_samples,), of which a fold may have made this one.
+
+        Of the two values that each sample can come from it takes the one nearer to a straight line
+        through the two before; the first is taken as it is. It is the signal itself or its mirror
+        image about the level.
+        """
+        away = np.asarray(y, dtype=float) - self.level
+        found = away.copy()
+        for k in range(2, len(away)):
+            ahead = 2.0 * found[k - 1] - found[k - 2]
+            found[k] = np.copysign(away[k], ahead)
+        return self.level + found
+
+
+class Fold(StaticModel):
+    r"""Fold: a reading that is turned back at a level, as that of a sensor that loses the sign.
+
+    .. math:: y = a + |u - a| \text{ or } y = a - |u - a|
+
+    It has no gain: put a model that has one before it in a :class:`~skhyst.compose.Cascade`. There
+    the model may have either sign, since its mirror image about the level reads the same.
+
+    Parameters
+    ----------
+    side : {"lower", "upper"}, default="lower"
+        The end of the response at which it is turned back.
+
+    Attributes
+    ----------
+    operator_ : FoldOperator
+        ``level`` a, units of the drive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import Fold
+    >>> u = np.linspace(-1, 1, 201)
+    >>> model = Fold().fit(u.reshape(-1, 1), 0.2 + np.abs(u - 0.2))
+    >>> round(model.operator_.level, 6)
+    0.2
+    """
+
+    operator_class = FoldOperator
+    _any_interval = False
+    _parameter_constraints = {
+        **StaticModel._parameter_constraints,
+        "side": [StrOptions({"lower", "upper"})],
+    }
+
+    def __init__(self, side="lower", *, initial_state="rest", dt=1.0, method="variable_projection"):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        self.side = side
+
+    def starting_values(self, records):
+        low, high = range_of_drive(records)
+        side = 1 if self.side == "lower" else -1
+        return [FoldOperator(low + part * (high - low), side) for part in _PARTS]
