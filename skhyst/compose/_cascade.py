@@ -13,7 +13,7 @@ from ..base import ParametricModel, informed, with_params
 from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
 
-_DYNAMICS = 30  # rank of linear dynamics, see Operator
+_LIMIT, _DYNAMICS = 0, 30  # ranks of limits of the drive and of linear dynamics, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 _CLEARLY = 1.1  # ratio of errors in thinned records
 _ENOUGH = 5_000  # samples in all
@@ -325,17 +325,22 @@ class Cascade(Composition):
         return records
 
     def _orders(self):
-        """Return the orders in which steps are added: as given, and dynamics from the last on.
+        """Return the orders in which steps are added.
 
-        Dynamics that come first bend to make up for those that are missing still, and a local
-        search may leave them there. Steps that are held are there from the start.
+        As given; dynamics from the last on, since those that come first bend to make up for those
+        that are missing still, and a local search may leave them there; and limits of the drive
+        last, since without the gain of others they explain nothing. Steps that are held are there
+        from the start.
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         dynamics = [i for i in given if models[i].series_rank == _DYNAMICS]
+        dynamics = [i for i in dynamics if not models[i]._reads_columns]  # which must come first
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
-        other = [turned.get(i, i) for i in given]
-        return [given] if other == given else [given, other]
+        others = [turned.get(i, i) for i in given]
+        late = sorted(given, key=lambda i: models[i].series_rank == _LIMIT)
+        orders = [given, others, late]
+        return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
     def _add_steps(self, data, order, method):
         """Add the steps in an order, each behind those before it; refine all after each."""
@@ -346,6 +351,8 @@ class Cascade(Composition):
                 [stages[i]] = model.starting_values(data)
         for i in order or [0]:
             places = sorted({*stages, i})
+            if i and models[0]._reads_columns and 0 in stages:  # a bias, in units of the drive
+                stages[0] = _to_unit_gain(stages[0])
             records = self._behind([stages[j] for j in places if j < i], data)
             names = [self.steps[j][0] for j in places]
             candidates = [
@@ -381,7 +388,7 @@ def _distinct(results):
 def _to_unit_gain(stage):
     """Return a stage whose static gain another stage will carry, where it has one of its own."""
     values, specs = stage.pack(), [spec for _, spec in stage.entries()]
-    gains = [i for i, spec in enumerate(specs) if spec.gauge == 1.0]
+    gains = [i for i in np.flatnonzero(stage.gauge_entries()) if specs[i].gauge == 1.0]
     if len(gains) != 1 or stage.carries_scale or values[gains[0]] == 0.0:
         return stage
     gain = values[gains[0]]

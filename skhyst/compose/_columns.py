@@ -26,6 +26,8 @@ class ColumnOperator(WrappedOperator):
     ----------
     operator : Operator
     column : int
+    reference : float, default=0.0
+        Value of the column at which the input of the operator is zero. Fixed structure.
 
     Examples
     --------
@@ -38,20 +40,24 @@ class ColumnOperator(WrappedOperator):
 
     operator: Operator
     column: int
+    reference: float = 0.0
+
+    def _own(self, u):
+        return _one(u, self.column) - self.reference
 
     def init(self, u0, initial_state="rest"):
-        return self.operator.init(_one(u0, self.column), initial_state)
+        return self.operator.init(self._own(u0), initial_state)
 
     def run(self, u, dt, state=None):
-        return self.operator.run(_one(u, self.column), dt, state)
+        return self.operator.run(self._own(u), dt, state)
 
     def step(self, state, u, dt):
-        return self.operator.step(state, _one(u, self.column), dt)
+        return self.operator.step(state, self._own(u), dt)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         # the tangents are those of the drive, column 0
         own = du if self.column == 0 else np.zeros_like(du)
-        return self.operator.linearize(_one(u, self.column), own, dt, initial_state)
+        return self.operator.linearize(self._own(u), own, dt, initial_state)
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,11 @@ def amplitude(drive):
 def is_constant(values, size):
     """Whether a column, of which ``size`` is the largest magnitude, is constant in a record."""
     return bool(np.ptp(values) <= _CONSTANT * size)
+
+
+def _mean(records, column):
+    """Return the mean of a column of the inputs of all records."""
+    return float(np.concatenate([r.u[:, column] for r in records]).mean())
 
 
 def _one(u, column):
@@ -221,12 +232,16 @@ class _ColumnModel(AroundModel):
 class OnColumn(_ColumnModel):
     """A model that one column of X drives, such as a temperature.
 
-    It stands beside the model of the drive in a :class:`Sum`.
+    It stands beside the model of the drive in a :class:`Sum`. Where that is the first step of a
+    :class:`Cascade`, the column acts on what goes into the steps behind it, as a bias voltage does.
 
     Parameters
     ----------
     column : int, default=1
         Number of the column of X.
+    centered : bool, default=False
+        Whether the column counts from its mean in the records of the fit, not from zero. What
+        it adds to the drive of a model with a threshold or a curve shifts that.
 
     Attributes
     ----------
@@ -244,11 +259,28 @@ class OnColumn(_ColumnModel):
     0.5
     """
 
+    _parameter_constraints = {**_ColumnModel._parameter_constraints, "centered": ["boolean"]}
+
+    def __init__(
+        self,
+        estimator,
+        column=1,
+        *,
+        centered=False,
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
+        super().__init__(estimator, column, initial_state=initial_state, dt=dt, method=method)
+        self.centered = centered
+
     def starting_values(self, records):
-        own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column])) for r in records]
+        reference = _mean(records, self.column) if self.centered else 0.0
+        own = [replace(r, u=_one(r.u, self.column) - reference) for r in records]
         starts = map(take_apart, self.estimator.starting_values(own))
         return [
-            put_beside(ColumnOperator(driven, self.column), beside) for driven, beside in starts
+            put_beside(ColumnOperator(driven, self.column, reference), beside)
+            for driven, beside in starts
         ]
 
     def _with_held(self, operator):
@@ -300,7 +332,7 @@ class Modulated(_ColumnModel):
 
     def starting_values(self, records):
         column = -1 if self.column == "amplitude" else self.column
-        reference = float(np.concatenate([r.u[:, column] for r in records]).mean())
+        reference = _mean(records, column)
         return [
             put_beside(ModulatedOperator(driven, column, reference), beside)
             for driven, beside in map(take_apart, self._driven().starting_values(records))

@@ -334,7 +334,7 @@ def _gathered(stages, without=None):
     Nothing moves where a stage carries a scale of its own or is no linear one.
     """
     kept = [i for i in range(len(stages)) if i != without]
-    scaled = [i for i, stage in enumerate(stages) if stage.gauge_entries().any()]
+    scaled = [i for i, stage in enumerate(stages) if _may_give_or_take(stage)]
     between = stages[scaled[0] : scaled[-1] + 1] if scaled else ()
     if (
         not set(scaled) & set(kept)
@@ -350,6 +350,14 @@ def _gathered(stages, without=None):
         intercept = stages[i].gain * intercept + stages[i].intercept
     own = dict.fromkeys(scaled, (1.0, 0.0)) | {owner: (gain, intercept)}
     return tuple(_with_gain(stages[i], *own[i]) if i in own else stages[i] for i in kept)
+
+
+def _may_give_or_take(stage):
+    """Whether a stage has a gain or an intercept, unless it is a sum that has none of its own."""
+    mask, entries = stage.gauge_entries(), stage.entries()
+    gauges = [spec.gauge for (_, spec), own in zip(entries, mask, strict=True) if own]
+    is_bare = isinstance(stage, SumOperator) and stage.pack()[mask].tolist() == gauges
+    return bool(gauges) and not is_bare
 
 
 def _with_gain(stage, gain, intercept):

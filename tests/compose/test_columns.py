@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from skhyst.compose import (
+    Cascade,
     ColumnOperator,
     Modulated,
     ModulatedOperator,
@@ -15,7 +16,14 @@ from skhyst.compose import (
 )
 from skhyst.disturbance import Offset
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
-from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, GainOperator
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    GainOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+)
 from skhyst.operators import SumOperator, check_operator
 
 DT, N = 0.01, 400
@@ -69,6 +77,28 @@ def test_a_column_acts_through_a_lag_of_its_own(X):
     assert model.operators_["load"].operator.time_constant == pytest.approx(0.1, rel=1e-6)
     assert model.operators_["load"].operator.gain == pytest.approx(0.8, rel=1e-6)
     np.testing.assert_allclose(model.predict(X), y, atol=1e-8)
+
+
+@pytest.mark.parametrize("centered", [False, True])
+def test_a_column_acts_on_what_goes_into_a_mode_behind_it(X, centered):
+    """In a unit of its own, so that its reference is far from zero."""
+    X = X.assign(load=20.0 + X["load"])
+    reference = X["load"].mean() if centered else 0.0
+    mode = SecondOrderModeOperator(9.0, 0.3, 2.0, 0.5)
+
+    def law(part):
+        bias = 0.3 * (part["load"].to_numpy() - reference)
+        return mode.run(part["drive"].to_numpy() + bias, DT)[0]
+
+    y = by_record(X, law)
+    load = OnColumn(Gain(fit_intercept=False), 1, centered=centered)
+    drive = Sum([("drive", Gain(fit_intercept=False)), ("load", load)])
+    model = Cascade([("input", drive), ("mode", SecondOrderMode())]).fit(X, y)
+    branch = model.operators_["input"].stages[1]
+    assert branch.reference == pytest.approx(reference)
+    assert branch.operator.gain == pytest.approx(0.3, rel=1e-6)
+    assert model.operators_["mode"].gain == pytest.approx(2.0, rel=1e-6)
+    np.testing.assert_allclose(model.predict(X), y, atol=1e-8 * np.ptp(y))
 
 
 def test_a_column_scales_the_response_beside_an_offset(X):
