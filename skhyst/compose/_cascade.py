@@ -351,8 +351,8 @@ class Cascade(Composition):
                 [stages[i]] = model.starting_values(data)
         for i in order or [0]:
             places = sorted({*stages, i})
-            if i and models[0]._reads_columns and 0 in stages:  # a bias, in units of the drive
-                stages[0] = _to_unit_gain(stages[0])
+            if i and models[0]._reads_columns and 0 in stages:
+                stages[0] = _unbiased(stages[0])
             records = self._behind([stages[j] for j in places if j < i], data)
             names = [self.steps[j][0] for j in places]
             candidates = [
@@ -388,7 +388,7 @@ def _distinct(results):
 def _to_unit_gain(stage):
     """Return a stage whose static gain another stage will carry, where it has one of its own."""
     values, specs = stage.pack(), [spec for _, spec in stage.entries()]
-    gains = [i for i in np.flatnonzero(stage.gauge_entries()) if specs[i].gauge == 1.0]
+    gains = [i for i, spec in enumerate(specs) if spec.gauge == 1.0]
     if len(gains) != 1 or stage.carries_scale or values[gains[0]] == 0.0:
         return stage
     gain = values[gains[0]]
@@ -397,6 +397,17 @@ def _to_unit_gain(stage):
     values = np.where(scaled, values / gain, values)
     values[gains[0]] = 1.0
     return stage.unpack(values)
+
+
+def _unbiased(stage):
+    """Return a linear sum with its first branch at unit gain and the others at none.
+
+    What they add to the drive cannot be told before all that is behind it has its place.
+    """
+    gains = [spec.gauge == 1.0 for _, spec in stage.entries()] & stage.gauge_entries()
+    if not stage.signal_linear or gains.sum() != 1:
+        return stage
+    return stage.unpack(np.where(gains, 1.0, np.where(stage.linear_mask(), 0.0, stage.pack())))
 
 
 def thin_records(records):
