@@ -8,12 +8,12 @@ Run from the root of the project::
 The plants are those of the blind study. Here each is driven and recorded under a condition that
 its bench leaves out (see `plants.laboratory`): one record, short, of a single sine, cut in the
 middle of a loop, coloured noise, mains, outliers, coarse readings, a response that is read late or
-early or by another clock, a drive that is held, closed in a loop, or noisy. In two more the bench
-is as it was and the plants are others: their effects follow other laws than those of the models, or
-are two, of which one changes a tenth of what the other does.
+early or by another clock, a drive that is held, closed in a loop, or noisy. In three more the bench
+is as it was and the plants are others: their effects follow other laws than those of the models,
+have other forms, or are two, of which one changes a tenth of what the other does.
 
 Of each condition and declared model so many plants (7) hide nothing, and as many hide one effect
-that the condition leaves a trace of: 504 and 504 with `--plants 7`. A name is false where the plant
+that the condition leaves a trace of: 532 and 532 with `--plants 7`. A name is false where the plant
 hides nothing, and wrong where it is another's; those that are true of the condition itself are
 neither. Of two effects both must be named. Effects count where they are at least twice the noise.
 `--first-seed` chooses plants as in the blind study: some to settle on, others to report.

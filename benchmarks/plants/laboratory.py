@@ -16,7 +16,7 @@ import numpy as np
 
 from skhyst.datasets.simulation import first_order, refine
 
-from . import other_laws
+from . import further_forms, other_laws
 from .effects import SUBSTEPS, WEAKENED
 from .recording import (
     BASES,
@@ -105,6 +105,8 @@ class Habit:
         Names that are true of the condition itself.
     laws : dict of str to callable
         The only effects of these plants, and their laws, where they are others.
+    matrix : dict of str to tuple of str
+        Which of them a plant can have, by what is declared.
     unequal : bool
         Whether plants have two effects, of which the last is far smaller.
     """
@@ -113,6 +115,7 @@ class Habit:
     hides: set = frozenset()
     makes: set = frozenset()
     laws: dict = field(default_factory=dict)
+    matrix: dict = field(default_factory=lambda: MATRIX)
     unequal: bool = False
 
     def possible(self, declared):
@@ -120,7 +123,7 @@ class Habit:
         if self.unequal:
             pairs = [p for pair in effect_pairs(declared) for p in (pair, pair[::-1])]
             return [pair for pair in pairs if pair[1] in WEAKENED]
-        seen = set(MATRIX[declared]) - self.hides
+        seen = set(self.matrix[declared]) - self.hides
         return [(name,) for name in sorted(seen & set(self.laws) if self.laws else seen)]
 
 
@@ -160,6 +163,9 @@ HABITS = {
     "noisy_drive": Habit(lambda rng: Condition(drive_noise=rng.uniform(0.002, 0.01))),
     "other_laws": Habit(lambda rng: Condition(), laws=other_laws.LAWS),
     "unequal_pair": Habit(lambda rng: Condition(), unequal=True),
+    "further_forms": Habit(
+        lambda rng: Condition(), laws=further_forms.LAWS, matrix=further_forms.MATRIX
+    ),
 }
 
 

@@ -19,7 +19,18 @@ from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import identify
 from ._constants import ENOUGH, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
-from ._edits import AddForce, Begin, Drive, Enrich, Hold, Insert, Modulate, Schedule, both_models
+from ._edits import (
+    AddForce,
+    Begin,
+    Bias,
+    Drive,
+    Enrich,
+    Hold,
+    Insert,
+    Modulate,
+    Schedule,
+    both_models,
+)
 from ._periods import visible_turns
 from ._starts import Scene, beside, driven_starts, inserted
 from ._tree import BRIEFLY
@@ -156,6 +167,30 @@ def _refitted_to(records, tree):
 
 
 @dataclass(frozen=True)
+class Folded:
+    """A reading that folds back at its end, from what it is without, where that is smoother.
+
+    The model is identified from nothing: the declared one has followed what was folded. The record
+    that moves most is enough for that, and the only one whose sign need not fit that of others.
+    """
+
+    model: object
+
+    def trees(self, name, scene):
+        tree, most = scene.tree, max(scene.records, key=lambda r: np.ptp(r.y))
+        if tree.histories or tree.lines:
+            return []
+        start = driven_starts(self.model, [replace(most, u=most.y)])[0]
+        ends = [record.y.min() if start.side > 0 else record.y.max() for record in scene.records]
+        start = replace(start, level=float(start.side * min(start.side * end for end in ends)))
+        y = start.unfolded(most.y)
+        bends = [np.square(np.diff(signal, 2)).sum() for signal in (most.y, y)]
+        if bends[1] > (1.0 - NOTICEABLE) * bends[0]:
+            return []
+        return [tree.identified([replace(most, y=y)]).edited(name, Insert(self.model, start))]
+
+
+@dataclass(frozen=True)
 class InStages:
     """First-order stages in a row become tanks, where nothing comes before them."""
 
@@ -267,19 +302,27 @@ class RateDependence:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a further column of X adds to the response."""
+    """What a further column of X adds to the response, or to the drive."""
 
     model: object
+    to_drive: bool = False
 
     def trees(self, name, scene):
-        found = []
+        tree, found = scene.tree, []
+        if self.to_drive and (tree.histories or tree.lines):
+            return []
         for column in _moving_columns(scene):
             records = [
                 replace(r, u=np.ascontiguousarray(r.auxiliary[:, column - 1]), before=None)
                 for r in scene.residuals
             ]
-            edits = [Drive(self.model, s, column) for s in driven_starts(self.model, records)]
-            found += [scene.tree.edited(name, edit) for edit in edits]
+            starts = driven_starts(self.model, records)
+            if self.to_drive:  # from where the first step tells how much, whatever is in between
+                mean = float(_column(scene, column).mean())
+                edits = [Bias(self.model, replace(s, gain=0.0), column, mean) for s in starts]
+            else:
+                edits = [Drive(self.model, s, column) for s in starts]
+            found += [tree.edited(name, edit) for edit in edits]
         return found
 
 

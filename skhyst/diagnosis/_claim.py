@@ -84,9 +84,22 @@ class Claim:
         if self.kind in ("modulation", "schedule", "scheduled stage", "start"):
             return None
         if self.kind == "branch":
-            whole = self.structure.operator
-            return whole.stages[whole.names.index(self.label)].operator
+            whole, name = self._branches
+            return whole.stages[whole.names.index(name)].operator
         return self.structure.part(self.effect.name)
+
+    @property
+    def _branches(self):
+        """The sum that a branch is a part of, and its name there."""
+        if self._biases:
+            whole = self.structure.part(self.effect.name)
+            return whole, whole.names[-1]
+        return self.structure.operator, self.label
+
+    @property
+    def _biases(self):
+        """Whether a branch is added to the drive, not to the response."""
+        return self.kind == "branch" and self.label in self.structure.names
 
     @property
     def in_motion(self):
@@ -109,6 +122,8 @@ class Claim:
         """Parameters of the operator that were identified: name -> name in the result."""
         structure, place = self.structure, self.edits[0].place
         mark = f"{self.label}__"
+        if self._biases:
+            mark += f"{self._branches[1]}__"
         if place and not self.is_part:
             mark = f"{place}__"
         elif self.label in structure.beside_names:
@@ -142,7 +157,7 @@ class Claim:
         units of the response.
         """
         if self.kind == "branch":
-            return self.column_unit, "response"
+            return self.column_unit, "drive" if self._biases else "response"
         if self.kind == "beside":
             return "drive", "response"
         operators = self.structure.operators

@@ -10,7 +10,16 @@ import numpy as np
 from sklearn.base import clone
 
 from ..base import informed
-from ..compose import Stage, Sum, modulated, put_beside_series, scheduled
+from ..compose import (
+    ColumnOperator,
+    OnColumn,
+    Stage,
+    Sum,
+    modulated,
+    put_beside_series,
+    scheduled,
+)
+from ..linear import Gain, GainOperator
 from ..operators import SumOperator
 
 _KEPT = {"dt", "fit_intercept", "hold", "initial_state", "mass", "method"}  # of an enriched stage
@@ -137,6 +146,25 @@ class Drive(_Edit):
     def apply(self, tree, name):
         branch = self.operator, self.column
         return tree.composed(put_beside_series(tree.whole, name, self.model, *branch))
+
+
+@dataclass(frozen=True)
+class Bias(_Edit):
+    """A model that a further column of X drives, whose output is added to the drive."""
+
+    model: object
+    operator: object
+    column: int
+    reference: float
+    kind = "branch"
+
+    def apply(self, tree, name):
+        column = OnColumn(self.model, self.column, centered=True)
+        model = Sum([("drive", Gain(fit_intercept=False)), ("column", column)])
+        branch = ColumnOperator(self.operator, self.column, self.reference)
+        parts = ColumnOperator(GainOperator(1.0), 0), branch
+        operator = SumOperator(("drive", "column"), parts)
+        return tree.with_stages([Stage(name, model, operator), *tree.stages])
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from ..hysteresis import (
     BoucWenStage,
     CoulombFriction,
     Dahl,
+    EndStops,
     FrictionStage,
     MaxwellSlip,
     PrandtlIshlinskii,
@@ -28,6 +29,7 @@ from ..linear import (
 from ..static import (
     DeadBand,
     DeadZones,
+    Fold,
     Saturation,
     SmoothCurve,
     SoftSaturation,
@@ -36,6 +38,7 @@ from ._changes import (
     BesideForce,
     Driven,
     FirstHysteresis,
+    Folded,
     HeldDrive,
     InMotion,
     InStages,
@@ -57,6 +60,7 @@ from ._plausibility import (
     remembers,
     rings,
     slides,
+    stops,
     varies_in_rate,
 )
 
@@ -247,6 +251,18 @@ _BUILT_IN = (
         picture="displacement",
     ),
     Effect(
+        "end_stops",
+        lambda: [
+            InMotion(EndStops(sides, fit_stop_damping=damped))
+            for damped in (False, True)
+            for sides in ("lower", "upper", "both")
+        ],
+        "Beyond a gap the motion runs against a stop, far stiffer than the spring.",
+        "Drive slowly beyond the suspected stop: the response hardly goes on.",
+        picture="displacement",
+        plausible=stops,
+    ),
+    Effect(
         "creep",
         lambda: [KelvinVoigt(n) for n in (1, 2, 3)],
         "The response goes on relaxing after each change of the drive, over decades of time.",
@@ -279,6 +295,12 @@ _BUILT_IN = (
         plausible=levels_off,
     ),
     Effect(
+        "rectification",
+        lambda: [Folded(Fold("lower")), Folded(Fold("upper"))],
+        "The reading folds back at a level, as that of a sensor that loses the sign.",
+        "Drive slowly through the level: the reading turns round where the drive goes on.",
+    ),
+    Effect(
         "amplitude_dependence",
         lambda: [
             Scaled("amplitude"),
@@ -296,11 +318,13 @@ _BUILT_IN = (
         "auxiliary_input",
         lambda: [
             Driven(Gain(fit_intercept=False)),
+            Driven(Gain(fit_intercept=False), to_drive=True),
             Driven(FirstOrderLag(fit_intercept=False)),
+            Driven(FirstOrderLag(fit_intercept=False), to_drive=True),
             Scaled("column"),
             PerRecord("column", "all"),
         ],
-        "A further measured quantity acts on the response.",
+        "A further measured quantity acts on the response, or on what drives it.",
         "Change that quantity alone, at rest and under way.",
     ),
     Effect(

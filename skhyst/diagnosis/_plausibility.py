@@ -189,3 +189,15 @@ def remembers(operator, motion, records):
     soft = HARD - abs(getattr(operator, "shape", 0.0))
     way = operator.way_before_sliding()
     return soft if way is None else min(soft, np.log(way / (0.2 * NOTICEABLE * np.ptp(motion))))
+
+
+def stops(operator, motion, records):
+    """Return how stiff stops are, over the spring, how far motion is beyond one and free of them.
+
+    A stop that is softer than the spring is a spring, and so is one that is always touched.
+    """
+    place = (motion - operator.intercept) / operator.gain
+    way = np.ptp(place)
+    beyond = max(operator.lower - place.min(), place.max() - operator.upper) / way
+    free = (min(operator.upper, place.max()) - max(operator.lower, place.min())) / way
+    return min(np.log(operator.stop_stiffness), beyond, free - NOTICEABLE)

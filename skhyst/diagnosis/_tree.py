@@ -158,9 +158,10 @@ class Tree:
         return SeriesOperator(self.names, self.operators).normalized()
 
     def position(self, rank):
-        """Return where in the series a stage of this rank goes."""
+        """Return where in the series a stage of this rank goes: behind what biases the drive."""
         behind = [i + 1 for i, stage in enumerate(self.operators) if stage.rank <= rank]
-        return max(behind, default=0)
+        biased = self.multi_input and not (self.declared or self).multi_input
+        return max(behind, default=int(biased))
 
     # ------------------------------------------------------------------ effects
 

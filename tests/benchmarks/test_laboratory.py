@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import plants
 import pytest
-from plants import effects, motion, other_laws, recording
+from plants import effects, further_forms, motion, other_laws, recording
 from plants import laboratory as lab
 from scipy.special import gamma
 
@@ -24,7 +24,8 @@ def test_half_of_the_plan_hides_nothing_and_all_of_it_can_be_seen():
     assert len({case.seed for case in cases}) == len(cases)
     for case in cases:
         hidden = set(case.effect.split("+")) - {"none"}
-        assert hidden <= set(plants.MATRIX[case.declared]) - lab.HABITS[case.kind].hides
+        habit = lab.HABITS[case.kind]
+        assert hidden <= set(habit.matrix[case.declared]) - habit.hides
         assert len(hidden) <= 1 + (case.kind == "unequal_pair")
         assert hidden <= set(other_laws.LAWS) or case.kind != "other_laws"
     kinds = {case.kind for case in cases if case.effect == "none"}
@@ -269,6 +270,20 @@ def test_a_second_spring_acts_beyond_its_gap():
     np.testing.assert_allclose(left, expected, atol=2e-3)
 
 
+def test_stops_push_and_damp_beyond_their_places():
+    step = 1 / 64
+    drive = 0.9 * np.sin(2 * np.pi * step * np.arange(32_000) / 60)
+    path = further_forms.knocking_mode(drive, step, 1 / 40, 0.1, -0.5, 0.3, 6.0, 0.4)
+    w, x = 2 * np.pi / 40, path[1:-1]
+    v, a = (path[2:] - path[:-2]) / (2 * step), (path[2:] - 2 * x + path[:-2]) / step**2
+    left = drive[1:-1] - x - 0.2 / w * v - a / w**2
+    beyond = x - np.clip(x, -0.5, 0.3)
+    expected = 6.0 * beyond + 0.8 / w * v * (beyond != 0.0)
+    jump = np.convolve(np.diff(beyond != 0.0, prepend=False), np.ones(3), "same") > 0
+    np.testing.assert_allclose(left[~jump], expected[~jump], atol=2e-2)
+    assert np.abs(expected).max() > 0.3
+
+
 @pytest.mark.parametrize("curve", [1, 2])
 def test_falls_of_the_friction_differ_and_end_alike(curve):
     v = np.linspace(0.0, 3.0, 7)
@@ -278,13 +293,20 @@ def test_falls_of_the_friction_differ_and_end_alike(curve):
 
 
 @pytest.mark.parametrize(
-    ("effect", "declared"),
-    [(e, d) for d in plants.BASES for (e,) in lab.HABITS["other_laws"].possible(d)],
+    ("habit", "effect", "declared"),
+    [
+        (habit, effect, declared)
+        for habit in ("other_laws", "further_forms")
+        for declared in plants.BASES
+        for (effect,) in lab.HABITS[habit].possible(declared)
+    ],
 )
-def test_effects_of_other_laws_show_and_none_is_that_of_the_study(effect, declared):
-    other = lab.record_in("other_laws", effect, declared, 1, noise=0.0005)
+def test_effects_of_other_laws_show_and_none_is_that_of_the_study(habit, effect, declared):
+    other = lab.record_in(habit, effect, declared, 1, noise=0.0005)
     assert np.isfinite(np.concatenate([other.y_train, other.y_test])).all()
     assert 2.0 < other.truth["effect_over_noise"][effect] < 400.0
+    if effect not in plants.EFFECTS:
+        return
     usual = lab.record_in("bench", effect, declared, 1, noise=0.0005)
-    np.testing.assert_array_equal(other.X_train, usual.X_train)
+    np.testing.assert_array_equal(other.X_train["drive"], usual.X_train["drive"])
     assert (other.y_train - usual.y_train).std() > 3.0 * other.noise_std

@@ -24,7 +24,7 @@ from skhyst.operators import take_apart
 from skhyst.optimize import RecordData
 from skhyst.static import SoftSaturationOperator
 
-PROMISED = {*plants.EFFECTS, "timing", "initial_state"}
+PROMISED = {*plants.EFFECTS, "end_stops", "initial_state", "rectification", "timing"}
 PAGES = Path(__file__).parents[2] / "docs" / "user_guide" / "effects"
 
 

@@ -10,6 +10,7 @@ from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Su
 from skhyst.diagnosis._edits import (
     AddForce,
     Beside,
+    Bias,
     Drive,
     Enrich,
     Hold,
@@ -174,6 +175,7 @@ ADDED = {
     "output_saturation": [Insert(Saturation(rank="sensor"), SaturationOperator(-1.5, 1.5, 50))],
     "offset": [Beside(Offset(), OffsetOperator(np.zeros(1)))],
     "auxiliary_input": [Drive(Gain(fit_intercept=False), GainOperator(0.7), 1)],
+    "bias": [Bias(FirstOrderLag(fit_intercept=False), FirstOrderLagOperator(0.05, 0.3), 1, 0.2)],
     "scaled": [Modulate(1, 1.5)],
     "amplitude_dependence": [Modulate("amplitude", 1.0)],
     "scheduled": [Schedule("amplitude", 0.5, 2.0, "dynamics")],
