@@ -216,8 +216,10 @@ NO_GAIN = {
     "SoftSaturation",
     "TimeShift",
 }
-# weights that are not negative; one side that is clipped
+# weights that are not negative; one side that is clipped, or where there is a stop or a fold
 ONE_SIGN = PLAYS | {
+    "EndStops",
+    "Fold",
     "JilesAtherton",
     "Cascade",
     "Sum",

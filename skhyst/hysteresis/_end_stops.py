@@ -245,18 +245,15 @@ class EndStopsOperator(OscillatorOperator):
 
     def _rest(self, u0):
         by, kappa = np.zeros((2, self.n_parameters - 1)), self.stop_stiffness
-        levels = {name: getattr(self, name) for name in ("lower", "upper")}
-        levels = {name: level for name, level in levels.items() if math.isfinite(level)}
-        for touched in ([], ["lower"], ["upper"], ["lower", "upper"]):  # one of them is true
-            share = 1.0 / (1.0 + kappa * len(touched))
-            q = share * (u0 + kappa * sum(getattr(self, name) for name in touched))
-            beyond = {"lower": q < self.lower, "upper": q > self.upper}
-            if touched == [name for name in beyond if beyond[name]]:
-                break
+        more = kappa * max(self.lower - self.upper, 0.0)  # where both clamp the stage
+        touched = {"lower": u0 < self.lower + more, "upper": u0 > self.upper - more}
+        levels = [getattr(self, name) for name in touched if touched[name]]
+        share = 1.0 / (1.0 + kappa * len(levels))
+        q = share * (u0 + kappa * sum(levels))
         by[0, 0] = share
-        by[0, 3] = share * sum(levels[name] - q for name in touched)
-        for column, name in enumerate(levels, start=5):
-            by[0, column] = kappa * share * (name in touched)
+        by[0, 3] = share * sum(level - q for level in levels)
+        for column, name in enumerate(list(self.parameter_specs())[4:-2], start=5):
+            by[0, column] = kappa * share * touched[name]
         return q, 0.0, by
 
     def _law(self, u):

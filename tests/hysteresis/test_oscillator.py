@@ -282,6 +282,14 @@ def test_rest_is_reached_by_a_slow_first_loading(stage):
         np.testing.assert_allclose(state, stage.init(end), atol=2e-4)
 
 
+@pytest.mark.parametrize("upper", [0.1, 0.6743709337368877])
+def test_a_rigid_stop_is_where_the_stage_stays(upper):
+    """Also where nothing is left of the way beyond it but rounding."""
+    stage = EndStopsOperator(W, ZETA, 1e20, upper=upper)
+    assert stage.init(1.1536769404689238)[0] == pytest.approx(upper)
+    assert stage.init(-1.0)[0] == -1.0
+
+
 @pytest.mark.parametrize(
     ("stage", "part"),
     [
