@@ -34,7 +34,7 @@ def searched(habit, effect, declared, seed, names):
     [
         ("auxiliary_input", "prandtl_ishlinskii", 1),
         ("auxiliary_input", "second_order", 1),
-        ("end_stops", "second_order", 1),
+        ("end_stops", "second_order", 5),
         ("rectification", "second_order", 0),
         ("rectification", "cascade", 1),
         ("backlash", "bouc_wen", 1),
