@@ -5,21 +5,31 @@ DIAGNOSIS = [
         "what is held out is predicted from a fit that has seen it",
         "x = _fold_solution(problem, train, blocks, long)",
         "x = problem.x0",
-        "tests/diagnosis/test_candidates.py"
-        " tests/diagnosis/test_held_out.py -k 'segment or fold or sample'",
+        "tests/diagnosis/test_candidates.py -k 'segment or fold or sample'",
     ),
     (
         "a fold is predicted with the coefficients of its own samples",
-        "parts = problem.predictions(x, train, wanted)",
-        "parts = problem.predictions(x, test, wanted)",
-        "tests/diagnosis/test_candidates.py"
-        " tests/diagnosis/test_held_out.py -k 'segment or fold or sample'",
+        "parts = problem.predictions(x, train, wanted, driven)",
+        "parts = problem.predictions(x, test, wanted, driven)",
+        "tests/diagnosis/test_candidates.py -k 'segment or fold or sample'",
     ),
     (
         "the black box learns from what it is tested on",
         "train = np.flatnonzero(~test)",
         "train = np.flatnonzero(test | True)",
         "tests/diagnosis/test_noise.py -k 'white_noise or noise_is_noise'",
+    ),
+    (
+        "stretches of the black box are shorter than the noise lasts",
+        "length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)",
+        "length = max(min(total, ENOUGH) // STRETCHES, 1)",
+        "tests/diagnosis/test_noise.py -k slow_noise",
+    ),
+    (
+        "in a closed loop the difference of the predictions is its own instrument",
+        "z = w * (a - b if z is None else z[known] / scale)",
+        "z = w * (a - b)",
+        "tests/diagnosis/test_reference.py -k level",
     ),
     (
         "the difference of two repetitions is taken for the noise of one",
@@ -152,13 +162,13 @@ CRITERION = [  # of this way to decide
     ),
     (
         "chance is told by the residuals of the worse model",
-        "chances.append(w * (a - b) * b)",
-        "chances.append(w * (a - b) * a)",
+        "chances.append(z * b)",
+        "chances.append(z * a)",
         "",
     ),
     (
         "weights have no part in the gain",
-        "gain += np.sum(w * (a - b) * (a + b))",
+        "gain += np.sum(z * (a + b))",
         "gain += np.sum((a - b) * (a + b))",
         "",
     ),
@@ -176,8 +186,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "the threshold of structure times ten, in parts of the error",
-        "return bool(self.p_value < criterion.alpha and self.share <= most)",
-        "return bool(self.p_value < criterion.alpha and self.share <= most**10)",
+        "return bool(self.share <= (1.0 - criterion.min_improvement) ** 2)",
+        "return bool(self.share <= (1.0 - criterion.min_improvement) ** 20)",
         "tests/diagnosis/test_noise.py -k structure",
     ),
     (

@@ -1,4 +1,4 @@
-r"""The reference of a closed loop: what it explains of the drive depends on no noise.
+r"""What is known of the drive without noise: the reference of a closed loop, or the smooth drive.
 
 A controller sees the response, and with it the sensor's noise, so a drive in a loop depends on the
 noise, and so does whatever is computed from it. The reference that the controller follows moves the
@@ -11,6 +11,12 @@ its plays, and its differences and means over logarithmically spaced lags up to 
 are coarse bins of any linear response. Each stretch is explained by what the others have taught:
 coefficients that have seen its own noise would carry some of it back.
 
+A drive that was recorded with noise of its own is a like case: the noise of the recording is in
+every prediction and, since the device has not seen it, in every residual. Whatever smooths the
+drive then foretells better, a lag or a backlash above all. Such noise is white (``_channels``), and
+the smooth drive takes the reference's place: a cubic smoothing spline, whose parameter is that of
+generalised cross-validation [3]_.
+
 The fits themselves stay as they are. They make the error of the output small, noise in the drive
 included, and so their parameters are biased, the more the larger the part of the drive that the
 reference does not explain.
@@ -20,11 +26,14 @@ References
 .. [1] T. Soederstroem, P. Stoica, "Instrumental Variable Methods for System Identification" (1983).
 .. [2] P. Young, A. Jakeman, "Refined instrumental variable methods of recursive time-series
    analysis, part I", Int. J. Control 29 (1979).
+.. [3] P. Craven, G. Wahba, "Smoothing noisy data with spline functions", Numerische Mathematik 31
+   (1979).
 """
 
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import make_smoothing_spline
 from sklearn.linear_model import Ridge
 
 from ..preprocessing import PlayOperators, find_column
@@ -34,48 +43,31 @@ from ._noise import moved, past_mean
 
 
 class Reference:
-    """The reference of some records, and how much of the drive it explains.
+    """A signal of some records that moves the drive and knows no noise.
 
     Parameters
     ----------
-    columns : ndarray of shape (n_samples, n_inputs)
-        Column 0 is the drive.
-    number : int
-        Of the column that is the reference.
+    drive, values : ndarray of shape (n_samples,)
     slices : sequence of RecordSlice
-    alpha : float
-        Level at which the reference must foretell the drive.
 
     Attributes
     ----------
     share : float
-        Part of the drive's power about its mean that the reference foretells.
-
-    Raises
-    ------
-    ValueError
-        If the column is the drive, or constant, or foretells nothing of the drive.
+        Part of the drive's power about its mean that it foretells.
+    p_value : float
+        That it foretells nothing.
     """
 
-    def __init__(self, columns, number, slices, alpha):
-        drive, values = columns[:, 0], columns[:, number]
-        if np.array_equal(drive, values):
-            raise _refused(f"another column than the drive. Got column {number}")
-        if not np.ptp(values) > 0.0:
-            raise _refused(f"a column that moves. Got column {number}, which is constant,")
+    def __init__(self, drive, values, slices):
         self._values = [values[s.rows] for s in slices]
         self._features = _features(self._values)
         self._rows = [s.rows for s in slices]
         left, apart = drive - self._explained(drive), drive - drive.mean()
         power = apart @ apart
         self.share = 1.0 - (left @ left) / power if power > 0.0 else 0.0
-        p_value = paired_p_value(*([own[rows] for rows in self._rows] for own in (apart, left)))
-        if not p_value < alpha:
-            raise _refused(
-                "the column that the controller of the drive followed. Got column "
-                f"{number}, which foretells {max(100.0 * self.share, 0.0):.2g} % of the drive "
-                f"(p = {p_value:.2g})"
-            )
+        self.p_value = paired_p_value(
+            *([own[rows] for rows in self._rows] for own in (apart, left))
+        )
 
     def _explained(self, signal):
         """Return what the reference explains of a signal, each stretch from the others."""
@@ -123,6 +115,41 @@ def _features(references):
     # one scale for all stretches: what hardly moves in most of them is no lever in the others
     scale = found.std(axis=0)
     return found / np.where(scale > NEGLIGIBLE, scale, 1.0)
+
+
+def reference_of(search, columns, slices):
+    """Return the reference that a search goes by, None where it needs none.
+
+    ``columns`` are those of X. Noise on the drive was looked for before.
+
+    Raises
+    ------
+    ValueError
+        If the column is the drive, or constant, or foretells nothing of the drive.
+    """
+    drive, number = columns[:, 0], column_of(search)
+    if number is None:
+        if "noisy_drive" not in set(search.data_quality_["fault"]):
+            return None
+        # one converter has read all records, whether or not it shows in each
+        return Reference(drive, np.concatenate([_smooth(drive[s.rows]) for s in slices]), slices)
+    values = columns[:, number]
+    if np.array_equal(drive, values):
+        raise _refused(f"another column than the drive. Got column {number}")
+    if not np.ptp(values) > 0.0:
+        raise _refused(f"a column that moves. Got column {number}, which is constant,")
+    found = Reference(drive, values, slices)
+    if not found.p_value < search.alpha:
+        raise _refused(
+            "the column that the controller of the drive followed. Got column "
+            f"{number}, which foretells {max(100.0 * found.share, 0.0):.2g} % of the drive "
+            f"(p = {found.p_value:.2g})"
+        )
+    return found
+
+
+def _smooth(drive):
+    return make_smoothing_spline(np.arange(len(drive)), drive)(np.arange(len(drive)))
 
 
 def _refused(what):

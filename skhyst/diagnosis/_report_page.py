@@ -40,7 +40,13 @@ def _warnings(report):
             "goes beyond that of all records or blocks that they are foretold from."
         )
 
-    if any(fault["fault"] == "closed_loop" for fault in report.data["faults"]):
+    faults = {fault["fault"] for fault in report.data["faults"]}
+    if "noisy_drive" in faults:
+        yield (
+            "The recorded drive has noise that the device has not seen: parameters are biased. "
+            "Claims and verdict rest on the smooth part of the drive."
+        )
+    if "closed_loop" in faults:
         yield (
             "The drive reacts to the noise of the response, as in a closed loop: claims and "
             "parameters may be biased. Record what the controller follows as a further column, and "

@@ -28,7 +28,7 @@ from ._evidence import gather_evidence
 from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._noise_model import NoiseModel
-from ._reference import Reference, column_of, without_column
+from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._rounds import Rounds
 
@@ -259,14 +259,14 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
-        reference = None if at is None else Reference(every, at, slices, self.alpha)
-        self._reference, self.reference_share_ = reference, reference and reference.share
+        self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
+        reference = self._reference = reference_of(self, every, slices)
+        self.reference_share_ = None if at is None else reference.share
         own = X, drive, response, slices, len(folds), self.random_state, reference
         declared = declare(declared, *own)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
         self._inputs = _with_others(declared.drive(), drive)
-        self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
         with threadpool_limits(limits=1):

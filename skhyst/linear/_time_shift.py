@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._jit import jit
 from ..base import ParametricModel
 from ..operators import Operator, parameter
 from ._delay import cubic_weights
@@ -15,14 +16,25 @@ def _read_at(signal, places):
 
     ``places`` count in samples; the first and the last value stand for ever.
     """
-    last = len(signal) - 1
-    places = np.clip(places, -4.0, last + 4.0)  # beyond that nothing changes
-    first = np.floor(places).astype(int) - 1
-    parts = [signal[np.clip(first + j, 0, last)] for j in range(4)]
-    s = (places - first).reshape(-1, *(1,) * (signal.ndim - 1))
-    return tuple(
-        sum(w * part for w, part in zip(own, parts, strict=True)) for own in cubic_weights(s)
-    )
+    columns = np.ascontiguousarray(signal.reshape(len(signal), -1))
+    shape = (len(places), *signal.shape[1:])
+    return tuple(found.reshape(shape) for found in _interpolated(columns, places))
+
+
+@jit
+def _interpolated(columns, places):
+    last, m = len(columns) - 1, columns.shape[1]
+    values, slopes = np.empty((len(places), m)), np.empty((len(places), m))
+    for k in range(len(places)):
+        place = min(max(places[k], -4.0), last + 4.0)  # beyond that nothing changes
+        first = int(np.floor(place)) - 1
+        w, v = cubic_weights(place - first)
+        a, b = columns[min(max(first, 0), last)], columns[min(max(first + 1, 0), last)]
+        c, d = columns[min(max(first + 2, 0), last)], columns[min(max(first + 3, 0), last)]
+        for i in range(m):
+            values[k, i] = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i]
+            slopes[k, i] = v[0] * a[i] + v[1] * b[i] + v[2] * c[i] + v[3] * d[i]
+    return values, slopes
 
 
 @dataclass(frozen=True)

@@ -71,8 +71,8 @@ def bounded_step(hessian, gradient, lower, upper):
     s = -solve_definite(h, g)
     if np.all((low <= s) & (s <= high)):
         return s * inverse
-    s = np.zeros(n)
-    free = moves & ~((low >= 0.0) & (g >= 0.0)) & ~((high <= 0.0) & (g <= 0.0))
+    s = np.clip(s, low, high)  # most bounds that this is at are those of the solution
+    free = moves & (low < s) & (s < high)
     for _ in range(10 * n + 10):
         if free.any():
             residual = g[free] + h[np.ix_(free, ~free)] @ s[~free]

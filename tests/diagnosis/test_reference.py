@@ -1,10 +1,11 @@
-"""In a closed loop the drive knows the noise and the reference does not."""
+"""What knows no noise decides: the reference of a loop, the smooth part of a noisy drive."""
 
 import json
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from sklearn.base import clone
 
@@ -69,7 +70,7 @@ def test_the_level_of_a_needless_candidate_in_a_loop(correlation, level):
         rng = np.random.default_rng(seed)
         X, y = in_loop(rng, correlation, level=level)
         slices = record_slices(X, dt=1.0)
-        records = Reference(X, 1, slices, 0.01).explain([RecordData(X[:, 0], y, 1.0)])
+        records = Reference(X[:, 0], X[:, 1], slices).explain([RecordData(X[:, 0], y, 1.0)])
         base = y - GAIN * X[:, 0]
         rival = base - lagging(X[:, 0])
         p_values["drive"].append(paired_p_value([base], [rival]))
@@ -220,3 +221,27 @@ def test_the_command_line_takes_a_reference(fitted, tmp_path, capsys):
     assert result["data"]["reference"]["name"] == "setpoint"
     assert f"the reference foretells {100.0 * share:.3g} % of the drive" in capsys.readouterr().out
     assert main(["diagnose", *map(str, call), "--reference", "voltage"]) == 1
+
+
+def noisily_driven(seed, lag=0.0):
+    """Return four records whose drive is read with 1 % of noise, which the device has not seen."""
+    rng, records = np.random.default_rng(seed), []
+    for _ in range(4):
+        drive = gaussian_filter1d(wandering(rng, N, 30), 8.0)
+        pole = np.exp(-1.0 / lag) if lag else 0.0
+        y = lfilter([1.0 - pole], [1.0, -pole], drive, zi=[pole * drive[0]])[0]
+        read = drive + 0.01 * np.ptp(drive) * rng.standard_normal(N)
+        records.append((read[:, None], y + 1e-3 * rng.standard_normal(N)))
+    return stack_records(records, dt=0.01)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_only_smooths_a_noisy_drive_is_no_effect(seed):
+    options = {"effects": ["lag", "timing", "backlash"], "reference": None}
+    found = search(**options).fit(*noisily_driven(seed))
+    assert "noisy_drive" in set(found.data_quality_["fault"])
+    assert found.effects_ == []
+    assert found.verdict_ == "noise"
+    assert "noise that the device has not seen" in found.report().to_markdown()
+    found = search(**options).fit(*noisily_driven(seed, lag=12.0))
+    assert found.effects_[0] == "lag"
