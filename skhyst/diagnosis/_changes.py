@@ -18,7 +18,7 @@ from ..hysteresis import (
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import identify
-from ._constants import ENOUGH, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
+from ._constants import ENOUGH, FACTOR, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
 from ._edits import (
     AddForce,
     Begin,
@@ -32,6 +32,7 @@ from ._edits import (
     both_models,
 )
 from ._periods import visible_turns
+from ._shortened import first_part
 from ._starts import Scene, beside, driven_starts, inserted
 from ._tree import BRIEFLY
 
@@ -77,7 +78,9 @@ class UnderWay:
         unknown = tree.model.get_params().get("initial_state") != "rest" or tree.multi_input
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
-        return [tree.edited(name, Begin(tree.led_by(scene.records).histories))]
+        # a past shows in what comes first; that of a claim is found from whole records
+        parts = [first_part(r, max(len(r.u) // FACTOR, len(r.segments))) for r in scene.records]
+        return [tree.edited(name, Begin(tree.led_by(parts).histories))]
 
 
 @dataclass(frozen=True)

@@ -63,8 +63,11 @@ def _first_part(record, residual, share):
     stop = max(int(share * n), len(record.segments))
     while stop < n and power[stop - 1] < least * known[stop - 1]:
         stop *= 2
-    if stop >= n:
-        return record
+    return record if stop >= n else first_part(record, stop)
+
+
+def first_part(record, stop):
+    """Return a record up to a sample, in as many segments."""
     edges = np.linspace(0, stop, len(record.segments) + 1).astype(int)
     return replace(
         record,
