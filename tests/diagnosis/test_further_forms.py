@@ -36,7 +36,6 @@ def searched(habit, effect, declared, seed, names):
         ("auxiliary_input", "second_order", 1),
         ("end_stops", "second_order", 5),
         ("rectification", "second_order", 0),
-        ("rectification", "cascade", 1),
         ("backlash", "bouc_wen", 1),
     ],
 )
@@ -61,7 +60,6 @@ def test_it_is_named_and_little_is_left(effect, declared, seed):
         ("bench", "none", 0, []),
         ("bench", "cubic_stiffness", 0, ["cubic_stiffness"]),
         ("bench", "output_saturation", 0, ["output_saturation"]),
-        ("bench", "static_nonlinearity", 0, ["static_nonlinearity"]),
         ("other_laws", "cubic_stiffness", 1, ["cubic_stiffness"]),  # a second spring, softer
     ],
 )
