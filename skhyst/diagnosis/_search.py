@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
-from ..model_selection import by_content, segment_folds, stretches
+from ..model_selection import by_content, segment_folds, stretches, suited_cv
 from ..optimize import RecordData
 from ..records import resample_like, resample_records, resampling_error
 from ._black_box import declare, drive_of
@@ -57,12 +57,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         that act on the drive before it are not tried.
     effects : "all" or list of str, default="all"
         Effects to try, see :func:`effect_names`.
-    cv : int, splitter or iterable, default=5
+    cv : int, "auto", splitter or iterable, default=5
         What is held out, as in ``GridSearchCV``. An int: so many folds of whole records, or of
-        contiguous blocks of a single record. A splitter, such as
-        ``BlockedTimeSeriesSplit(staggered=True)``, which holds out a block of every record, for few
-        records at levels that cannot be foretold from each other; or an iterable of (train, test)
-        row numbers.
+        contiguous blocks of a single record. "auto": five, of whole records, or of a block of every
+        record where records go beyond all others, see :func:`skhyst.model_selection.suited_cv`. A
+        splitter, such as ``BlockedTimeSeriesSplit(staggered=True)``; or an iterable of (train,
+        test) row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
     max_effects : int, default=3
@@ -258,7 +258,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
-        segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
+        is_auto = isinstance(self.cv, str) and self.cv == "auto"
+        cv = suited_cv(slices, drive) if is_auto else self.cv
+        segments, folds = segment_folds(slices, cv, X, response, washout=self.washout)
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share

@@ -3,6 +3,7 @@
 from ._folds import by_content, segment_folds, stretches
 from ._scorer import washout_scorer
 from ._split import BlockedTimeSeriesSplit, RecordKFold
+from ._suited import suited_cv
 
 __all__ = [
     "BlockedTimeSeriesSplit",
@@ -10,5 +11,6 @@ __all__ = [
     "by_content",
     "segment_folds",
     "stretches",
+    "suited_cv",
     "washout_scorer",
 ]
