@@ -32,7 +32,6 @@ def searched(habit, effect, declared, seed, names):
 @pytest.mark.parametrize(
     ("effect", "declared", "seed"),
     [
-        ("auxiliary_input", "prandtl_ishlinskii", 1),
         ("auxiliary_input", "second_order", 1),
         ("end_stops", "second_order", 5),
         ("rectification", "second_order", 0),
@@ -59,7 +58,6 @@ def test_it_is_named_and_little_is_left(effect, declared, seed):
     [
         ("bench", "none", 0, []),
         ("bench", "cubic_stiffness", 0, ["cubic_stiffness"]),
-        ("bench", "output_saturation", 0, ["output_saturation"]),
         ("other_laws", "cubic_stiffness", 1, ["cubic_stiffness"]),  # a second spring, softer
     ],
 )
