@@ -118,11 +118,14 @@ def _history(problem, record, limits, count):
     if not size > 0.0:
         return np.full(count, low), 0
     misfit = _Misfit(problem, record, low, size)
-    starts = sorted(_starts(record, low, size, count), key=misfit.cost)
-    misfit.hold(starts[0])
-    kept = starts[: 1 if _is_known(record, count) else _STARTS]
+    starts = _starts(record, low, size, count)
+    left = np.array([misfit.cost(start) for start in starts])
+    misfit.hold(left.min())
+    # many pasts leave the same: what their changes cost tells them apart
+    left += [np.square(misfit.changes(start)).sum() for start in starts]
+    order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
     chance = count / max(record.counts().sum(), 1.0)
-    best, _ = min((_searched(misfit, start, chance) for start in kept), key=lambda own: own[1])
+    best, _ = min((_searched(misfit, starts[i], chance) for i in order), key=lambda own: own[1])
     return low + size * best, misfit.runs
 
 
@@ -163,16 +166,18 @@ class _Misfit:
         self._stiffness = 0.0
         self.runs = 0
 
-    def hold(self, values):
-        """Let changes from value to value cost as much as the mean sample leaves here."""
-        self._stiffness = 0.0
-        self._stiffness = np.sqrt(self.cost(values) / len(self._root))
+    def hold(self, least):
+        """Let changes from value to value cost as much as the mean sample leaves of the least."""
+        self._stiffness = np.sqrt(least / len(self._root))
+
+    def changes(self, values):
+        """Return what changes from value to value count beside what the response leaves."""
+        return self._stiffness * np.diff(values, prepend=self._last)
 
     def __call__(self, values):
         record = self._begun(values)
         left = self._left(self._problem.simulate(self._operator, record) - record.y)
-        changes = self._stiffness * np.diff(values, prepend=self._last)
-        return np.nan_to_num(np.concatenate([left, changes]), nan=_FAR, posinf=_FAR)
+        return np.nan_to_num(np.concatenate([left, self.changes(values)]), nan=_FAR, posinf=_FAR)
 
     def _begun(self, values):
         self.runs += 1

@@ -50,11 +50,7 @@ def assert_same(other, first, unit=1.0):
     assert list(own.index) == list(table.index)
     for column in ("error_before", "error_after"):
         np.testing.assert_allclose(own[column], unit * table[column], rtol=100 * CLOSE)
-    # what came before a record is sought in steps, until one gains less than chance, which of some
-    # ten values and a few hundred samples is a few per cent: a last digit may decide on one more
-    is_past = table.index.get_level_values("effect") == "initial_state"
-    near = 100 * CLOSE + 0.03 * is_past * table["screen"]
-    assert np.all(np.abs(own["screen"] - table["screen"]) <= near)
+    np.testing.assert_allclose(own["screen"], table["screen"], atol=100 * CLOSE)
     np.testing.assert_allclose(own["p_value"], table["p_value"], rtol=1e-4)
 
 
