@@ -3,7 +3,7 @@
 Run from the root of the project::
 
     python benchmarks/laboratory.py [--plants 7] [--only late,flicker] [--declared cascade]
-        [--jobs 2] [--first-seed 5000] [--output laboratory.csv]
+        [--hiding nothing] [--jobs 2] [--first-seed 5000] [--output laboratory.csv]
 
 The plants are those of the blind study. Here each is driven and recorded under a condition that
 its bench leaves out (see `plants.laboratory`): one record, short, of a single sine, cut in the
@@ -49,7 +49,7 @@ NAMED, NAMED_IN_ONE = 0.90, 0.80  # smallest share named rightly, or told as amb
 WRONG = 0.04  # largest share of wrong names
 
 
-def plan(plants=7, habits=tuple(HABITS), first_seed=REPORTED_SEEDS.start):
+def plan(plants=7, habits=tuple(HABITS), first_seed=REPORTED_SEEDS.start, hiding=None):
     """List the cases: half hide nothing; seeds depend on nothing else that is chosen."""
     base = seed_of_study(first_seed) + 500_000  # the blind study stays below
     cases = []
@@ -65,7 +65,8 @@ def plan(plants=7, habits=tuple(HABITS), first_seed=REPORTED_SEEDS.start):
                 if HABITS[habit].unequal:
                     noise = NOISES[0]  # of which the smaller one must be several times
                 cases.append(Case(habit, effect, declared, noise, seed, 0))
-    return [case for case in cases if case.kind in habits]
+    wanted = {None: (True, False), "nothing": (True,), "effects": (False,)}[hiding]
+    return [c for c in cases if c.kind in habits and (c.effect == NOTHING) in wanted]
 
 
 def recording_of(case):
@@ -157,9 +158,10 @@ def main(arguments=None):
         "--only", type=names(HABITS), default=tuple(HABITS), help="conditions, by commas"
     )
     parser.add_argument("--declared", type=names(BASES), default=BASES, help="by commas")
+    parser.add_argument("--hiding", choices=("nothing", "effects"), help="only plants that do so")
     add_options_of_the_work(parser)
     options = parser.parse_args(arguments)
-    cases = plan(options.plants, options.only, options.first_seed)
+    cases = plan(options.plants, options.only, options.first_seed, options.hiding)
     cases = [case for case in cases if case.declared in options.declared]
     rows = work_off(cases, options, partial(study, record=recording_of), judged, line)
     if rows:

@@ -22,6 +22,9 @@ def test_half_of_the_plan_hides_nothing_and_all_of_it_can_be_seen():
     text = f"{(effects == 'none').sum()} and {(effects != 'none').sum()} with `--plants 7`"
     assert text in " ".join(laboratory.__doc__.split())
     assert len({case.seed for case in cases}) == len(cases)
+    nulls, others = (laboratory.plan(hiding=which) for which in ("nothing", "effects"))
+    assert sorted(nulls + others) == sorted(cases)
+    assert {case.effect for case in nulls} == {"none"}
     for case in cases:
         hidden = set(case.effect.split("+")) - {"none"}
         habit = lab.HABITS[case.kind]
