@@ -188,7 +188,12 @@ _BUILT_IN = (
     ),
     Effect(
         "timing",
-        lambda: [TimeShift(), HeldDrive(), TimeShift(fit_skew=True)],
+        lambda: [
+            TimeShift(),
+            HeldDrive(),
+            TimeShift(between="line"),
+            TimeShift(fit_skew=True),
+        ],
         "Drive and response are not read at the same instants, or the drive is held in between.",
         "Record one signal on both channels: what shift there is belongs to the instruments.",
         picture="frequency",

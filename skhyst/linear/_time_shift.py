@@ -1,34 +1,46 @@
-"""Shift in time of either sign between two instruments, which may grow: their clocks differ."""
+"""Shift in time of either sign between two instruments, which may grow: their clocks differ.
+
+Between its samples a smooth signal is close to the polynomial of third degree through four of them.
+The response of a hysteresis to a drive that is a straight line from sample to sample turns sharply
+at the samples and is nearly straight in between: a polynomial would round its corners.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from .._jit import jit
+from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, parameter
 from ._delay import cubic_weights
 from ._linear import log_grid, time_span
 
 
-def _read_at(signal, places):
+def _read_at(signal, places, is_straight):
     """Return a signal (n_samples,) or (n_samples, m) between its samples, and its slope there.
 
     ``places`` count in samples; the first and the last value stand for ever.
     """
     columns = np.ascontiguousarray(signal.reshape(len(signal), -1))
     shape = (len(places), *signal.shape[1:])
-    return tuple(found.reshape(shape) for found in _interpolated(columns, places))
+    return tuple(found.reshape(shape) for found in _interpolated(columns, places, is_straight))
 
 
 @jit
-def _interpolated(columns, places):
+def _line_weights(s):
+    """Return the weights of four samples, at 0 to 3, as :func:`cubic_weights`, of a line."""
+    return (0.0, 2.0 - s, s - 1.0, 0.0), (0.0, -1.0, 1.0, 0.0)
+
+
+@jit
+def _interpolated(columns, places, is_straight):
     last, m = len(columns) - 1, columns.shape[1]
     values, slopes = np.empty((len(places), m)), np.empty((len(places), m))
     for k in range(len(places)):
         place = min(max(places[k], -4.0), last + 4.0)  # beyond that nothing changes
         first = int(np.floor(place)) - 1
-        w, v = cubic_weights(place - first)
+        w, v = _line_weights(place - first) if is_straight else cubic_weights(place - first)
         a, b = columns[min(max(first, 0), last)], columns[min(max(first + 1, 0), last)]
         c, d = columns[min(max(first + 2, 0), last)], columns[min(max(first + 3, 0), last)]
         for i in range(m):
@@ -47,6 +59,7 @@ class TimeShiftOperator(Operator):
 
     shift: float = parameter(unit="s")
     skew: float = parameter(default=0.0)
+    between: str = "curve"
     rank: int = 60
     signal_linear = True
     causal = False
@@ -63,7 +76,8 @@ class TimeShiftOperator(Operator):
         past, start = self.init(u[0]) if state is None else state
         whole = np.concatenate([past, u])
         time = start + dt * np.arange(len(u))
-        y, _ = _read_at(whole, len(past) + np.arange(len(u)) - self._late(time) / dt)
+        places = len(past) + np.arange(len(u)) - self._late(time) / dt
+        y, _ = _read_at(whole, places, self.between == "line")
         return y, (whole, start + dt * len(u))
 
     def _late(self, time):
@@ -71,11 +85,11 @@ class TimeShiftOperator(Operator):
 
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the output and its tangents; see the base."""
-        rest = float(initial_state == "rest")
+        rest, is_straight = float(initial_state == "rest"), self.between == "line"
         time = dt * np.arange(len(u))
         places = 1 + np.arange(len(u)) - self._late(time) / dt
-        y, slopes = _read_at(np.concatenate([rest * u[:1], u]), places)
-        du, _ = _read_at(np.concatenate([rest * du[:1], du]), places)
+        y, slopes = _read_at(np.concatenate([rest * u[:1], u]), places, is_straight)
+        du, _ = _read_at(np.concatenate([rest * du[:1], du]), places, is_straight)
         own = -slopes[:, None] / dt * np.stack([np.ones_like(time), time], axis=1)
         return y, np.concatenate([du, own], axis=1)
 
@@ -94,6 +108,9 @@ class TimeShift(ParametricModel):
     ----------
     fit_skew : bool, default=False
         Whether the clocks may differ.
+    between : {"curve", "line"}, default="curve"
+        The signal between its samples: a smooth curve, or a straight line, as that of a hysteresis
+        is where its drive is one.
 
     Attributes
     ----------
@@ -118,12 +135,23 @@ class TimeShift(ParametricModel):
     operator_class = TimeShiftOperator
     _any_interval = True
 
-    _parameter_constraints = {**ParametricModel._parameter_constraints, "fit_skew": ["boolean"]}
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "fit_skew": ["boolean"],
+        "between": [StrOptions({"curve", "line"})],
+    }
 
     def __init__(
-        self, *, fit_skew=False, initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        *,
+        fit_skew=False,
+        between="curve",
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
     ):
         self.fit_skew = fit_skew
+        self.between = between
         self.initial_state = initial_state
         self.dt = dt
         self.method = method
@@ -133,6 +161,10 @@ class TimeShift(ParametricModel):
         dt, span = time_span(records)
         if self.fit_skew:  # by half an interval and by two at the end of a record
             ends = [sign * size * dt for size in (0.5, 2.0) for sign in (-1.0, 1.0)]
-            return [TimeShiftOperator(0.0, end / span) for end in ends]
+            return [TimeShiftOperator(0.0, end / span, self.between) for end in ends]
         sizes = [0.5 * dt, *log_grid(2.0 * dt, max(0.02 * span, 4.0 * dt), 3)]
-        return [TimeShiftOperator(float(sign * size)) for size in sizes for sign in (-1.0, 1.0)]
+        return [
+            TimeShiftOperator(float(sign * size), between=self.between)
+            for size in sizes
+            for sign in (-1.0, 1.0)
+        ]

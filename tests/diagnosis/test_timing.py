@@ -2,11 +2,14 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag
 
 DT, N, FINE, NOISE, SKEW = 0.01, 800, 20, 2e-3, 8e-4
+THRESHOLDS, WEIGHTS = np.array([0.0, 0.5, 1.2]), np.array([1.0, 0.5, 0.4])
 
 
 def recording(delay, skew, seed=0):
@@ -43,3 +46,24 @@ def test_timing_does_not_take_over_the_delay_of_the_device():
     effects = ["delay", "timing", "drift", "resonance"]
     found = EffectSearchCV(FirstOrderLag(), effects=effects, random_state=0).fit(X, y)
     assert set(found.effects_) == {"delay", "timing"}
+
+
+def test_a_response_that_is_early_makes_no_lag_of_its_corners():
+    """A hysteresis under a drive that is straight from sample to sample turns at the samples."""
+    X, _ = recording(0.0, 0.0)
+    ys = []
+    for i, u in X["u"].groupby(level="record"):
+        fine = np.interp(np.arange(N * FINE) / FINE, np.arange(N), u.to_numpy())
+        plays, y = np.zeros(3), np.empty(len(fine))
+        for k, value in enumerate(fine):
+            plays = np.clip(plays, value - THRESHOLDS, value + THRESHOLDS)
+            y[k] = plays @ WEIGHTS
+        early = y[np.minimum(np.arange(N) * FINE + 9, len(y) - 1)]
+        noise = 0.1 * NOISE * np.random.default_rng([7, i]).normal(size=N)
+        ys.append(pd.Series(early + noise, u.index))
+    effects = ["timing", "lag", "creep", "resonance", "rate_dependence"]
+    declared = PrandtlIshlinskii(thresholds=THRESHOLDS)
+    found = EffectSearchCV(declared, effects=effects, random_state=0).fit(X, pd.concat(ys))
+    assert found.effects_ == ["timing"]
+    # plays that begin to move between two samples are no straight line there
+    assert found.evidence_["timing"].numbers["shift"][0] == pytest.approx(-0.45 * DT, rel=0.05)

@@ -293,6 +293,14 @@ def test_a_shift_by_whole_samples_is_exact_in_both_directions(count):
 
 
 @settings(deadline=None, max_examples=30)
+@given(shift=st.floats(-0.8, 0.8))
+def test_a_straight_drive_is_read_between_its_samples_exactly(shift):
+    time = 0.25 * np.arange(len(WALK))
+    y, _ = TimeShiftOperator(shift, between="line").run(WALK, 0.25)
+    np.testing.assert_allclose(y, np.interp(time - shift, time, WALK), rtol=0.0, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=30)
 @given(shift=st.floats(-0.05, 0.05), skew=st.floats(-1e-2, 1e-2))
 def test_clocks_that_differ_read_later_and_later(shift, skew):
     time = DT * np.arange(300)

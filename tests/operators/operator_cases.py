@@ -46,6 +46,7 @@ def make_operators():
         "delay beyond the record": op.DelayOperator(7.3),
         "time shift": op.TimeShiftOperator(0.0137),
         "time shift, ahead": op.TimeShiftOperator(-0.0263),
+        "time shift, straight": op.TimeShiftOperator(0.0137, between="line"),
         "clocks that differ": op.TimeShiftOperator(0.0137, -0.0031),
         "no limit": op.SaturationOperator(),
         "upper limit": op.SaturationOperator(upper=0.413),
