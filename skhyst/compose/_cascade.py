@@ -13,7 +13,7 @@ from ..base import ParametricModel, informed, with_params
 from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
 
-_LIMIT, _DYNAMICS = 0, 30  # ranks of limits of the drive and of linear dynamics, see Operator
+_HYSTERESIS, _DYNAMICS = 10, 30  # ranks, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 _CLEARLY = 1.1  # ratio of errors in thinned records
 _ENOUGH = 5_000  # samples in all
@@ -328,9 +328,9 @@ class Cascade(Composition):
         """Return the orders in which steps are added.
 
         As given; dynamics from the last on, since those that come first bend to make up for those
-        that are missing still, and a local search may leave them there; and limits of the drive
-        last, since without the gain of others they explain nothing. Steps that are held are there
-        from the start.
+        that are missing still, and a local search may leave them there; and what stands before a
+        hysteresis, limits of the drive and delays, last: without the gain of others it explains
+        nothing, in whatever units. Steps that are held are there from the start.
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
@@ -338,7 +338,7 @@ class Cascade(Composition):
         dynamics = [i for i in dynamics if not models[i]._reads_columns]  # which must come first
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
         others = [turned.get(i, i) for i in given]
-        late = sorted(given, key=lambda i: models[i].series_rank == _LIMIT)
+        late = sorted(given, key=lambda i: models[i].series_rank < _HYSTERESIS)
         orders = [given, others, late]
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 

@@ -107,6 +107,14 @@ def test_joint_fit_recovers_the_plant(name):
     assert np.sqrt(np.mean((model.predict(X) - clean) ** 2)) < 0.2 * NOISE
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+def test_a_delay_before_a_hysteresis_is_found_in_whatever_units(unit):
+    X, y = measure(DelayOperator(0.0163), HYSTERESIS)
+    model = Cascade([("delay", Delay()), STEP], dt=DT).fit(X, unit * y)
+    assert model.operators_["delay"].delay == pytest.approx(0.0163, rel=0.05)
+    assert model.fit_error_ == pytest.approx(unit * NOISE, rel=0.06)
+
+
 def test_clean_data_give_the_exact_plant():
     X, y = measure(HYSTERESIS, MODE, noise=0.0)
     model = Cascade([STEP, ("mode", SecondOrderMode())], dt=DT).fit(X, y)
