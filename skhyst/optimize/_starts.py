@@ -44,30 +44,26 @@ def _poles_at(interval, signals, n_poles):
     """Return the pole sets of records of one interval."""
     found = []
     for q in _DECIMATIONS:
-        parts = [(u[::q], y[::q]) for u, y in signals]
-        if sum(len(u) for u, _ in parts) < _MIN_SAMPLES * (2 * n_poles + 2):
+        parts = [np.stack([u[::q], y[::q]]) for u, y in signals]
+        if sum(part.shape[1] for part in parts) < _MIN_SAMPLES * (2 * n_poles + 2):
             break
+        parts = [part - part[:, :1] for part in parts if part.shape[1] > n_poles + 1]
         denominator = np.r_[1.0, np.zeros(n_poles)]
         for iteration in range(_ITERATIONS):
-            rows, targets = [], []
-            for u, y in parts:
-                if len(u) <= n_poles + 1:
-                    continue
-                u, y = u - u[0], y - y[0]
-                if iteration:
-                    u, y = lfilter([1.0], denominator, u), lfilter([1.0], denominator, y)
-                lags = [-y[n_poles - k : len(y) - k] for k in range(1, n_poles + 1)]
-                lags += [u[n_poles - k : len(u) - k] for k in range(n_poles + 1)]
-                lags.append(np.ones(len(u) - n_poles))
-                rows.append(np.stack(lags, axis=1))
-                targets.append(y[n_poles:])
-            rows, targets = np.concatenate(rows), np.concatenate(targets)
-            if not (np.isfinite(rows).all() and np.isfinite(targets).all()):
+            gram = np.zeros((2 * n_poles + 3,) * 2)
+            for part in parts:
+                u, y = lfilter([1.0], denominator, part) if iteration else part
+                n = len(y) - n_poles
+                rows = [-y[n_poles - k : len(y) - k] for k in range(1, n_poles + 1)]
+                rows += [u[n_poles - k : len(u) - k] for k in range(n_poles + 1)]
+                rows = np.stack([*rows, np.ones(n), y[n_poles:]])
+                gram += rows @ rows.T
+            if not np.isfinite(gram).all():
                 break
-            scale = np.linalg.norm(rows, axis=0)
+            scale = np.sqrt(np.diag(gram)[:-1])
             scale[scale == 0.0] = 1.0
-            rows /= scale
-            solution = np.linalg.lstsq(rows.T @ rows, rows.T @ targets, rcond=None)[0] / scale
+            own, right = gram[:-1, :-1] / np.outer(scale, scale), gram[:-1, -1] / scale
+            solution = np.linalg.lstsq(own, right, rcond=None)[0] / scale
             roots = np.roots(np.r_[1.0, solution[:n_poles]])
             if len(roots) < n_poles or not np.isfinite(roots).all():
                 break
