@@ -58,6 +58,18 @@ class Scene:
         outputs = self.tree.respond(self.records)
         return [replace(r, y=r.y - y) for r, y in zip(self.records, outputs, strict=True)]
 
+    @cached_property
+    def has_lost_poles(self):
+        """Whether a mode rings through all records, or is faster than the samples tell.
+
+        There the response hardly changes by a factor of the damping: nothing leads back.
+        """
+        span = max(len(record.u) * record.dt for record in self.records)
+        highest = np.pi / min(record.dt for record in self.records)
+        modes = [own for own in self.tree.operators if _has_poles(own) and own.n_poles[1]]
+        rates = [-operator.poles().real for operator in modes]
+        return any(np.min(own) * span < 1.0 or np.max(own) > highest for own in rates)
+
     def promising(self, candidates, first):
         """Return the few candidates whose output helps most, and the one that fits best itself.
 
@@ -122,17 +134,16 @@ def _redistributed(candidates, at, scene, first):
     """Return candidates whose linear dynamics all start anew, from poles of their total number.
 
     A declared model that lacks a pole bends its own poles to make up for it, and a local search
-    would leave them there.
+    would leave them there, as it would those that are lost for want of whatever effect.
     """
-    operators = candidates[0].operators
-    if not operators[at].signal_linear:
-        return []
+    operators, lost = candidates[0].operators, scene.has_lost_poles
     delayed = not _has_poles(operators[first])
-    if sum(map(_has_poles, operators)) + delayed < 2:
+    bent = operators[at].signal_linear and sum(map(_has_poles, operators)) + delayed >= 2
+    if not (bent or lost):
         return []
     return [
         anew
-        for candidate in (candidates if delayed else candidates[:1])
+        for candidate in (candidates if delayed or lost else candidates[:1])
         for anew in _started_anew(candidate, scene, first)
     ]
 

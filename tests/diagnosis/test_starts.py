@@ -12,8 +12,14 @@ from skhyst.diagnosis._edits import Schedule
 from skhyst.diagnosis._starts import _distinct, starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
-from skhyst.linear import LinearOperator, TransferFunction
+from skhyst.linear import (
+    LinearOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+    TransferFunction,
+)
 from skhyst.optimize import RecordData
+from skhyst.static import SaturationOperator
 
 KINDS = plants.EFFECTS[:11]  # those that are a stage of their own, or beside the model
 SEED = 9000
@@ -168,6 +174,23 @@ def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
     found = predicted(EFFECTS["static_nonlinearity"], tree, records)
     bar = 4.0 * recording.noise_std**2 * sum(len(record.y) for record in records)
     assert min(refitted(c, c.structure, records, 9).cost for c in found) < bar
+
+
+@pytest.mark.parametrize("lost", [(20.0, 1e-10), (4e4, 400.0)])
+@pytest.mark.parametrize("name", ["input_saturation", "output_saturation"])
+def test_no_effect_is_put_beside_lost_poles_alone(name, lost):
+    """A mode that never decays, or faster than the samples tell, has no gradient back."""
+    rng, dt, noise = np.random.default_rng(9000), 0.02, 0.01
+    mode, drive = SecondOrderModeOperator(21.0, 0.04), np.repeat(rng.normal(size=60), 50)
+    stages = [SaturationOperator(upper=0.8), mode]
+    y = drive
+    for stage in stages if name == "input_saturation" else stages[::-1]:
+        y, _ = stage.run(y, dt)
+    records = [RecordData(drive, y + noise * rng.normal(size=len(y)), dt)]
+    tree = Tree(SecondOrderMode(dt=dt), SecondOrderModeOperator(*lost))
+    found = predicted(EFFECTS[name], tree, records)
+    cost = min(refitted(c, c.structure, records, 9).cost for c in found)
+    assert cost < 1.2 * noise**2 * len(y)
 
 
 def test_parameters_follow_the_column_that_they_are_said_to():
