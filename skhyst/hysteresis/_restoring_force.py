@@ -226,7 +226,8 @@ def _equilibrium(force, start, target):
         near, step = far, _GROWTH * step
     else:
         return target
-    q = brentq(lambda q: force(q)[0] - target, near, far)
+    # Brent's method takes at most the square of the steps of a bisection
+    q = brentq(lambda q: force(q)[0] - target, near, far, maxiter=_BRACKETS**2)
     for _ in range(_POLISH):
         value, slope = force(q)
         if slope > 0.0:

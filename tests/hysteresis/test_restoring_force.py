@@ -63,6 +63,13 @@ def test_rest_without_equilibrium_is_finite():
     assert np.isfinite(state).all()
 
 
+def test_rest_under_a_force_of_any_size():
+    """Far out a hardening spring is cubic: a root finder comes there in many steps."""
+    stage = RestoringForceOperator(W, ZETA, [0.2], [], 0.0, 0.0, scale=40.0)
+    place, *_ = stage.init(-1.18e24)
+    assert place + 0.2 * place**3 / 40.0**2 == pytest.approx(-1.18e24)
+
+
 def test_wrong_scale():
     with pytest.raises(ValueError, match="'scale' parameter of RestoringForceOperator"):
         RestoringForceOperator(W, ZETA, [], [], K, LIMIT, scale=0.0)
