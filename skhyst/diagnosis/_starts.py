@@ -125,9 +125,10 @@ def inserted(name, model, scene):
     ]
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
     first = min([at, *dynamics])
-    if candidates:
-        candidates += _redistributed(candidates, at, scene, first)
-    return scene.promising(candidates, first)
+    anew = _redistributed(candidates, at, scene, first) if candidates else []
+    # where poles are lost, no promise of those that keep them comes true
+    kept = [] if anew and scene.has_lost_poles else candidates
+    return scene.promising(kept + anew, first)
 
 
 def _redistributed(candidates, at, scene, first):
