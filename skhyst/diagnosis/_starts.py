@@ -64,11 +64,15 @@ class Scene:
 
         There the response hardly changes by a factor of the damping: nothing leads back.
         """
-        span = max(len(record.u) * record.dt for record in self.records)
-        highest = np.pi / min(record.dt for record in self.records)
         modes = [own for own in self.tree.operators if _has_poles(own) and own.n_poles[1]]
-        rates = [-operator.poles().real for operator in modes]
-        return any(np.min(own) * span < 1.0 or np.max(own) > highest for own in rates)
+        poles = np.concatenate([np.empty(0), *(operator.poles() for operator in modes)])
+        return bool(np.any(self.seen(poles) != poles))
+
+    def seen(self, poles):
+        """Return poles that decay by e in a record at least, below half the sampling rate."""
+        slowest = 1.0 / max(len(record.u) * record.dt for record in self.records)
+        fastest = np.pi / min(record.dt for record in self.records)
+        return -np.clip(-poles.real, slowest, fastest) + 1j * poles.imag
 
     def promising(self, candidates, first):
         """Return the few candidates whose output helps most, and the one that fits best itself.
@@ -126,9 +130,7 @@ def inserted(name, model, scene):
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
     first = min([at, *dynamics])
     anew = _redistributed(candidates, at, scene, first) if candidates else []
-    # where poles are lost, no promise of those that keep them comes true
-    kept = [] if anew and scene.has_lost_poles else candidates
-    return scene.promising(kept + anew, first)
+    return scene.promising(anew if scene.has_lost_poles else candidates + anew, first)
 
 
 def _redistributed(candidates, at, scene, first):
@@ -164,8 +166,10 @@ def _started_anew(tree, scene, first):
     n_poles = sum(real + 2 * pairs for real, pairs in (operators[i].n_poles for i in block))
     inputs = tree.run(scene.records, first=first, last=block[0], signals=scene.signals(first))
     data = [(u, r.y, r.dt) for u, r in zip(inputs, scene.records, strict=True)]
-    found = []
-    for poles in _distinct(pole_starts(data, n_poles)):
+    found, pole_sets = [], _distinct(pole_starts(data, n_poles))
+    if scene.has_lost_poles:  # those that do almost the same, but that a gradient moves
+        pole_sets.append(scene.seen(np.concatenate([operators[i].poles() for i in block])))
+    for poles in pole_sets:
         for own in distribute_poles([operators[i] for i in block], poles):
             stages = list(tree.stages)
             for i, operator in zip(block, own, strict=True):
