@@ -5,15 +5,27 @@ between those that it was fitted to: where noise hangs together, as flicker nois
 distance, it foretells the noise too. What is real stands out of the noise's spectrum. Of a drift
 that is what moves: its constant could be an offset's.
 
-With orthonormal columns :math:`q_j` of a basis and the course :math:`r` that is left to it, noise
+With orthonormal columns :math:`q_j` of a basis and the course :math:`r` that a model leaves, noise
 of the spectrum :math:`S(f)` gives :math:`q_j' r` the variance :math:`\sum_k S(f_k) Q_{jk}^2`, with
 the discrete cosine transform :math:`Q_j` of the column, whose coefficients of stationary noise are
-about independent. Over the decade around the basis the spectrum is taken for a power of the
-frequency, :math:`S = c f^{-\beta}`, as those of white noise and flicker noise are. Frequencies
-count per sample: in these units both are one and the same law at every sampling interval.
-Whittle's likelihood [1]_ of the basis and the frequencies around it is compared with the one where
-the power in the basis may be larger by a factor; twice the logarithm of the ratio follows the
-chi-squared law of one degree of freedom.
+about independent. What the fit of all columns leaves at a frequency has the part
+:math:`1 - \sum_j Q_{jk}^2` of :math:`S(f_k)`, and counts for as much.
+
+Noise that enters behind the plant keeps its spectrum. Noise that the drive or its recording has
+goes through the plant, whose modes make bands of it, its lags slow noise, and its memory noise
+slower still: of white noise there comes the power :math:`P(f)`, which is that of simulated draws.
+Over the decade around the basis the spectrum is taken for noise of one colour at both places,
+
+.. math:: S = f^{-\beta} (c + g P)
+
+since those of white noise and flicker noise are powers of the frequency. Frequencies count per
+sample: in these units both are one and the same law at every sampling interval. Whittle's
+likelihood [1]_ of the basis and the frequencies around it is compared with the one where the power
+in the basis may be larger by a factor; twice the logarithm of the ratio follows the chi-squared law
+of one degree of freedom.
+
+A frequency that was sought is where noise happens to have the most power. A record of n samples
+tells n / 2 frequencies apart; each one sought multiplies the p-value by that number (Bonferroni).
 
 References
 ----------
@@ -21,86 +33,120 @@ References
    (1953).
 """
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 from scipy.fft import dct
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 from scipy.stats import norm
 
-from ._constants import STEEPEST
+from ._constants import DRAWS, STEEPEST
 
 
 def course_p_values(tree, records):
     """Return the p-value of each effect that stands beside, each beside all others: name -> p."""
     outputs, found = tree.respond(records), {}
+    rests = [record.y - output for record, output in zip(records, outputs, strict=True)]
+    times = [record.dt * np.arange(len(record.y)) for record in records]
     labels = {tree.label(effect): effect for effect in tree.effects}
     for label, disturbance in zip(tree.beside_names, tree.disturbances, strict=True):
         if label not in labels:  # declared
             continue
-        courses, bases = [], []
-        for record, output in zip(records, outputs, strict=True):
-            time = record.dt * np.arange(len(record.y))
-            others = [d.basis(time) for d in tree.disturbances if d is not disturbance]
-            own = disturbance.basis(time)
-            if disturbance.has_constant and own.shape[1] > 1:  # which is an offset's
-                own, others = own[:, 1:] - own[:, 1:].mean(axis=0), [*others, own[:, :1]]
-            bases.append(own)
-            every = np.concatenate([bases[-1], *others], axis=1)
-            rest = record.y - output
-            solution = np.linalg.lstsq(every, rest, rcond=None)[0]
-            solution[: bases[-1].shape[1]] = 0.0
-            courses.append(rest - every @ solution)
-        found[labels[label]] = course_p_value(courses, bases)
+        every = [disturbance, *(d for d in tree.disturbances if d is not disturbance)]
+        bases = [np.concatenate([d.basis(time) for d in every], axis=1) for time in times]
+        own = np.arange(disturbance.basis(times[0]).shape[1])
+        if disturbance.has_constant and len(own) > 1:  # which is an offset's
+            own = own[1:]
+        sought = disturbance.basis_tangents(times[0], disturbance.coefficients).shape[1]
+        # the best of so many that a record tells apart
+        choices = (0.5 * max(map(len, rests))) ** sought
+        p_value = course_p_value(rests, bases, own, _echoes(tree, records, rests, outputs))
+        found[labels[label]] = min(1.0, choices * p_value)
     return found
 
 
-def course_p_value(courses, bases):
+def _echoes(tree, records, rests, outputs):
+    """Yield what white noise on the drives becomes, as large as what a model leaves is.
+
+    Sizes are those over the ranges of drive and response.
+    """
+    rng = np.random.default_rng(0)
+    drive, response = (np.ptp(np.concatenate([getattr(r, name) for r in records])) for name in "uy")
+    size = np.concatenate(rests).std() * drive / response
+    for _ in range(DRAWS):
+        moved = [replace(r, u=r.u + size * rng.standard_normal(len(r.u))) for r in records]
+        yield [a - b for a, b in zip(tree.respond(moved), outputs, strict=True)]
+
+
+def course_p_value(courses, bases, own, echoes=()):
     """Return the p-value against the noise alone having made what a basis finds.
 
     Parameters
     ----------
     courses : sequence of ndarray of shape (n_samples,)
-        What a model leaves to its disturbance, of each record.
+        What the driven part of a model leaves, of each record.
     bases : sequence of ndarray of shape (n_samples, n_columns)
+        All that is fitted to the courses.
+    own : ndarray of int
+        The columns that are asked after.
+    echoes : iterable of sequence of ndarray of shape (n_samples,)
+        What draws of white noise on the drive become.
 
     Returns
     -------
     float
     """
-    inner, shares, frequencies, outer, around = [], [], [], [], []
-    for course, basis in zip(courses, bases, strict=True):
-        q = np.linalg.qr(basis)[0]
-        own = q.T @ course
-        share = np.square(dct(q, axis=0, norm="ortho"))
-        frequency = np.maximum(np.arange(len(q)), 0.5) / len(q)  # the mean: half of the least
-        inside = share.sum(axis=1) > 0.5
-        low, high = frequency[inside].min() / 10.0, 10.0 * frequency[inside].max()
-        outside = ~inside & (frequency >= low) & (frequency <= high)
-        outer.append(np.square(dct(course - q @ own, norm="ortho"))[outside])
-        around.append(frequency[outside])
-        inner.append(np.square(own))
-        shares.append(share)
-        frequencies.append(frequency)
-    inner, outer, around = map(np.concatenate, (inner, outer, around))
-    if not (np.any(outer > 0.0) and np.any(inner > 0.0)):
-        return 0.0 if np.any(inner > 0.0) else 1.0
+    parts, own = [_Part(basis, own) for basis in bases], len(own) * len(bases)
+    squares = _squares(parts, courses)
+    if not (np.any(squares[own:] > 0.0) and np.any(squares[:own] > 0.0)):
+        return 0.0 if np.any(squares[:own] > 0.0) else 1.0
+    counts = np.concatenate([np.ones(own), *(part.free for part in parts)])
+    passed = sum((_squares(parts, echo) for echo in echoes), np.zeros(len(counts))) / counts
+    passed = passed / passed.mean() if passed.any() else np.ones(len(counts))
 
-    def deviance(exponent, scaled):
+    def deviance(x, scaled):
         """Return that of the fit, and the factor by which the power in the basis is larger."""
-        variances = np.concatenate(
-            [f**-exponent @ share for f, share in zip(frequencies, shares, strict=True)]
-        )
-        own, others = inner / variances, outer * around**exponent
-        logarithm = exponent * np.log(around).sum() - np.log(variances).sum()
-        if not scaled:
-            values = np.concatenate([own, others])
-            return len(values) * np.log(values.mean()) - logarithm, 1.0
-        both = len(own) * np.log(own.mean()) + len(others) * np.log(others.mean())
-        return both - logarithm, own.mean() / others.mean()
+        exponent, share = x
+        inside = [part.frequency**-exponent @ part.shares for part in parts]
+        around = [part.frequency[part.outside] ** -exponent for part in parts]
+        variances = np.concatenate([*inside, *around]) * (1.0 - share + share * passed)
+        groups = np.split(np.stack([squares / variances, counts]), [own] if scaled else [], axis=1)
+        sums, sizes = np.transpose([group.sum(axis=1) for group in groups])
+        levels = sums / sizes
+        return sizes @ np.log(levels) + counts @ np.log(variances), levels[0] / levels[-1]
 
-    best = [
-        minimize_scalar(lambda b, s=scaled: deviance(b, s)[0], bounds=(0.0, STEEPEST))
-        for scaled in (False, True)
-    ]
+    bounds, best = [(0.0, STEEPEST), (0.0, 1.0 - 1.0 / len(counts))], []
+    for scaled in (False, True):
+        starts = product((0.0, 1.0, 2.0), (0.1, 0.5, 0.9))  # white, flicker, summed up
+        start = min(starts, key=lambda x, s=scaled: deviance(x, s)[0])
+        best.append(minimize(lambda x, s=scaled: deviance(x, s)[0], start, bounds=bounds))
     if deviance(best[1].x, True)[1] <= 1.0:
         return 1.0
     return float(norm.sf(np.sqrt(max(best[0].fun - best[1].fun, 0.0))))
+
+
+class _Part:
+    """A basis of a record, and the frequencies around the columns that are asked after."""
+
+    def __init__(self, basis, own):
+        order = np.append(np.delete(np.arange(basis.shape[1]), own), own)
+        self.q, self.n_own = np.linalg.qr(basis[:, order])[0], len(own)
+        taken = np.square(dct(self.q, axis=0, norm="ortho"))
+        self.shares = taken[:, -len(own) :]
+        self.frequency = np.maximum(np.arange(len(basis)), 0.5) / len(basis)  # half of the least
+        inside = self.frequency[self.shares.sum(axis=1) > 0.5]
+        near = (self.frequency >= inside.min() / 10.0) & (self.frequency <= 10.0 * inside.max())
+        left = 1.0 - taken.sum(axis=1)
+        self.outside = near & (left > 0.5)
+        self.free = left[self.outside]
+
+
+def _squares(parts, courses):
+    """Return the powers in the columns that are asked after, and at the frequencies around."""
+    inner, outer = [], []
+    for part, course in zip(parts, courses, strict=True):
+        found = part.q.T @ course
+        inner.append(np.square(found[-part.n_own :]))
+        outer.append(np.square(dct(course - part.q @ found, norm="ortho")[part.outside]))
+    return np.concatenate([*inner, *outer])
