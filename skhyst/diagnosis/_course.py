@@ -18,8 +18,9 @@ Over the decade around the basis the spectrum is taken for noise of one colour a
 
 .. math:: S = f^{-\beta} (c + g P)
 
-since those of white noise and flicker noise are powers of the frequency. Frequencies count per
-sample: in these units both are one and the same law at every sampling interval. Whittle's
+since those of white noise and flicker noise are powers of the frequency. A colour is at most that
+of white noise summed up: what is steeper is the plant's, or a drift. Frequencies count per sample:
+in these units both terms are one and the same law at every sampling interval. Whittle's
 likelihood [1]_ of the basis and the frequencies around it is compared with the one where the power
 in the basis may be larger by a factor; twice the logarithm of the ratio follows the chi-squared law
 of one degree of freedom.
@@ -116,7 +117,7 @@ def course_p_value(courses, bases, own, echoes=()):
         levels = sums / sizes
         return sizes @ np.log(levels) + counts @ np.log(variances), levels[0] / levels[-1]
 
-    bounds, best = [(0.0, STEEPEST), (0.0, 1.0 - 1.0 / len(counts))], []
+    bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, 1.0 - 1.0 / len(counts))], []
     for scaled in (False, True):
         starts = product((0.0, 1.0, 2.0), (0.1, 0.5, 0.9))  # white, flicker, summed up
         start = min(starts, key=lambda x, s=scaled: deviance(x, s)[0])
