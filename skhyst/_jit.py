@@ -7,6 +7,7 @@ home folder. Without Numba the same function runs as plain Python: slow, but wit
 """
 
 from functools import partial
+from types import FunctionType
 
 
 def jit(function=None, *, fastmath=False, inline=False):
@@ -40,3 +41,17 @@ def jit(function=None, *, fastmath=False, inline=False):
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder to cache in
         return numba.njit(**options)(function)
+
+
+def bind(loop, law):
+    """Compile a copy of a loop whose global name ``step`` is the compiled ``law``.
+
+    The compiler sees one plain loop, nothing is called through a pointer, and the machine code is
+    cached with the file of the law, as if the loop had been written there.
+    """
+    place = law.__code__
+    code = loop.__code__.replace(co_filename=place.co_filename, co_firstlineno=place.co_firstlineno)
+    bound = FunctionType(code, {**loop.__globals__, "step": law})
+    bound.__module__, bound.__wrapped__ = law.__module__, loop
+    bound.__name__ = bound.__qualname__ = f"{law.__name__}_{loop.__name__}"
+    return jit(bound)

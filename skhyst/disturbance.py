@@ -7,6 +7,7 @@ free run of a new record can know.
 
 # ruff: noqa: D102 (what an operator and an estimator do is said by their bases)
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from numbers import Integral
@@ -14,9 +15,10 @@ from numbers import Integral
 import numpy as np
 from scipy.fft import next_fast_len
 
+from ._jit import jit
 from ._sklearn import Interval
 from .base import ParametricModel
-from .operators import Operator, parameter
+from .operators import LoweredStep, Operator, parameter
 
 __all__ = [
     "DisturbanceOperator",
@@ -55,11 +57,53 @@ class DisturbanceOperator(Operator):
         time = start + dt * np.arange(len(u))
         return self.basis(time) @ self.coefficients, start + dt * len(u)
 
+    @abstractmethod
+    def _step(self):
+        """Return the compiled step and its constants behind ``dt``; the state is the time."""
+
+    def lowered(self, dt, state):
+        step, constants = self._step()
+        return LoweredStep(step, (dt, *constants), [state / dt])
+
     def linearize(self, u, du, dt, initial_state="rest"):
         time = dt * np.arange(len(u))
         basis = self.basis(time)
         own = np.concatenate([basis, self.basis_tangents(time, self.coefficients)], axis=1)
         return basis @ self.coefficients, np.concatenate([np.zeros_like(du), own], axis=1)
+
+
+@jit
+def offset_step(u, c, s):
+    """Return the constant; ``c`` is (dt, coefficients)."""
+    return c[1][0]
+
+
+@jit
+def drift_step(u, c, s):
+    """Return the drift at one sample, ``s``; ``c`` is (dt, coefficients, duration)."""
+    dt, coefficients, duration = c
+    z = min(2.0 * dt * s[0] / duration - 1.0, 1.0)
+    s[0] += 1.0
+    before, value, y = 0.0, 1.0, 0.0
+    for d in range(coefficients.size):
+        y += coefficients[d] * value
+        # (d + 1) P_{d+1} = (2 d + 1) z P_d - d P_{d-1}
+        before, value = value, ((2 * d + 1) * z * value - d * before) / (d + 1)
+    return y
+
+
+@jit
+def sinusoid_step(u, c, s):
+    """Return the lines at one sample, ``s``; ``c`` is (dt, coefficients, frequencies)."""
+    dt, coefficients, frequencies = c
+    time = dt * s[0]
+    s[0] += 1.0
+    y = 0.0
+    n = frequencies.size
+    for k in range(n):
+        phase = 2.0 * math.pi * frequencies[k] * time
+        y += coefficients[k] * math.cos(phase) + coefficients[n + k] * math.sin(phase)
+    return y
 
 
 @dataclass(frozen=True)
@@ -72,6 +116,9 @@ class OffsetOperator(DisturbanceOperator):
 
     def basis(self, time):
         return np.ones((len(time), 1))
+
+    def _step(self):
+        return offset_step, (self.coefficients,)
 
     def characteristics(self, seen):
         return {"spread between records": (np.ptp(seen.coefficients), "response")}
@@ -90,6 +137,9 @@ class DriftOperator(DisturbanceOperator):
         z = np.clip(2.0 * time / self.duration - 1.0, -1.0, 1.0)
         return np.polynomial.legendre.legvander(z, np.size(self.coefficients) - 1)
 
+    def _step(self):
+        return drift_step, (self.coefficients, self.duration)
+
     def characteristics(self, seen):
         curves = zip(seen.inputs, seen.dts, seen.coefficients, strict=True)
         spans = [np.ptp(self.basis(dt * np.arange(len(u))) @ own) for u, dt, own in curves]
@@ -106,6 +156,9 @@ class SinusoidOperator(DisturbanceOperator):
     def basis(self, time):
         phase = 2.0 * np.pi * np.outer(time, self.frequencies)
         return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+
+    def _step(self):
+        return sinusoid_step, (self.coefficients, self.frequencies)
 
     def basis_tangents(self, time, coefficients):
         phase = 2.0 * np.pi * np.outer(time, self.frequencies)

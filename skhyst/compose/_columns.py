@@ -10,7 +10,15 @@ import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed, with_params
-from ..operators import Operator, ParameterSpec, WrappedOperator, put_beside, take_apart
+from ..operators import (
+    LoweredColumn,
+    LoweredProduct,
+    Operator,
+    ParameterSpec,
+    WrappedOperator,
+    put_beside,
+    take_apart,
+)
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 _SENSITIVITY = ParameterSpec(unit="1/column")
@@ -50,6 +58,10 @@ class ColumnOperator(WrappedOperator):
 
     def run(self, u, dt, state=None):
         return self.operator.run(self._own(u), dt, state)
+
+    def lowered(self, dt, state):
+        own = self.operator.lowered(dt, state)
+        return LoweredColumn((own,), self.column, self.reference)
 
     def step(self, state, u, dt):
         return self.operator.step(state, self._own(u), dt)
@@ -124,6 +136,10 @@ class ModulatedOperator(WrappedOperator):
     def run(self, u, dt, state=None):
         y, state = self.operator.run(u, dt, state)
         return y * self._factor(u), state
+
+    def lowered(self, dt, state):
+        own = self.operator.lowered(dt, state)
+        return LoweredProduct((own,), self.column, self.reference, self.sensitivity)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.linearize(u, du, dt, initial_state)

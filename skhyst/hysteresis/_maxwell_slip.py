@@ -6,10 +6,20 @@ from numbers import Integral
 
 import numpy as np
 
+from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..operators import as_signal, parameter
+from ..operators import LoweredStep, LoweredSum, as_signal, parameter
 from ._common import FrictionModel, force_characteristics, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
+
+
+@jit
+def spring_step(u, c, s):
+    """Return the force of the spring, the dashpot and the constant; ``s`` is the last drive."""
+    stiffness, drag, y = c
+    y += stiffness * u + drag * (u - s[0])
+    s[0] = u
+    return y
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,6 +95,11 @@ class MaxwellSlipOperator(PlaySum):
         change = np.diff(u, prepend=state[1])
         y += self.stiffness * u + (self.damping / dt) * change + self.intercept
         return y, after
+
+    def lowered(self, dt, state):
+        constants = self.stiffness, self.damping / dt, self.intercept
+        spring = LoweredStep(spring_step, constants, state[1:])
+        return LoweredSum((self._plays.lowered(dt, state), spring))
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)

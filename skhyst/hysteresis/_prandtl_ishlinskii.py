@@ -20,12 +20,14 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, read_data, run_records
 from ..operators import (
+    LoweredStep,
     Superposition,
     as_constant,
     as_signal,
     parameter,
     play_basis,
     play_sum_run,
+    play_sum_step,
     play_sum_table,
     play_tangents,
     play_thresholds,
@@ -127,6 +129,11 @@ class PrandtlIshlinskiiOperator(PlaySum):
         y, *state = play_sum_run(u, *constants, self._tables, points, float(last))
         return y, tuple(state)
 
+    def lowered(self, dt, state):
+        thresholds, weights, _ = self._play_form
+        constants = thresholds, weights, self.intercept, self.drive_offset
+        return LoweredStep(play_sum_step, constants, self._played(thresholds, state))
+
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         y, _ = self.run(u, dt, self.init(u[0] if u.size else 0.0, initial_state))
@@ -152,9 +159,13 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     def plays(self, state):
         """Return the values of the plays in a state, shape (n_plays,), less the drive's offset."""
-        plays = np.zeros(self.thresholds.size)
+        return self._played(self.thresholds, state)
+
+    @staticmethod
+    def _played(thresholds, state):
+        plays = np.zeros(thresholds.size)
         path = as_signal(np.append(*state))
-        play_basis(path, self.thresholds, plays, np.empty((path.size, plays.size)))
+        play_basis(path, thresholds, plays, np.empty((path.size, plays.size)))
         return plays
 
     def state_from_plays(self, plays, u):

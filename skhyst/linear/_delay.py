@@ -11,7 +11,7 @@ import numpy as np
 
 from .._jit import jit
 from ..base import ParametricModel
-from ..operators import Operator, parameter
+from ..operators import LoweredStep, Operator, parameter
 from ._linear import log_grid, time_span
 
 
@@ -60,6 +60,24 @@ def _delayed(signal, past, delay):
     )
 
 
+@jit
+def delay_step(u, c, s):
+    """Return the drive some samples before; ``c`` are the weights of four samples.
+
+    ``s`` is the place of the next sample, then the samples so far, the first of the four the
+    oldest of them.
+    """
+    n = s.size - 1
+    at = int(s[0])
+    s[1 + at] = u
+    at = (at + 1) % n
+    s[0] = at
+    y = 0.0
+    for k in range(4):
+        y += c[k] * s[1 + (at + k) % n]
+    return y
+
+
 @dataclass(frozen=True)
 class DelayOperator(Operator):
     """``y(t) = u(t - delay)``, exact for an input that is a cubic polynomial between samples.
@@ -85,6 +103,13 @@ class DelayOperator(Operator):
         past = self.init(u[0]) if state is None else state
         y, _ = _delayed(u, past, delay)
         return y, np.concatenate([past, u])[-max(int(np.ceil(delay)) + 1, 3) :]
+
+    def lowered(self, dt, state):
+        delay = self.delay / dt
+        back = max(int(np.ceil(delay)) + 1, 3)
+        past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
+        weights, _ = cubic_weights(back - delay)
+        return LoweredStep(delay_step, weights, [back, *past, 0.0])
 
     def linearize(self, u, du, dt, initial_state="rest"):
         rest, delay = float(initial_state == "rest"), self.delay / dt

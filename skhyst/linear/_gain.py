@@ -4,8 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..operators import Operator, as_signal, parameter
+from .._jit import jit
+from ..operators import LoweredStep, Operator, as_signal, parameter
 from ._linear import LinearModel
+
+
+@jit
+def gain_step(u, c, s):
+    """Return ``gain u + intercept``."""
+    gain, intercept = c
+    return gain * u + intercept
 
 
 @dataclass(frozen=True)
@@ -23,6 +31,9 @@ class GainOperator(Operator):
 
     def run(self, u, dt, state=None):
         return self.gain * as_signal(u) + self.intercept, None
+
+    def lowered(self, dt, state):
+        return LoweredStep(gain_step, (self.gain, self.intercept), ())
 
     def inverse(self):
         """Return the gain that undoes this one."""

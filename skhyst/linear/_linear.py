@@ -22,7 +22,7 @@ from scipy.linalg import expm
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import Operator
+from ..operators import LoweredStep, Operator
 
 _STEP = 1e-30  # of the complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -78,6 +78,28 @@ def second_order_run(ad, b0, b1, c, d, u, x, u_previous):
         u_previous = u[k]
         y[k] = (c0 * x0 + c1 * x1) + d * u_previous
     return y, np.array([x0, x1])
+
+
+@jit
+def state_space_step(u, c, s):
+    """Do one sample of :func:`state_space_run`.
+
+    ``c`` is its matrices and the intercept, ``s`` the states, the last input, and room for the
+    states.
+    """
+    ad, b0, b1, output, d, intercept = c
+    n_states = output.size
+    y = d * u
+    for i in range(n_states):
+        value = b0[i] * s[n_states] + b1[i] * u
+        for j in range(n_states):
+            value += ad[i, j] * s[j]
+        s[n_states + 1 + i] = value
+        y += output[i] * value
+    for i in range(n_states):
+        s[i] = s[n_states + 1 + i]
+    s[n_states] = u
+    return y + intercept
 
 
 def block_table(ad, b0, b1, c, d, length):
@@ -394,6 +416,11 @@ class LinearOperator(DiscretizedOperator):
         x, previous = self.init(u[0]) if state is None else state
         y, x = self._advance(u, dt, x, previous)
         return y + self.intercept, (x, float(u[-1]))
+
+    def lowered(self, dt, state):
+        x, previous = state
+        constants = *self._discrete(dt), self.intercept
+        return LoweredStep(state_space_step, constants, [*x, previous, *x])
 
     def _advance(self, u, dt, x, previous):
         """Return the output without intercept and the last state, by the shortest way."""

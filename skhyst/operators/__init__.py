@@ -10,12 +10,22 @@ from ._composition import (
     take_apart,
 )
 from ._differences import latest, samples_before, slopes
+from ._lowered import (
+    Lowered,
+    LoweredColumn,
+    LoweredProduct,
+    LoweredSeries,
+    LoweredStep,
+    LoweredSum,
+    Stepper,
+)
 from ._one_state import OneStateOperator
 from ._plays import (
     Superposition,
     clip_play,
     play_basis,
     play_sum_run,
+    play_sum_step,
     play_sum_table,
     play_tangents,
     play_thresholds,
@@ -26,10 +36,17 @@ from ._protocol import Operator, ParameterSpec, as_constant, as_signal, paramete
 
 __all__ = [
     "FrozenOperator",
+    "Lowered",
+    "LoweredColumn",
+    "LoweredProduct",
+    "LoweredSeries",
+    "LoweredStep",
+    "LoweredSum",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "SeriesOperator",
+    "Stepper",
     "SumOperator",
     "Superposition",
     "WrappedOperator",
@@ -41,6 +58,7 @@ __all__ = [
     "parameter",
     "play_basis",
     "play_sum_run",
+    "play_sum_step",
     "play_sum_table",
     "play_tangents",
     "play_thresholds",

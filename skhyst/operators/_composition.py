@@ -6,6 +6,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from ._lowered import LoweredSeries, LoweredStep, LoweredSum, nothing
 from ._protocol import Operator
 
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
@@ -46,6 +47,9 @@ class WrappedOperator(_ByEntries):
 
     def run(self, u, dt, state=None):
         return self.operator.run(u, dt, state)
+
+    def lowered(self, dt, state):
+        return self.operator.lowered(dt, state)
 
 
 # what is declared of the operator within holds for the whole, attributes and methods alike
@@ -184,6 +188,10 @@ class _Composition(_ByEntries):
     def gauge_entries(self):
         return _joined(stage.gauge_entries() for stage in self.stages)
 
+    def _lowered(self, dt, states):
+        """Return each stage's step."""
+        return tuple(s.lowered(dt, state) for s, state in zip(self.stages, states, strict=True))
+
 
 class SeriesOperator(_Composition):
     """Operators in series: the output of one is the input of the next."""
@@ -259,6 +267,9 @@ class SeriesOperator(_Composition):
             states.append(new)
         return u, tuple(states)
 
+    def lowered(self, dt, state):
+        return LoweredSeries(self._lowered(dt, state))
+
     def inverse(self):
         """Return the series of the inverses, last stage first."""
         return SeriesOperator(
@@ -313,6 +324,9 @@ class SumOperator(_Composition):
             total += y
             states.append(new)
         return total, tuple(states)
+
+    def lowered(self, dt, state):
+        return LoweredSum(self._lowered(dt, state) or (LoweredStep(nothing, (), ()),))
 
     def linearize(self, u, du, dt, initial_state="rest"):
         total, carried, own = np.zeros(len(u)), np.zeros_like(du), []

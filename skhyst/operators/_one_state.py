@@ -1,16 +1,14 @@
 """Operators of one state: a law is a step, and loops, derivatives and protocol are the same.
 
-The loops of this file are compiled for each law as a copy whose global name ``step`` is the step
-of that law. So the compiler sees one plain loop, nothing is called through a pointer, and the
-machine code is cached with the file of the law, as if the loop had been written there.
+The loops of this file are compiled for each law, see :func:`skhyst._jit.bind`.
 """
 
 from abc import abstractmethod
-from types import FunctionType
 
 import numpy as np
 
-from .._jit import jit
+from .._jit import bind, jit
+from ._lowered import LoweredStep
 from ._protocol import Operator, as_signal
 
 
@@ -50,14 +48,11 @@ def tangents(u, du, x, dx, last, dlast, dt, values, y, dy):
             dy[k, m + q] = output_by[3 + q]
 
 
-def bind(loop, law):
-    """Compile a copy of a loop with ``law`` for its step, in the cache of the law's file."""
-    place = law.__code__
-    code = loop.__code__.replace(co_filename=place.co_filename, co_firstlineno=place.co_firstlineno)
-    bound = FunctionType(code, {**loop.__globals__, "step": law})
-    bound.__module__ = law.__module__
-    bound.__name__ = bound.__qualname__ = f"{law.__name__}_{loop.__name__}"
-    return jit(bound)
+def lowered(u, c, s):
+    """Return the output at one sample; ``c`` is (dt, *values), ``s`` the state and last drive."""
+    x, y, _, _ = step(s[0], s[1], u, c[0], c[1:])
+    s[0], s[1] = x, u
+    return y
 
 
 class OneStateOperator(Operator):
@@ -111,7 +106,8 @@ class OneStateOperator(Operator):
         if step is not None:
             law = jit(step, inline=True)
             cls._law = staticmethod(law)
-            cls._run, cls._tangents = (staticmethod(bind(loop, law)) for loop in (run, tangents))
+            loops = (staticmethod(bind(loop, law)) for loop in (run, tangents, lowered))
+            cls._run, cls._tangents, cls._lowered = loops
 
     @staticmethod
     @abstractmethod
@@ -138,6 +134,10 @@ class OneStateOperator(Operator):
         y = np.empty(u.size)
         x = self._run(u, x, last, float(dt), self._values(), y)
         return y, (x, float(u[-1]) if u.size else last)
+
+    def lowered(self, dt, state):
+        """Return one step in plain arithmetic; see :meth:`Operator.lowered`."""
+        return LoweredStep(self._lowered, (dt, *self._values()), state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.linearize`."""

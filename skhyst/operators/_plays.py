@@ -54,6 +54,20 @@ def play_basis(u, thresholds, plays, out):
 
 
 @jit
+def play_sum_step(u, c, s):
+    """Return a weighted sum of plays at one sample; ``s`` (K,) are the plays.
+
+    ``c`` is (thresholds (K,), weights (K,), intercept, offset of the drive).
+    """
+    thresholds, weights, y, offset = c
+    value = u - offset
+    for k in range(s.size):
+        s[k] = clip_play(s[k], value - thresholds[k], value + thresholds[k])
+        y += weights[k] * s[k]
+    return y
+
+
+@jit
 def stop_basis(u, thresholds, plays, out):
     """Write the stops ``u - play`` to ``out``, shape (n, K); ``plays`` (K,) is updated."""
     play_basis(u, thresholds, plays, out)

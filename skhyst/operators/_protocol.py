@@ -267,6 +267,25 @@ class Operator(ABC):
         y, dy = self.linearize(u, du, dt, initial_state)
         return y, np.ascontiguousarray(dy[:, :m])
 
+    def lowered(self, dt: float, state):
+        """Return one step in plain arithmetic: a :class:`~skhyst.operators.Lowered`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        state : object
+            The state before the first sample, as :meth:`init` and :meth:`run` return it.
+
+        Raises
+        ------
+        NotImplementedError
+            If the output depends on later input, so that it cannot be known sample by sample.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} cannot be stepped: its output is not known sample by sample."
+        )
+
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
         """Advance by one sample: return the new state and the output."""
         y, state = self.run(np.array([u], dtype=float), dt, state)

@@ -1,18 +1,28 @@
 """What the memoryless curves share."""
 
+from abc import abstractmethod
+
 import numpy as np
 
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import Operator
+from ..operators import LoweredStep, Operator
 
 SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
 
 class StaticOperator(Operator):
-    """Base of the memoryless operators; a subclass gives ``_evaluate``."""
+    """Base of the memoryless operators; a subclass gives ``_evaluate`` and its step.
+
+    Attributes
+    ----------
+    curve : callable
+        Compiled ``curve(u, c, s) -> y``, see :class:`~skhyst.operators.LoweredStep`; ``s`` is
+        empty.
+    """
 
     rank = 40
+    curve = None
 
     def _evaluate(self, v):
         """Return the curve (n,), its slope (n,) and its parameter derivatives (n, n_parameters)."""
@@ -23,6 +33,13 @@ class StaticOperator(Operator):
 
     def run(self, u, dt, state=None):
         return self._evaluate(np.asarray(u, dtype=float))[0], ()
+
+    @abstractmethod
+    def _constants(self):
+        """Return the constants of ``curve``."""
+
+    def lowered(self, dt, state):
+        return LoweredStep(self.curve, self._constants(), ())
 
     def linearize(self, u, du, dt, initial_state="rest"):
         y, slope, own = self._evaluate(u)

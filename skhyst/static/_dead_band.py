@@ -4,11 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._jit import jit
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _PARTS = (0.01, 0.03, 0.08, 0.2)  # half width over the drive's range, to start from
 _CENTERS = (0.25, 0.5, 0.75)  # of the dead band, in the drive's range
+
+
+@jit
+def dead_band(u, c, s):
+    """Return what is beyond the band; ``c`` is (half width, centre)."""
+    half_width, center = c
+    distance = u - center
+    return distance - min(max(distance, -half_width), half_width)
 
 
 @dataclass(frozen=True)
@@ -18,6 +27,11 @@ class DeadBandOperator(StaticOperator):
     half_width: float = parameter(log=True, lower=0.0, unit="drive")
     center: float = parameter(unit="drive", default=0.0)
     rank: int = 0
+
+    curve = staticmethod(dead_band)
+
+    def _constants(self):
+        return self.half_width, self.center
 
     def _evaluate(self, v):
         distance = v - self.center

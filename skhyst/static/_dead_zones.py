@@ -12,11 +12,24 @@ from numbers import Integral
 
 import numpy as np
 
+from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..operators import parameter
 from ._base import SIDES, StaticModel, StaticOperator, range_of_drive
 
 _FLATTEST = 1e-3  # slope of the curve, response over response; below it an inverse is of no use
+
+
+@jit
+def dead_zones(u, c, s):
+    """Return ``u`` and the dead zones; ``c`` is (weights, thresholds, sides), (n_zones,) each."""
+    weights, thresholds, sides = c
+    y = u
+    for k in range(weights.size):
+        distance = u - thresholds[k]
+        if distance * sides[k] > 0.0:
+            y += weights[k] * distance
+    return y
 
 
 @dataclass(frozen=True)
@@ -33,6 +46,11 @@ class DeadZoneOperator(StaticOperator):
     rank: int = 20
 
     characteristics = StaticOperator.bend
+
+    curve = staticmethod(dead_zones)
+
+    def _constants(self):
+        return self.weights, self.thresholds, self.side
 
     def _evaluate(self, v):
         distance = v[:, None] - self.thresholds
@@ -102,6 +120,11 @@ class MonotoneDeadZoneOperator(StaticOperator):
         high = np.concatenate([np.zeros(k), gaps[k + 1 :]])
         ends = np.concatenate([[-np.inf], t, [np.inf]])[k : k + 2]
         return np.clip(v, *ends), np.clip(v[:, None] - t, low, high)
+
+    curve = staticmethod(dead_zones)
+
+    def _constants(self):
+        return self.weights, self.thresholds, self.side
 
     def _segments(self):
         """Return the slope of each segment (n_zones + 1,) and the output at each threshold."""

@@ -4,11 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._jit import jit
 from .._sklearn import StrOptions
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _PARTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the drive's range, at which a level may stand
+
+
+@jit
+def fold(u, c, s):
+    """Return ``a + s |u - a|``; ``c`` is (a, s)."""
+    level, side = c
+    return level + side * abs(u - level)
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,11 @@ class FoldOperator(StaticOperator):
     level: float = parameter(unit="drive")
     side: int = 1
     rank = 50
+
+    curve = staticmethod(fold)
+
+    def _constants(self):
+        return self.level, self.side
 
     def _evaluate(self, v):
         slope = self.side * np.where(v < self.level, -1.0, 1.0)

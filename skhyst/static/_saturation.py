@@ -4,10 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._jit import jit
 from ..operators import parameter
 from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
 _PARTS = (0.03, 0.08, 0.15, 0.25, 0.35)  # of the drive's range that is clipped, to start from
+
+
+@jit
+def clip(u, c, s):
+    """Return ``min(max(u, lower), upper)``; ``c`` is (lower, upper)."""
+    lower, upper = c
+    return min(max(u, lower), upper)
 
 
 @dataclass(frozen=True)
@@ -21,6 +29,11 @@ class SaturationOperator(StaticOperator):
     def parameter_specs(self):
         specs = super().parameter_specs()
         return {name: spec for name, spec in specs.items() if np.isfinite(getattr(self, name))}
+
+    curve = staticmethod(clip)
+
+    def _constants(self):
+        return self.lower, self.upper
 
     def _evaluate(self, v):
         beyond = {"lower": v < self.lower, "upper": v > self.upper}

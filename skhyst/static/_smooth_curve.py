@@ -5,11 +5,33 @@ from numbers import Integral
 
 import numpy as np
 
+from .._jit import jit
 from .._sklearn import Interval
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _BEYOND = 3  # highest degree of the terms whose slope goes on beyond the data
+
+
+@jit
+def legendre_curve(u, c, s):
+    """Return ``u + scale sum_d coefficients_d P_d(z)``; ``c`` is (coefficients, centre, scale)."""
+    coefficients, center, scale = c
+    z = (u - center) / scale
+    inside = min(max(z, -1.0), 1.0)
+    beyond = z - inside
+    y = 0.0
+    before, value, slope_before, slope = 1.0, inside, 0.0, 1.0  # of the degrees 0 and 1
+    for k in range(coefficients.size):
+        d = k + 2
+        # d P_d = (2 d - 1) z P_{d-1} - (d - 1) P_{d-2},  P'_d = (2 d - 1) P_{d-1} + P'_{d-2}
+        following = ((2 * d - 1) * inside * value - (d - 1) * before) / d
+        slope_before, slope = slope, (2 * d - 1) * value + slope_before
+        before, value = value, following
+        y += coefficients[k] * value
+        if d <= _BEYOND:
+            y += coefficients[k] * slope * beyond
+    return u + scale * y
 
 
 @dataclass(frozen=True)
@@ -27,6 +49,11 @@ class PolynomialCurveOperator(StaticOperator):
     rank: int = 40
 
     characteristics = StaticOperator.bend
+
+    curve = staticmethod(legendre_curve)
+
+    def _constants(self):
+        return self.coefficients, self.center, self.scale
 
     def _evaluate(self, v):
         z = (v - self.center) / self.scale

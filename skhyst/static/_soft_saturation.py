@@ -1,17 +1,33 @@
 """Saturation with a rounded knee: ``y = c + v / (1 + |v / L|^n)^(1 / n)``, ``v = u - c``."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
 
+from .._jit import jit
 from ..operators import parameter
 from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
 _BROADEST, _SHARPEST = 0.3, 50.0  # knee
 _LEVELS = (0.5, 0.8, 1.3)  # to start from, of the largest distance from the centre
 _KNEES = (1.0, 2.0, 4.0)
-_LEAST = np.finfo(float).tiny
+_LEAST = float(np.finfo(float).tiny)
+
+
+@jit
+def soft_saturation(u, c, s):
+    """Return ``c + v / (1 + |v / L|^n)^(1 / n)``; ``c`` is (L, n, c, side)."""
+    level, knee, center, side = c
+    distance = u - center
+    if side * distance < 0.0:
+        return u
+    size = math.log(max(abs(distance), _LEAST)) - math.log(level)  # a power would overflow
+    rest = math.exp(-math.log1p(math.exp(-knee * abs(size))) / knee)
+    if size > 0.0:
+        return center + math.copysign(level, distance) * rest
+    return center + distance * rest
 
 
 @dataclass(frozen=True)
@@ -37,6 +53,11 @@ class SoftSaturationOperator(StaticOperator):
     center: float = parameter(unit="drive", default=0.0)
     side: int = 0
     rank: int = 50
+
+    curve = staticmethod(soft_saturation)
+
+    def _constants(self):
+        return self.level, self.knee, self.center, self.side
 
     def _evaluate(self, v):
         n, distance = self.knee, v - self.center

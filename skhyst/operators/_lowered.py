@@ -1,0 +1,327 @@
+"""One step of an operator in plain arithmetic: what streams, control loops, C and FMUs share.
+
+A step is a function ``step(u, c, s) -> y`` of the input at one sample, of constants and of a state.
+``c`` is a tuple of numbers and arrays, ``s`` one array of numbers, which the step changes. It is
+written in a small part of Python that Numba compiles and that reads the same in C: numbers, tuples
+of a known length, elements of arrays, ``math``, ``abs``, ``min``, ``max``, ``int``, ``float``,
+``if``, ``for ... in range``, ``while`` with an end that is known, and functions of this kind. It
+allocates nothing.
+
+Operators are taken together as they are: a series hands the output of one step to the next.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+
+from .._jit import bind, jit
+from ._protocol import as_constant, as_signal
+
+
+def step(u, c, s):
+    """Stand for the step of an operator."""
+    raise NotImplementedError
+
+
+def stream(u, c, s, y):
+    """Write the output to ``y`` (n,)."""
+    for k in range(u.size):
+        y[k] = step(u[k], c, s)
+
+
+@jit
+def nothing(u, c, s):
+    """Return zero."""
+    return 0.0
+
+
+@cache
+def _streaming(law):
+    return bind(stream, law)
+
+
+class Lowered:
+    """Base of lowered operators.
+
+    Attributes
+    ----------
+    state : ndarray of shape (n_states,)
+        The state before the first sample.
+    n_inputs : int or None
+        Columns of the input that are read; None for a signal.
+    """
+
+    n_inputs = None
+
+    def stepping(self, s):
+        """Return a function of the input at a sample that returns the output and changes ``s``."""
+        raise NotImplementedError
+
+    def streaming(self, s):
+        """Return a function of the input (n_samples,) or (n_samples, n_inputs) that does so too."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class LoweredStep(Lowered):
+    """A compiled step with its constants.
+
+    Parameters
+    ----------
+    step : callable
+        Compiled ``step(u, c, s) -> y``.
+    constants : tuple of float and ndarray
+    state : array-like of shape (n_states,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> plays = PrandtlIshlinskiiOperator(np.array([0.0, 1.0]), np.array([1.0, 0.5]))
+    >>> lowered = plays.lowered(1e-3, plays.init(0.0))
+    >>> s = lowered.state.copy()
+    >>> [lowered.step(u, lowered.constants, s) for u in (0.0, 4.0, 0.0)]
+    [0.0, 5.5, 0.5]
+    """
+
+    step: object
+    constants: tuple
+    state: np.ndarray
+
+    def __post_init__(self):
+        constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
+        object.__setattr__(self, "constants", constants)
+        object.__setattr__(self, "state", as_constant(self.state))
+
+    def stepping(self, s):
+        step, c = self.step, self.constants
+        return lambda u: step(u, c, s)
+
+    def streaming(self, s):
+        loop, c = _streaming(self.step), self.constants
+
+        def run(u):
+            u = as_signal(u)
+            y = np.empty(len(u))
+            loop(u, c, s, y)
+            return y
+
+        return run
+
+
+@dataclass(frozen=True)
+class LoweredParts(Lowered):
+    """Base of what is made of other lowered operators; a subclass gives ``_joined``.
+
+    Parameters
+    ----------
+    parts : tuple of Lowered
+    """
+
+    parts: tuple
+
+    @cached_property
+    def state(self):
+        """State before the first sample, that of one part after the other, shape (n_states,)."""
+        return as_constant(np.concatenate([np.empty(0), *(part.state for part in self.parts)]))
+
+    @cached_property
+    def n_inputs(self):
+        """Columns of the input that are read; None for a signal."""
+        return max((part.n_inputs or 0 for part in self.parts), default=0) or None
+
+    def _each(self, s):
+        """Yield each part with its part of a state."""
+        ends = np.cumsum([len(part.state) for part in self.parts])
+        return zip(self.parts, np.split(s, ends[:-1]) if self.parts else (), strict=True)
+
+    def stepping(self, s):
+        return self._joined([part.stepping(own) for part, own in self._each(s)])
+
+    def streaming(self, s):
+        return self._joined([part.streaming(own) for part, own in self._each(s)])
+
+    def _joined(self, functions):
+        """Return the function that the parts' functions make together."""
+        raise NotImplementedError
+
+
+class LoweredSeries(LoweredParts):
+    """Steps of which each takes the output of the one before."""
+
+    def _joined(self, functions):
+        def series(u):
+            for function in functions:
+                u = function(u)
+            return u
+
+        return series
+
+
+class LoweredSum(LoweredParts):
+    """Steps whose outputs are added, one at least."""
+
+    def _joined(self, functions):
+        first, *others = functions
+        return lambda u: sum((function(u) for function in others), first(u))
+
+
+@dataclass(frozen=True)
+class LoweredColumn(LoweredParts):
+    """A step that takes one column of the input, less a reference.
+
+    Parameters
+    ----------
+    parts : tuple of one Lowered
+    column : int
+    reference : float
+    """
+
+    column: int
+    reference: float
+
+    @property
+    def n_inputs(self):
+        """Columns of the input that are read."""
+        return self.column + 1
+
+    def _joined(self, functions):
+        (function,) = functions
+        return lambda u: function(u[..., self.column] - self.reference)
+
+
+@dataclass(frozen=True)
+class LoweredProduct(LoweredParts):
+    """A step whose output is scaled by ``1 + sensitivity (column - reference)``.
+
+    Parameters
+    ----------
+    parts : tuple of one Lowered
+    column : int
+    reference, sensitivity : float
+    """
+
+    column: int
+    reference: float
+    sensitivity: float
+
+    @property
+    def n_inputs(self):
+        """Columns of the input that are read."""
+        return max(self.column + 1, self.parts[0].n_inputs)
+
+    def _joined(self, functions):
+        (function,) = functions
+        return lambda u: (
+            function(u) * (1.0 + self.sensitivity * (u[..., self.column] - self.reference))
+        )
+
+
+class Stepper:
+    """A device that is fed sample by sample.
+
+    Parameters
+    ----------
+    lowered : Lowered
+        Operator at its sampling interval, with the state to begin from.
+
+    Attributes
+    ----------
+    state : ndarray of shape (n_states,)
+        All that is remembered: a copy, which may be kept and assigned again.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> from skhyst.operators import Stepper
+    >>> plays = PrandtlIshlinskiiOperator(np.array([0.0, 1.0]), np.array([1.0, 0.5]))
+    >>> stepper = Stepper(plays.lowered(1e-3, plays.init(0.0)))
+    >>> stepper.step(4.0)
+    5.5
+    >>> other = stepper.copy()
+    >>> stepper.step(0.0), other.run([2.0, 0.0])
+    (0.5, array([3.5, 0.5]))
+    """
+
+    def __init__(self, lowered):
+        self._lowered = lowered
+        self._begin(lowered.state)
+
+    def _begin(self, state):
+        self._state = np.array(state)
+        self._step = self._lowered.stepping(self._state)
+
+    @property
+    def state(self):
+        return self._state.copy()
+
+    @state.setter
+    def state(self, values):
+        values = np.asarray(values, dtype=float)
+        if values.shape != self._state.shape or not np.isfinite(values).all():
+            raise ValueError(
+                f"The 'state' of a Stepper must be {self._state.size} finite numbers, as it was "
+                f"read. Got {values!r} instead."
+            )
+        self._state[:] = values
+
+    def step(self, u):
+        """Return the response at the next sample.
+
+        Parameters
+        ----------
+        u : float, or array-like of shape (n_inputs,)
+            Drive, and the other columns where the model reads them.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        ValueError
+            If the input is not finite or of another shape; the state is as it was.
+        """
+        if self._lowered.n_inputs is None:
+            u = float(u)
+            if not math.isfinite(u):
+                raise ValueError(f"The drive must be finite. Got {u!r} instead.")
+        else:
+            u = self._checked(u, 1)
+        return self._step(u)
+
+    def run(self, u):
+        """Return the response to many samples, and stand behind the last.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples,) or (n_samples, n_inputs)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+
+        Raises
+        ------
+        ValueError
+            As in :meth:`step`.
+        """
+        n_inputs = self._lowered.n_inputs
+        u = self._checked(u, 1 if n_inputs is None else 2)
+        return self._lowered.streaming(self._state)(u)
+
+    def _checked(self, u, ndim):
+        u, n_inputs = np.asarray(u, dtype=float), self._lowered.n_inputs
+        if u.ndim != ndim or (n_inputs and u.shape[-1] < n_inputs) or not np.isfinite(u).all():
+            wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
+            raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
+        return u
+
+    def copy(self):
+        """Return another one in the same state, which goes its own way."""
+        other = Stepper(self._lowered)
+        other.state = self._state
+        return other
