@@ -43,15 +43,16 @@ def jit(function=None, *, fastmath=False, inline=False):
         return numba.njit(**options)(function)
 
 
-def bind(loop, law):
+def bind(loop, law, **options):
     """Compile a copy of a loop whose global name ``step`` is the compiled ``law``.
 
     The compiler sees one plain loop, nothing is called through a pointer, and the machine code is
-    cached with the file of the law, as if the loop had been written there.
+    cached with the file of the law, as if the loop had been written there. Options are those of
+    :func:`jit`.
     """
     place = law.__code__
     code = loop.__code__.replace(co_filename=place.co_filename, co_firstlineno=place.co_firstlineno)
     bound = FunctionType(code, {**loop.__globals__, "step": law})
     bound.__module__, bound.__wrapped__ = law.__module__, loop
     bound.__name__ = bound.__qualname__ = f"{law.__name__}_{loop.__name__}"
-    return jit(bound)
+    return jit(bound, **options)

@@ -9,7 +9,13 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..operators import parameter
-from ._bouc_wen_stage_loops import bouc_wen_run, bouc_wen_tangents, first_loading, follow
+from ._bouc_wen_stage_loops import (
+    bouc_wen_run,
+    bouc_wen_step,
+    bouc_wen_tangents,
+    first_loading,
+    follow,
+)
 from ._oscillator import OscillatorOperator
 from ._oscillator_model import OscillatorModel
 
@@ -17,7 +23,9 @@ _LARGEST = 1e12  # displacement or force, of the drive and the level: no plant
 
 
 @dataclass(frozen=True)
-class BoucWenStageOperator(OscillatorOperator):
+class BoucWenStageOperator(
+    OscillatorOperator, loops=(bouc_wen_run, bouc_wen_step, bouc_wen_tangents)
+):
     r"""Mass, spring and damper with a Bouc-Wen force, driven by a force or a voltage.
 
     The equations of :class:`BoucWenStage` divided by ``b``: displacement ``q`` and forces are in
@@ -73,9 +81,6 @@ class BoucWenStageOperator(OscillatorOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
 
-    _loop = staticmethod(bouc_wen_run)
-    _tangent_loop = staticmethod(bouc_wen_tangents)
-
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
@@ -100,7 +105,7 @@ class BoucWenStageOperator(OscillatorOperator):
 
     def _rest(self, u0):
         own, sign = np.empty(5), math.copysign(1.0, u0)
-        force = first_loading(abs(u0), *self._law(np.empty(0))[:4], own)
+        force = first_loading(abs(u0), *self._law(0.0)[:4], own)
         by = np.zeros((2, 1 + self.n_parameters - 2))
         by[1, 0] = own[0]
         by[1, 3:] = sign * own[1:]
@@ -108,10 +113,9 @@ class BoucWenStageOperator(OscillatorOperator):
         by[0, 0] += 1.0
         return u0 - sign * force, sign * force, by
 
-    def _law(self, u):
+    def _law(self, largest):
         own = self.hysteresis_stiffness, self.level, self.shape, self.exponent
-        largest = np.abs(u).max(initial=0.0) + self.level
-        return tuple(map(float, (*own, _LARGEST * largest)))
+        return tuple(map(float, (*own, _LARGEST * (largest + self.level))))
 
 
 # level of the force over its first slope, parts of the response's half range; gamma / beta;

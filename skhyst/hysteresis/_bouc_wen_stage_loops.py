@@ -29,6 +29,7 @@ from ._oscillator import (
     begin,
     carry,
     decay,
+    loops,
     move_tangents,
     oscillator,
     solve_tangents,
@@ -176,9 +177,9 @@ def way(reach, b, w, rate, level, shape, sigma):
     return x, end, mean
 
 
-@jit
-def bouc_wen_run(mode, law, h, n_substeps, u, before, q, p, f, out):
-    """Write q to ``out`` (n,) and return the last q, p and f.
+@jit(inline=True)
+def bouc_wen(mode, law, h, q, p, f, u0, u1):
+    """Return q, p and f behind a substep.
 
     ``law`` is (rho, level, shape, exponent, bound); beyond the bound the stage is lost: all that
     follows is NaN.
@@ -186,30 +187,24 @@ def bouc_wen_run(mode, law, h, n_substeps, u, before, q, p, f, out):
     rho, level, shape, exponent, bound = law
     size = max(level, _TINY)
     rate = rho / size
-    b, bp = mode[2], mode[3]
-    for k in range(u.size):
-        u0 = before
-        for i in range(n_substeps):
-            u1 = before + (u[k] - before) * ((i + 1) / n_substeps)
-            reach, speed = oscillator(mode, q, p, u0, u1)
-            side = 1.0 if reach >= b * f else -1.0
-            w = side * f / size
-            sigma = 1.0
-            if exponent != 1.0:
-                sigma, _, _, _ = sharpness(w, shape, exponent)
-                _, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
-                sigma, _, _, _ = sharpness(mean, shape, exponent)
-            x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
-            q += side * x
-            p = speed - bp * side * size * mean
-            f = side * size * end
-            u0 = u1
-        if not (abs(q) <= bound and abs(f) <= bound):
-            out[k:] = np.nan
-            return np.nan, np.nan, np.nan
-        before = u[k]
-        out[k] = q
-    return q, p, f
+    b = mode[2]
+    reach, speed = oscillator(mode, q, p, u0, u1)
+    side = 1.0 if reach >= b * f else -1.0
+    w = side * f / size
+    sigma = 1.0
+    if exponent != 1.0:
+        sigma, _, _, _ = sharpness(w, shape, exponent)
+        _, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
+        sigma, _, _, _ = sharpness(mean, shape, exponent)
+    x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+    q += side * x
+    f = side * size * end
+    if not (abs(q) <= bound and abs(f) <= bound):
+        return math.nan, math.nan, math.nan
+    return q, speed - mode[3] * side * size * mean, f
+
+
+bouc_wen_run, bouc_wen_step = loops(bouc_wen)
 
 
 @jit

@@ -25,6 +25,7 @@ from ._oscillator import (
     Q,
     begin,
     carry,
+    loops,
     move_tangents,
     oscillator,
     solve_tangents,
@@ -56,7 +57,7 @@ def stops(q, delta, kappa, eta, lower, upper):
     """Return the mean force of both stops on the way from q by ``delta``, and its slope by it."""
     above, _, by_above, more_above = contact(q - upper, q + delta - upper)
     below, _, by_below, more_below = contact(lower - q, lower - q - delta)
-    touching = 1.0 * (q + delta > upper) + 1.0 * (q + delta < lower)
+    touching = (1.0 if q + delta > upper else 0.0) + (1.0 if q + delta < lower else 0.0)
     force = kappa * (above - below) + eta * (more_above - more_below)
     return force, kappa * (by_above + by_below) + eta * touching
 
@@ -65,7 +66,7 @@ def stops(q, delta, kappa, eta, lower, upper):
 def stopped(reach, b, q, kappa, eta, lower, upper):
     """Return the D that solves ``D = reach - b F``, the mean F and its slope by D."""
     force, slope = stops(q, reach, kappa, eta, lower, upper)
-    at_rest = stops(q, 0.0, kappa, eta, lower, upper)[0]
+    at_rest, _ = stops(q, 0.0, kappa, eta, lower, upper)
     if force == 0.0 and at_rest == 0.0:
         return reach, force, slope
     delta = reach - b * at_rest
@@ -81,29 +82,20 @@ def stopped(reach, b, q, kappa, eta, lower, upper):
         if abs(step) <= _EXACT * abs(delta):
             break
         delta += step
-        if not min(near, far) <= delta <= max(near, far):
+        if not (delta >= min(near, far) and delta <= max(near, far)):
             delta = 0.5 * (near + far)
     force, slope = stops(q, delta, kappa, eta, lower, upper)
     return delta, force, slope
 
 
-@jit
-def end_stops_run(mode, law, h, n_substeps, u, before, q, p, f, out):
-    """Write q and return the last q, p and f; ``law`` is (w, kappa, zeta_s, lower, upper)."""
+@jit(inline=True)
+def knock(mode, law, h, q, p, f, u0, u1):
+    """Return q, p and f behind a substep; ``law`` is (w, kappa, zeta_s, lower, upper)."""
     w, kappa, damping, lower, upper = law
     eta = 2.0 * damping / (w * h)
-    for k in range(u.size):
-        u0 = before
-        for i in range(n_substeps):
-            u1 = before + (u[k] - before) * ((i + 1) / n_substeps)
-            reach, speed = oscillator(mode, q, p, u0, u1)
-            delta, force, _ = stopped(reach, mode[2], q, kappa, eta, lower, upper)
-            q += delta
-            p = speed - mode[3] * force
-            u0 = u1
-        before = u[k]
-        out[k] = q
-    return q, p, f
+    reach, speed = oscillator(mode, q, p, u0, u1)
+    delta, force, _ = stopped(reach, mode[2], q, kappa, eta, lower, upper)
+    return q + delta, speed - mode[3] * force, f
 
 
 @jit
@@ -152,7 +144,7 @@ def end_stops_tangents(
 
 
 @dataclass(frozen=True)
-class EndStopsOperator(OscillatorOperator):
+class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tangents)):
     r"""Mass, spring and damper between end stops.
 
     The equations of :class:`EndStops` divided by ``b``: displacement ``q`` and forces are in units
@@ -193,9 +185,6 @@ class EndStopsOperator(OscillatorOperator):
     gain: float = parameter(default=1.0, linear=True, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
-
-    _loop = staticmethod(end_stops_run)
-    _tangent_loop = staticmethod(end_stops_tangents)
 
     def parameter_specs(self):
         specs = super().parameter_specs()
@@ -256,7 +245,7 @@ class EndStopsOperator(OscillatorOperator):
             by[0, column] = kappa * share * touched[name]
         return q, 0.0, by
 
-    def _law(self, u):
+    def _law(self, largest):
         own = self.stop_stiffness, self.stop_damping, self.lower, self.upper
         return tuple(map(float, (self.natural_frequency, *own)))
 

@@ -37,6 +37,7 @@ from ._oscillator import (
     begin,
     carry,
     decay,
+    loops,
     move_tangents,
     oscillator,
     solve_tangents,
@@ -121,24 +122,15 @@ def way_tangents(guess, reach, b, f, law, vs, eta_w, eta_bristle, by):
     return delta, force, f - gone * f + rho * phi * delta
 
 
-@jit
-def friction_run(mode, law, h, n_substeps, u, before, q, p, f, out):
-    """Write q and return the last q, p and f; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
+@jit(inline=True)
+def friction(mode, law, h, q, p, f, u0, u1):
+    """Return q, p and f behind a substep; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
     w, fs, ratio, vs, rho, bristle = law
     own = fs, ratio, 1.0 / (h * vs), rho, 2.0 * bristle / (w * h)
-    for k in range(u.size):
-        u0 = before
-        for i in range(n_substeps):
-            u1 = before + (u[k] - before) * ((i + 1) / n_substeps)
-            reach, speed = oscillator(mode, q, p, u0, u1)
-            delta, _, _ = way(h * w * p, reach, mode[2], f, own)
-            delta, force, f = way(delta, reach, mode[2], f, own)
-            q += delta
-            p = speed - mode[3] * force
-            u0 = u1
-        before = u[k]
-        out[k] = q
-    return q, p, f
+    reach, speed = oscillator(mode, q, p, u0, u1)
+    delta, _, _ = way(h * w * p, reach, mode[2], f, own)
+    delta, force, f = way(delta, reach, mode[2], f, own)
+    return q + delta, speed - mode[3] * force, f
 
 
 @jit
@@ -178,7 +170,7 @@ def friction_tangents(
 
 
 @dataclass(frozen=True)
-class FrictionStageOperator(OscillatorOperator):
+class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), friction_tangents)):
     r"""Mass, spring and damper with LuGre friction, driven by a force or a voltage.
 
     The equations of :class:`FrictionStage` divided by ``b``: displacement ``q`` and forces are in
@@ -230,8 +222,6 @@ class FrictionStageOperator(OscillatorOperator):
     n_substeps: int = 8
 
     _force = ("static_level", "bristle_stiffness")
-    _loop = staticmethod(friction_run)
-    _tangent_loop = staticmethod(friction_tangents)
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
@@ -290,7 +280,7 @@ class FrictionStageOperator(OscillatorOperator):
         by[0, 0] = share
         return sign * q, sign * (target - q), by
 
-    def _law(self, u):
+    def _law(self, largest):
         own = self.static_level, self.coulomb_ratio, self.stribeck_velocity
         bristles = self.bristle_stiffness, self.bristle_damping
         return tuple(map(float, (self.natural_frequency, *own, *bristles)))

@@ -32,9 +32,9 @@ from functools import cached_property
 import numpy as np
 
 from .._documentation import inherit_documentation
-from .._jit import jit
+from .._jit import bind, jit
 from ..linear import SecondOrderModeOperator
-from ..operators import Operator, as_signal
+from ..operators import LoweredStep, Operator, as_signal
 
 REACH, SPEED, Q, P, F, B, SLOPE_B, OWN = range(8)  # columns of a law's derivatives
 FREE = 5  # first parameter's column in a sample's Jacobian, behind the state and both drives
@@ -65,6 +65,46 @@ def oscillator(mode, q, p, u0, u1):
         mode[0] * p + mode[2] * pull + mode[4] * slope,
         mode[1] * p + mode[3] * pull + mode[5] * slope,
     )
+
+
+def step(mode, law, h, q, p, f, u0, u1):
+    """Stand for a law's substep of length h under a drive from u0 to u1; return new q, p and f."""
+    raise NotImplementedError
+
+
+def sample(mode, law, h, n_substeps, before, u, q, p, f):
+    """Return q, p and f behind the interval over which the drive goes from ``before`` to ``u``."""
+    u0 = before
+    for i in range(n_substeps):
+        u1 = before + (u - before) * ((i + 1) / n_substeps)
+        q, p, f = step(mode, law, h, q, p, f, u0, u1)
+        u0 = u1
+    return q, p, f
+
+
+def run(mode, law, h, n_substeps, u, before, q, p, f, out):
+    """Write q to ``out`` (n,) and return the last q, p and f; ``step`` is that of a sample."""
+    for k in range(u.size):
+        q, p, f = step(mode, law, h, n_substeps, before, u[k], q, p, f)
+        before = u[k]
+        out[k] = q
+    return q, p, f
+
+
+def lowered(u, c, s):
+    """Return the response; ``c`` is (mode, h, number of substeps, gain, intercept, *law).
+
+    ``s`` is (q, p, f, last drive), and ``step`` that of a sample.
+    """
+    q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u, s[0], s[1], s[2])
+    s[0], s[1], s[2], s[3] = q, p, f, u
+    return c[3] * q + c[4]
+
+
+def loops(substep):
+    """Return the run and the lowered step of a law, see :func:`step`."""
+    own = bind(sample, substep, inline=True)
+    return bind(run, own), bind(lowered, own)
 
 
 @jit
@@ -178,8 +218,9 @@ class OscillatorOperator(Operator):
     where the law is none. Substeps should resolve the small motion: a ``dt fastest_rate() /
     n_substeps`` of 0.1 gives about three digits.
 
-    A subclass gives the state at rest, the loops and what they need of the law; its first two
-    parameters are the first two here, its last two ``gain`` and ``intercept``.
+    A subclass names its loops, ``class MyOperator(OscillatorOperator, loops=(run, lowered,
+    tangents))``, and gives the state at rest and the law's numbers; its first two parameters are
+    the first two here, its last two ``gain`` and ``intercept``.
 
     Parameters
     ----------
@@ -204,9 +245,10 @@ class OscillatorOperator(Operator):
     rank = 10
     _force = ("level", "hysteresis_stiffness")  # where the hysteretic force levels off, its slope
 
-    def __init_subclass__(cls, **options):
+    def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
+        cls._loop, cls._lowered, cls._tangent_loop = map(staticmethod, loops)
 
     def __post_init__(self):
         n = self.n_substeps
@@ -222,23 +264,13 @@ class OscillatorOperator(Operator):
 
     @abstractmethod
     def _law(self, u):
-        """Return the tuple that both loops take as their law, for a drive (n_samples,)."""
+        """Return the tuple that the loops take as their law, for a drive up to the size ``u``.
 
-    @staticmethod
-    @abstractmethod
-    def _loop(mode, law, h, n_substeps, u, before, q, p, f, out):
-        """Write q (n,) and return the last (q, p, f); compiled."""
-
-    @staticmethod
-    @abstractmethod
-    def _tangent_loop(
-        mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
-    ):
-        """Write q (n,) and its tangents (n, m + n_own); compiled.
-
-        The columns are those of ``du`` (n, m), then the derivatives by all parameters but the last
-        two. ``dbefore`` (m,) and ``d`` (3, m + n_own) are the tangents of the drive and of the
-        state before the first sample.
+        A loop of tangents, ``(mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f,
+        d, out, dout)``, writes q (n,) and its tangents (n, m + n_own). The columns are those of
+        ``du`` (n, m), then the derivatives by all parameters but the last two. ``dbefore`` (m,)
+        and ``d`` (3, m + n_own) are the tangents of the drive and of the state before the first
+        sample.
         """
 
     @abstractmethod
@@ -335,8 +367,14 @@ class OscillatorOperator(Operator):
         *state, before = state
         q = np.empty(u.size)
         mode, h = self._substep(dt)
-        state = self._loop(mode, self._law(u), h, self.n_substeps, u, before, *state, q)
+        law = self._law(np.abs(u).max(initial=0.0))
+        state = self._loop(mode, law, h, self.n_substeps, u, before, *state, q)
         return self.gain * q + self.intercept, (*state, float(u[-1]) if u.size else before)
+
+    def lowered(self, dt, state):
+        mode, h = self._substep(dt)
+        own = mode, h, self.n_substeps, self.gain, self.intercept
+        return LoweredStep(self._lowered, (*own, *self._law(math.inf)), state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
@@ -351,7 +389,8 @@ class OscillatorOperator(Operator):
             d[::2, m:] = by[:, 1:]
         q, dq = np.empty(u.size), np.empty((u.size, m + n_own))
         mode, h = self._substep(dt)
-        head = mode, self._substep_tangents(h), self._law(u), h, self.n_substeps
+        largest = np.abs(u).max(initial=0.0)
+        head = mode, self._substep_tangents(h), self._law(largest), h, self.n_substeps
         self._tangent_loop(*head, u, du, before, as_signal(dbefore), *state, d, q, dq)
         dy = np.empty((u.size, m + n_own + 2))
         dy[:, :-2] = self.gain * dq

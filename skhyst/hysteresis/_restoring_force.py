@@ -16,7 +16,7 @@ from ..operators import as_signal, parameter
 from ._oscillator import OscillatorOperator
 from ._oscillator_model import OscillatorModel
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
-from ._restoring_force_loops import restoring_run, restoring_tangents
+from ._restoring_force_loops import restoring_run, restoring_step, restoring_tangents
 
 _POLISH = 3  # Newton steps behind the bracketing root finder
 _GROWTH, _BRACKETS = 1.5, 200
@@ -24,7 +24,9 @@ _LARGEST = 1e12  # displacement, of the drive: no plant, and squares do not over
 
 
 @dataclass(frozen=True, eq=False)
-class RestoringForceOperator(OscillatorOperator):
+class RestoringForceOperator(
+    OscillatorOperator, loops=(restoring_run, restoring_step, restoring_tangents)
+):
     r"""Mass with polynomial spring and damper and a bilinear hysteretic force.
 
     The equations of :class:`RestoringForce` divided by ``b``: displacement ``q``, forces and
@@ -84,8 +86,6 @@ class RestoringForceOperator(OscillatorOperator):
     n_substeps: int = 8
 
     _force = ("slip_level", "hysteresis_stiffness")
-    _loop = staticmethod(restoring_run)
-    _tangent_loop = staticmethod(restoring_tangents)
 
     def __post_init__(self):
         super().__post_init__()
@@ -203,9 +203,9 @@ class RestoringForceOperator(OscillatorOperator):
         by[1] += steeper * by[0]
         return q, z, by
 
-    def _law(self, u):
+    def _law(self, largest):
         own = self.hysteresis_stiffness, self.slip_level, self.preload, self.scale
-        bound = _LARGEST * (self.scale + np.abs(u).max(initial=0.0))
+        bound = _LARGEST * (self.scale + largest)
         coefficients = self.stiffness_coefficients, self.damping_coefficients
         return (*map(float, (*own, bound)), *map(as_signal, coefficients))
 

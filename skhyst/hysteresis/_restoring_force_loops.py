@@ -26,6 +26,7 @@ from ._oscillator import (
     Q,
     begin,
     carry,
+    loops,
     move_tangents,
     oscillator,
     solve_tangents,
@@ -65,35 +66,36 @@ def slide(c, b, z, k, limit):
     return sign * x, sign * (limit - 0.5 * gap * part), sign * limit, part
 
 
-@jit
-def restoring_run(mode, law, h, n_substeps, u, before, q, p, z, out):
-    """Write q to ``out`` (n,) and return the last q, p and z.
+@jit(inline=True)
+def polynomials(q, p, scale, springs, dampers):
+    """Return N(q, p)."""
+    spring, _ = odd_terms(q, springs, scale)
+    damper, _ = odd_terms(p, dampers, scale)
+    return spring + damper
+
+
+@jit(inline=True)
+def restoring(mode, law, h, q, p, z, u0, u1):
+    """Return q, p and z behind a substep.
 
     ``law`` is (k_s, z_s, preload, s, bound, spring's coefficients, damper's); beyond the bound,
     before anything overflows, the stage is lost: all that follows is NaN.
     """
     k_s, limit, preload, scale, bound, springs, dampers = law
     b, bp = mode[2], mode[3]
-    for k in range(u.size):
-        u0 = before + preload
-        for i in range(n_substeps):
-            u1 = preload + before + (u[k] - before) * ((i + 1) / n_substeps)
-            reach, speed = oscillator(mode, q, p, u0, u1)
-            force0 = odd_terms(q, springs, scale)[0] + odd_terms(p, dampers, scale)[0]
-            delta, mean, _, _ = slide(reach - b * force0, b, z, k_s, limit)
-            end = speed - bp * (force0 + mean)
-            force = odd_terms(q + delta, springs, scale)[0] + odd_terms(end, dampers, scale)[0]
-            force = 0.5 * (force0 + force)
-            delta, mean, z, _ = slide(reach - b * force, b, z, k_s, limit)
-            q += delta
-            p = speed - bp * (force + mean)
-            u0 = u1
-        if not abs(q) <= bound:
-            out[k:] = np.nan
-            return np.nan, np.nan, np.nan
-        before = u[k]
-        out[k] = q
-    return q, p, z
+    reach, speed = oscillator(mode, q, p, preload + u0, preload + u1)
+    force0 = polynomials(q, p, scale, springs, dampers)
+    delta, mean, _, _ = slide(reach - b * force0, b, z, k_s, limit)
+    end = speed - bp * (force0 + mean)
+    force = 0.5 * (force0 + polynomials(q + delta, end, scale, springs, dampers))
+    delta, mean, z, _ = slide(reach - b * force, b, z, k_s, limit)
+    q += delta
+    if not abs(q) <= bound:
+        return math.nan, math.nan, math.nan
+    return q, speed - bp * (force + mean), z
+
+
+restoring_run, restoring_step = loops(restoring)
 
 
 @jit

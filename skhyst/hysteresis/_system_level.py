@@ -17,27 +17,55 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, parameter
-
-_H = tuple((-1.0) ** n / math.factorial(n + 2) for n in range(13))
-_H1 = tuple((n + 1) * value for n, value in enumerate(_H[1:]))
-
+from ..operators import LoweredStep, Operator, as_signal, parameter
 
 @jit
 def saturation_terms(x):
     """Return E(x), E'(x), H(x) and H'(x) for ``x >= 0``."""
     if x < 0.5:
         # the first term left out is x^13 / 15!
-        h = _H[12]
+        h = 0.5
         dh = 0.0
-        for n in range(11, -1, -1):
-            h = _H[n] + x * h
-            dh = _H1[n] + x * dh
+        for n in range(14, 2, -1):
+            ratio = 1.0 / n
+            dh = -ratio * (h + x * dh)
+            h = 0.5 - ratio * x * h
         return 1.0 - x * h, -(h + x * dh), h, dh
     e = -math.expm1(-x) / x
     de = (math.exp(-x) - e) / x
     h = (1.0 - e) / x
     return e, de, h, -(de + h) / x
+
+
+@jit(inline=True)
+def turn(step, turning, base, last, direction, slope, curvature, decay):
+    """Return where the branch of a step of the drive begins, the response there, its direction."""
+    if step == 0.0:
+        return turning, base, direction
+    if step * direction < 0.0:  # the sample before was the turning point
+        s = abs(last - turning)
+        _, _, h, _ = saturation_terms(decay * s)
+        base += direction * s * (slope + curvature * s * h)
+        turning = last
+    return turning, base, 1.0 if step > 0.0 else -1.0
+
+
+@jit
+def system_level_step(u, c, s):
+    """Return the response at one sample.
+
+    ``c`` is (slope, curvature, decay, intercept, weight of the rate / dt, whether as printed), ``s``
+    begins with the last turning point, the response there, the last drive and its direction.
+    """
+    slope, curvature, decay, intercept, rate, printed = c
+    step = u - s[2]
+    turning, base, direction = turn(step, s[0], s[1], s[2], s[3], slope, curvature, decay)
+    s[0], s[1], s[2], s[3] = turning, base, u, direction
+    way = abs(u - turning)
+    e, _, h, _ = saturation_terms(decay * way)
+    if printed > 0.0:
+        return intercept + (slope + curvature * way * e) * u + rate * step
+    return intercept + (base + direction * way * (slope + curvature * way * h))
 
 
 @jit
@@ -58,16 +86,12 @@ def system_level(u, du, values, dt, printed, turning, base, last, direction, dla
     for k in range(u.size):
         value = u[k]
         step = value - last
-        if step != 0.0:
-            if step * direction < 0.0:  # the sample before was the turning point
-                s = abs(last - turning)
-                h = saturation_terms(decay * s)[2]
-                base += direction * s * (slope + curvature * s * h)
-                turning = last
-                if k > 0 and dy.size:
-                    dturning[:] = dlast
-                    dbase[:] = dy[k - 1, : m + 3]
-            direction = 1.0 if step > 0.0 else -1.0
+        if step * direction < 0.0 and k > 0 and dy.size:
+            dturning[:] = dlast
+            dbase[:] = dy[k - 1, : m + 3]
+        turning, base, direction = turn(
+            step, turning, base, last, direction, slope, curvature, decay
+        )
         last = value
         s = abs(value - turning)
         e, de, h, dh = saturation_terms(decay * s)
@@ -199,6 +223,11 @@ class SystemLevelOperator(Operator):
     def init(self, u0, initial_state="rest"):
         last = float(u0) if initial_state == "rest" else 0.0
         return 0.0, 0.0, last, float(np.sign(last))
+
+    def lowered(self, dt, state):
+        own = self.slope, self.curvature, self.decay, self.intercept
+        constants = *own, self.rate_gain / dt, self.variant == "printed"
+        return LoweredStep(system_level_step, constants, state)
 
     def _loop(self, u, du, dt, state, dlast, dy):
         """Return the response and the state after, and write the tangents to ``dy``."""

@@ -11,50 +11,79 @@ where -1 among the ``terms`` is the factor one. ``w`` and ``y`` carry their past
 import dataclasses
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
 
-from .._jit import jit
+from .._jit import bind, jit
 from ..hysteresis import SystemLevelOperator
-from ..operators import Operator, ParameterSpec, as_signal
+from ..operators import LoweredStep, Operator, ParameterSpec, as_signal
 
 _BOUND = 1e100  # beyond, the recursion has left the range in which squares are finite
 
 
-@jit
-def _signals(mix, w, y, n_w, n_y, k, x):
-    """Fill ``x`` with the signals of sample ``k``."""
-    for i in range(x.size):
+@jit(inline=True)
+def _signals(mix, w, at_w, n_w, y, at_y, x, at_x):
+    """Write the signals of a sample from ``x[at_x]`` on; its w and y are ``w[at_w]``, ``y[at_y]``."""
+    for i in range(mix.shape[0]):
         value = 0.0
         for j in range(n_w + 1):
-            value += mix[i, j] * w[n_w + k - j]
-        for j in range(1, n_y + 1):
-            value += mix[i, n_w + j] * y[n_y + k - j]
-        x[i] = value
+            value += mix[i, j] * w[at_w - j]
+        for j in range(1, mix.shape[1] - n_w):
+            value += mix[i, n_w + j] * y[at_y - j]
+        x[at_x + i] = value
+
+
+@jit(inline=True)
+def _sample(level, mix, terms, weights, w, at_w, n_w, y, at_y, x, at_x):
+    """Write y of a sample, no number from where it diverges on; see :func:`_signals`."""
+    _signals(mix, w, at_w, n_w, y, at_y, x, at_x)
+    total = level
+    for t in range(weights.size):
+        value = weights[t]
+        for j in range(terms.shape[1]):
+            if terms[t, j] >= 0:
+                value *= x[at_x + int(terms[t, j])]
+        total += value
+    y[at_y] = total if abs(total) <= _BOUND else math.nan
 
 
 @jit
 def gray_box_run(level, w, mix, terms, weights, y):
-    """Fill ``y``, (n_y + n_samples,); from where it diverges on it is no number."""
-    n_samples = level.size
-    n_w, n_y = w.size - n_samples, y.size - n_samples
+    """Fill ``y``, (n_y + n_samples,)."""
+    n_w, n_y = w.size - level.size, y.size - level.size
     x = np.empty(mix.shape[0])
-    for k in range(n_samples):
-        now = n_y + k
-        if n_y > 0 and math.isnan(y[now - 1]):
-            y[now] = math.nan
-            continue
-        _signals(mix, w, y, n_w, n_y, k, x)
-        total = level[k]
-        for t in range(weights.size):
-            value = weights[t]
-            for j in range(terms.shape[1]):
-                if terms[t, j] >= 0:
-                    value *= x[terms[t, j]]
-            total += value
-        y[now] = total if abs(total) <= _BOUND else math.nan
+    for k in range(level.size):
+        _sample(level[k], mix, terms, weights, w, n_w + k, n_w, y, n_y + k, x, 0)
+
+
+def step(u, c, s):
+    """Stand for the step of the quasi-static sub-model."""
+    raise NotImplementedError
+
+
+def gray_box(u, c, s):
+    """Return the response at one sample.
+
+    ``c`` is (n_w, constant, whether ``w`` is the level, mix, terms, weights, *those of the
+    sub-model), ``s`` its state, the last n_w + 1 of ``w``, n_y + 1 of ``y``, room for the signals.
+    """
+    level = step(u, c[6:], s) - c[1]
+    n_w, mix = int(c[0]), c[3]
+    at_x = s.size - mix.shape[0]
+    at_y = at_x - 1
+    at_w = at_y - (mix.shape[1] - n_w)
+    for j in range(at_w - n_w, at_y):
+        s[j] = s[j + 1]
+    s[at_w] = level if c[2] > 0.0 else u
+    _sample(level, mix, c[4], c[5], s, at_w, n_w, s, at_y, s, at_x)
+    return s[at_y] + c[1]
+
+
+@cache
+def _lowered(law):
+    return bind(gray_box, law)
 
 
 @jit
@@ -74,7 +103,7 @@ def gray_box_tangents(w, mix, terms, weights, y, dlevel, dw, dy):
         row = dy[now]
         for q in range(m):
             row[q] = dlevel[k, q]
-        _signals(mix, w, y, n_w, n_y, k, x)
+        _signals(mix, w, n_w + k, n_w, y, now, x, 0)
         slopes[:] = 0.0
         for t in range(weights.size):
             product = 1.0
@@ -314,6 +343,14 @@ class GrayBoxOperator(Operator):
         start = y.size - u.size
         last = w[w.size - self.input_lags :].copy(), y[y.size - start :].copy()
         return y[start:] + self._constant, (static, *last)
+
+    def lowered(self, dt, state):
+        static, (_, w, y) = self.static.lowered(dt, state[0]), state
+        own = self.input_lags, self._constant, self.dynamics == "rate"
+        constants = *own, self._mix, self._terms, self.weights, *static.constants
+        room = np.zeros(len(self._mix))
+        state = np.concatenate([static.state, [0.0], w, [0.0], y, room])
+        return LoweredStep(_lowered(static.step), constants, state)
 
     def regressors(self, u, y, dt, initial_state="rest"):
         """Return the terms with measured outputs in them, and what is left for them to explain.
