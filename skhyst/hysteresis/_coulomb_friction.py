@@ -1,17 +1,49 @@
 """Coulomb friction: a function of the velocity alone."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from itertools import product
 from numbers import Integral
 
 import numpy as np
 
+from .._jit import jit
 from .._sklearn import Interval
-from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
+from ..operators import (
+    LoweredStep,
+    Operator,
+    as_signal,
+    latest,
+    parameter,
+    samples_before,
+    slope_step,
+    slopes,
+    stepped_slopes,
+)
 from ._common import FrictionModel, half_range, speed_noise, top_speed
 
 _FAR = 30.0  # Stribeck velocities; nothing is left there, and squares stay small
+
+
+@jit
+def force(u, v, s, fall, values):
+    """Return the response where the Stribeck curve is ``fall``."""
+    coulomb, stribeck, asymmetry, stiffness, damping, intercept = values
+    level = coulomb + stribeck * fall + asymmetry * s
+    return level * s + stiffness * u + damping * v + intercept
+
+
+@jit
+def coulomb_step(u, c, s):
+    """Return the response at one sample; ``s`` is that of the slope, see :func:`slope_step`.
+
+    ``c`` is (weights of the differences, v_0, v_s, *values of :func:`force`).
+    """
+    weights, transition, stribeck = c[:3]
+    v = slope_step(u, weights, s, 0)
+    ratio = min(max(v / stribeck, -_FAR), _FAR)
+    return force(u, v, math.tanh(v / transition), math.exp(-ratio * ratio), c[3:])
 
 
 @dataclass(frozen=True)
@@ -96,11 +128,17 @@ class CoulombFrictionOperator(Operator):
             return np.empty(0), state
         v = self._velocity(u, state, dt)
         after = np.concatenate([state, u])[-self.smoothing :]
-        return self._force(u, v, *self._curves(v)), after
+        s, fall, _ = self._curves(v)
+        return force.py_func(u, v, s, fall, self._values()), after
 
-    def _force(self, u, v, s, fall, _ratio):
-        level = self.coulomb_force + self.stribeck_force * fall + self.asymmetry * s
-        return level * s + self.stiffness * u + self.damping * v + self.intercept
+    def _values(self):
+        levels = self.coulomb_force, self.stribeck_force, self.asymmetry
+        return *levels, self.stiffness, self.damping, self.intercept
+
+    def lowered(self, dt, state):
+        weights, begin = stepped_slopes(dt, self.smoothing)
+        own = weights, self.transition_velocity, self.stribeck_velocity
+        return LoweredStep(coulomb_step, (*own, *self._values()), begin).behind(state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, m = as_signal(u), du.shape[1]
@@ -120,7 +158,7 @@ class CoulombFrictionOperator(Operator):
         dy[:, m + 3] = fall * s
         dy[:, m + 4] = s**2
         dy[:, m + 5], dy[:, m + 6], dy[:, m + 7] = u, v, 1.0
-        return self._force(u, v, s, fall, ratio), dy
+        return force.py_func(u, v, s, fall, self._values()), dy
 
 
 # parts of the drive's top speed: transition and Stribeck velocities to start from, bounds of both

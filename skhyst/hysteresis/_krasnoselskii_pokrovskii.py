@@ -15,22 +15,36 @@ import dataclasses
 import numpy as np
 
 from .._jit import jit
-from ..operators import as_signal, clip_play, parameter
+from ..operators import LoweredStep, as_signal, clip_play, parameter
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
 
 @jit
-def move(value, levels, ramps, kernels):
-    """Write the ramps of all intervals and update the kernels."""
-    for k in range(ramps.size):
+def move(value, levels, ramps, at, kernels):
+    """Write the ramps of all intervals from ``ramps[at]`` on and update the kernels."""
+    n = levels.size - 1
+    for k in range(n):
         part = 2.0 * (value - levels[k]) / (levels[k + 1] - levels[k]) - 1.0
-        ramps[k] = min(max(part, -1.0), 1.0)
+        ramps[at + k] = min(max(part, -1.0), 1.0)
     start = 0
-    for i in range(ramps.size):
-        low = ramps[i]
+    for i in range(n):
+        low = ramps[at + i]
         for j in range(i + 1):
-            kernels[start + j] = clip_play(kernels[start + j], low, ramps[j])
+            kernels[start + j] = clip_play(kernels[start + j], low, ramps[at + j])
         start += i + 1
+
+
+@jit
+def ramp_step(u, c, s):
+    """Return the response at one sample; ``s`` are the kernels, and room for the ramps.
+
+    ``c`` is (levels, weights, intercept).
+    """
+    levels, weights, y = c
+    move(u, levels, s, weights.size, s)
+    for k in range(weights.size):
+        y += weights[k] * s[k]
+    return y
 
 
 @jit
@@ -41,7 +55,7 @@ def ramp_run(u, levels, weights, kernels, y, rows):
     """
     ramps = np.empty(levels.size - 1)
     for k in range(u.size):
-        move(u[k], levels, ramps, kernels)
+        move(u[k], levels, ramps, 0, kernels)
         total = 0.0
         for c in range(kernels.size):
             total += weights[c] * kernels[c]
@@ -61,7 +75,7 @@ def ramp_tangents(u, du, levels, weights, kernels, out):
     held = np.zeros((kernels.size, m))
     for k in range(u.size):
         value = u[k]
-        move(value, levels, ramps, kernels)
+        move(value, levels, ramps, 0, kernels)
         for t in range(m):
             out[k, t] = 0.0
         c = 0
@@ -142,6 +156,10 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         u = as_signal(u)
         y, kernels = self._follow(u, self._before(u) if state is None else state)
         return y + self.intercept, kernels
+
+    def lowered(self, dt, state):
+        constants = self.levels, self.weights, self.intercept
+        return LoweredStep(ramp_step, constants, [*state, *np.zeros(self.levels.size - 1)])
 
     def _fill(self, u, state, rows):
         return self._follow(u, state, rows)[1]

@@ -18,12 +18,13 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from .._sklearn import StrOptions
-from ..operators import as_signal, parameter
+from ..operators import LoweredStep, as_signal, parameter
 from ._common import show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 from ._rate_dependent_prandtl_ishlinskii_loops import (
     rate_play_inverse,
     rate_play_run,
+    rate_play_step,
     rate_play_tangents,
 )
 
@@ -148,10 +149,14 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         """Return signals (n_samples, ...) behind the low-pass, each constant over an interval."""
         if not (self._smooths and signals.size):
             return signals
-        fade = np.exp(-dt / self.time_constant)
+        fade, gain = self._fade(dt)
         first = np.full((1, *signals.shape[1:]), fade * before)
-        gain = -np.expm1(-dt / self.time_constant)
         return lfilter([gain], [1.0, -fade], signals, axis=0, zi=first)[0]
+
+    def _fade(self, dt):
+        """Return what is left of the low-pass behind an interval, and what is gone."""
+        steps = -dt / self.time_constant if self._smooths else -np.inf
+        return np.exp(steps), -np.expm1(steps)
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``: plays, last drive, and its low-pass."""
@@ -167,6 +172,12 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         rate_play_run(u, rates, *self._arguments(), plays, y)
         y += self.intercept
         return y, (plays, float(u[-1]) if u.size else last, smooth)
+
+    def lowered(self, dt, state):
+        plays, last, smooth = state
+        rate = dt, *self._fade(dt), self.smoothing == "velocity"
+        constants = *self._arguments(), self.intercept, *rate
+        return LoweredStep(rate_play_step, constants, [*plays, last, smooth])
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)

@@ -6,23 +6,44 @@ from .._jit import jit
 from ..operators import clip_play
 
 
+@jit(inline=True)
+def rate_play_sample(value, rate, thresholds, growth, weights, rate_weights, plays):
+    """Return ``sum_k (w_k + s_k rate) F_k[u]`` at one sample; ``plays`` begins with those (K,)."""
+    for k in range(thresholds.size):
+        slack = thresholds[k] + growth[k] * rate
+        plays[k] = clip_play(plays[k], value - slack, value + slack)
+    total = 0.0
+    for k in range(thresholds.size):
+        total += (weights[k] + rate * rate_weights[k]) * plays[k]
+    return total
+
+
+@jit
+def rate_play_step(u, c, s):
+    """Return the response at one sample; ``s`` is the plays, the last drive and low-pass.
+
+    ``c`` is (thresholds, growth, weights, rate_weights, intercept, dt, what is left of the low-pass
+    and what is gone of it, whether the rate keeps its sign in it).
+    """
+    thresholds, growth, weights, rate_weights, intercept, dt, fade, gain, signed = c
+    n = thresholds.size
+    velocity = (u - s[n]) / dt
+    smooth = gain * (velocity if signed > 0.0 else abs(velocity)) + fade * s[n + 1]
+    s[n], s[n + 1] = u, smooth
+    rate = abs(smooth)
+    return intercept + rate_play_sample(u, rate, thresholds, growth, weights, rate_weights, s)
+
+
 @jit
 def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, out):
     """Write ``sum_k (w_k + s_k rate) F_k[u]`` to ``out`` (n,); ``plays`` (K,) is updated.
 
     ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
     """
-    n_plays = thresholds.size
     for i in range(u.size):
-        value = u[i]
-        rate = rates[i]
-        for k in range(n_plays):
-            slack = thresholds[k] + growth[k] * rate
-            plays[k] = clip_play(plays[k], value - slack, value + slack)
-        total = 0.0
-        for k in range(n_plays):
-            total += (weights[k] + rate * rate_weights[k]) * plays[k]
-        out[i] = total
+        out[i] = rate_play_sample(
+            u[i], rates[i], thresholds, growth, weights, rate_weights, plays
+        )
 
 
 @jit

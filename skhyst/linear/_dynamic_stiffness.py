@@ -12,9 +12,37 @@ from numbers import Integral
 
 import numpy as np
 
+from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, latest, parameter, samples_before, slopes
+from ..operators import (
+    LoweredStep,
+    Operator,
+    as_signal,
+    latest,
+    parameter,
+    samples_before,
+    slope_step,
+    slopes,
+    stepped_slopes,
+)
+
+
+@jit
+def stiffness_step(u, c, s):
+    """Return the force at one sample; ``s`` is that of one slope or two, see :func:`slope_step`.
+
+    ``c`` is (weights of the differences, mass, damping, stiffness, intercept, whether the drive is
+    a velocity).
+    """
+    weights, mass, damping, stiffness, y, is_velocity = c
+    first = slope_step(u, weights, s, 0)
+    if is_velocity > 0.0:
+        return y + mass * first + damping * u
+    second = 0.0
+    if s[0] == 0.0:
+        second = slope_step(first, weights, s, weights.size + 2)
+    return y + mass * second + damping * first + stiffness * u
 
 
 @dataclass(frozen=True)
@@ -95,6 +123,12 @@ class DynamicStiffnessOperator(Operator):
             if value:
                 y += value * term
         return y, np.concatenate([state, u])[-self._n_past :]
+
+    def lowered(self, dt, state):
+        weights, begin = stepped_slopes(dt, self.smoothing)
+        own = self.mass, self.damping, self.stiffness, self.intercept, self.drive == "velocity"
+        n_slopes = self._n_past // self.smoothing
+        return LoweredStep(stiffness_step, (weights, *own), np.tile(begin, n_slopes)).behind(state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, m = as_signal(u), du.shape[1]

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..operators import Operator, parameter
+from ..operators import LoweredStep, Operator, parameter
 from ._gain import slope
 from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 
@@ -29,6 +29,28 @@ _PROMPT = 60  # faster units that the fastest one takes over, down to exp(-48) o
 _DECADE = 1.0 / np.log(10.0)
 _SHORTEST = 0.1  # of the sampling interval
 _LONGEST = 10.0  # of the longest record
+
+
+@jit(inline=True)
+def relax(decay, b0, b1, before, u, state):
+    """Move the units over an interval in which the drive goes from ``before`` to ``u``."""
+    for j in range(decay.size):
+        state[j] = decay[j] * state[j] + (b0[j] * before + b1[j] * u)
+
+
+@jit
+def creep_step(u, c, s):
+    """Return the response at one sample; ``s`` are the units and the last drive, less the level.
+
+    ``c`` is (decay, b0, b1, weights (n_units,), level, gain, intercept), see :func:`_creep_bank`.
+    """
+    decay, b0, b1, weights, level, gain, intercept = c
+    relax(decay, b0, b1, s[decay.size], u - level, s)
+    s[decay.size] = u - level
+    y = u
+    for j in range(decay.size):
+        y += weights[j] * s[j]
+    return gain * y + intercept
 
 
 @jit
@@ -43,8 +65,7 @@ def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
     state = v.copy()
     sums = np.empty((u.shape[0], n_sums))
     for k in range(u.shape[0]):
-        for j in range(n_units):
-            state[j] = decay[j] * state[j] + (b0[j] * u_previous + b1[j] * u[k])
+        relax(decay, b0, b1, u_previous, u[k], state)
         for i in range(n_sums):
             total = 0.0
             for j in range(n_units):
@@ -116,6 +137,12 @@ class LogCreepOperator(Operator):
         sums, v = _creep_bank(*self._discrete(dt), self._weights()[:1], u - level, v, previous)
         y = self.gain * (u + self.creep * _DECADE * sums[:, 0]) + self.intercept
         return y, (v, level, float(u[-1] - level))
+
+    def lowered(self, dt, state):
+        v, level, previous = state
+        weights = self.creep * _DECADE * self._weights()[0]
+        constants = *self._discrete(dt), weights, level, self.gain, self.intercept
+        return LoweredStep(creep_step, constants, [*v, previous])
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u = np.ascontiguousarray(u, dtype=float)

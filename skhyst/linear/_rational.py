@@ -19,11 +19,11 @@ import numpy as np
 from scipy.linalg import eig
 
 from .._jit import jit
-from ..operators import parameter
+from ..operators import LoweredColumn, LoweredSeries, LoweredStep, LoweredSum, parameter
 from ..optimize import sections
 from ._conversion import poles_and_response, scipy_system
 from ._delay import DelayOperator
-from ._linear import DiscretizedOperator, LinearOperator, discretize
+from ._linear import DiscretizedOperator, LinearOperator, discretize, state_space_step
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
@@ -336,6 +336,20 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
             pasts = tuple(past for _, past in delayed)
         y, x = state_space_run_many(*self._discrete(dt), u, x, previous)
         return y[:, 0] + self.intercept, (x, u[-1].copy(), pasts)
+
+    def lowered(self, dt, state):
+        # the inputs' responses add up, whichever of them the state is counted to
+        x, previous, pasts = state
+        ad, b0, b1, (c,), (d,) = self._discrete(dt)
+        branches = []
+        for i in range(self.n_inputs):
+            constants = ad, b0[:, i], b1[:, i], c, d[i], self.intercept if i == 0 else 0.0
+            own = x if i == 0 else np.zeros_like(x)
+            stages = (LoweredStep(state_space_step, constants, [*own, previous[i], *own]),)
+            if pasts:
+                stages = self._delays()[i].lowered(dt, pasts[i]), *stages
+            branches.append(LoweredColumn((LoweredSeries(stages),), i, 0.0))
+        return LoweredSum(tuple(branches))
 
     def linearize(self, u, du, dt, initial_state="rest"):
         if du.shape[-1]:

@@ -13,7 +13,7 @@ from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, parameter
-from ._delay import cubic_weights
+from ._delay import DelayOperator, cubic_weights
 from ._linear import log_grid, time_span
 
 
@@ -53,7 +53,7 @@ def _interpolated(columns, places, is_straight):
 class TimeShiftOperator(Operator):
     """``y(t) = u(t - shift - skew t)``, t from the record's start; the output looks ahead.
 
-    It does so by the shift and by two samples. Where a signal ends, its last value stands: a part
+    It does so by the shift and by two samples; only a shift of an interval or more can be stepped. Where a signal ends, its last value stands: a part
     of it does not know what comes.
     """
 
@@ -79,6 +79,12 @@ class TimeShiftOperator(Operator):
         places = len(past) + np.arange(len(u)) - self._late(time) / dt
         y, _ = _read_at(whole, places, self.between == "line")
         return y, (whole, start + dt * len(u))
+
+    def lowered(self, dt, state):
+        """Return the delay that the shift is where it is an interval at least; see the base."""
+        if self.skew or self.shift < dt:
+            return super().lowered(dt, state)
+        return DelayOperator(self.shift).lowered(dt, state[0])
 
     def _late(self, time):
         return self.shift + self.skew * time

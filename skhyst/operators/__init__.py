@@ -9,7 +9,7 @@ from ._composition import (
     put_beside,
     take_apart,
 )
-from ._differences import latest, samples_before, slopes
+from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
 from ._lowered import (
     Lowered,
     LoweredColumn,
@@ -64,7 +64,9 @@ __all__ = [
     "play_thresholds",
     "put_beside",
     "samples_before",
+    "slope_step",
     "slopes",
+    "stepped_slopes",
     "stop_basis",
     "take_apart",
     "turning_points",

@@ -10,6 +10,8 @@ from functools import cache
 
 import numpy as np
 
+from .._jit import jit
+
 
 @cache
 def _weights(n):
@@ -41,6 +43,29 @@ def slopes(values, dt, n):
     for i, weight in enumerate(_weights(n)):
         total += (weight / dt) * changes[i : i + size]
     return total
+
+
+@jit
+def slope_step(value, weights, s, at):
+    """Return a slope of :func:`slopes` at one sample, zero before there is one.
+
+    ``weights`` (n,) are those of the last differences over the interval. ``s[at]`` is the number of
+    samples that are missing, n + 1 at first, then come the last value and the last n differences.
+    """
+    n = weights.size
+    change = value - s[at + 1]
+    s[at + 1] = value
+    slope = 0.0
+    for i in range(n):
+        s[at + 2 + i] = s[at + 3 + i] if i < n - 1 else change
+        slope += weights[i] * s[at + 2 + i]
+    s[at] = max(s[at] - 1.0, 0.0)
+    return slope if s[at] == 0.0 else 0.0
+
+
+def stepped_slopes(dt, n):
+    """Return weights and state of :func:`slope_step` before the first sample, (n,) and (n + 2,)."""
+    return _weights(n) / dt, np.append(n + 1.0, np.zeros(n + 1))
 
 
 def samples_before(shape, n, initial_state):

@@ -11,7 +11,7 @@ Operators are taken together as they are: a series hands the output of one step 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -94,6 +94,14 @@ class LoweredStep(Lowered):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
         object.__setattr__(self, "constants", constants)
         object.__setattr__(self, "state", as_constant(self.state))
+
+    def behind(self, u):
+        """Return the step that has seen the input (n_samples,)."""
+        s = self.state.copy()
+        step = self.stepping(s)
+        for value in u:
+            step(value)
+        return replace(self, state=s)
 
     def stepping(self, s):
         step, c = self.step, self.constants
