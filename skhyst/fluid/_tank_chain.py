@@ -11,9 +11,9 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, parameter
+from ..operators import LoweredStep, Operator, as_signal, parameter
 from ..optimize import pole_starts
-from ._tank_chain_loops import LAMINAR, outflow, tank_run, tank_tangents
+from ._tank_chain_loops import LAMINAR, outflow, tank_run, tank_step, tank_tangents
 
 _ITERATIONS = 60
 _CONVERGED = 1e-15
@@ -137,11 +137,9 @@ class TankChainOperator(Operator):
         k = float(dt) / self.n_substeps / self.time_constants
         return k, float(self.drive_offset), float(self.scale), self.n_substeps, self.hold == "zoh"
 
-    def _reading(self, level):
-        """Return what the sensor reads, in units of the level."""
-        if self.is_limited and self.limit == "reading":
-            return np.minimum(level, self.ceilings[-1])
-        return level
+    def _most(self):
+        """Return the highest level that the sensor reads."""
+        return self.ceilings[-1] if self.is_limited and self.limit == "reading" else np.inf
 
     def _rest(self, u0):
         """Return the levels at rest and their derivatives by u0 and all parameters but two."""
@@ -183,8 +181,15 @@ class TankChainOperator(Operator):
         k, *rest = self._structure(dt)
         w = np.empty(u.size)
         tank_run(u, before, levels, k, self.exponents, *self._limits(), *rest, w)
-        y = self.gain * self._reading(w) + self.intercept
+        y = self.gain * np.minimum(w, self._most()) + self.intercept
         return y, (*levels.tolist(), float(u[-1]) if u.size else before)
+
+    def lowered(self, dt, state):
+        k, *rest = self._structure(dt)
+        reading = self.gain, self.intercept, self._most()
+        return LoweredStep(
+            tank_step, (k, self.exponents, *self._limits(), *rest, *reading), state
+        )
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
@@ -202,9 +207,8 @@ class TankChainOperator(Operator):
         tank_tangents(
             u, du, before, as_signal(dbefore), levels, d, *given, *self._limits(), *rest, w, dw
         )
-        reading = self._reading(w)
-        if self.is_limited and self.limit == "reading":
-            over = w > self.ceilings[-1]
+        reading, over = np.minimum(w, self._most()), w > self._most()
+        if over.any():
             dw[over] = 0.0
             dw[over, m + 3 * self.n_tanks - 1] = 1.0
         dy = np.empty((u.size, m + n_own + 2))

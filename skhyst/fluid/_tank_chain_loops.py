@@ -58,36 +58,59 @@ def _move(w, q, k, p):
     )
 
 
-@jit
-def tank_run(u, before, levels, k, p, ceiling, share, offset, scale, n_substeps, held, out):
-    """Write the level of the last tank to ``out`` (n,); ``levels`` (n_tanks,) are overwritten.
+@jit(inline=True)
+def tank_sample(before, u, levels, k, p, ceiling, share, offset, scale, n_substeps, held):
+    """Move the levels, with which ``levels`` begins, over an interval of the drive.
 
     ``k``, ``p``, ``ceiling`` and ``share``, the part of its overflow that a tank passes on, are
     (n_tanks,); ``held`` keeps the drive of the last sample over the interval.
     """
+    for s in range(n_substeps):
+        part = 0.0 if held else (s + 0.5) / n_substeps
+        q = max((before + part * (u - before) - offset) / scale, 0.0)
+        for j in range(k.size):
+            w = levels[j]
+            move, _, _, _, _ = _move(w, q, k[j], p[j])
+            over = 0.0
+            if w + move > ceiling[j]:
+                room = ceiling[j] - w
+                most, _, _, _, _ = outflow(ceiling[j], p[j])
+                over = max(q - most, 0.0) * (1.0 - room / move)
+                move = room
+                levels[j] = ceiling[j]
+            elif w + move < 0.0:
+                move = -w
+                levels[j] = 0.0
+            else:
+                levels[j] = w + move
+            q = q - over - move / k[j] + share[j] * over
+            if q < 0.0:
+                q = 0.0
+
+
+@jit
+def tank_run(u, before, levels, k, p, ceiling, share, offset, scale, n_substeps, held, out):
+    """Write the level of the last tank to ``out`` (n,); ``levels`` (n_tanks,) are overwritten."""
     for i in range(u.size):
-        for s in range(n_substeps):
-            part = 0.0 if held else (s + 0.5) / n_substeps
-            q = max((before + part * (u[i] - before) - offset) / scale, 0.0)
-            for j in range(levels.size):
-                w = levels[j]
-                move = _move(w, q, k[j], p[j])[0]
-                over = 0.0
-                if w + move > ceiling[j]:
-                    room = ceiling[j] - w
-                    over = max(q - outflow(ceiling[j], p[j])[0], 0.0) * (1.0 - room / move)
-                    move = room
-                    levels[j] = ceiling[j]
-                elif w + move < 0.0:
-                    move = -w
-                    levels[j] = 0.0
-                else:
-                    levels[j] = w + move
-                q = q - over - move / k[j] + share[j] * over
-                if q < 0.0:
-                    q = 0.0
+        tank_sample(before, u[i], levels, k, p, ceiling, share, offset, scale, n_substeps, held)
         before = u[i]
         out[i] = levels[-1]
+
+
+@jit
+def tank_step(u, c, s):
+    """Return the response at one sample; ``s`` are the levels and the last drive.
+
+    ``c`` is (k, p, ceiling, share, offset, scale, n_substeps, held) of :func:`tank_sample`, then
+    (gain, intercept, most that the sensor reads).
+    """
+    k, p, ceiling, share, offset, scale, n_substeps, held, gain, intercept, most = c
+    n = k.size
+    tank_sample(
+        s[n], u, s, k, p, ceiling, share, offset, scale, int(n_substeps), held > 0.0
+    )
+    s[n] = u
+    return gain * min(s[n - 1], most) + intercept
 
 
 @jit
