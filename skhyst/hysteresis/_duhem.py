@@ -15,7 +15,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval
 from ..base import ParametricModel
-from ..operators import Operator, as_constant, as_signal, parameter
+from ..operators import LoweredStep, Operator, as_constant, as_signal, parameter
 from ._common import half_range, swing
 
 _LONGEST = 1e300  # in units of 1/alpha; an infinite way times zero is no number
@@ -29,14 +29,13 @@ _SERIES = np.cumprod(
 )
 
 
-@jit
-def exponential_moments(x, moments):
-    """Write ``int_0^1 exp(-x (1 - a)) a^i da``, i = 0 .., to ``moments``; return ``exp(-x)``.
+@jit(inline=True)
+def exponential_moments(x, moments, at, last):
+    """Write ``int_0^1 exp(-x (1 - a)) a^i da``, i = 0 .. last, to ``moments[at]`` and on.
 
     By parts, ``x I_i = 1 - i I_(i-1)``: for small x downwards from a series, for large x upwards,
-    either way stable. There may be ``MAX_TERMS`` + 1 moments.
+    either way stable, up to ``MAX_TERMS``. Returns ``exp(-x)``.
     """
-    last = moments.size - 1
     if x < 1.0:
         n_terms = _SMALL[1] if x < _SMALL[0] else (_MIDDLE[1] if x < _MIDDLE[0] else _LARGE[1])
         # even and odd powers apart: two short chains of operations in place of a long one
@@ -48,17 +47,60 @@ def exponential_moments(x, moments):
             odd = odd * square + _SERIES[last, k + 1]
         value = even + x * odd
         for i in range(last, 0, -1):
-            moments[i] = value
+            moments[at + i] = value
             value = (1.0 - x * value) / i
-        moments[0] = value
+        moments[at] = value
         return 1.0 - x * value
     decay = math.exp(-x)
     value = (1.0 - decay) / x
-    moments[0] = value
+    moments[at] = value
     for i in range(1, last + 1):
         value = (1.0 - i * value) / x
-        moments[i] = value
+        moments[at + i] = value
     return decay
+
+
+@jit(inline=True)
+def response(t, scale, curve, weights, s, y):
+    """Return ``y``, the curve at t, and the weighted memory terms, with which ``s`` begins."""
+    value = 0.0
+    for j in range(curve.size - 1, -1, -1):
+        value = (value + curve[j]) * t
+    y += scale * value
+    for j in range(curve.size):
+        y += weights[j] * s[j]
+    return y
+
+
+@jit
+def duhem_step(u, c, s):
+    """Return the response at one sample; ``s`` is H (d,), the last drive, and room for as many.
+
+    ``c`` is (alpha, center, scale, curve, weights of H, intercept).
+    """
+    alpha, center, scale, curve, weights, y = c
+    d = curve.size
+    room, change = d + 1, u - s[d]
+    x = min(alpha * abs(change), _LONGEST)
+    decay = exponential_moments(x, s, room, d - 1)
+    start, step = (s[d] - center) / scale, change / scale
+    for j in range(d):
+        s[j] = decay * s[j] + change * s[room]
+        for i in range(d - 1 - j):
+            s[room + i] = start * s[room + i] + step * s[room + i + 1]
+    s[d] = u
+    return response((u - center) / scale, scale, curve, weights, s, y)
+
+
+@jit
+def first_degree_step(u, c, s):
+    """Do :func:`duhem_step` for one memory term, in a third of the time."""
+    alpha, center, scale, curve, weights, y = c
+    change = u - s[1]
+    x = min(alpha * abs(change), _LONGEST)
+    s[0] = math.exp(-x) * s[0] + change * (-math.expm1(-x) / x if x > 0.0 else 1.0)
+    s[1] = u
+    return response((u - center) / scale, scale, curve, weights, s, y)
 
 
 @jit
@@ -67,7 +109,7 @@ def duhem_moments(x, t0, step, work, moments):
 
     ``work`` has shape (d + k - 1,). Returns ``exp(-x)``.
     """
-    decay = exponential_moments(x, work)
+    decay = exponential_moments(x, work, 0, work.size - 1)
     k, d = moments.shape
     for i in range(k):
         moments[i, 0] = work[i]
@@ -80,25 +122,14 @@ def duhem_moments(x, t0, step, work, moments):
 
 
 @jit
-def duhem(u, du, before, h, alpha, center, scale, out, dout):
-    """Write the memory terms of ``u`` to ``out`` (n, d), from ``h`` (d,) at ``before``.
+def duhem_tangents(u, du, alpha, center, scale, out, dout):
+    """Write the memory terms of ``u`` to ``out`` (n, d), from zero at zero.
 
-    Their tangents, of ``du`` (n, m) and by ``alpha``, go to ``dout`` (n, d, m + 1), those of ``h``
-    and ``before`` being zero; without rows none is written.
+    Their tangents, of ``du`` (n, m) and by ``alpha``, go to ``dout`` (n, d, m + 1).
     """
-    d, m, wanted = h.size, du.shape[1], dout.size > 0
-    if d == 1 and not wanted:  # numbers instead of arrays take a third of the time
-        value = h[0]
-        for k in range(u.size):
-            x = min(alpha * abs(u[k] - before), _LONGEST)
-            moment = -math.expm1(-x) / x if x > 0.0 else 1.0
-            value = math.exp(-x) * value + (u[k] - before) * moment
-            out[k, 0] = value
-            before = u[k]
-        return
-    rows = 2 if wanted else 1
-    work, moments = np.empty(d + rows - 1), np.empty((rows, d))
-    dbefore, dh = np.zeros(m), np.zeros((d, m + 1))
+    d, m, before = out.shape[1], du.shape[1], 0.0
+    work, moments = np.empty(d + 1), np.empty((2, d))
+    h, dbefore, dh = np.zeros(d), np.zeros(m), np.zeros((d, m + 1))
     for k in range(u.size):
         change = u[k] - before
         x = min(alpha * abs(change), _LONGEST)
@@ -106,8 +137,6 @@ def duhem(u, du, before, h, alpha, center, scale, out, dout):
         decay = duhem_moments(x, (before - center) / scale, change / scale, work, moments)
         for j in range(d):
             out[k, j] = decay * h[j] + change * moments[0, j]
-            if not wanted:
-                continue
             # by x; then by the end and by the start of the piece
             by_x = -decay * h[j] - change * (moments[0, j] - moments[1, j])
             by_end = moments[0, j] + steep * by_x
@@ -119,9 +148,8 @@ def duhem(u, du, before, h, alpha, center, scale, out, dout):
                 dout[k, j, q] = decay * dh[j, q] + by_end * du[k, q] + by_start * dbefore[q]
             dout[k, j, m] = decay * dh[j, m] + by_x * abs(change)
         before, h = u[k], out[k]
-        if wanted:
-            dbefore[:] = du[k]
-            dh = dout[k]
+        dbefore[:] = du[k]
+        dh = dout[k]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -184,26 +212,6 @@ class DuhemOperator(Operator):
                 f"from 1 to {MAX_TERMS}. Got shapes {shape} and {self.slope.shape} instead."
             )
 
-    def _memory(self, u, before, h, du=None, dout=None):
-        """Return the memory terms, (n, d), and write their tangents where they are asked for."""
-        if du is None:
-            du, dout = as_signal(np.empty((0, 0))), np.empty((0, 0, 0))
-        out = np.empty((u.size, h.size))
-        shape = float(self.alpha), float(self.center), float(self.scale)
-        duhem(u, du, float(before), h, *shape, out, dout)
-        return out
-
-    def _output(self, u, memory):
-        t = (u - self.center) / self.scale
-        y = np.zeros(u.size)
-        for coefficient in self.curve[::-1]:
-            y += coefficient
-            y *= t
-        y *= self.scale
-        y += memory @ self._excess()
-        y += self.intercept
-        return y
-
     def _excess(self):
         """Return the weights of the memory terms: what g is steeper than f."""
         return self.slope - np.arange(1, self.curve.size + 1) * self.curve
@@ -212,22 +220,28 @@ class DuhemOperator(Operator):
         h = np.zeros(self.curve.size)
         if initial_state == "zero":
             return h, 0.0
-        return self._memory(as_signal([u0]), 0.0, h)[0], float(u0)
+        return self.run([u0], 1.0, (h, 0.0))[1]
 
     def run(self, u, dt, state=None):
-        u = as_signal(u)
-        if not u.size:
-            return np.empty(0), state or self.init(0.0)
-        h, before = state or self.init(u[0])
-        memory = self._memory(u, before, np.array(h, dtype=float))
-        return self._output(u, memory), (memory[-1].copy(), float(u[-1]))
+        step, d = self.lowered(dt, state or self.init(u[0] if len(u) else 0.0)), self.curve.size
+        s = step.state.copy()
+        y = step.streaming(s)(u)
+        return y, (s[:d].copy(), float(s[d]))
+
+    def lowered(self, dt, state):
+        h, last = state
+        shape = self.alpha, self.center, self.scale, self.curve, self._excess(), self.intercept
+        law = first_degree_step if h.size == 1 else duhem_step
+        return LoweredStep(law, shape, [*h, last, *np.zeros(h.size)])
 
     def linearize(self, u, du, dt, initial_state="rest"):
         # from rest or from zero: either way the path starts at zero, and its rate is immaterial
         u, du = as_signal(u), as_signal(du)
         m, d = du.shape[1], self.curve.size
         tangents = np.empty((u.size, d, m + 1))
-        memory = self._memory(u, 0.0, np.zeros(d), du, tangents)
+        memory = np.empty((u.size, d))
+        shape = float(self.alpha), float(self.center), float(self.scale)
+        duhem_tangents(u, du, *shape, memory, tangents)
         powers = np.vander((u - self.center) / self.scale, d + 1, increasing=True)
         degrees = np.arange(1, d + 1)
         dy = np.empty((u.size, m + self.n_parameters))
@@ -236,7 +250,7 @@ class DuhemOperator(Operator):
         dy[:, m + 1 : m + 1 + d] = self.scale * powers[:, 1:] - degrees * memory
         dy[:, m + 1 + d : m + 1 + 2 * d] = memory
         dy[:, -1] = 1.0
-        return self._output(u, memory), dy
+        return self.run(u, dt, (np.zeros(d), 0.0))[0], dy
 
 
 _STARTS = np.geomspace(0.003, 1.0, 6)  # 1/alpha, parts of the drive's swing

@@ -19,7 +19,7 @@ from ..operators import LoweredStep, as_signal, clip_play, parameter
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
 
-@jit
+@jit(inline=True)
 def move(value, levels, ramps, at, kernels):
     """Write the ramps of all intervals from ``ramps[at]`` on and update the kernels."""
     n = levels.size - 1
