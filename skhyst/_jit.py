@@ -10,7 +10,7 @@ from functools import partial
 from types import FunctionType
 
 
-def jit(function=None, *, fastmath=False, inline=False):
+def jit(function=None, *, fastmath=False, inline=False, allocates=True):
     """Compile a kernel lazily, without the GIL, cached where that is possible.
 
     Parameters
@@ -23,6 +23,9 @@ def jit(function=None, *, fastmath=False, inline=False):
     inline : bool, default=False
         The body takes the place of every call in compiled code, however long it is, so that
         results that a caller does not use are not computed.
+    allocates : bool, default=True
+        False: it makes no arrays, and goes without the counting of references to those it is
+        given, which can take longer than a sample.
 
     Returns
     -------
@@ -30,13 +33,15 @@ def jit(function=None, *, fastmath=False, inline=False):
         The compiled function; its plain Python original is the attribute ``py_func``.
     """
     if function is None:
-        return partial(jit, fastmath=fastmath, inline=inline)
+        return partial(jit, fastmath=fastmath, inline=inline, allocates=allocates)
     try:
         import numba
     except ImportError:
         function.py_func = function
         return function
     options = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": inline}
+    if not allocates:
+        options["_nrt"] = False
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder to cache in

@@ -14,8 +14,8 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import Operator, as_signal, parameter
-from ._bouc_wen_curve import curve_run, curve_tangents, curves
+from ..operators import LoweredStep, Operator, as_signal, parameter
+from ._bouc_wen_curve import curve_run, curve_step, curve_tangents, curves
 from ._common import force_characteristics, show
 
 
@@ -186,6 +186,11 @@ class BoucWenOperator(Operator):
 
     def run(self, u, dt, state=None):
         return self._follow(as_signal(u), state or (0.0, 0.0), np.empty((0, 5)))
+
+    def lowered(self, dt, state):
+        places, curve, _, *rest = self._curves
+        constants = self.gain, self.alpha, self.intercept, places, curve, *rest
+        return LoweredStep(curve_step, constants, [*state, 0.0, 0.0, 0.0])
 
     def _follow(self, u, state, trace):
         y = np.empty(u.size)

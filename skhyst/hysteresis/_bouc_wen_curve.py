@@ -207,99 +207,126 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
         bins[number * (N_BINS + 1) + b] = cell
 
 
-@jit
-def polynomial(c, x):
-    """Return the value of a curve's row ``c``, the part ``x`` of the cell gone."""
+@jit(inline=True, allocates=False)
+def polynomial(curve, cell, x):
+    """Return the value in a cell of the curve, the part ``x`` of it gone."""
     x2 = x * x
-    low = (c[1] + c[2] * x) + (c[3] + c[4] * x) * x2
-    high = (c[5] + c[6] * x) + (c[7] + c[8] * x) * x2
+    low = (curve[cell, 1] + curve[cell, 2] * x) + (curve[cell, 3] + curve[cell, 4] * x) * x2
+    high = (curve[cell, 5] + curve[cell, 6] * x) + (curve[cell, 7] + curve[cell, 8] * x) * x2
     return low + high * (x2 * x2)
 
 
-@jit
-def slope_of(c, x):
+@jit(inline=True, allocates=False)
+def slope_of(curve, cell, x):
     """Return the derivative of :func:`polynomial` by ``x``."""
     x2 = x * x
-    low = (c[2] + 2.0 * c[3] * x) + (3.0 * c[4] + 4.0 * c[5] * x) * x2
-    return low + ((5.0 * c[6] + 6.0 * c[7] * x) + 7.0 * c[8] * x2) * (x2 * x2)
+    low = 2.0 * curve[cell, 3] * x + (3.0 * curve[cell, 4] + 4.0 * curve[cell, 5] * x) * x2
+    high = (5.0 * curve[cell, 6] + 6.0 * curve[cell, 7] * x) + 7.0 * curve[cell, 8] * x2
+    return curve[cell, 2] + low + high * (x2 * x2)
 
 
-@jit
+@jit(inline=True, allocates=False)
+def find(level, first, end, below, above, curve, cell_at):
+    """Return the cell, from ``first`` to ``end``, and the part of it gone where the curve is level.
+
+    ``below`` and ``above`` are the factors from a level to w on either side of 0.
+    """
+    if not level > curve[first, 1]:  # or not a number
+        return first, 0.0
+    if level >= curve[end, 1]:
+        return end, 0.0
+    w = level * (below if level < 0.0 else above)
+    cell = first + int(cell_at[int((1.0 + w) * _VALUE_BINS)])
+    while curve[cell + 1, 1] <= level:
+        cell += 1
+    # the inverse series to the third order, then Newton
+    r = 1.0 / curve[cell, 2]
+    t = (level - curve[cell, 1]) * r
+    bend = curve[cell, 3]
+    x = t - t * t * r * (bend - t * (2.0 * bend * bend * r - curve[cell, 4]))
+    for _ in range(8):
+        step = (level - polynomial(curve, cell, x)) / slope_of(curve, cell, x)
+        x += step
+        if abs(step) < 1e-8:
+            break
+    return cell, min(max(x, 0.0), 1.0)
+
+
+@jit(inline=True, allocates=False)
+def move(v, z, last, direction, origin, cell, stride, places, curve, bins, scales, cell_at):
+    """Move the input from ``last`` to v, where z is the hysteretic part before.
+
+    The branch is that of ``direction`` from ``origin``, its last place in ``cell``. Returns z, the
+    branch and the part of the cell gone, then cell and part at which it has begun just now, a cell
+    -1 if it has not. The tables hold the curve of a rising input, then that of a falling one if it
+    is another. They are one behind the other, because a view of a part of a table costs more than
+    the sample.
+    """
+    start, begun, x = -1, 0.0, 0.0
+    turns = (v - last) * direction <= 0.0 and v != last
+    if turns:
+        direction = 1.0 if v > last else -1.0
+    if direction != 0.0:
+        number = 0 if direction > 0.0 else scales.shape[0] - 1
+        first = number * stride
+        end = first + stride - 2
+        if turns:
+            below, above = scales[number, 1], scales[number, 2]
+            start, begun = find(direction * z, first, end, below, above, curve, cell_at)
+            cell = start
+            way = begun / curve[cell, 0] if begun > 0.0 else 0.0
+            origin = last - direction * (places[cell] + way)
+        place = direction * (v - origin)
+        if place >= places[cell + 1]:
+            part = (place - places[first]) * scales[number, 0]
+            if part < N_BINS:
+                cell = int(bins[number * (N_BINS + 1) + int(part)])
+                while places[cell + 1] <= place:
+                    cell += 1
+            else:
+                cell = end
+        x = (place - places[cell]) * curve[cell, 0]
+        z = direction * polynomial(curve, cell, x)
+    return z, direction, origin, cell, x, start, begun
+
+
+@jit(allocates=False)
 def curve_run(u, weights, tables, z, last, y, trace):
     """Write the response; return the hysteretic part and the input after the last sample.
 
-    ``weights`` are gain, alpha and intercept. The tables hold the curve of a rising input, then
-    that of a falling one if it is another. They are one behind the other and all is in one loop,
-    because a view of a part of a table, or a call with a table, costs more than the sample.
-
-    ``trace`` (n_samples, 5), or empty where it is not needed, gets direction, cell and part of the
-    cell gone, then cell and part at which a branch began before the sample, a cell -1 if none did.
+    ``weights`` are gain, alpha and intercept, for the tables see :func:`move`. ``trace``
+    (n_samples, 5), or empty where it is not needed, gets direction, cell and part of the cell gone,
+    then cell and part at which a branch began before the sample, a cell -1 if none did.
     """
     gain, alpha, intercept = weights
     places, curve, _, bins, scales, cell_at = tables
-    n_curves = scales.shape[0]
-    stride = places.size // n_curves
-    is_traced = trace.size > 0
-    direction, origin, scale, x = 0.0, 0.0, 0.0, 0.0
-    cell, first, end, first_bin, start = 0, 0, 0, 0, -1
+    direction, origin, cell, stride = 0.0, 0.0, 0, places.size // scales.shape[0]
     for k in range(u.size):
         v = u[k]
-        if (v - last) * direction <= 0.0 and v != last:
-            direction = 1.0 if v > last else -1.0
-            number = 0 if v > last else n_curves - 1
-            first = number * stride
-            end = first + stride - 2
-            first_bin = number * (N_BINS + 1)
-            scale = scales[number, 0]
-            level = direction * z
-            if not level > curve[first, 1]:  # or not a number
-                cell, x = first, 0.0
-                origin = last - direction * places[first]
-            elif level >= curve[end, 1]:
-                cell, x = end, 0.0
-                origin = last - direction * places[end]
-            else:
-                w = level * (scales[number, 1] if level < 0.0 else scales[number, 2])
-                cell = first + cell_at[int((1.0 + w) * _VALUE_BINS)]
-                while curve[cell + 1, 1] <= level:
-                    cell += 1
-                c = curve[cell]
-                # the inverse series to the third order, then Newton
-                r = 1.0 / c[2]
-                t = (level - c[1]) * r
-                x = t - t * t * r * (c[3] - t * (2.0 * c[3] * c[3] * r - c[4]))
-                for _ in range(8):
-                    step = (level - polynomial(c, x)) / slope_of(c, x)
-                    x += step
-                    if abs(step) < 1e-8:
-                        break
-                x = min(max(x, 0.0), 1.0)
-                origin = last - direction * (places[cell] + x / c[0])
-            start = cell
-            if is_traced:
-                trace[k, 4] = x
-        if direction != 0.0:
-            place = direction * (v - origin)
-            if place >= places[cell + 1]:
-                part = (place - places[first]) * scale
-                if part < N_BINS:
-                    cell = bins[first_bin + int(part)]
-                    while places[cell + 1] <= place:
-                        cell += 1
-                else:
-                    cell = end
-            c = curve[cell]
-            x = (place - places[cell]) * c[0]
-            z = direction * polynomial(c, x)
+        z, direction, origin, cell, x, start, begun = move(
+            v, z, last, direction, origin, cell, stride, places, curve, bins, scales, cell_at
+        )
         last = v
         y[k] = gain * v + alpha * z + intercept
-        if is_traced:
-            trace[k, 0] = direction
-            trace[k, 1] = cell
-            trace[k, 2] = x
-            trace[k, 3] = start
-            start = -1
+        if trace.size > 0:
+            trace[k, 0], trace[k, 1], trace[k, 2] = direction, cell, x
+            trace[k, 3], trace[k, 4] = start, begun
     return z, last
+
+
+@jit(allocates=False)
+def curve_step(u, c, s):
+    """Return the response at one sample; ``s`` is (z, last, direction, origin, cell) of :func:`move`.
+
+    ``c`` is (gain, alpha, intercept, places, curve, bins, scales, cell_at).
+    """
+    gain, alpha, y, places, curve, bins, scales, cell_at = c
+    stride = places.size // scales.shape[0]
+    z, direction, origin, cell, _, _, _ = move(
+        u, s[0], s[1], s[2], s[3], int(s[4]), stride, places, curve, bins, scales, cell_at
+    )
+    s[0], s[1], s[2], s[3], s[4] = z, u, direction, origin, cell
+    return y + gain * u + alpha * z
 
 
 @jit
@@ -331,8 +358,7 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
         direction = trace[k, 0]
         if trace[k, 3] >= 0.0:
             cell, x = int(trace[k, 3]), trace[k, 4]
-            c = curve[cell]
-            start = slope_of(c, x) * c[0]
+            start = slope_of(curve, cell, x) * curve[cell, 0]
             # at the limit nothing is remembered
             inverse = 1.0 / start if start > 0.0 else 0.0
             share = slope * inverse
@@ -340,7 +366,7 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
                 before = du[k - 1, q] if k > 0 else 0.0
                 origins[q] = before + share * (origins[q] - before)
             # z stays as it is while the curve changes
-            way = places[cell] + (x / c[0] if x > 0.0 else 0.0)
+            way = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
             by_limit -= (z - direction * way * start) / limits[side]
             by_exponent -= direction * change(changes[cell], 0, x)
             by_ratio -= direction * change(changes[cell], 6, x)
@@ -352,11 +378,10 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
                 )
         if direction != 0.0:
             cell, x = int(trace[k, 1]), trace[k, 2]
-            c = curve[cell]
-            z = direction * polynomial(c, x)
-            slope = slope_of(c, x) * c[0]
+            z = direction * polynomial(curve, cell, x)
+            slope = slope_of(curve, cell, x) * curve[cell, 0]
             side = 0 if z > 0.0 else 1
-            way = places[cell] + (x / c[0] if x > 0.0 else 0.0)
+            way = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
             by_limit = (z - direction * way * slope) / limits[side]
             by_exponent = direction * change(changes[cell], 0, x)
             by_ratio = direction * change(changes[cell], 6, x)

@@ -83,7 +83,7 @@ def gray_box(u, c, s):
 
 @cache
 def _lowered(law):
-    return bind(gray_box, law)
+    return bind(gray_box, law, allocates=False)
 
 
 @jit

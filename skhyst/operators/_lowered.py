@@ -39,7 +39,7 @@ def nothing(u, c, s):
 
 @cache
 def _streaming(law):
-    return bind(stream, law)
+    return bind(stream, law, allocates=False)
 
 
 class Lowered:
