@@ -12,19 +12,25 @@ from functools import cached_property
 
 import numpy as np
 
-from ..operators import as_signal, parameter
+from ..operators import LoweredStep, as_signal, parameter
 from ._common import show
 from ._preisach_loops import (
     build_bins,
     everett_run,
+    everett_step,
     everett_tangents,
     everett_value,
     find_interval,
     first_loading_table,
+    response,
     restore_values,
     staircase_rows,
 )
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
+
+# turning points that a step remembers; one that it must drop moves less than 2 / _CORNERS^2 of all
+# relays, half of what a converter of 16 bits resolves
+_CORNERS = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -135,6 +141,16 @@ class PreisachOperator(RelayGridOperator):
         top, last = everett_run(u, self._center, *self._tables, points, values, top, last, y)
         y += self.intercept
         return y, (points[1 : top + 1].copy(), last)
+
+    def lowered(self, dt, state):
+        points, top, last = self._stack(state, 0)
+        n = max(_CORNERS, top) + 1
+        s = np.zeros(2 * n + 3)
+        if top:
+            s[: top + 1] = points[: top + 1]
+        restore_values(s, top, s[n:], *self._tables)
+        s[2 * n :] = top, last, response(last, top, s, s, n, *self._tables)
+        return LoweredStep(everett_step, (self._center, self.intercept, *self._tables), s)
 
     def _fill(self, u, state, rows):
         points, *place = self._stack(state, u.size)

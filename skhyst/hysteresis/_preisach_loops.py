@@ -21,6 +21,8 @@ turning point about the centre, since beyond it the device is on its first loadi
 (``top = 0``). All drives are clipped to the levels' range: no relay switches outside.
 """
 
+import math
+
 import numpy as np
 
 from .._jit import jit
@@ -41,7 +43,7 @@ def build_bins(levels, bins):
 @jit
 def find_interval(value, levels, bins, scale):
     """Return the interval of a value within the levels' range."""
-    j = bins[int((value - levels[0]) * scale)]
+    j = int(bins[int((value - levels[0]) * scale)])
     if value >= levels[j + 1]:
         end = levels.size - 2
         j = min(j + 1, end)
@@ -120,7 +122,14 @@ def first_loading_table(knots, center, levels, everett, diagonal, bins, scale, t
 @jit
 def first_loading_row(value, table):
     """Return the row of the first-loading table for a value."""
-    return max(np.searchsorted(table[:-1, 0], value, side="right") - 1, 0)
+    row, end = 0, table.shape[0] - 2
+    while row < end:
+        middle = (row + end + 1) // 2
+        if value >= table[middle, 0]:
+            row = middle
+        else:
+            end = middle - 1
+    return row
 
 
 @jit
@@ -151,18 +160,65 @@ def advance(points, depth, center, last, value):
 
 
 @jit
+def response(
+    value, depth, points, values, at, levels, everett, diagonal, loading, bins, scale
+):
+    """Return the output at a drive behind ``points[1..depth]``, at which it is ``values[at + 1]``..."""
+    if depth == 0:
+        return first_loading(value, loading)
+    e = points[depth]
+    i = find_interval(e, levels, bins, scale)
+    j = find_interval(value, levels, bins, scale)
+    part = everett_value(e, i, value, j, levels, everett, diagonal)
+    return values[at + depth] + (part if e < points[depth - 1] else -part)
+
+
+@jit
 def restore_values(points, top, values, levels, everett, diagonal, loading, bins, scale):
     """Recompute the outputs at the turning points ``points[1..top]``."""
-    for k in range(1, top + 1):
-        v = points[k]
-        if k == 1:
-            values[k] = first_loading(v, loading)
-            continue
-        e = points[k - 1]
-        i = find_interval(e, levels, bins, scale)
-        j = find_interval(v, levels, bins, scale)
-        part = everett_value(e, i, v, j, levels, everett, diagonal)
-        values[k] = values[k - 1] + (part if v > e else -part)
+    tables = levels, everett, diagonal, loading, bins, scale
+    for k in range(top):
+        values[k + 1] = response(points[k + 1], k, points, values, 0, *tables)
+
+
+@jit
+def forget(points, values, at, depth):
+    """Drop the pair of turning points that matters least but for the first; return the new depth.
+
+    Without it a rectangle of relays stands otherwise. As all its sides add up to no more than the
+    drive's range on either axis, the smallest of n is below ``(range / n)^2``.
+    """
+    least, place = math.inf, 2
+    for k in range(2, depth - 1):
+        area = abs((points[k + 2] - points[k]) * (points[k + 1] - points[k - 1]))
+        if area < least:
+            least, place = area, k
+    for k in range(place, depth - 1):
+        points[k] = points[k + 2]
+        values[at + k] = values[at + k + 2]
+    return depth - 2
+
+
+@jit
+def everett_step(u, c, s):
+    """Return the response at one sample.
+
+    ``c`` is (centre, intercept, levels, everett, diagonal, loading, bins, scale). ``s`` is the stack
+    of n points, and the outputs there; its depth, the last drive and its output.
+    """
+    center, y, levels, everett, diagonal, loading, bins, scale = c
+    n = (s.size - 3) // 2
+    value = min(max(u, levels[0]), levels[levels.size - 1])
+    depth = int(s[2 * n])
+    if depth == n - 1:
+        depth = forget(s, s, n, depth)
+    s[n + depth + 1] = s[2 * n + 2]  # counts only where the last drive is a turning point
+    depth = advance(s, depth, center, s[2 * n + 1], value)
+    output = response(
+        value, depth, s, s, n, levels, everett, diagonal, loading, bins, scale
+    )
+    s[2 * n], s[2 * n + 1], s[2 * n + 2] = depth, value, output
+    return y + output
 
 
 @jit
@@ -177,13 +233,8 @@ def everett_run(
     stale = True  # what belongs to the last turning point is yet to be looked up
     row = np.uint64(0)
     start, sign, limit, s, bend = 0.0, 1.0, 0.0, 0.0, 0.0
-    output = first_loading(last, loading)
-    if depth > 0:
-        e = points[depth]
-        i = find_interval(e, levels, bins, scale)
-        j = find_interval(last, levels, bins, scale)
-        part = everett_value(e, i, last, j, levels, everett, diagonal)
-        output = values[depth] + (part if e < points[depth - 1] else -part)
+    tables = levels, everett, diagonal, loading, bins, scale
+    output = response(last, depth, points, values, 0, *tables)
     for k in range(u.size):
         value = min(max(u[k], low), high)
         if depth == 0 or sign * (value - last) < 0.0 or sign * (value - limit) >= 0.0 or stale:
