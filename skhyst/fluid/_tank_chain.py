@@ -187,9 +187,7 @@ class TankChainOperator(Operator):
     def lowered(self, dt, state):
         k, *rest = self._structure(dt)
         reading = self.gain, self.intercept, self._most()
-        return LoweredStep(
-            tank_step, (k, self.exponents, *self._limits(), *rest, *reading), state
-        )
+        return LoweredStep(tank_step, (k, self.exponents, *self._limits(), *rest, *reading), state)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)

@@ -106,9 +106,7 @@ def tank_step(u, c, s):
     """
     k, p, ceiling, share, offset, scale, n_substeps, held, gain, intercept, most = c
     n = k.size
-    tank_sample(
-        s[n], u, s, k, p, ceiling, share, offset, scale, int(n_substeps), held > 0.0
-    )
+    tank_sample(s[n], u, s, k, p, ceiling, share, offset, scale, int(n_substeps), held > 0.0)
     s[n] = u
     return gain * min(s[n - 1], most) + intercept
 

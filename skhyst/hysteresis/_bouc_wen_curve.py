@@ -316,9 +316,9 @@ def curve_run(u, weights, tables, z, last, y, trace):
 
 @jit(allocates=False)
 def curve_step(u, c, s):
-    """Return the response at one sample; ``s`` is (z, last, direction, origin, cell) of :func:`move`.
+    """Return the response at one sample; ``s`` is (z, last, direction, origin, cell).
 
-    ``c`` is (gain, alpha, intercept, places, curve, bins, scales, cell_at).
+    They are those of :func:`move`; ``c`` is gain, alpha, intercept and its tables.
     """
     gain, alpha, y, places, curve, bins, scales, cell_at = c
     stride = places.size // scales.shape[0]

@@ -26,24 +26,26 @@ from ._common import FrictionModel, half_range, speed_noise, top_speed
 _FAR = 30.0  # Stribeck velocities; nothing is left there, and squares stay small
 
 
-@jit
-def force(u, v, s, fall, values):
+def response(u, v, s, fall, values):
     """Return the response where the Stribeck curve is ``fall``."""
     coulomb, stribeck, asymmetry, stiffness, damping, intercept = values
     level = coulomb + stribeck * fall + asymmetry * s
     return level * s + stiffness * u + damping * v + intercept
 
 
+compiled_response = jit(response)
+
+
 @jit
 def coulomb_step(u, c, s):
     """Return the response at one sample; ``s`` is that of the slope, see :func:`slope_step`.
 
-    ``c`` is (weights of the differences, v_0, v_s, *values of :func:`force`).
+    ``c`` is (weights of the differences, v_0, v_s, *values of :func:`response`).
     """
     weights, transition, stribeck = c[:3]
     v = slope_step(u, weights, s, 0)
     ratio = min(max(v / stribeck, -_FAR), _FAR)
-    return force(u, v, math.tanh(v / transition), math.exp(-ratio * ratio), c[3:])
+    return compiled_response(u, v, math.tanh(v / transition), math.exp(-ratio * ratio), c[3:])
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ class CoulombFrictionOperator(Operator):
         v = self._velocity(u, state, dt)
         after = np.concatenate([state, u])[-self.smoothing :]
         s, fall, _ = self._curves(v)
-        return force.py_func(u, v, s, fall, self._values()), after
+        return response(u, v, s, fall, self._values()), after
 
     def _values(self):
         levels = self.coulomb_force, self.stribeck_force, self.asymmetry
@@ -158,7 +160,7 @@ class CoulombFrictionOperator(Operator):
         dy[:, m + 3] = fall * s
         dy[:, m + 4] = s**2
         dy[:, m + 5], dy[:, m + 6], dy[:, m + 7] = u, v, 1.0
-        return force.py_func(u, v, s, fall, self._values()), dy
+        return response(u, v, s, fall, self._values()), dy
 
 
 # parts of the drive's top speed: transition and Stribeck velocities to start from, bounds of both

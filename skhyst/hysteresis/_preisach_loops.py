@@ -160,10 +160,11 @@ def advance(points, depth, center, last, value):
 
 
 @jit
-def response(
-    value, depth, points, values, at, levels, everett, diagonal, loading, bins, scale
-):
-    """Return the output at a drive behind ``points[1..depth]``, at which it is ``values[at + 1]``..."""
+def response(value, depth, points, values, at, levels, everett, diagonal, loading, bins, scale):
+    """Return the output at a drive behind ``points[1..depth]``.
+
+    At these it was ``values[at + 1 .. at + depth]``.
+    """
     if depth == 0:
         return first_loading(value, loading)
     e = points[depth]
@@ -203,8 +204,8 @@ def forget(points, values, at, depth):
 def everett_step(u, c, s):
     """Return the response at one sample.
 
-    ``c`` is (centre, intercept, levels, everett, diagonal, loading, bins, scale). ``s`` is the stack
-    of n points, and the outputs there; its depth, the last drive and its output.
+    ``c`` is the centre, the intercept and the tables. ``s`` is the stack of n points, the n outputs
+    there, its depth, the last drive and its output.
     """
     center, y, levels, everett, diagonal, loading, bins, scale = c
     n = (s.size - 3) // 2
@@ -214,9 +215,7 @@ def everett_step(u, c, s):
         depth = forget(s, s, n, depth)
     s[n + depth + 1] = s[2 * n + 2]  # counts only where the last drive is a turning point
     depth = advance(s, depth, center, s[2 * n + 1], value)
-    output = response(
-        value, depth, s, s, n, levels, everett, diagonal, loading, bins, scale
-    )
+    output = response(value, depth, s, s, n, levels, everett, diagonal, loading, bins, scale)
     s[2 * n], s[2 * n + 1], s[2 * n + 2] = depth, value, output
     return y + output
 
@@ -227,7 +226,7 @@ def everett_run(
 ):
     """Write the response, less its intercept, to ``y``; return ``top`` and the last drive."""
     low, high = levels[0], levels[-1]
-    inverse = 1.0 / np.diff(levels)
+    inverse = 1.0 / (levels[1:] - levels[:-1])
     one = np.uint64(1)  # unsigned: spares a test for negative indices
     depth = top
     stale = True  # what belongs to the last turning point is yet to be looked up

@@ -31,7 +31,8 @@ def rate_play_step(u, c, s):
     smooth = gain * (velocity if signed > 0.0 else abs(velocity)) + fade * s[n + 1]
     s[n], s[n + 1] = u, smooth
     rate = abs(smooth)
-    return intercept + rate_play_sample(u, rate, thresholds, growth, weights, rate_weights, s)
+    y = rate_play_sample(u, rate, thresholds, growth, weights, rate_weights, s)
+    return y + intercept
 
 
 @jit
@@ -41,9 +42,7 @@ def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, ou
     ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
     """
     for i in range(u.size):
-        out[i] = rate_play_sample(
-            u[i], rates[i], thresholds, growth, weights, rate_weights, plays
-        )
+        out[i] = rate_play_sample(u[i], rates[i], thresholds, growth, weights, rate_weights, plays)
 
 
 @jit

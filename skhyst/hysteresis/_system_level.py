@@ -19,6 +19,7 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import LoweredStep, Operator, as_signal, parameter
 
+
 @jit
 def saturation_terms(x):
     """Return E(x), E'(x), H(x) and H'(x) for ``x >= 0``."""
@@ -54,8 +55,8 @@ def turn(step, turning, base, last, direction, slope, curvature, decay):
 def system_level_step(u, c, s):
     """Return the response at one sample.
 
-    ``c`` is (slope, curvature, decay, intercept, weight of the rate / dt, whether as printed), ``s``
-    begins with the last turning point, the response there, the last drive and its direction.
+    ``c`` is (slope, curvature, decay, intercept, weight of the rate / dt, whether as printed). With
+    the last turning point, the response there, the last drive and its direction ``s`` begins.
     """
     slope, curvature, decay, intercept, rate, printed = c
     step = u - s[2]

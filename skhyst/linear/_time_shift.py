@@ -53,8 +53,8 @@ def _interpolated(columns, places, is_straight):
 class TimeShiftOperator(Operator):
     """``y(t) = u(t - shift - skew t)``, t from the record's start; the output looks ahead.
 
-    It does so by the shift and by two samples; only a shift of an interval or more can be stepped. Where a signal ends, its last value stands: a part
-    of it does not know what comes.
+    It does so by the shift and by two samples. Where a signal ends, its last value stands: a part
+    of it does not know what comes. A constant shift of an interval or more can be stepped.
     """
 
     shift: float = parameter(unit="s")

@@ -25,7 +25,7 @@ _BOUND = 1e100  # beyond, the recursion has left the range in which squares are 
 
 @jit(inline=True)
 def _signals(mix, w, at_w, n_w, y, at_y, x, at_x):
-    """Write the signals of a sample from ``x[at_x]`` on; its w and y are ``w[at_w]``, ``y[at_y]``."""
+    """Write a sample's signals from ``x[at_x]`` on; its w and y are ``w[at_w]`` and ``y[at_y]``."""
     for i in range(mix.shape[0]):
         value = 0.0
         for j in range(n_w + 1):
@@ -69,7 +69,8 @@ def gray_box(u, c, s):
     ``c`` is (n_w, constant, whether ``w`` is the level, mix, terms, weights, *those of the
     sub-model), ``s`` its state, the last n_w + 1 of ``w``, n_y + 1 of ``y``, room for the signals.
     """
-    level = step(u, c[6:], s) - c[1]
+    level = step(u, c[6:], s)
+    level -= c[1]
     n_w, mix = int(c[0]), c[3]
     at_x = s.size - mix.shape[0]
     at_y = at_x - 1

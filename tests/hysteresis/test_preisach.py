@@ -155,6 +155,21 @@ def test_demagnetised_by_decaying_swings():
     close(run(operator, after, state), run(operator, after, operator.init(0.2)), 2e-3)
 
 
+def test_a_step_remembers_what_matters_most():
+    """Each pair of turning points that it must drop is worth less than it is said to be."""
+    width = np.tril(np.full((9, 9), 2.0), -1) + np.eye(9)  # a density that is even
+    operator = PreisachOperator(np.linspace(-1.0, 1.0, 10), width[np.tril_indices(9)])
+    u = (-1.0) ** np.arange(600) * np.linspace(1.0, 0.0, 600)
+    u = np.append(u, np.linspace(0.0, 1.0, 300))
+    y, _ = operator.run(u, 1.0)
+    lowered = operator.lowered(1.0, operator.init(u[0]))
+    found = lowered.streaming(lowered.state.copy())(u)
+    close(found[:600], y[:600])
+    n_kept = (lowered.state.size - 3) // 2 - 1
+    bound = ((600 - n_kept) / 2 + 1) * 2.0 / n_kept**2
+    assert 0.0 < np.abs(found - y).max() < bound * np.ptp(y)
+
+
 def test_long_states():
     operator = example()
     u = 1.2 * (-1.0) ** np.arange(2000) * np.linspace(1.0, 0.1, 2000)

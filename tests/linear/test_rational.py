@@ -11,6 +11,7 @@ from skhyst.linear import (
     MultiInputTransferFunctionOperator,
     TransferFunctionOperator,
 )
+from skhyst.operators import Stepper
 
 DT, N = 0.01, 60
 FREQUENCY = np.geomspace(0.01, 100.0, 40)
@@ -90,6 +91,12 @@ def test_cut_stepped_and_pickled(operator, u):
     for k in range(N):
         state, stepped[k] = again.step(state, u[k], DT)
     np.testing.assert_allclose(stepped, whole, rtol=1e-11, atol=1e-12)
+    stepper = Stepper(operator.lowered(DT, operator.init(u[0])))
+    lowered = [stepper.step(row) for row in u[:7]]
+    _, middle = operator.run(u[:7], DT)
+    for behind in (stepper, Stepper(operator.lowered(DT, middle))):
+        found = np.append(lowered, behind.run(u[7:]))
+        np.testing.assert_allclose(found, whole, rtol=0, atol=1e-12 * max(np.ptp(whole), 1.0))
 
 
 def test_nothing_comes_before_it(u):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from skhyst.discovery import all_operators
+from skhyst.operators import Stepper
 
 op = SimpleNamespace(**dict(all_operators()))
 DT = 0.01
@@ -214,6 +215,7 @@ def make_operators():
 
 
 OPERATORS = make_operators()
+LOOKING_AHEAD = {"time shift, ahead", "clocks that differ"}
 
 
 def make_drive():
@@ -222,12 +224,15 @@ def make_drive():
 
 
 def responses():
-    """Return, by name, what run and linearize give from rest and from zero, as arrays."""
+    """Return, by name, what run, linearize and a step give from rest and from zero, as arrays."""
     u, du = make_drive(), np.random.default_rng(0).normal(size=(N, 2))
     found = {}
     for name, operator in OPERATORS.items():
         for initial_state in ("rest", "zero"):
-            y, _ = operator.run(u, DT, operator.init(u[0], initial_state))
+            state = operator.init(u[0], initial_state)
+            y, _ = operator.run(u, DT, state)
             _, dy = operator.linearize(u, du, DT, initial_state)
+            if name not in LOOKING_AHEAD:
+                y = np.column_stack([y, Stepper(operator.lowered(DT, state)).run(u)])
             found[f"{name}, from {initial_state}"] = np.column_stack([y, dy])
     return found

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from operator_cases import DT, OPERATORS, N, make_drive, responses
+from operator_cases import DT, LOOKING_AHEAD, OPERATORS, N, make_drive, responses
 
 import skhyst
 from skhyst.compose import ColumnOperator, ModulatedOperator
 from skhyst.discovery import all_operators
 from skhyst.linear import MultiInputTransferFunctionOperator
-from skhyst.operators import check_operator
+from skhyst.operators import Stepper, check_operator
 from skhyst.static import StaticOperator
 
 ABSTRACT = {StaticOperator}
@@ -81,6 +81,27 @@ def test_step_by_step_from_rest_equals_run(operator, u):
     for k, value in enumerate(u):
         state, y[k] = operator.step(state, value, DT)
     np.testing.assert_allclose(y, operator.run(u, DT)[0], rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("initial_state", ["rest", "zero"])
+def test_lowered_step_equals_run(name, operator, u, initial_state):
+    """Sample by sample, at once, from a state that was kept, and from a state in mid-run."""
+    state = operator.init(u[0], initial_state)
+    if name in LOOKING_AHEAD:
+        with pytest.raises(NotImplementedError, match="cannot be stepped"):
+            operator.lowered(DT, state)
+        return
+    expected, _ = operator.run(u, DT, state)
+    lowered, cut = operator.lowered(DT, state), N // 3
+    stepper = Stepper(lowered)
+    steps = [stepper.step(value) for value in u[:cut]]
+    kept = stepper.state
+    steps += [stepper.step(value) for value in u[cut:]]
+    stepper.state = kept
+    middle = Stepper(operator.lowered(DT, operator.run(u[:cut], DT, state)[1]))
+    tolerance = 1e-12 * max(np.ptp(expected), 1.0)
+    for found in (steps, Stepper(lowered).run(u), stepper.run(u[cut:]), middle.run(u[cut:])):
+        np.testing.assert_allclose(found, expected[-len(found) :], rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
