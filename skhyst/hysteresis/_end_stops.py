@@ -62,7 +62,7 @@ def stops(q, delta, kappa, eta, lower, upper):
     return force, kappa * (by_above + by_below) + eta * touching
 
 
-@jit
+@jit(inline=True)
 def stopped(reach, b, q, kappa, eta, lower, upper):
     """Return the D that solves ``D = reach - b F``, the mean F and its slope by D."""
     force, slope = stops(q, reach, kappa, eta, lower, upper)
