@@ -38,8 +38,24 @@ def nothing(u, c, s):
 
 
 @cache
-def _streaming(law):
+def _loop(law):
     return bind(stream, law, allocates=False)
+
+
+def _stepping(law, c, s):
+    return lambda u: law(u, c, s)
+
+
+def _streaming(law, c, s):
+    loop = _loop(law)
+
+    def run(u):
+        u = as_signal(u)
+        y = np.empty(len(u))
+        loop(u, c, s, y)
+        return y
+
+    return run
 
 
 class Lowered:
@@ -55,13 +71,25 @@ class Lowered:
 
     n_inputs = None
 
+    def bound(self, s, binding):
+        """Return the function of the input that ``binding`` makes of each step.
+
+        Parameters
+        ----------
+        s : array of shape (n_states,)
+        binding : callable
+            ``binding(step, constants, s)`` returns a function of the input for one compiled step;
+            ``s`` is the part of the state that belongs to it.
+        """
+        raise NotImplementedError
+
     def stepping(self, s):
         """Return a function of the input at a sample that returns the output and changes ``s``."""
-        raise NotImplementedError
+        return self.bound(s, _stepping)
 
     def streaming(self, s):
         """Return a function of the input (n_samples,) or (n_samples, n_inputs) that does so too."""
-        raise NotImplementedError
+        return self.bound(s, _streaming)
 
 
 @dataclass(frozen=True)
@@ -103,20 +131,8 @@ class LoweredStep(Lowered):
             step(value)
         return replace(self, state=s)
 
-    def stepping(self, s):
-        step, c = self.step, self.constants
-        return lambda u: step(u, c, s)
-
-    def streaming(self, s):
-        loop, c = _streaming(self.step), self.constants
-
-        def run(u):
-            u = as_signal(u)
-            y = np.empty(len(u))
-            loop(u, c, s, y)
-            return y
-
-        return run
+    def bound(self, s, binding):
+        return binding(self.step, self.constants, s)
 
 
 @dataclass(frozen=True)
@@ -145,11 +161,8 @@ class LoweredParts(Lowered):
         ends = np.cumsum([len(part.state) for part in self.parts])
         return zip(self.parts, np.split(s, ends[:-1]) if self.parts else (), strict=True)
 
-    def stepping(self, s):
-        return self._joined([part.stepping(own) for part, own in self._each(s)])
-
-    def streaming(self, s):
-        return self._joined([part.streaming(own) for part, own in self._each(s)])
+    def bound(self, s, binding):
+        return self._joined([part.bound(own, binding) for part, own in self._each(s)])
 
     def _joined(self, functions):
         """Return the function that the parts' functions make together."""
