@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from numbers import Real
 from pathlib import Path
 from string import Template
 
@@ -9,8 +10,10 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..operators import Stepper
+from ._fixed import Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
+from ._ranges import Ranges
 from ._values import TAKEN
 
 DIALECTS = {
@@ -26,10 +29,12 @@ _HEADER = Template("""\
    Compile with: cc -std=c99 -c $name.c
    Test with: cc -std=c99 -o ${name}_test ${name}_test.c $name.c -lm && ./${name}_test
 
-   Input and output are in the units of the model's drive and response. One call is one sampling
-   interval. Nothing is allocated, loops are bounded, and a state belongs to who holds it. */
+   $units
+   One call is one sampling interval. Nothing is allocated and loops are bounded. */
 #ifndef ${name}_H
 #define ${name}_H
+
+#include <stdint.h>
 
 #define ${name}_DT $dt /* sampling interval in s */
 #define ${name}_N_INPUTS $n_inputs
@@ -37,13 +42,13 @@ _HEADER = Template("""\
 #define ${name}_HASH "$digest"
 
 typedef struct {
-    $type s[$n_states];
+    $inner s[$n_states];
 } ${name}_state;
 
 /* The state before the first sample. */
 void ${name}_init(${name}_state *state);
 
-/* One sample. Returns NAN, and leaves the state as it is, if the input is not finite. */
+/* One sample. $caution */
 $type ${name}_step(${name}_state *state, $input);
 
 #endif
@@ -58,14 +63,13 @@ _SOURCE = Template("""\
 $tables$functions
 void ${name}_init(${name}_state *state)
 {
-    static const ${name}_state first = {$first};
+    static const ${name}_state first = {{$first}};
     *state = first;
 }
 
 $type ${name}_step(${name}_state *state, $input)
 {
-$unused$check    return $call;
-}
+$body}
 """)
 _TEST = Template("""\
 /* Test of $name.c: returns 0 where it answers as the Python model did. */
@@ -89,15 +93,22 @@ int main(void)
     int k;
     ${name}_init(&state);
     for (k = 0; k < N_SAMPLES; k++) {
-        const $type y = ${name}_step(&state, $argument);
+        const $type y = ${name}_step(&state, ${name}_inputs[k]$one);
         const double error = fabs((double)y - ${name}_outputs[k]);
         largest = error <= largest ? largest : error;
     }
-    printf("$name: %.3g of the range, %.3g allowed\\n", largest / $span, $tolerance);
+    printf("$name: %.3g of $measure, %.3g allowed\\n", largest / $span, $tolerance);
     return largest <= $tolerance * $span ? 0 : 1;
 }
 #undef N_SAMPLES
 """)
+_INTEGERS = {
+    "type": "int32_t",
+    "inner": "int64_t",
+    "tolerance": 1.0,
+    "measure": "a unit of output",
+    "span": "1.0",
+}
 
 
 def to_c(
@@ -110,6 +121,8 @@ def to_c(
     initial_state="rest",
     u0=0.0,
     drive=None,
+    input_unit=None,
+    output_unit=None,
 ):
     """Write a model as a C99 program, which answers sample by sample as the model does.
 
@@ -126,8 +139,9 @@ def to_c(
         Made where it is missing.
     name : str
         Of the files, and how all names in C begin: letters, digits and underscores.
-    dtype : {"float64", "float32"}, default="float64"
-        Type of input, output, state and arithmetic: ``double`` or ``float``.
+    dtype : {"float64", "float32", "int32"}, default="float64"
+        Type of input and output. ``"float64"`` and ``"float32"`` compute in ``double`` and
+        ``float``; ``"int32"`` in integers alone, for machines without floating point.
     dt : float, optional
         Sampling interval in s; that of the records of the fit by default. Needed for an operator.
     initial_state : {"rest", "zero"}, default="rest"
@@ -136,7 +150,11 @@ def to_c(
         Input at which the device rests, in units of the drive.
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
         Input of the test program, units of the drive. By default two sines that decay, of
-        amplitude one about ``u0``.
+        amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to hold 4096 times what
+        this drive makes of them, and larger input than 16 times its largest is held there.
+    input_unit, output_unit : float, optional
+        For ``"int32"``, the drive (the same for all inputs) and the response that the integer 1
+        stands for.
 
     Returns
     -------
@@ -149,12 +167,16 @@ def to_c(
         If the model's output depends on later input.
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
-        line; see :class:`~skhyst.operators.Lowered`.
+        line; see :class:`~skhyst.operators.Lowered`. If there are no integers for it, or the drive
+        does not lead through all of it.
 
     Notes
     -----
     The test allows 1e-12 of the range of the response (zero included) in double and 1e-6 in single
-    precision.
+    precision, and one unit of output in integers.
+
+    Integers have no ``exp``, ``tanh``, ``cos``, ... and no powers but squares: laws that need
+    them are refused by name.
 
     Examples
     --------
@@ -171,28 +193,30 @@ def to_c(
             f"The 'name' parameter of to_c must be a name in C that begins with a letter. Got "
             f"{name!r} instead."
         )
-    if dtype not in DIALECTS:
+    if dtype not in (*DIALECTS, "int32"):
         raise ValueError(
-            f"The 'dtype' parameter of to_c must be one of {sorted(DIALECTS)}. Got {dtype!r} "
-            "instead."
+            f"The 'dtype' parameter of to_c must be one of {sorted((*DIALECTS, 'int32'))}. Got "
+            f"{dtype!r} instead."
         )
     what, lowered, dt = _lowered(model, dt, initial_state, u0)
-    step, dialect = model_step(lowered), DIALECTS[dtype]
+    n_inputs = lowered.n_inputs or 1
+    step, double = model_step(lowered), DIALECTS["float64"]
     common = {
         "name": name,
         "what": what,
-        "dt": "NAN" if dt is None else Dialect("double", "", np.float64).literal(dt),
-        "n_inputs": lowered.n_inputs or 1,
-        "type": dialect.type,
-        "input": f"const {dialect.type} *u" if lowered.n_inputs else f"{dialect.type} u",
+        "dt": "NAN" if dt is None else double.literal(dt),
+        "n_inputs": n_inputs,
+        "one": "" if lowered.n_inputs else "[0]",
         "n_states": max(len(lowered.state), 1),
-        "digest": hashlib.sha256(_program(step, lowered, DIALECTS["float64"]).encode()).hexdigest(),
+        "digest": hashlib.sha256(_program(step, lowered).encode()).hexdigest(),
     }
-    texts = {
-        f"{name}.h": _HEADER.substitute(common),
-        f"{name}.c": _source(step, lowered, dialect, common),
-        f"{name}_test.c": _test(lowered, dialect, common, TOLERANCES[dtype], u0, drive),
-    }
+    if dtype == "int32":
+        units = _units(drive, input_unit, output_unit)
+        drive = np.reshape(drive, (-1, n_inputs))
+        texts = _in_integers(step, lowered, common, drive, units)
+    else:
+        drive = _test_drive(u0, n_inputs) if drive is None else np.reshape(drive, (-1, n_inputs))
+        texts = _in_reals(step, lowered, common, drive, dtype)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
@@ -214,53 +238,100 @@ def _lowered(model, dt, initial_state, u0):
     return what, operator.lowered(dt, operator.init(u0, initial_state)), dt
 
 
-def _program(step, lowered, dialect):
+def _units(drive, *units):
+    for name, unit in zip(("input_unit", "output_unit"), units, strict=True):
+        if not (isinstance(unit, Real) and 0.0 < unit < np.inf):
+            raise ValueError(
+                f"The {name!r} parameter of to_c must be a number above 0 for 'int32'. Got "
+                f"{unit!r} instead."
+            )
+    if drive is None:
+        raise ValueError("The 'drive' parameter of to_c must be given for 'int32'.")
+    return units
+
+
+def _program(step, lowered):
     """Return all that is computed, whatever its name is."""
+    dialect = DIALECTS["float64"]
     printer = Printer("", dialect)
     printer.function(step)
     tables = (text for _, text in printer.tables.values())
-    return "\n".join((*tables, *printer.texts, _listed(lowered.state, dialect)))
+    return "\n".join((*tables, *printer.texts, _listed(lowered.state, dialect.literal)))
 
 
-def _listed(values, dialect):
-    return ", ".join(map(dialect.literal, values)) or "0"
+def _listed(values, literal):
+    return ", ".join(map(literal, values)) or "0"
 
 
-def _source(step, lowered, dialect, common):
-    printer = Printer(common["name"], dialect)
-    printer.taken |= {f"{printer.prefix}_{own}" for own in ("init", "step", "state")}
-    model = printer.function(step)
-    unused = zip(("u", "state"), step.taken, strict=True)
-    check = "!isfinite(u)"
-    if lowered.n_inputs:
-        check = " || ".join(f"!isfinite(u[{k}])" for k in range(lowered.n_inputs))
-    return _SOURCE.substitute(
-        common,
-        tables="".join(f"{text}\n" for _, text in printer.tables.values()),
-        functions="\n".join(printer.texts),
-        first=f"{{{_listed(lowered.state, dialect)}}}",
-        unused="".join(f"    (void){arg};\n" for arg, used in unused if not used and arg != "u"),
-        check=f"    if ({check}) {{\n        return NAN;\n    }}\n",
-        call=f"{model}({', '.join(step.args(['u', 'state->s']))})",
-    )
-
-
-def _test(lowered, dialect, common, tolerance, u0, drive):
-    drive = _test_drive(u0, lowered.n_inputs or 1) if drive is None else drive
-    drive = np.asarray(drive, dtype=dialect.number).astype(float).reshape(len(drive), -1)
+def _answers(lowered, drive):
+    """Return the response of the Python model."""
     stepper = Stepper(lowered)
-    outputs = np.array([stepper.step(u if lowered.n_inputs else u[0]) for u in drive])
-    span = max(outputs.max(), 0.0) - min(outputs.min(), 0.0)
-    double = DIALECTS["float64"]
-    return _TEST.substitute(
-        common,
-        n_samples=len(drive),
-        inputs="".join(f"    {{{_listed(row, dialect)}}},\n" for row in drive),
-        outputs="".join(f"    {double.literal(y)},\n" for y in outputs),
-        argument=f"{common['name']}_inputs[k]{'' if lowered.n_inputs else '[0]'}",
-        span=double.literal(span or 1.0),
-        tolerance=tolerance,
+    return np.array([stepper.step(u if lowered.n_inputs else u[0]) for u in drive])
+
+
+def _texts(common, printer, inputs, outputs):
+    """Return the files."""
+    name, double = common["name"], DIALECTS["float64"]
+    argument = "const {} *u" if not common["one"] else "{} u"
+    common |= {
+        "input": argument.format(common["type"]),
+        "tables": "".join(f"{text}\n" for _, text in printer.tables.values()),
+        "functions": "\n".join(printer.texts),
+        "n_samples": len(outputs),
+        "inputs": "".join(f"    {{{row}}},\n" for row in inputs),
+        "outputs": "".join(f"    {double.literal(y)},\n" for y in outputs),
+    }
+    return {
+        f"{name}.h": _HEADER.substitute(common),
+        f"{name}.c": _SOURCE.substitute(common),
+        f"{name}_test.c": _TEST.substitute(common),
+    }
+
+
+def _reserve(printer):
+    printer.taken |= {f"{printer.prefix}_{own}" for own in ("init", "step", "state", "test")}
+    return printer
+
+
+def _in_reals(step, lowered, common, drive, dtype):
+    dialect = DIALECTS[dtype]
+    printer = _reserve(Printer(common["name"], dialect))
+    call = f"{printer.function(step)}({', '.join(step.args(['u', 'state->s']))})"
+    drive = drive.astype(dialect.number).astype(float)
+    outputs = _answers(lowered, drive)
+    inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(common["n_inputs"])]
+    check = " || ".join(f"!isfinite({u})" for u in inputs)
+    unused = "" if step.taken[1] else "    (void)state;\n"
+    common |= {
+        "type": dialect.type,
+        "inner": dialect.type,
+        "units": "Input and output are in the units of the model's drive and response.",
+        "caution": "Returns NAN, and leaves the state as it is, if the input is not finite.",
+        "first": _listed(lowered.state, dialect.literal),
+        "body": f"{unused}    if ({check}) {{\n        return NAN;\n    }}\n    return {call};\n",
+        "tolerance": TOLERANCES[dtype],
+        "measure": "the range",
+        "span": DIALECTS["float64"].literal((np.ptp([0.0, *outputs])) or 1.0),
+    }
+    return _texts(common, printer, [_listed(row, dialect.literal) for row in drive], outputs)
+
+
+def _in_integers(step, lowered, common, drive, units):
+    counts = np.round(drive / units[0]).astype(np.int64)
+    drive = counts * units[0]
+    printer = _reserve(
+        FixedPrinter(common["name"], Fixed(), ranges=Ranges(step, lowered.state, drive))
     )
+    body, first = boundary(printer, step, lowered, counts, units)
+    common |= _INTEGERS | {
+        "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
+        "   units of the model's drive and response.",
+        "caution": "Input beyond 16 times that of the test, and output beyond 32 bits, are held.",
+        "first": first,
+        "body": body,
+    }
+    outputs = _answers(lowered, drive) / units[1]
+    return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
 
 
 def _test_drive(u0, n_inputs):

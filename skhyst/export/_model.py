@@ -14,7 +14,7 @@ def model_step(lowered):
     n_inputs = lowered.n_inputs
     u = variable("u", "real") if n_inputs is None else Array("u", (n_inputs,))
     state = Array("s", (len(lowered.state),))
-    body, kinds = [], {"u": "real"}
+    body, kinds = [], {} if n_inputs else {"u": "real"}
 
     def binding(step, constants, places):
         own = Array("s", (len(places),), offset=constant(places[0] if len(places) else 0))

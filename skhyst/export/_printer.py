@@ -22,7 +22,7 @@ from ._tree import (
     variable,
 )
 
-_SYMBOLS = {  # and how tightly they bind
+SYMBOLS = {  # and how tightly they bind
     "or": ("||", 1),
     "and": ("&&", 2),
     "==": ("==", 3),
@@ -37,7 +37,7 @@ _SYMBOLS = {  # and how tightly they bind
     "/": ("/", 6),
 }
 _CHANGES = ("+", "-", "*", "/")  # that may be written as +=
-_CHOICE, _UNARY, _ATOM = 0, 7, 8
+CHOICE, UNARY, ATOM = 0, 7, 8
 _PARTS = ("body", "orelse")  # of a statement
 # what Python does and C has no operator for
 _HELPERS = {
@@ -119,13 +119,17 @@ class Printer:
         """Return the type of numbers of a kind."""
         return {"bool": "bool", "int": "int32_t", "real": self.dialect.type}[kind]
 
+    def literal(self, array):
+        """Return the function that writes the numbers of a constant array."""
+        return self.dialect.literal
+
     def table(self, array):
         """Return the name of a constant array."""
         key = (array.kind, array.values)
         if key not in self.tables:
             name = self.name(array.name)
             values = array.values or (0,)
-            literal = str if array.kind == "int" else self.dialect.literal
+            literal = str if array.kind == "int" else self.literal(array)
             rows = "".join(f"    {literal(value)},\n" for value in values)
             head = f"static const {self.type_of(array.kind)} {name}[{len(values)}]"
             self.tables[key] = name, f"{head} = {{\n{rows}}};\n"
@@ -140,17 +144,22 @@ class Printer:
             self.texts.append(f"static {text}\n")
         return self.functions[key]
 
-    def function(self, part):
-        """Return the name of a function, see :class:`Slice`."""
-        if part not in self.functions:
-            text = _FunctionText(self, part)
+    def written(self, part):
+        """Return the text of a function."""
+        return FunctionText(self, part)
+
+    def function(self, part, *place):
+        """Return the name of a function, see :class:`Slice`; ``place`` is that of the call."""
+        key = (part, *place)
+        if key not in self.functions:
+            text = self.written(part, *place)
             body = text.lines().removesuffix("    return;\n")  # prints what it calls first
-            self.functions[part] = name = self.name(part.function.name)
+            self.functions[key] = name = self.name(part.function.name)
             self.texts.append(f"static {text.head(name)}\n{{\n{body}}}\n")
-        return self.functions[part]
+        return self.functions[key]
 
 
-class _FunctionText:
+class FunctionText:
     """Prints one function."""
 
     def __init__(self, printer, part):
@@ -227,27 +236,22 @@ class _FunctionText:
         pad = len(path) * "    "
         match statement:
             case Assign(target, value):
-                text = f"{self._change(target, value, variable(target, value.kind))};"
+                before = variable(target, value.kind)
+                text = f"{self._change(target, value, before)};"
             case Store(array, place, value):
                 before = Expression("load", (array, place), array.kind)
                 text = f"{self._change(self._element(array, place), value, before)};"
             case Listed(array, values):
-                texts = ", ".join(self._text(x) for x in values)
+                texts = ", ".join(self._put(x, array.name) for x in values)
                 kind = self._type(array.kind)
                 text = f"const {kind} {array.name}[{len(values)}] = {{{texts}}};"
             case Call(_, args, outs):
-                kept = [out for out in outs if out is not None]
-                part = called(statement, kept)
-                texts = [self._text(x) for x in part.args(args)]
-                if len(kept) > 1:
-                    text = f"{self._called(part, texts + [f'&{out}' for out in kept])};"
-                else:
-                    text = f"{''.join(f'{out} = ' for out in kept)}{self._called(part, texts)};"
+                text = self._call(called(statement, outs), args, outs, path)
             case Return(values) if len(values) > 1:
-                texts = [f"*out{k} = {self._text(x)};" for k, x in enumerate(values)]
+                texts = [f"*out{k} = {self._put(x, k)};" for k, x in enumerate(values)]
                 text = f"\n{pad}".join([*texts, "return;"])
             case Return(values):
-                text = f"return{''.join(f' {self._text(x)}' for x in values)};"
+                text = f"return{''.join(f' {self._put(x, 0)}' for x in values)};"
             case Jump(word):
                 text = f"{word};"
             case If():
@@ -260,6 +264,16 @@ class _FunctionText:
                 head = f"int32_t {name} = {self._text(start)}; {name} {compare} {self._text(stop)}"
                 text = f"for ({head}; {name}{change}) {self._braced(statement, path)}"
         return f"{pad}{text}\n"
+
+    def _put(self, x, place):
+        """Return the text of what is put to a variable, by its name, or to a result, by number."""
+        return self._text(x)
+
+    def _call(self, part, args, outs, path):
+        kept = [out for out in outs if out is not None]
+        if len(kept) > 1:
+            return f"{self._called(part, args, kept)};"
+        return f"{''.join(f'{out} = ' for out in kept)}{self._called(part, args)};"
 
     def _change(self, target, value, before):
         if value.op in _CHANGES and value.args[0] == before:
@@ -288,7 +302,8 @@ class _FunctionText:
             return f"{text} else {other}"
         return f"{text} else {{\n{other}{len(path) * '    '}}}"
 
-    def _called(self, part, texts):
+    def _called(self, part, args, outs=()):
+        texts = [self._text(arg) for arg in part.args(args)] + [f"&{out}" for out in outs]
         return f"{self._printer.function(part)}({', '.join(texts)})"
 
     def _element(self, array, place):
@@ -305,8 +320,8 @@ class _FunctionText:
     def _bound(self, x):
         """Return the text of an expression and how tightly it is bound."""
         op, args = x.op, x.args
-        if op in _SYMBOLS:
-            symbol, binding = _SYMBOLS[op]
+        if op in SYMBOLS:
+            symbol, binding = SYMBOLS[op]
             left, right = self._bound(args[0]), self._bound(args[1])
             # an operand that binds as tightly may stand on the left; conditions are set apart
             least = max(binding, 5)
@@ -317,29 +332,28 @@ class _FunctionText:
             return f"{a} {symbol} {b}", binding
         match op:
             case "const":
-                return self._constant(*args, x.kind), _UNARY
+                return self._constant(*args, x.kind), UNARY
             case "name":
-                return args[0], _ATOM
+                return args[0], ATOM
             case "load":
-                return self._element(*args), _ATOM
+                return self._element(*args), ATOM
             case "call":
-                part = called(x)
-                return self._called(part, [self._text(a) for a in part.args(args[1:])]), _ATOM
+                return self._called(called(x), args[1:]), ATOM
             case "choice":
-                texts = [self._tight(a, _CHOICE + 1) for a in args]
-                return "{} ? {} : {}".format(*texts), _CHOICE
+                texts = [self._tight(a, CHOICE + 1) for a in args]
+                return "{} ? {} : {}".format(*texts), CHOICE
             case "neg" | "not":
-                return ("-" if op == "neg" else "!") + self._tight(args[0], _UNARY + 1), _UNARY
+                return ("-" if op == "neg" else "!") + self._tight(args[0], UNARY + 1), UNARY
             case "cast":
-                return f"({self._type(x.kind)}){self._tight(args[0], _UNARY + 1)}", _UNARY
+                return f"({self._type(x.kind)}){self._tight(args[0], UNARY + 1)}", UNARY
             case "abs" if x.kind == "real":
                 op = "math.fabs"
             case "**":
                 op = "math.pow"
         texts = ", ".join(self._text(a) for a in args)
         if op.startswith("math."):
-            return f"{op[5:]}{self._printer.dialect.suffix}({texts})", _ATOM
-        return f"{self._printer.helper(op, x.kind)}({texts})", _ATOM
+            return f"{op[5:]}{self._printer.dialect.suffix}({texts})", ATOM
+        return f"{self._printer.helper(op, x.kind)}({texts})", ATOM
 
     def _tight(self, x, least):
         text, binding = self._bound(x)

@@ -300,7 +300,10 @@ class Values(ABC):
         self._refuse(f"this call of {name!r}")
 
     def _call_function(self, python, args, whole):
-        function = self._function(python, *map(signature, args))
+        try:
+            function = self._function(python, *map(signature, args))
+        except RecursionError:
+            self._refuse(f"{python.__name__!r}, which calls itself,")
         flat = []
         for x, param in zip(leaves(tuple(args)), function.params, strict=True):
             flat.append(x if isinstance(x, Array) else converted(x, param.kind))

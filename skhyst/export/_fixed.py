@@ -1,0 +1,364 @@
+"""Prints what has been read in integers: numbers of 64 bits with a binary point.
+
+Each number has ``f`` binary digits behind its point, which stays where it is: they are chosen so
+that the largest size that it takes under a drive has ``_MARGIN`` bits to spare, and about 50 are
+left. Products and quotients have 128 bits on their way.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
+from ._slice import called
+from ._tree import COMPARISONS, Array, Call
+
+_BITS = 62  # of a number, its sign aside; one is left for a sum
+_MARGIN = 12  # bits that a number may grow by beyond what was seen
+_EXACT = 52  # bits of a double, behind the first
+_MOST = 2**62  # stands for infinity
+_BEYOND = 16  # times the largest input that was seen, where input is held
+_LONGEST = 126  # move of a product or quotient
+_HELPERS = {
+    "floor": """\
+/* the next whole number below a / 2^n */
+static int64_t {n}(int64_t a, int32_t n)
+{{
+    return a < 0 ? -((((int64_t)1 << n) - 1 - a) >> n) : a >> n;
+}}
+""",
+    "shift": """\
+/* a / 2^n, rounded */
+static int64_t {n}(int64_t a, int32_t n)
+{{
+    const int64_t half = (int64_t)1 << ((n - 1) % 62);
+    if (n > 62) {{
+        return 0;
+    }}
+    return a < 0 ? -((half - a) >> n) : (a + half) >> n;
+}}
+""",
+    "product": """\
+/* a b / 2^n, rounded, for n from 0 to 126 */
+static int64_t {n}(int64_t a, int64_t b, int32_t n)
+{{
+    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
+    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
+    const uint64_t least = (x & 0xffffffffu) * (y & 0xffffffffu);
+    const uint64_t cross = (x >> 32) * (y & 0xffffffffu) + (least >> 32);
+    const uint64_t other = (x & 0xffffffffu) * (y >> 32) + (cross & 0xffffffffu);
+    uint64_t low = other << 32 | (least & 0xffffffffu);
+    uint64_t high = (x >> 32) * (y >> 32) + (cross >> 32) + (other >> 32);
+    if (n > 0) {{
+        const uint64_t half = (uint64_t)1 << ((n - 1) % 64);
+        const uint64_t before = low;
+        low += n <= 64 ? half : 0;
+        high += (low < before ? 1 : 0) + (n > 64 ? half : 0);
+        if (n >= 64) {{
+            low = high;
+            high = 0;
+            n -= 64;
+        }}
+        low = n > 0 ? low >> n | high << (64 - n) : low;
+        high >>= n;
+    }}
+    low = high > 0 || low > INT64_MAX ? INT64_MAX : low;
+    return (a < 0) != (b < 0) ? -(int64_t)low : (int64_t)low;
+}}
+""",
+    "ratio": """\
+/* a 2^n / b, for n from 0 to 126; the largest number where b is zero */
+static int64_t {n}(int64_t a, int64_t b, int32_t n)
+{{
+    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
+    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
+    uint64_t whole = y > 0 ? x / y : INT64_MAX;
+    uint64_t rest = y > 0 ? x % y : 0;
+    while (n > 0) {{
+        rest *= 2;
+        whole = whole > INT64_MAX / 2 ? INT64_MAX : 2 * whole + (rest >= y && y > 0 ? 1 : 0);
+        rest -= rest >= y ? y : 0;
+        n--;
+    }}
+    return (a < 0) != (b < 0) ? -(int64_t)whole : (int64_t)whole;
+}}
+""",
+}
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """The dialect of numbers with a fixed point."""
+
+    type: str = "int64_t"
+
+
+def digits(largest, bits=_BITS - _MARGIN):
+    """Return the binary digits behind the point of numbers up to a size."""
+    return bits - (math.frexp(largest)[1] if largest else 1)
+
+
+def scaled(value, f):
+    """Return a constant as it is written."""
+    value = math.ldexp(value, f) if math.isfinite(value) and abs(value) < 2.0**900 else value
+    if abs(value) >= _MOST:
+        return str(_MOST if value > 0.0 else -_MOST)
+    return str(round(value))
+
+
+@dataclass
+class FixedPrinter(Printer):
+    """A printer of numbers with a fixed point.
+
+    Parameters
+    ----------
+    ranges : Ranges
+    """
+
+    ranges: object = None
+
+    def literal(self, array):
+        """Return the function that writes the numbers of a constant array."""
+        f = table_digits(array)
+        return lambda value: scaled(value, f)
+
+    def helper(self, op, kind):
+        """Return the name of the function for an operation."""
+        if op not in _HELPERS:
+            return super().helper(op, kind)
+        if op not in self.functions:
+            self.functions[op] = self.name(op)
+            self.texts.append(_HELPERS[op].format(n=self.functions[op]))
+        return self.functions[op]
+
+    def written(self, part, step=None, arrays=()):
+        """Return the text of a function, see :class:`FixedText`."""
+        return FixedText(self, part, step, arrays)
+
+
+def table_digits(array):
+    """Return the binary digits of a constant array."""
+    return digits(max(map(abs, array.values), default=0.0), _EXACT)
+
+
+class FixedText(FunctionText):
+    """Prints one function.
+
+    Parameters
+    ----------
+    printer : FixedPrinter
+    part : Slice
+    step : int or None
+        The step of the model that it belongs to, see :class:`Ranges`.
+    arrays : tuple of int
+        Digits of the arrays among the arguments.
+    """
+
+    def __init__(self, printer, part, step=None, arrays=()):
+        super().__init__(printer, part)
+        self._step = step
+        names = [p.name for p in self._params if isinstance(p, Array)]
+        self._arrays = dict(zip(names, arrays, strict=False))
+
+    # digits
+
+    def _digits(self, *key, part=None, step=None):
+        """Return the digits of a variable, a result by its number, or an expression by its id."""
+        step = self._step if step is None else step
+        largest = self._printer.ranges.of(step, part or self._part, *key)
+        if largest is None:
+            raise ValueError(
+                f"The 'drive' must lead through all of '{self._part.function.name}', so that the "
+                "size of its numbers is seen. There is a part that it does not reach."
+            )
+        return digits(largest)
+
+    def _array_digits(self, array, step):
+        if array.values is not None:
+            return table_digits(array) if array.kind == "real" else 0
+        if self._step is None:
+            return digits(self._printer.ranges.of(step if array.name == "s" else None, array.name))
+        return self._arrays[array.name] if array.name in self._arrays else self._digits(array.name)
+
+    def _own(self, x):
+        """Return the digits that a number has by itself; None for constants, which fit to any."""
+        if x.value is not None:
+            return None
+        match x.op:
+            case "name":
+                return self._digits(*x.args)
+            case "load":
+                return self._array_digits(x.args[0], None)
+            case "cast":
+                return 0
+            case "call":
+                return self._digits(0, part=called(x))
+        return self._digits(id(x))
+
+    def _common(self, *values):
+        """Return the digits in which numbers can be added and compared."""
+        own = [self._own(x) for x in values]
+        return min((f for f in own if f is not None), default=digits(1.0))
+
+    # texts
+
+    def _put(self, x, place):
+        return self._fitted(x, self._digits(place))[0] if x.kind == "real" else self._text(x)
+
+    def _change(self, target, value, before):
+        if value.kind != "real":
+            return super()._change(target, value, before)
+        return f"{target} = {self._fitted(value, self._own(before))[0]}"
+
+    def _call(self, part, args, outs, path):
+        outs = [out for out in outs if out is not None]
+        step = path[-1] if self._step is None else self._step
+        text = self._called(part, args, outs if len(outs) > 1 else (), step)
+        kinds = self._part.function.kinds
+        pairs = [(self._digits(k, part=part, step=step), out) for k, out in enumerate(outs)]
+        if len(outs) == 1 and kinds[outs[0]] == "real":
+            ((f, out),) = pairs
+            return f"{out} = {self._moved(text, ATOM, f, self._digits(out))[0]};"
+        if len(outs) == 1:
+            return f"{outs[0]} = {text};"
+        moves = [
+            f"\n{len(path) * '    '}{out} = {self._moved(out, ATOM, f, self._digits(out))[0]};"
+            for f, out in pairs
+            if kinds[out] == "real" and f != self._digits(out)
+        ]
+        return "".join((f"{text};", *moves))
+
+    def _called(self, part, args, outs=(), step=None):
+        step = self._step if step is None else step
+        texts, arrays = [], []
+        for arg, param in zip(part.args(args), part.args(part.function.params), strict=True):
+            if isinstance(arg, Array):
+                arrays.append(self._array_digits(arg, step))
+                texts.append(self._text(arg))
+            elif arg.kind == "real":
+                f = self._digits(*param.args, part=part, step=step)
+                texts.append(self._fitted(arg, f)[0])
+            else:
+                texts.append(self._text(arg))
+        texts += [f"&{out}" for out in outs]
+        return f"{self._printer.function(part, step, tuple(arrays))}({', '.join(texts)})"
+
+    def _bound(self, x):
+        """Return the text of what is no real number, and how tightly it is bound."""
+        if x.op in COMPARISONS and x.args[0].kind == "real":
+            f = self._common(*x.args)
+            symbol, binding = SYMBOLS[x.op]
+            a, b = (self._bracketed(y, f, 5) for y in x.args)
+            return f"{a} {symbol} {b}", binding
+        if x.op == "cast" and x.args[0].kind == "real":
+            return self._whole(x.args[0]), UNARY
+        return super()._bound(x)
+
+    def _whole(self, x):
+        """Return a real number as an integer."""
+        word = x.op.removeprefix("math.") if x.op.startswith("math.") else "trunc"
+        (of,) = x.args if x.op.startswith("math.") else (x,)
+        f = min(max(self._common(of), 0), _BITS)
+        text = self._fitted(of, f)[0]
+        if word == "trunc":
+            return f"(int32_t)({self._bracketed(of, f, 7)} / {2**f})"
+        if word == "floor":
+            return f"(int32_t){self._helper('floor', text, f)}"
+        return f"(int32_t)-{self._helper('floor', f'-({text})', f)}"
+
+    def _helper(self, op, *args):
+        return f"{self._printer.helper(op, 'real')}({', '.join(map(str, args))})"
+
+    def _bracketed(self, x, f, least):
+        text, binding = self._fitted(x, f)
+        return text if binding >= least else f"({text})"
+
+    def _moved(self, text, binding, own, f):
+        """Return a number of some digits with others."""
+        if own > f:
+            return self._helper("shift", text, own - f), ATOM
+        if own < f:
+            return f"{text if binding >= 6 else f'({text})'} * {2 ** min(f - own, _BITS)}", 6
+        return text, binding
+
+    def _fitted(self, x, f):
+        """Return the text of a real number with ``f`` digits, and how tightly it is bound."""
+        if x.value is not None:
+            return scaled(float(x.value), f), UNARY
+        op, args = x.op, x.args
+        match op:
+            case "name" | "load":
+                return self._moved(super()._bound(x)[0], ATOM, self._own(x), f)
+            case "cast":
+                return self._moved(f"(int64_t){self._tight(args[0], ATOM)}", UNARY, 0, f)
+            case "call":
+                return self._moved(self._called(called(x), args[1:]), ATOM, self._own(x), f)
+            case "+" | "-":
+                own = self._common(*args, x)
+                texts = self._bracketed(args[0], own, 5), self._bracketed(args[1], own, 6)
+                return self._moved(f"{texts[0]} {op} {texts[1]}", 5, own, f)
+            case "*" | "/":
+                return self._product(op, *args, f)
+            case "powi" if args[1].value == 2:
+                return self._product("*", args[0], args[0], f)
+            case "neg":
+                return f"-{self._bracketed(args[0], f, ATOM)}", UNARY
+            case "choice":
+                a, b = (self._bracketed(y, f, CHOICE + 1) for y in args[1:])
+                return f"{self._tight(args[0], CHOICE + 1)} ? {a} : {b}", CHOICE
+            case "min" | "max" | "abs" | "math.fabs":
+                own = self._common(*args)
+                texts = [self._fitted(y, own)[0] for y in args]
+                return self._moved(self._helper(op[-3:], *texts), ATOM, own, f)
+        raise ValueError(
+            f"'{op.removeprefix('math.')}' in '{self._part.function.name}' has no form in "
+            "integers: the 'dtype' must be 'float32' or 'float64'."
+        )
+
+    def _product(self, op, a, b, f):
+        """Return the product or quotient of two numbers."""
+        fa, fb = (
+            digits(float(x.value), _EXACT) if x.value is not None else self._own(x) for x in (a, b)
+        )
+        texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
+        n = fa + fb - f if op == "*" else f - fa + fb
+        text = self._helper("product" if op == "*" else "ratio", *texts, min(max(n, 0), _LONGEST))
+        left = n - min(max(n, 0), _LONGEST)  # moves that are left
+        return self._moved(text, ATOM, left if op == "*" else -left, 0)
+
+
+def boundary(printer, model, lowered, counts, units):
+    """Return the body of the public step, and the first state.
+
+    Parameters
+    ----------
+    printer : FixedPrinter
+    model : Slice
+    lowered : Lowered
+    counts : ndarray of shape (n_samples, n_inputs)
+        The drive in units of the input.
+    units : tuple of float
+        Drive and response that the integer 1 stands for.
+    """
+    ranges, row = printer.ranges, lowered.n_inputs is not None
+    limit = min(_BEYOND * int(max(np.abs(counts).max(), 1)), 2**31 - 1)
+    f, unit = digits(ranges.of(None, "u")), digits(units[0], _EXACT)
+    product, least, most = (printer.helper(op, "real") for op in ("product", "min", "max"))
+    inputs = [
+        f"{product}({least}({most}({u}, {-limit}), {limit}), {scaled(units[0], unit)}, {unit - f})"
+        for u in ([f"u[{k}]" for k in range(lowered.n_inputs)] if row else ["u"])
+    ]
+    lines = [f"const int64_t x{f'[{len(inputs)}]' if row else ''} = "]
+    lines[0] += f"{{{', '.join(inputs)}}};" if row else f"{inputs[0]};"
+    own, per = digits(ranges.of(None, model, 0)), digits(1.0 / units[1], _EXACT)
+    call = f"{printer.function(model)}({', '.join(model.args(['x', 'state->s']))})"
+    lines += [f"const int64_t y = {product}({call}, {scaled(1.0 / units[1], per)}, {own + per});"]
+    lines += [f"return (int32_t){least}({most}(y, -INT32_MAX), INT32_MAX);"]
+    unused = zip(("x", "state"), model.taken, strict=True)
+    lines[1:1] = [f"(void){name};" for name, used in unused if not used]
+    first = []
+    for step, (*_, own) in ((k, s.args) for k, s in enumerate(model.body) if isinstance(s, Call)):
+        begin, f = own.offset.value, digits(ranges.of(step, "s"))
+        first += [scaled(x, f) for x in lowered.state[begin : begin + own.shape[0]]]
+    return "".join(f"    {line}\n" for line in lines), ", ".join(first) or "0"
