@@ -213,7 +213,7 @@ def to_c(
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
         drive = np.reshape(drive, (-1, n_inputs))
-        texts = _in_integers(step, lowered, common, drive, units)
+        texts = _in_integers(lowered, common, drive, units)
     else:
         drive = _test_drive(u0, n_inputs) if drive is None else np.reshape(drive, (-1, n_inputs))
         texts = _in_reals(step, lowered, common, drive, dtype)
@@ -316,7 +316,8 @@ def _in_reals(step, lowered, common, drive, dtype):
     return _texts(common, printer, [_listed(row, dialect.literal) for row in drive], outputs)
 
 
-def _in_integers(step, lowered, common, drive, units):
+def _in_integers(lowered, common, drive, units):
+    step = model_step(lowered, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
     drive = counts * units[0]
     printer = _reserve(

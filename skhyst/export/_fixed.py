@@ -7,12 +7,14 @@ left. Products and quotients have 128 bits on their way.
 
 import math
 from dataclasses import dataclass
+from string import Formatter
 
 import numpy as np
 
+from ._fixed_functions import CONSTANTS, FUNCTIONS
 from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
 from ._slice import called
-from ._tree import COMPARISONS, Array, Call
+from ._tree import COMPARISONS, Array, Call, constant
 
 _BITS = 62  # of a number, its sign aside; one is left for a sum
 _MARGIN = 12  # bits that a number may grow by beyond what was seen
@@ -20,71 +22,7 @@ _EXACT = 52  # bits of a double, behind the first
 _MOST = 2**62  # stands for infinity
 _BEYOND = 16  # times the largest input that was seen, where input is held
 _LONGEST = 126  # move of a product or quotient
-_HELPERS = {
-    "floor": """\
-/* the next whole number below a / 2^n */
-static int64_t {n}(int64_t a, int32_t n)
-{{
-    return a < 0 ? -((((int64_t)1 << n) - 1 - a) >> n) : a >> n;
-}}
-""",
-    "shift": """\
-/* a / 2^n, rounded */
-static int64_t {n}(int64_t a, int32_t n)
-{{
-    const int64_t half = (int64_t)1 << ((n - 1) % 62);
-    if (n > 62) {{
-        return 0;
-    }}
-    return a < 0 ? -((half - a) >> n) : (a + half) >> n;
-}}
-""",
-    "product": """\
-/* a b / 2^n, rounded, for n from 0 to 126 */
-static int64_t {n}(int64_t a, int64_t b, int32_t n)
-{{
-    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
-    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
-    const uint64_t least = (x & 0xffffffffu) * (y & 0xffffffffu);
-    const uint64_t cross = (x >> 32) * (y & 0xffffffffu) + (least >> 32);
-    const uint64_t other = (x & 0xffffffffu) * (y >> 32) + (cross & 0xffffffffu);
-    uint64_t low = other << 32 | (least & 0xffffffffu);
-    uint64_t high = (x >> 32) * (y >> 32) + (cross >> 32) + (other >> 32);
-    if (n > 0) {{
-        const uint64_t half = (uint64_t)1 << ((n - 1) % 64);
-        const uint64_t before = low;
-        low += n <= 64 ? half : 0;
-        high += (low < before ? 1 : 0) + (n > 64 ? half : 0);
-        if (n >= 64) {{
-            low = high;
-            high = 0;
-            n -= 64;
-        }}
-        low = n > 0 ? low >> n | high << (64 - n) : low;
-        high >>= n;
-    }}
-    low = high > 0 || low > INT64_MAX ? INT64_MAX : low;
-    return (a < 0) != (b < 0) ? -(int64_t)low : (int64_t)low;
-}}
-""",
-    "ratio": """\
-/* a 2^n / b, for n from 0 to 126; the largest number where b is zero */
-static int64_t {n}(int64_t a, int64_t b, int32_t n)
-{{
-    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
-    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
-    uint64_t whole = y > 0 ? x / y : INT64_MAX;
-    uint64_t rest = y > 0 ? x % y : 0;
-    while (n > 0) {{
-        rest *= 2;
-        whole = whole > INT64_MAX / 2 ? INT64_MAX : 2 * whole + (rest >= y && y > 0 ? 1 : 0);
-        rest -= rest >= y ? y : 0;
-        n--;
-    }}
-    return (a < 0) != (b < 0) ? -(int64_t)whole : (int64_t)whole;
-}}
-""",
-}
+_OF_ONE = ("cos", "exp", "expm1", "log", "log1p", "sin", "tanh")
 
 
 @dataclass(frozen=True)
@@ -125,11 +63,13 @@ class FixedPrinter(Printer):
 
     def helper(self, op, kind):
         """Return the name of the function for an operation."""
-        if op not in _HELPERS:
+        if op not in FUNCTIONS:
             return super().helper(op, kind)
         if op not in self.functions:
+            words = {word for _, word, _, _ in Formatter().parse(FUNCTIONS[op]) if word} - {"n"}
+            calls = {word: self.helper(word, kind) for word in sorted(words - CONSTANTS.keys())}
             self.functions[op] = self.name(op)
-            self.texts.append(_HELPERS[op].format(n=self.functions[op]))
+            self.texts.append(FUNCTIONS[op].format(n=self.functions[op], **calls, **CONSTANTS))
         return self.functions[op]
 
     def written(self, part, step=None, arrays=()):
@@ -311,8 +251,20 @@ class FixedText(FunctionText):
                 own = self._common(*args)
                 texts = [self._fitted(y, own)[0] for y in args]
                 return self._moved(self._helper(op[-3:], *texts), ATOM, own, f)
+            case "math.sqrt":
+                return self._power(args[0], constant(0.5), f)
+            case "**" | "math.pow":
+                return self._power(*args, f)
+            case "math.copysign":
+                size, sign = self._helper("abs", self._fitted(args[0], f)[0]), self._common(args[1])
+                below = f"{self._bracketed(args[1], sign, 5)} < 0"
+                return f"{below} ? -{size} : {size}", CHOICE
+        name = op.removeprefix("math.")
+        if name in _OF_ONE:
+            own = self._common(*args)
+            return self._helper(name, self._fitted(args[0], own)[0], own, f), ATOM
         raise ValueError(
-            f"'{op.removeprefix('math.')}' in '{self._part.function.name}' has no form in "
+            f"{name!r} in '{self._part.function.name}' has no form in "
             "integers: the 'dtype' must be 'float32' or 'float64'."
         )
 
@@ -326,6 +278,12 @@ class FixedText(FunctionText):
         text = self._helper("product" if op == "*" else "ratio", *texts, min(max(n, 0), _LONGEST))
         left = n - min(max(n, 0), _LONGEST)  # moves that are left
         return self._moved(text, ATOM, left if op == "*" else -left, 0)
+
+    def _power(self, a, b, f):
+        """Return a power of a number that is not negative."""
+        fa, fb = self._common(a), max(self._common(b), 0)
+        texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
+        return self._helper("pow", *texts, fa, fb, f), ATOM
 
 
 def boundary(printer, model, lowered, counts, units):

@@ -6,10 +6,12 @@ from ._tree import Array, Call, Function, Return, constant, converted, leaves, v
 from ._values import signature
 
 
-def model_step(lowered):
+def model_step(lowered, with_numbers=False):
     """Return the step of a :class:`~skhyst.operators.Lowered` as a :class:`Slice`.
 
-    Its arguments are the input, a number or an array, and the state.
+    Its arguments are the input, a number or an array, and the state. Constants are arguments of
+    the functions of its parts, so that parts of one kind share them; under ``with_numbers`` each
+    part has its own, without what its constants rule out.
     """
     n_inputs = lowered.n_inputs
     u = variable("u", "real") if n_inputs is None else Array("u", (n_inputs,))
@@ -21,7 +23,8 @@ def model_step(lowered):
         given = tuple(_constant(c, k) for k, c in enumerate(constants))
 
         def called(u):
-            function = read(step.py_func, *map(signature, (u, given, own)))
+            kinds_of = (signature(x, with_numbers) for x in (u, given, own))
+            function = read(step.py_func, *kinds_of, with_numbers=with_numbers)
             name = f"y{len(body)}"
             kinds[name] = "real"
             args = zip(leaves((u, given, own)), function.params, strict=True)

@@ -8,7 +8,7 @@ kinds of its variables stay: what is an integer at first may be real later.
 import ast
 import inspect
 import textwrap
-from functools import cache
+from functools import cache, lru_cache
 
 from ._tree import (
     Array,
@@ -36,8 +36,8 @@ from ._tree import (
 from ._values import Values, signature
 
 
-@cache
-def read(function, *signatures):
+@lru_cache(maxsize=1024)
+def read(function, *signatures, with_numbers=False):
     """Return a :class:`Function`.
 
     Parameters
@@ -46,13 +46,15 @@ def read(function, *signatures):
         In plain Python.
     *signatures : str, or nested tuples
         Of the arguments, see :func:`signature`.
+    with_numbers : bool, default=False
+        Functions within are read for the numbers that they are called with, where these are known.
 
     Raises
     ------
     ValueError
         With file and line of what cannot be read.
     """
-    return _Reader(function, signatures).function
+    return _Reader(function, signatures, with_numbers).function
 
 
 @cache
@@ -70,9 +72,9 @@ def _definition(function):
 class _Reader(Values):
     """Reads one function; ``_read_...`` are named by the statements of :mod:`ast`."""
 
-    def __init__(self, function, signatures):
+    def __init__(self, function, signatures, with_numbers):
         file, definition = _definition(function)
-        super().__init__(function.__globals__, file, definition)
+        super().__init__(function.__globals__, file, definition, with_numbers)
         names = [argument.arg for argument in definition.args.args]
         plain = ast.arguments([], definition.args.args, None, [], [], None, [])
         if len(names) != len(signatures) or ast.dump(plain) != ast.dump(definition.args):
@@ -89,6 +91,9 @@ class _Reader(Values):
                 else:
                     self._env[name] = self._argument(kinds, name)
             self._params = tuple(leaf for name in names for leaf in leaves(self._env[name]))
+            for name in names:
+                if name not in self._once and getattr(self._env[name], "op", None) == "const":
+                    self._assign(ast.Name(name), self._env[name])
             self._read_block(definition.body)
         params = tuple(self._latest(p) if isinstance(p, Expression) else p for p in self._params)
         result = () if self._result is None else self._result
@@ -96,7 +101,7 @@ class _Reader(Values):
         self.function = Function(definition.name, params, body, result, self._kinds, writes)
 
     def _function(self, python, *signatures):
-        return read(python, *signatures)
+        return read(python, *signatures, with_numbers=self._with_numbers)
 
     @staticmethod
     def _elements(name, definition):
@@ -184,7 +189,7 @@ class _Reader(Values):
             case ast.Name(name):
                 if name in self._loops:
                     self._refuse(f"{name!r}, which is the variable of a loop,")
-                if name in self._once and _is_whole(value):
+                if name in self._once and self._stands_for_itself(value):
                     self._env[name] = value
                     return
                 self._pair_name(name, (name,), value, pairs)
@@ -206,6 +211,11 @@ class _Reader(Values):
                     self._pair(one, part, pairs)
             case _:
                 self._refuse("this assignment")
+
+    def _stands_for_itself(self, value):
+        """Say whether a value takes the place of a variable: sizes do, others keep their name."""
+        known = isinstance(value, Expression) and value.value is not None
+        return known and (value.kind != "real" or self._with_numbers)
 
     def _pair_name(self, name, path, value, pairs):
         """Pair the numbers of a value with the variables that hold them."""
@@ -304,8 +314,3 @@ def _widest(a, b):
     if isinstance(a, tuple):
         return tuple(_widest(x, y) for x, y in zip(a, b, strict=True))
     return variable("", joined(a.kind, b.kind))
-
-
-def _is_whole(value):
-    """Say whether a value is a known integer or truth value."""
-    return isinstance(value, Expression) and value.kind != "real" and value.value is not None

@@ -7,7 +7,7 @@ nothing is added to it, and into the functions that are called.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 
 from ._tree import (
     Assign,
@@ -25,9 +25,9 @@ from ._tree import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Slice:
-    """What is left of a function.
+    """What is left of a function; there is one for each mask, so that it is equal to itself alone.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Slice:
         return [arg for arg, taken in zip(args, self.taken, strict=True) if taken]
 
 
-@cache
+@lru_cache(maxsize=4096)
 def sliced(function, mask=(True,)):
     """Return the :class:`Slice` of a function for the results that are used."""
     body, live = _block(function.body, frozenset(), (mask, None, None))

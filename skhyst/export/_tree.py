@@ -110,8 +110,9 @@ def arithmetic(op, a, b):
 
 
 def _folded(op, a, b):
-    """Return what is known of integers already, else None."""
-    if op in _FOLDED and a.kind == b.kind == "int" and None not in (a.value, b.value):
+    """Return what is known already, else None; sums of real numbers are left to the program."""
+    whole = a.kind == b.kind == "int" or op in COMPARISONS
+    if op in _FOLDED and whole and None not in (a.value, b.value):
         return constant(_FOLDED[op](a.value, b.value))
     return None
 

@@ -59,17 +59,23 @@ _WORDS = frozenset(
 TAKEN = _WORDS | MATH | ROUNDED | {f"{name}f" for name in MATH | ROUNDED}
 
 
-def signature(value):
-    """Return what a function is read for: kinds and shapes of an argument."""
+def signature(value, with_numbers=False):
+    """Return what a function is read for: kinds and shapes of an argument.
+
+    A number that is known stands for itself under ``with_numbers``.
+    """
     if isinstance(value, tuple):
-        return tuple(signature(part) for part in value)
+        return tuple(signature(part, with_numbers) for part in value)
+    if with_numbers and isinstance(value, Expression) and value.value is not None:
+        return value
     return Array("", value.shape, kind=value.kind) if isinstance(value, Array) else value.kind
 
 
 class Values(ABC):
-    """Reads the values in one function."""
+    """Reads the values in one function; see :func:`signature` about ``with_numbers``."""
 
-    def __init__(self, global_names, file, definition):
+    def __init__(self, global_names, file, definition, with_numbers):
+        self._with_numbers = with_numbers
         self._globals, self._file, self._at = global_names, file, definition
         params = [argument.arg for argument in definition.args.args]
         nodes = [n for n in ast.walk(definition) if isinstance(n, ast.Name)]
@@ -108,6 +114,8 @@ class Values(ABC):
         if isinstance(kinds, str):
             name = self._c_name(*path)
             return variable(name, self._kinds.setdefault(name, kinds))
+        if isinstance(kinds, Expression):
+            return kinds
         if isinstance(kinds, Array):
             return replace(kinds, name=self._c_name(*path))
         return tuple(self._argument(part, *path, k) for k, part in enumerate(kinds))
@@ -124,7 +132,8 @@ class Values(ABC):
         return kept
 
     def _latest(self, x):
-        return variable(x.args[0], self._kinds[x.args[0]])
+        """Return a variable, or a number, of the kind that is known by now."""
+        return x if x.op == "const" else variable(x.args[0], self._kinds[x.args[0]])
 
     def _known(self, name):
         """Return the value of a name that is not a variable."""
@@ -301,7 +310,8 @@ class Values(ABC):
 
     def _call_function(self, python, args, whole):
         try:
-            function = self._function(python, *map(signature, args))
+            numbers = self._with_numbers
+            function = self._function(python, *(signature(arg, numbers) for arg in args))
         except RecursionError:
             self._refuse(f"{python.__name__!r}, which calls itself,")
         flat = []

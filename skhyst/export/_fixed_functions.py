@@ -1,0 +1,209 @@
+"""What numbers with a fixed point need a function for, in C.
+
+``{n}`` is the name of the function, ``{product}`` and such are those of others that it calls.
+Argument and result have ``fa`` and ``f`` binary digits behind the point, on the way there are 55 to
+60. Every loop ends after a number of turns that is known.
+"""
+
+# all with 60 binary digits: log2(e), ln(2), pi; with 62: 1 / (2 pi)
+CONSTANTS = {
+    "LOG2E": "1663314137230540311",
+    "LN2": "799144290325165979",
+    "PI": "3622009729038561421",
+    "TURN": "733972625820500307",
+    "TERMS": "24",  # of a series, so that the last is below 2^-62
+}
+
+FUNCTIONS = {
+    "floor": """\
+/* the next whole number below a / 2^n */
+static int64_t {n}(int64_t a, int32_t n)
+{{
+    return a < 0 ? -((((int64_t)1 << n) - 1 - a) >> n) : a >> n;
+}}
+""",
+    "shift": """\
+/* a / 2^n, rounded */
+static int64_t {n}(int64_t a, int32_t n)
+{{
+    const int64_t half = (int64_t)1 << ((n - 1) % 62);
+    if (n > 62) {{
+        return 0;
+    }}
+    return a < 0 ? -((half - a) >> n) : (a + half) >> n;
+}}
+""",
+    "product": """\
+/* a b / 2^n, rounded, for n from 0 to 126 */
+static int64_t {n}(int64_t a, int64_t b, int32_t n)
+{{
+    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
+    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
+    const uint64_t least = (x & 0xffffffffu) * (y & 0xffffffffu);
+    const uint64_t cross = (x >> 32) * (y & 0xffffffffu) + (least >> 32);
+    const uint64_t other = (x & 0xffffffffu) * (y >> 32) + (cross & 0xffffffffu);
+    uint64_t low = other << 32 | (least & 0xffffffffu);
+    uint64_t high = (x >> 32) * (y >> 32) + (cross >> 32) + (other >> 32);
+    if (n > 0) {{
+        const uint64_t half = (uint64_t)1 << ((n - 1) % 64);
+        const uint64_t before = low;
+        low += n <= 64 ? half : 0;
+        high += (low < before ? 1 : 0) + (n > 64 ? half : 0);
+        if (n >= 64) {{
+            low = high;
+            high = 0;
+            n -= 64;
+        }}
+        low = n > 0 ? low >> n | high << (64 - n) : low;
+        high >>= n;
+    }}
+    low = high > 0 || low > INT64_MAX ? INT64_MAX : low;
+    return (a < 0) != (b < 0) ? -(int64_t)low : (int64_t)low;
+}}
+""",
+    "ratio": """\
+/* a 2^n / b, for n from 0 to 126; the largest number where b is zero */
+static int64_t {n}(int64_t a, int64_t b, int32_t n)
+{{
+    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
+    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
+    uint64_t whole = y > 0 ? x / y : INT64_MAX;
+    uint64_t rest = y > 0 ? x % y : 0;
+    while (n > 0) {{
+        rest *= 2;
+        whole = whole > INT64_MAX / 2 ? INT64_MAX : 2 * whole + (rest >= y && y > 0 ? 1 : 0);
+        rest -= rest >= y ? y : 0;
+        n--;
+    }}
+    return (a < 0) != (b < 0) ? -(int64_t)whole : (int64_t)whole;
+}}
+""",
+    "moved": """\
+/* a with f digits instead of fa; what is too large stays at 2^62 */
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t most = (int64_t)1 << 62;
+    if (f <= fa) {{
+        return f < fa ? {shift}(a, fa - f) : a;
+    }}
+    if (f - fa > 62) {{
+        return a > 0 ? most : a < 0 ? -most : 0;
+    }}
+    if (a > most >> (f - fa) || a < -(most >> (f - fa))) {{
+        return a > 0 ? most : -most;
+    }}
+    return a * ((int64_t)1 << (f - fa));
+}}
+""",
+    "exp": """\
+/* e^a = 2^k e^r with |r| at most ln(2) / 2 and a series for e^r */
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t one = (int64_t)1 << 60;
+    const int64_t limited = {moved}(a, fa, 55);
+    const int64_t k = {product}(limited, {LOG2E}, 115);
+    const int64_t rest = limited - {product}(k, {LN2}, 5);
+    const int64_t r = k == 0 ? {moved}(a, fa, 60) : {moved}(rest, 55, 60);
+    int64_t y = one;
+    for (int32_t i = {TERMS}; i > 0; i--) {{
+        y = one + {product}(r, y, 60) / i;
+    }}
+    return {moved}(y, 60 - (int32_t)k, f);
+}}
+""",
+    "expm1": """\
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int32_t g = f > 60 ? 60 : f < 0 ? 0 : f;
+    return {moved}({exp}(a, fa, g) - ((int64_t)1 << g), g, f);
+}}
+""",
+    "tanh": """\
+/* (1 - e^-2|a|) / (1 + e^-2|a|) */
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t one = (int64_t)1 << 60;
+    const int64_t decay = {exp}(a < 0 ? a : -a, fa - 1, 60);
+    const int64_t size = {ratio}(one - decay, one + decay, 60);
+    return {moved}(a < 0 ? -size : size, 60, f);
+}}
+""",
+    "log_ratio": """\
+/* log((1 + z) / (1 - z)) = 2 (z + z^3 / 3 + ...), z with 60 digits and at most 1/3 */
+static int64_t {n}(int64_t z)
+{{
+    const int64_t square = {product}(z, z, 60);
+    int64_t y = 0;
+    for (int32_t i = 2 * {TERMS} - 1; i > 0; i -= 2) {{
+        y = ((int64_t)1 << 60) / i + {product}(square, y, 60);
+    }}
+    return {product}(z, y, 59);
+}}
+""",
+    "log": """\
+/* log(m 2^k) with m from 1 to 2; the least number where a is not above zero */
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t one = (int64_t)1 << 61;
+    int32_t k = 61 - fa;
+    if (a <= 0) {{
+        return -((int64_t)1 << 62);
+    }}
+    while (a >= 2 * one - 1) {{
+        a /= 2;
+        k++;
+    }}
+    while (a < one) {{
+        a *= 2;
+        k--;
+    }}
+    a = {log_ratio}({ratio}(a - one, a + one, 60));
+    return k == 0 ? {moved}(a, 60, f) : {moved}({shift}(a, 5) + {product}(k, {LN2}, 5), 55, f);
+}}
+""",
+    "log1p": """\
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t one = (int64_t)1 << 60;
+    const int64_t x = {moved}(a, fa, 60);
+    const int32_t g = fa > 60 ? 60 : fa < 0 ? 0 : fa;
+    if (x > -one / 4 && x < one / 2) {{
+        return {moved}({log_ratio}({ratio}(x, 2 * one + x, 60)), 60, f);
+    }}
+    return {log}({moved}(a, fa, g) + ((int64_t)1 << g), g, f);
+}}
+""",
+    "pow": """\
+/* e^(b log(a)); b has fb digits */
+static int64_t {n}(int64_t a, int64_t b, int32_t fa, int32_t fb, int32_t f)
+{{
+    if (a > 0) {{
+        return {exp}({product}(b, {log}(a, fa, 55), fb), 55, f);
+    }}
+    return b > 0 ? 0 : {moved}(b < 0 ? INT64_MAX : 1, 0, f);
+}}
+""",
+    "cos": """\
+/* a series, whole turns aside */
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t one = (int64_t)1 << 58;
+    const int32_t g = fa > 56 ? 56 : fa < 0 ? 0 : fa;
+    const int64_t x = {moved}(a, fa, g);
+    const int64_t r = {moved}(x - {product}({product}(x, {TURN}, g + 62), {PI}, 59 - g), g, 58);
+    const int64_t square = {product}(r, r, 58);
+    int64_t y = one;
+    for (int32_t i = {TERMS}; i > 0; i--) {{
+        y = one - {product}(square, y, 58) / (2 * i * (2 * i - 1));
+    }}
+    return {moved}(y, 58, f);
+}}
+""",
+    "sin": """\
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int32_t g = fa > 56 ? 56 : fa < 0 ? 0 : fa;
+    return {cos}({moved}(a, fa, g) - {shift}({PI}, 61 - g), g, f);
+}}
+""",
+}
