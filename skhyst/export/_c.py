@@ -151,7 +151,8 @@ def to_c(
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
         Input of the test program, units of the drive. By default two sines that decay, of
         amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to hold 4096 times what
-        this drive makes of them, and larger input than 16 times its largest is held there.
+        this drive makes of them, and larger input than 16 times its largest is held there. It must
+        lead through all of the law.
     input_unit, output_unit : float, optional
         For ``"int32"``, the drive (the same for all inputs) and the response that the integer 1
         stands for.

@@ -37,12 +37,13 @@ def digits(largest, bits=_BITS - _MARGIN):
     return bits - (math.frexp(largest)[1] if largest else 1)
 
 
-def scaled(value, f):
-    """Return a constant as it is written."""
-    value = math.ldexp(value, f) if math.isfinite(value) and abs(value) < 2.0**900 else value
-    if abs(value) >= _MOST:
-        return str(_MOST if value > 0.0 else -_MOST)
-    return str(round(value))
+def scaled(value, f, is_limit=False):
+    """Return a constant as it is written; a limit may be beyond all numbers."""
+    if math.isfinite(value) and (not value or math.frexp(value)[1] + f < _BITS):
+        return str(round(math.ldexp(value, f)))
+    if not is_limit or math.isnan(value):
+        raise ValueError(f"The constant {value!r} has no form in integers.")
+    return str(_MOST if value > 0.0 else -_MOST)
 
 
 @dataclass
@@ -189,7 +190,7 @@ class FixedText(FunctionText):
         if x.op in COMPARISONS and x.args[0].kind == "real":
             f = self._common(*x.args)
             symbol, binding = SYMBOLS[x.op]
-            a, b = (self._bracketed(y, f, 5) for y in x.args)
+            a, b = (self._bracketed(y, f, 5, True) for y in x.args)
             return f"{a} {symbol} {b}", binding
         if x.op == "cast" and x.args[0].kind == "real":
             return self._whole(x.args[0]), UNARY
@@ -210,8 +211,8 @@ class FixedText(FunctionText):
     def _helper(self, op, *args):
         return f"{self._printer.helper(op, 'real')}({', '.join(map(str, args))})"
 
-    def _bracketed(self, x, f, least):
-        text, binding = self._fitted(x, f)
+    def _bracketed(self, x, f, least, is_limit=False):
+        text, binding = self._fitted(x, f, is_limit)
         return text if binding >= least else f"({text})"
 
     def _moved(self, text, binding, own, f):
@@ -222,10 +223,10 @@ class FixedText(FunctionText):
             return f"{text if binding >= 6 else f'({text})'} * {2 ** min(f - own, _BITS)}", 6
         return text, binding
 
-    def _fitted(self, x, f):
+    def _fitted(self, x, f, is_limit=False):
         """Return the text of a real number with ``f`` digits, and how tightly it is bound."""
         if x.value is not None:
-            return scaled(float(x.value), f), UNARY
+            return scaled(float(x.value), f, is_limit), UNARY
         op, args = x.op, x.args
         match op:
             case "name" | "load":
@@ -249,7 +250,7 @@ class FixedText(FunctionText):
                 return f"{self._tight(args[0], CHOICE + 1)} ? {a} : {b}", CHOICE
             case "min" | "max" | "abs" | "math.fabs":
                 own = self._common(*args)
-                texts = [self._fitted(y, own)[0] for y in args]
+                texts = [self._fitted(y, own, True)[0] for y in args]
                 return self._moved(self._helper(op[-3:], *texts), ATOM, own, f)
             case "math.sqrt":
                 return self._power(args[0], constant(0.5), f)

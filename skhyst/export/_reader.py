@@ -126,6 +126,8 @@ class _Reader(Values):
                 method(statement)
             except Outside as error:
                 self._refuse(str(error))
+            if self._block and isinstance(self._block[-1], (Return, Jump)):
+                return  # nothing behind it is reached
 
     def _inner(self, statements):
         outer, self._block = self._block, []
@@ -138,10 +140,10 @@ class _Reader(Values):
 
     def _read_Expr(self, node):
         if not isinstance(node.value, ast.Constant):
-            self._whole(node.value)
+            self._value(node.value)
 
     def _read_Assign(self, node):
-        value = self._whole(node.value)
+        value = self._value(node.value)
         if len(node.targets) > 1 and any(map(mentioned, leaves(value))):
             value = renamed(value, self._kept)
         for target in node.targets:
@@ -149,9 +151,8 @@ class _Reader(Values):
 
     def _read_AugAssign(self, node):
         target = node.target
-        before = self._number(target)
-        value = arithmetic(self._symbol(node.op), before, self._number(node.value))
-        self._assign(target, value)
+        sides = map(self._as_number, self._in_order(target, node.value))
+        self._assign(target, arithmetic(self._symbol(node.op), *sides))
 
     def _assign(self, target, value):
         """Bind names to values; numbers are assigned at once, as Python does."""
@@ -250,7 +251,7 @@ class _Reader(Values):
         self._changed |= self._kinds[name] != before
 
     def _read_Return(self, node):
-        value = () if node.value is None else self._whole(node.value)
+        value = () if node.value is None else self._value(node.value)
         if any(isinstance(leaf, Array) for leaf in leaves(value)):
             self._refuse("an array that is returned")
         if self._result is None:

@@ -87,8 +87,8 @@ def converted(x, kind):
     """Return a number as one of another kind."""
     if x.kind == kind:
         return x
-    if x.op == "const" and kind == "real":
-        return constant(float(x.value))
+    if x.op == "const" and math.isfinite(x.value):
+        return constant({"bool": bool, "int": int, "real": float}[kind](x.value))
     return Expression("cast", (x,), kind)
 
 

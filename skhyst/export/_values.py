@@ -20,6 +20,7 @@ from ._tree import (
     converted,
     joined,
     leaves,
+    mentioned,
     renamed,
     shape_of,
     variable,
@@ -88,6 +89,7 @@ class Values(ABC):
         """Forget what has been read, but for the kinds of variables."""
         self._env, self._c_names = {}, {}
         self._head, self._block, self._writes, self._conditional = [], [], set(), 0
+        self._n_writing = 0  # calls so far that write to arrays
 
     @abstractmethod
     def _function(self, python, *signatures):
@@ -151,9 +153,15 @@ class Values(ABC):
             self._refuse(f"the name {name!r}")
         return value
 
-    def _whole(self, node):
-        """Return the value of a whole right side, which may be a call that writes to arrays."""
-        return self._call(node, True) if isinstance(node, ast.Call) else self._value(node)
+    def _in_order(self, *nodes):
+        """Return values that Python finds one after the other."""
+        values = []
+        for node in nodes:
+            written = self._n_writing
+            values.append(self._value(node))
+            if self._n_writing > written and any("[]" in mentioned(x) for x in leaves(values[:-1])):
+                self._refuse("what is read from an array before a call in the same line writes,")
+        return values
 
     def _number(self, node):
         return self._as_number(self._value(node))
@@ -170,7 +178,7 @@ class Values(ABC):
             case ast.Name(name):
                 return self._env[name] if name in self._env else self._known(name)
             case ast.Tuple(elements):
-                return tuple(self._value(element) for element in elements)
+                return tuple(self._in_order(*elements))
             case ast.Attribute(of, name):
                 return self._attribute(self._value(of), name)
             case ast.Subscript():
@@ -185,7 +193,8 @@ class Values(ABC):
             case ast.UnaryOp(ast.Not(), _) | ast.Compare() | ast.BoolOp():
                 return self._test(node, strict=True)
             case ast.BinOp(left, operator, right):
-                return arithmetic(self._symbol(operator), self._number(left), self._number(right))
+                sides = map(self._as_number, self._in_order(left, right))
+                return arithmetic(self._symbol(operator), *sides)
             case ast.IfExp():
                 return self._choice(node)
             case ast.Call():
@@ -256,7 +265,7 @@ class Values(ABC):
                 x = self._test(operand, strict)
                 return Expression("not", (x,), "bool") if x.value is None else constant(not x.value)
             case ast.Compare(left, operators, rights):
-                sides = [self._number(side) for side in (left, *rights)]
+                sides = [self._as_number(side) for side in self._in_order(left, *rights)]
                 pairs = zip(operators, sides[:-1], sides[1:], strict=True)
                 return _logical("and", [compared(self._symbol(op), a, b) for op, a, b in pairs])
         x = self._number(node)
@@ -277,14 +286,14 @@ class Values(ABC):
             self._refuse("a choice between values of several shapes")
         return _chosen(test, *values)
 
-    def _call(self, node, whole=False):
+    def _call(self, node):
         if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
             self._refuse("a call with arguments that are not plain")
         function = self._value(node.func)
-        args = [self._value(arg) for arg in node.args]
+        args = self._in_order(*node.args)
         name = getattr(function, "__name__", None)
         if hasattr(function, "py_func"):
-            return self._call_function(function.py_func, args, whole)
+            return self._call_function(function.py_func, args)
         if _BUILTINS.get(name) is function:
             return self._builtin(name, [self._as_number(arg) for arg in args])
         if getattr(math, str(name), None) is function:
@@ -308,7 +317,7 @@ class Values(ABC):
             return converted(args[0], "int" if name == "int" else "real")
         self._refuse(f"this call of {name!r}")
 
-    def _call_function(self, python, args, whole):
+    def _call_function(self, python, args):
         try:
             numbers = self._with_numbers
             function = self._function(python, *(signature(arg, numbers) for arg in args))
@@ -323,8 +332,9 @@ class Values(ABC):
                 self._writes.add(x.name)
         if isinstance(function.result, Expression) and not function.writes:
             return Expression("call", (function, *flat), function.result.kind)
-        if self._conditional or (function.writes and not whole):
-            self._refuse("a call of several results, or that writes, in this place")
+        if self._conditional:
+            self._refuse("a call of several results, or that writes, under a condition")
+        self._n_writing += bool(function.writes)
         result = renamed(function.result, lambda x: self._temporary(x.kind))
         outs = tuple(leaf.args[0] for leaf in leaves(result))
         self._block.append(Call(function, tuple(flat), outs))
