@@ -25,7 +25,6 @@ FEW_TURNS = 4  # of the drive, in a record of a loop or two
 TANKS = 3  # in a row, at the most
 KNEE = 0.6  # of the largest response: levels of a knee start at least a tenth above it
 FULL = 0.98  # of the level of a knee, up to which its inverse is well conditioned
-STEP = 1e-4  # of a parameter, in differences: far above rounding, far below what data tell
 
 # ---- periods of a drive, as parts of the power of the difference to the shifted drive
 AWAY = 0.2  # it has moved on

@@ -11,7 +11,7 @@ claimed.
 import numpy as np
 from scipy.stats import norm
 
-from ._constants import FEW_TURNS, FLAT, HARD, NOTICEABLE, REPEATS, STEP
+from ._constants import FEW_TURNS, FLAT, HARD, NOTICEABLE, REPEATS
 from ._periods import near_period, turns, visible_turns
 
 
@@ -49,7 +49,8 @@ def has_its_name(name, margin, tree, records, alpha):
     value = at(x)
     if value >= 0.0 or not np.isfinite(value):
         return bool(value >= 0.0)
-    steps = STEP * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
+    # of central differences: curvature and rounding make about equal errors
+    steps = np.cbrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
     ends = [np.clip([x - h, x + h], problem.lower, problem.upper) for h in steps]
     slopes = np.array([(at(high) - at(low)) / (high - low).sum() for low, high in ends])
     return bool(value + norm.isf(alpha) * _standard_error(problem, x, slopes) >= 0.0)
