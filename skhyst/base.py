@@ -20,7 +20,7 @@ from threadpoolctl import ThreadpoolController
 from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
 from .exceptions import ConvergenceWarning, DivergenceWarning, RecordError
-from .operators import Operator, put_beside, take_apart
+from .operators import Operator, Stepper, put_beside, take_apart
 from .optimize import (
     METHODS,
     Method,
@@ -434,6 +434,56 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         told = [known[s.rows].any() for s in slices]
         own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
         return np.concatenate(own)
+
+    def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None):
+        """Return the fitted model as a device that is fed the drive sample by sample.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            Sampling interval in s; by default that of the records of the fit.
+        u0 : float or array-like of shape (n_inputs,), default=0.0
+            Drive, and further columns where the model reads them, at which the device rests before.
+        initial_state : {"rest", "zero"}, default=None
+            State before the first sample; by default that of :meth:`predict`.
+        schedule : float, default=None
+            Number that the parameters depend on, such as the amplitude, where they do.
+
+        Returns
+        -------
+        Stepper
+            ``step(u) -> y``, ``run(u)``, ``state``, ``copy()``.
+
+        Raises
+        ------
+        NotImplementedError
+            If a part looks ahead, as a shift between two instruments.
+        ValueError
+            If ``dt`` is not given and the records of the fit differ in theirs.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> u = np.random.default_rng(0).normal(size=200)
+        >>> y, _ = FirstOrderLagOperator(0.05).run(u, 0.01)
+        >>> model = FirstOrderLag(dt=0.01).fit(u[:, None], y)
+        >>> stepper = model.stepper(u0=u[0])
+        >>> bool(np.allclose([stepper.step(value) for value in u], model.predict(u[:, None])))
+        True
+        """
+        check_is_fitted(self)
+        intervals = {record.dt for record in self.records_} if dt is None else {float(dt)}
+        if len(intervals) > 1:
+            raise ValueError(
+                f"The 'dt' parameter of {type(self).__name__}.stepper must be given: the records "
+                f"of the fit have the intervals {sorted(intervals)} s."
+            )
+        (dt,) = intervals
+        operator = self.operator_ if schedule is None else self.operator_.at(schedule)
+        u0 = float(u0) if np.ndim(u0) == 0 else np.asarray(u0, dtype=float)
+        state = operator.init(u0, initial_state or self._free_run_state())
+        return Stepper(operator.lowered(dt, state))
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"

@@ -1,6 +1,6 @@
 """Errors and warnings of skhyst."""
 
-__all__ = ["ConvergenceWarning", "DivergenceWarning", "RecordError"]
+__all__ = ["ConvergenceWarning", "DivergenceWarning", "ReachWarning", "RecordError"]
 
 from sklearn.exceptions import ConvergenceWarning
 
@@ -11,3 +11,7 @@ class RecordError(ValueError):
 
 class DivergenceWarning(UserWarning):
     """A simulation left every physical range; the values returned are finite but meaningless."""
+
+
+class ReachWarning(UserWarning):
+    """A reference is asked of a device that its drive, or a stage of its model, does not reach."""

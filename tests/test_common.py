@@ -18,6 +18,7 @@ from sklearn.utils.estimator_checks import check_param_validation, parametrize_w
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
 from skhyst.disturbance import Drift, Offset
@@ -62,6 +63,7 @@ EXAMPLES = {
     "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
+    "InverseCompensator": lambda: InverseCompensator(Ridge(), method="learned"),
     "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
     "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
@@ -93,6 +95,7 @@ MEMORYLESS = {
     "SmoothCurve",
     "SoftSaturation",
     "Offset",
+    "InverseCompensator",  # of a regressor
 }
 
 MEMORY = {

@@ -147,7 +147,7 @@ class Knee:
 def _before(record, knee):
     """Return the record with what a knee makes its response of, as far as the response tells."""
     y = np.clip(record.y, knee.center - FULL * knee.level, knee.center + FULL * knee.level)
-    y = knee.inverse(y)
+    y = knee.unsaturated(y)
     # an error before the knee counts as what is left of it behind
     weights = np.square(knee.linearize(y, np.ones((len(y), 1)), record.dt)[1][:, 0])
     if record.weights is not None:

@@ -83,6 +83,7 @@ class TankChainOperator(Operator):
     n_substeps: int = 4
 
     carries_scale = True
+    at_once = False
 
     def __post_init__(self):
         n = self.n_substeps

@@ -242,6 +242,7 @@ class OscillatorOperator(Operator):
     """
 
     carries_scale = True
+    at_once = False
     rank = 10
     _force = ("level", "hysteresis_stiffness")  # where the hysteretic force levels off, its slope
 
@@ -346,7 +347,7 @@ class OscillatorOperator(Operator):
     def _substep(self, dt):
         """Return what moves the oscillator over a substep, (6,), and the substep's length."""
         h = float(dt) / self.n_substeps
-        ad, b0, b1, _, _ = self._mode._discrete(h)
+        ad, b0, b1, _, _ = self._mode.discrete(h)
         return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1]), h
 
     def _substep_tangents(self, h):

@@ -161,10 +161,7 @@ def advance(points, depth, center, last, value):
 
 @jit
 def response(value, depth, points, values, at, levels, everett, diagonal, loading, bins, scale):
-    """Return the output at a drive behind ``points[1..depth]``.
-
-    At these it was ``values[at + 1 .. at + depth]``.
-    """
+    """Return the output behind ``points[1..depth]``, where it is ``values[at + 1]`` and so on."""
     if depth == 0:
         return first_loading(value, loading)
     e = points[depth]

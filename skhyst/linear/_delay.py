@@ -12,25 +12,9 @@ import numpy as np
 from .._jit import jit
 from ..base import ParametricModel
 from ..operators import LoweredStep, Operator, parameter
+from ._interpolation import cubic_weights
 from ._linear import log_grid, time_span
-
-
-@jit
-def cubic_weights(s):
-    """Return the weights of four samples, at 0 to 3, for the value and the slope at ``s``."""
-    values = (
-        -(s - 1) * (s - 2) * (s - 3) / 6,
-        s * (s - 2) * (s - 3) / 2,
-        -s * (s - 1) * (s - 3) / 2,
-        s * (s - 1) * (s - 2) / 6,
-    )
-    slopes = (
-        -(3 * s * s - 12 * s + 11) / 6,
-        (3 * s * s - 10 * s + 6) / 2,
-        -(3 * s * s - 8 * s + 3) / 2,
-        (3 * s * s - 6 * s + 2) / 6,
-    )
-    return values, slopes
+from ._time_shift import TimeShiftOperator
 
 
 def _delayed(signal, past, delay):
@@ -110,6 +94,10 @@ class DelayOperator(Operator):
         past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
         weights, _ = cubic_weights(back - delay)
         return LoweredStep(delay_step, weights, [back, *past, 0.0])
+
+    def inverse(self):
+        """Return the shift that undoes this one, which looks ahead."""
+        return TimeShiftOperator(-self.delay)
 
     def linearize(self, u, du, dt, initial_state="rest"):
         rest, delay = float(initial_state == "rest"), self.delay / dt

@@ -35,6 +35,10 @@ class GainOperator(Operator):
     def lowered(self, dt, state):
         return LoweredStep(gain_step, (self.gain, self.intercept), ())
 
+    def discrete(self, dt):
+        """Return the matrices of a system without states; see ``LinearOperator.discrete``."""
+        return np.empty((0, 0)), np.empty(0), np.empty(0), np.empty(0), self.gain
+
     def inverse(self):
         """Return the gain that undoes this one."""
         return GainOperator(1.0 / self.gain, -self.intercept / self.gain)

@@ -19,11 +19,18 @@ import numpy as np
 from scipy.linalg import eig
 
 from .._jit import jit
-from ..operators import LoweredColumn, LoweredSeries, LoweredStep, LoweredSum, parameter
+from ..operators import (
+    LoweredColumn,
+    LoweredSeries,
+    LoweredStep,
+    LoweredSum,
+    parameter,
+    state_space_step,
+)
 from ..optimize import sections
 from ._conversion import poles_and_response, scipy_system
 from ._delay import DelayOperator
-from ._linear import DiscretizedOperator, LinearOperator, discretize, state_space_step
+from ._linear import DiscretizedOperator, LinearOperator, discretize
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices

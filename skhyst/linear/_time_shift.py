@@ -5,7 +5,7 @@ The response of a hysteresis to a drive that is a straight line from sample to s
 at the samples and is nearly straight in between: a polynomial would round its corners.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import Operator, parameter
-from ._delay import DelayOperator, cubic_weights
+from ._interpolation import cubic_weights
 from ._linear import log_grid, time_span
 
 
@@ -80,11 +80,10 @@ class TimeShiftOperator(Operator):
         y, _ = _read_at(whole, places, self.between == "line")
         return y, (whole, start + dt * len(u))
 
-    def lowered(self, dt, state):
-        """Return the delay that the shift is where it is an interval at least; see the base."""
-        if self.skew or self.shift < dt:
-            return super().lowered(dt, state)
-        return DelayOperator(self.shift).lowered(dt, state[0])
+    def inverse(self):
+        """Return the shift that undoes this one."""
+        rate = 1.0 - self.skew
+        return replace(self, shift=-self.shift / rate, skew=-self.skew / rate)
 
     def _late(self, time):
         return self.shift + self.skew * time

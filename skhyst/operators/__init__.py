@@ -10,6 +10,7 @@ from ._composition import (
     take_apart,
 )
 from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
+from ._linear_inverse import InverseLinearOperator
 from ._lowered import (
     Lowered,
     LoweredColumn,
@@ -33,9 +34,20 @@ from ._plays import (
     turning_points,
 )
 from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
+from ._root_inverse import RootInverseOperator, inverse_of
+from ._state_space import (
+    block_run,
+    block_table,
+    first_order_run,
+    second_order_run,
+    state_space_run,
+    state_space_step,
+    state_space_tangents,
+)
 
 __all__ = [
     "FrozenOperator",
+    "InverseLinearOperator",
     "Lowered",
     "LoweredColumn",
     "LoweredProduct",
@@ -45,6 +57,7 @@ __all__ = [
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
+    "RootInverseOperator",
     "SeriesOperator",
     "Stepper",
     "SumOperator",
@@ -52,8 +65,12 @@ __all__ = [
     "WrappedOperator",
     "as_constant",
     "as_signal",
+    "block_run",
+    "block_table",
     "check_operator",
     "clip_play",
+    "first_order_run",
+    "inverse_of",
     "latest",
     "parameter",
     "play_basis",
@@ -64,8 +81,12 @@ __all__ = [
     "play_thresholds",
     "put_beside",
     "samples_before",
+    "second_order_run",
     "slope_step",
     "slopes",
+    "state_space_run",
+    "state_space_step",
+    "state_space_tangents",
     "stepped_slopes",
     "stop_basis",
     "take_apart",

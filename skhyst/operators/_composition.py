@@ -5,9 +5,12 @@ from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
+from scipy.linalg import block_diag
 
+from ._linear_inverse import InverseLinearOperator
 from ._lowered import LoweredSeries, LoweredStep, LoweredSum, nothing
 from ._protocol import Operator
+from ._root_inverse import RootInverseOperator, inverse_of
 
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
 
@@ -50,6 +53,9 @@ class WrappedOperator(_ByEntries):
 
     def lowered(self, dt, state):
         return self.operator.lowered(dt, state)
+
+    def inverse(self):
+        return inverse_of(self.operator)
 
 
 # what is declared of the operator within holds for the whole, attributes and methods alike
@@ -272,9 +278,7 @@ class SeriesOperator(_Composition):
 
     def inverse(self):
         """Return the series of the inverses, last stage first."""
-        return SeriesOperator(
-            self.names[::-1], tuple(stage.inverse() for stage in reversed(self.stages))
-        )
+        return SeriesOperator(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
 
     def linearize(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
@@ -324,6 +328,21 @@ class SumOperator(_Composition):
             total += y
             states.append(new)
         return total, tuple(states)
+
+    @property
+    def intercept(self):
+        """Sum of those of the parts, where all are linear."""
+        return sum(stage.intercept for stage in self.stages)
+
+    def discrete(self, dt):
+        """Return the matrices of the parts side by side; see ``LinearOperator.discrete``."""
+        ad, b0, b1, c, d = zip(*(stage.discrete(dt) for stage in self.stages), strict=True)
+        return block_diag(*ad), *map(np.concatenate, (b0, b1, c)), sum(d)
+
+    def inverse(self):
+        """Return the inverse of the sum, which looks ahead where all parts are linear."""
+        is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
+        return InverseLinearOperator(self) if is_linear else RootInverseOperator(self)
 
     def lowered(self, dt, state):
         return LoweredSum(self._lowered(dt, state) or (LoweredStep(nothing, (), ()),))

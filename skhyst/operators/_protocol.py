@@ -93,6 +93,9 @@ class Operator(ABC):
         The output depends on the input of the same instant alone.
     causal : bool
         The output depends on no later input, so that a run may be cut anywhere.
+    at_once : bool
+        The output is a monotone function of the input of the same instant, whatever came before,
+        so that a drive for an output can be found sample by sample.
     stands_beside : bool
         The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
         ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
@@ -104,6 +107,7 @@ class Operator(ABC):
     n_poles = (0, 0)
     memoryless = False
     causal = True
+    at_once = True
     stands_beside = False
 
     def n_ringing(self) -> int:

@@ -80,7 +80,7 @@ class SoftSaturationOperator(StaticOperator):
         taken = np.abs(self.run(seen.ends, 1.0)[0] - seen.ends).max()
         return {"what it takes at the ends": (taken, "response")}
 
-    def inverse(self, y):
+    def unsaturated(self, y):
         """Return the drive of a response (n_samples,).
 
         Beyond what the response reaches, the drive is infinite.

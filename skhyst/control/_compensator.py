@@ -1,0 +1,386 @@
+r"""The drive under which a device follows a reference: its model backwards.
+
+Stage by stage, from the last to the first, each output that is wanted becomes the input that gives
+it: by the stage's own inverse, by the root of each sample, or, for linear dynamics, by stable
+inversion over the whole record (see :func:`skhyst.operators.inverse_of`). A stage whose motion has
+hysteresis within it is undone as the linear mode that it is without.
+
+What is left is worked off by iteration. With the approximate inverse :math:`I` and a response
+:math:`y` to the drive :math:`u`,
+
+.. math:: u \leftarrow u + s \, (I[r] - I[y]), \qquad 0 < s \le 1
+
+which leaves a drive alone where the response is the reference :math:`r`, whatever the inverse. A
+step is taken only where it makes the error smaller; otherwise half of it is tried (iterative
+learning: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering operation of robots by learning",
+J. Robotic Systems 1(2), 1984). On the model itself that makes the compensation as exact as the
+model is, and on the device as exact as its sensor.
+"""
+
+import warnings
+from numbers import Integral, Real
+
+import numpy as np
+import pandas as pd
+from scipy.signal import butter, sosfiltfilt
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
+from sklearn.exceptions import NotFittedError
+from sklearn.utils.validation import check_is_fitted
+
+from .._sklearn import HasMethods, Interval, StrOptions, fit_context
+from ..base import ParametricModel, read_data
+from ..exceptions import ReachWarning
+from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
+
+_ORDER = 4  # of the low-pass, run forwards and backwards
+_SMALLEST = 2.0**-6  # part of a step below which nothing is gained
+
+
+class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
+    r"""The drive that makes a device follow a reference, from a model of the device.
+
+    Parameters
+    ----------
+    model : estimator
+        A parametric model of skhyst or a cascade of them, of one input. With ``method="learned"``
+        any regressor: it is fitted from the response to the drive, as the SCN inverse compensator
+        of an inchworm motor is [1]_.
+    method : {"auto", "learned"}, default="auto"
+        Invert the model, or learn its inverse.
+    bandwidth : float, default=None
+        Hz. What is faster in the reference, and in errors that are learned from, is left out
+        (Butterworth of order 4, forwards and backwards). By default nothing is.
+    drive_limits : tuple of (float, float), default=None
+        Units of the drive; by default there are none.
+    tol : float, default=1e-9
+        Error of the model's response, relative to the range of the reference, that is good enough.
+    max_iter : int, default=50
+        Largest number of iterations on the model.
+
+    Attributes
+    ----------
+    model_ : estimator
+        The fitted model.
+    errors_ : list of float
+        Root mean square error of each trial of the last :meth:`refine`, units of the response.
+    n_features_in_ : int
+
+    Warns
+    -----
+    ReachWarning
+        If drive limits cut samples (with their share), or a stage does not reach what is asked of
+        it (with its name and the value).
+
+    References
+    ----------
+    .. [1] The design that it is taken from is described with
+       :class:`skhyst.neural.SCNRegressor`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.compose import Cascade
+    >>> from skhyst.control import InverseCompensator
+    >>> from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+    >>> from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
+    >>> time = np.arange(2000) * 1e-3
+    >>> u = 5.0 * np.sin(7.0 * time) * np.sin(31.0 * time)
+    >>> plays = PrandtlIshlinskiiOperator(np.arange(4.0), np.array([1.0, 0.3, 0.2, 0.1]))
+    >>> y, _ = SecondOrderModeOperator(300.0, 0.05).run(plays.run(u, 1e-3)[0], 1e-3)
+    >>> model = Cascade([("plays", PrandtlIshlinskii(5)), ("mode", SecondOrderMode())], dt=1e-3)
+    >>> compensator = InverseCompensator(model).fit(u[:, None], y)
+    >>> reference = 4.0 * np.sin(20.0 * time) ** 2 * (time > 0.02)
+    >>> drive = compensator.predict(reference[:, None])
+    >>> bool(np.abs(compensator.residual(reference[:, None])).max() < 1e-6)
+    True
+    """
+
+    _parameter_constraints = {
+        "model": [HasMethods(["fit", "predict"])],
+        "method": [StrOptions({"auto", "learned"})],
+        "bandwidth": [Interval(Real, 0, None, closed="neither"), None],
+        "drive_limits": [tuple, list, None],
+        "tol": [Interval(Real, 0, None, closed="left")],
+        "max_iter": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(
+        self,
+        model,
+        *,
+        method="auto",
+        bandwidth=None,
+        drive_limits=None,
+        tol=1e-9,
+        max_iter=50,
+    ):
+        self.model = model
+        self.method = method
+        self.bandwidth = bandwidth
+        self.drive_limits = drive_limits
+        self.tol = tol
+        self.max_iter = max_iter
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Fit the model where it is not fitted, or its inverse.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive, others are not used; the index carries records and time.
+        y : array-like of shape (n_samples,)
+            Response.
+
+        Returns
+        -------
+        self
+        """
+        self._check_limits()
+        _, columns, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
+        if self.method == "learned":
+            self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
+        else:
+            self.model_ = _fitted(self.model, X, y)
+            if not isinstance(self.model_, ParametricModel) or self.model_._reads_columns:
+                raise TypeError(
+                    "The 'model' parameter of InverseCompensator must be a parametric model of "
+                    f"skhyst of one input. Got {self.model!r} instead: method='learned' takes any "
+                    "regressor."
+                )
+        return self
+
+    def _check_limits(self):
+        limits = self.drive_limits
+        if limits is not None and not (len(limits) == 2 and limits[0] < limits[1]):
+            raise ValueError(
+                "The 'drive_limits' parameter of InverseCompensator must be two numbers, the lower "
+                f"one first. Got {limits!r} instead."
+            )
+
+    def predict(self, X):
+        """Return the drive under which the response follows a reference.
+
+        A record begins at rest at its first value. Where dynamics are inverted the drive moves
+        before the response has to, so a reference that moves at once is missed at its beginning.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the reference, in units of the response, in the place of the drive; the
+            index carries records and time.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Drive.
+        """
+        slices, references = self._references(X)
+        if self.method == "learned":
+            drive = self.model_.predict(_indexed(references, X))
+            return self._limited(np.ravel(drive).astype(float))
+        parts = [self._compensated(references[s.rows], s.dt)[0] for s in slices]
+        return self._limited(np.concatenate(parts))
+
+    def residual(self, X):
+        """Return the model's response to the drive of :meth:`predict`, less the reference.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`predict`.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response.
+        """
+        slices, references = self._references(X)
+        if self.method == "learned":
+            raise ValueError("Nothing is known of the response where an inverse was learned.")
+        return np.concatenate([self._compensated(references[s.rows], s.dt)[1] for s in slices])
+
+    def refine(self, X, measure, n_trials=6):
+        """Return a drive that is learned on the device, trial by trial.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`predict`, of one record.
+        measure : callable
+            Applies a drive (n_samples,) to the device, which begins at rest, and returns its
+            response (n_samples,).
+        n_trials : int, default=6
+            Times that the device is driven.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            The drive with the smallest error; ``errors_`` has those of the trials that were kept.
+        """
+        slices, reference = self._references(X)
+        if len(slices) != 1:
+            raise ValueError(f"refine takes one record at a time. Got {len(slices)} instead.")
+        plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
+        drive = self._limited(self._compensated(reference, slices[0].dt)[0])
+        wanted = self._filtered(reference, slices[0].dt)
+        drive, self.errors_ = self._improved(
+            drive, wanted, plant, lambda u: np.asarray(measure(u), dtype=float), n_trials, 0.0
+        )
+        return drive
+
+    def stepper(self, dt=None, reference=0.0):
+        """Return the compensator as a device that is fed the reference sample by sample.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            Sampling interval in s; by default that of the records of the fit.
+        reference : float, default=0.0
+            At which the device rests before.
+
+        Raises
+        ------
+        NotImplementedError
+            If a stage can only be undone with a look ahead, as linear dynamics.
+        """
+        check_is_fitted(self)
+        plant = _Backwards(self.model_.operator_, dt or self.model_.records_[0].dt, self._limits())
+        return plant.stepper(float(reference))
+
+    def _references(self, X):
+        check_is_fitted(self)
+        slices, columns, _ = read_data(self, X, reset=False, dt=getattr(self.model_, "dt", 1.0))
+        return slices, columns[:, 0]
+
+    def _limits(self):
+        return (-np.inf, np.inf) if self.drive_limits is None else tuple(self.drive_limits)
+
+    def _limited(self, drive):
+        """Return a drive within its limits."""
+        low, high = self._limits()
+        cut = np.clip(drive, low, high)
+        share = np.mean((cut == low) | (cut == high))
+        if share > 0.0:
+            warnings.warn(
+                f"The limits of the drive cut {100.0 * share:.2g} % of the samples.",
+                ReachWarning,
+                stacklevel=3,
+            )
+        return cut
+
+    def _filtered(self, signal, dt):
+        """Return what of a signal is slower than the bandwidth."""
+        if self.bandwidth is None or self.bandwidth * dt >= 0.5:
+            return signal
+        low_pass = butter(_ORDER, self.bandwidth, fs=1.0 / dt, output="sos")
+        return sosfiltfilt(low_pass, signal, padtype="constant", padlen=len(signal) - 1)
+
+    def _compensated(self, reference, dt):
+        """Return the drive of a record, and what the model leaves."""
+        plant = _Backwards(self.model_.operator_, dt, self._limits())
+        wanted = self._filtered(reference, dt)
+        enough = self.tol * np.ptp(wanted)
+        drive = np.clip(plant.invert(wanted), *self._limits())
+        drive, _ = self._improved(drive, wanted, plant, plant.run, self.max_iter, enough)
+        rest = plant.run(drive) - reference
+        plant.warn(wanted, max(enough, 1e-6 * np.ptp(wanted)))
+        return drive, rest
+
+    def _improved(self, drive, wanted, plant, measure, n_trials, enough):
+        """Return a drive with a smaller error, and the errors on the way."""
+        aim = plant.invert(wanted)
+        best, errors, part = drive, [], 1.0
+        response = None
+        for _ in range(n_trials):
+            y = measure(drive)
+            error = np.sqrt(np.mean((y - wanted) ** 2))
+            if not errors or error < errors[-1]:
+                best, response = drive, y
+                errors.append(error)
+                part = min(2.0 * part, 1.0)
+            else:
+                part *= 0.5
+            if errors[-1] <= enough or part < _SMALLEST:
+                break
+            change = aim - plant.invert(self._filtered(response, plant.dt))
+            drive = np.clip(best + part * change, *self._limits())
+        return best, errors
+
+
+class _Backwards:
+    """A fitted operator at an interval, run and inverted."""
+
+    def __init__(self, operator, dt, limits):
+        self.driven, self.beside = take_apart(operator)
+        self.dt, self.limits = dt, limits
+        series = isinstance(self.driven, SeriesOperator)
+        self.names = self.driven.names if series else (type(self.driven).__name__,)
+        self.stages = self.driven.stages if series else (self.driven,)
+        self.missed = None
+
+    def run(self, drive):
+        """Return the response from rest."""
+        y, _ = self.driven.run(drive, self.dt, self.driven.init(drive[0]))
+        return y + self._disturbed(len(y))
+
+    def _disturbed(self, n):
+        return sum((d.run(np.zeros(n), self.dt)[0] for d in self.beside), np.zeros(n))
+
+    def _inverses(self):
+        """Yield the stages with their names and inverses, the last one first."""
+        for i in reversed(range(len(self.stages))):
+            stage = self.stages[i]
+            mode = None if stage.at_once else stage.linear_mode()
+            limits = self.limits if i == 0 else (-np.inf, np.inf)
+            yield self.names[i], stage, mode.inverse() if mode else inverse_of(stage, *limits)
+
+    def invert(self, wanted):
+        """Return a drive for a response, and keep where a stage falls short the most."""
+        v, self.missed = wanted - self._disturbed(len(wanted)), (0.0, "", 0.0)
+        for name, stage, inverse in self._inverses():
+            found, _ = inverse.run(v, self.dt)
+            if inverse.causal:  # what looks ahead is short where a record begins
+                short = np.abs(stage.run(found, self.dt, stage.init(found[0]))[0] - v)
+                worst = np.argmax(short)
+                size = short[worst] / (np.ptp(v) or 1.0)
+                self.missed = max(self.missed, (size, name, float(v[worst])))
+            v = found
+        return v
+
+    def warn(self, wanted, enough):
+        """Say which stage does not reach what is asked of it."""
+        self.invert(wanted)
+        size, name, value = self.missed
+        if size * np.ptp(wanted) > enough:
+            warnings.warn(
+                f"The stage '{name}' does not give {value:g}, which is asked of it: the reference "
+                "is out of its reach, or its law is not monotone.",
+                ReachWarning,
+                stacklevel=5,
+            )
+
+    def stepper(self, reference):
+        """Return the inverse as a stepper, from rest."""
+        lowered, v = [], np.array([reference]) - self._disturbed(1)
+        for _, _, inverse in self._inverses():
+            state = inverse.init(v[0])
+            lowered.append(inverse.lowered(self.dt, state))
+            v = inverse.run(v, self.dt)[0]
+        return Stepper(LoweredSeries(tuple(lowered)))
+
+
+def _fitted(model, X, y):
+    """Return a model, fitted if it is not."""
+    try:
+        check_is_fitted(model)
+    except NotFittedError:
+        return clone(model).fit(X, y)
+    return model
+
+
+def _indexed(values, X):
+    """Return values as a column with the index of ``X``, where it has one."""
+    if not hasattr(X, "iloc"):
+        return values[:, None]
+    return pd.DataFrame({"response": values}, X.index)

@@ -1,0 +1,103 @@
+r"""Stable inversion of linear dynamics over whole records.
+
+A discrete system ``w[k+1] = A w[k] + B u[k]``, ``y[k] = C w[k] + D u[k]`` is solved for its input:
+
+    u[k] = (y[k] - C w[k]) / D,    w[k+1] = (A - B C / D) w[k] + (B / D) y[k].
+
+Where D is zero the input shows one sample later, and ``y[k+1] = C A w[k] + C B u[k]`` takes its
+place; and so on. The eigenvalues of the matrix are the zeros of the system. Those outside the unit
+circle, as sampling itself makes them of a mass, would let the input grow without bound. So the
+states are split by an ordered Schur form and a Sylvester equation: those of zeros inside run
+forwards, those of zeros outside run backwards, from a rest behind the record, which makes the drive
+move before the response has to (S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output
+tracking", IEEE Trans. Automatic Control 41(7), 1996). The response then follows exactly where it
+rests for a while at the start of a record: a few samples for zeros that sampling has made.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import schur, solve_sylvester
+
+from ._protocol import Operator, as_signal
+from ._state_space import state_space_run
+
+_NEAR = 1e-9  # to the unit circle: such a part neither dies out forwards nor backwards
+_NOTHING = 1e-13  # relative to the largest term: rounding
+
+
+@dataclass(frozen=True)
+class InverseLinearOperator(Operator):
+    """From the response of a linear operator to its drive; it looks ahead.
+
+    Parameters
+    ----------
+    operator : Operator
+        With ``discrete(dt)``: the matrices of :func:`state_space_run`, and ``intercept``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> mode = SecondOrderModeOperator(300.0, 0.05)
+    >>> time = 1e-3 * np.arange(400)
+    >>> wanted = np.sin(20.0 * time) ** 2 * (time > 0.02)
+    >>> drive, _ = mode.inverse().run(wanted, 1e-3)
+    >>> bool(np.abs(mode.run(drive, 1e-3)[0] - wanted).max() < 1e-9)
+    True
+    """
+
+    operator: Operator
+    signal_linear = True
+    causal = False
+
+    def init(self, u0, initial_state="rest"):
+        """Return nothing: a record is inverted as a whole; see the base."""
+        return None
+
+    def inverse(self):
+        """Return the operator that this one undoes."""
+        return self.operator
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Refuse; an inverse is not identified."""
+        raise NotImplementedError("An inverse is not identified.")
+
+    def run(self, u, dt, state=None):
+        """Return the drive that gives a response (n_samples,) from rest to rest; see the base."""
+        y = as_signal(np.asarray(u, dtype=float) - self.operator.intercept)
+        ad, b0, b1, c, d = self.operator.discrete(dt)
+        b, c, d = b0 + ad @ b1, c, d + c @ b1  # of states that need one sample of the input
+        ahead = 0
+        while abs(d) <= _NOTHING * max(np.abs(c) @ np.abs(b), abs(d)):
+            if ahead == len(b):
+                raise ValueError("A linear operator whose response is constant has no inverse.")
+            c, d, ahead = c @ ad, c @ b, ahead + 1
+        y = np.append(y[ahead:], np.full(ahead, y[-1]))
+        return _both_ways(ad - np.outer(b, c) / d, b / d, -c / d, 1.0 / d, y), None
+
+
+def _both_ways(a, b, c, d, y):
+    """Return ``c x + d y`` for the bounded solution of ``x[k+1] = a x[k] + b y[k]``."""
+    sizes = np.abs(np.linalg.eigvals(a))
+    if np.any(np.abs(sizes - 1.0) < _NEAR):
+        raise ValueError(
+            "A zero on the unit circle, as of a response that ignores a constant drive or one "
+            "frequency, has no stable inverse."
+        )
+    t, z, n = schur(a, sort="iuc") if len(b) else (a, a, 0)
+    # x = z [p + s q, q]: with this s the equation of p is free of q, as that of q is of p
+    s = solve_sylvester(t[:n, :n], -t[n:, n:], -t[:n, n:]) if 0 < n < len(b) else t[:n, n:]
+    g, h = z.T @ b, c @ z
+    p = _driven(t[:n, :n], g[:n] - s @ g[n:], h[:n], y, shifted=True)
+    back = np.linalg.inv(t[n:, n:])
+    q = _driven(back, -back @ g[n:], h[n:] + h[:n] @ s, y[::-1], shifted=False)[::-1]
+    return d * y + p + q
+
+
+def _driven(a, b, c, y, shifted):
+    """Return ``c x`` from rest, x being driven by ``b`` times the last ``y`` or the present one."""
+    rest = np.linalg.solve(np.eye(len(b)) - a, b) * y[0]
+    before, now = (b, np.zeros_like(b)) if shifted else (np.zeros_like(b), b)
+    system = (np.ascontiguousarray(part) for part in (a, before, now, c))
+    return state_space_run(*system, 0.0, as_signal(y), rest, y[0])[0]

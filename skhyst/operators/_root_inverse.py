@@ -1,0 +1,208 @@
+"""The inverse of an operator whose output depends on the input of the same sample, by its root.
+
+Sample by sample the input is sought for which a step gives the output that is wanted: outwards from
+the last one, in steps that double, until two inputs enclose it, then by false position with the
+weights of the Illinois method, and by bisection every third time, so that the bracket shrinks
+whatever the law. The step that is found is taken; all others are tried on a copy of the state.
+"""
+
+import math
+from dataclasses import dataclass
+from types import FunctionType
+
+import numpy as np
+
+from .._jit import bind
+from ._lowered import Lowered, LoweredStep
+from ._protocol import Operator, as_constant, as_signal
+
+_TRIALS = 300  # doublings up to any number, and three times the halvings of its digits
+
+
+def step(u, c, s):
+    """Stand for the step of the operator that is undone."""
+    raise NotImplementedError
+
+
+def root_step(y, c, s):
+    """Return the input that gives ``y``, the limit before it, or the last one if nothing does.
+
+    ``c`` is (lower limit, upper limit, 1 or -1 as the output rises or falls with the input, *those
+    of the step); ``s`` is the last input, its last change, room for a state, and the state.
+    """
+    low, high, sign = c[0], c[1], c[2]
+    n = (s.size - 2) // 2
+    u, reach = s[0], s[1]
+    below, above, short, long = -math.inf, math.inf, 0.0, 0.0
+    side = 0
+    for i in range(_TRIALS):
+        for j in range(n):
+            s[2 + j] = s[2 + n + j]
+        error = sign * (step(u, c[3:], s[2 : 2 + n]) - y)
+        if error == 0.0:
+            below = above = u
+            break
+        if error < 0.0:
+            below, short = u, error
+            if side < 0:
+                long = 0.5 * long
+            side = -1
+        else:
+            above, long = u, error
+            if side > 0:
+                short = 0.5 * short
+            side = 1
+        if above == math.inf:
+            if u >= high:
+                break
+            u = min(u + reach, high)
+            reach = 2.0 * reach
+        elif below == -math.inf:
+            if u <= low:
+                break
+            u = max(u - reach, low)
+            reach = 2.0 * reach
+        else:
+            middle = 0.5 * (below + above)
+            if not (below < middle and middle < above):
+                break
+            u = above - long * (above - below) / (long - short)
+            if i % 3 == 2 or not (below < u and u < above):
+                u = middle
+    if (math.isinf(above) and u < high) or (math.isinf(below) and u > low):
+        u = s[0]  # no input gives it
+    s[1] = max(abs(u - s[0]), 0.5 * s[1])
+    s[0] = u
+    step(u, c[3:], s[2 + n :])
+    return u
+
+
+@dataclass(frozen=True)
+class RootInverseOperator(Operator):
+    """The inverse of an operator whose output is monotone in the input of the same sample.
+
+    Parameters
+    ----------
+    operator : Operator
+        Causal, of one input.
+    low, high : float
+        Limits of its input. An output beyond what they give has the limit.
+
+    Notes
+    -----
+    The state is (last input, its last change, state of the operator).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.hysteresis import DahlOperator
+    >>> from skhyst.operators import RootInverseOperator
+    >>> friction = DahlOperator(0.1, 0.8, stiffness=0.3)
+    >>> u = np.sin(np.arange(6))
+    >>> y, _ = friction.run(u, 0.1)
+    >>> bool(np.abs(RootInverseOperator(friction).run(y, 0.1)[0] - u).max() < 1e-12)
+    True
+    """
+
+    operator: Operator
+    low: float = -math.inf
+    high: float = math.inf
+
+    def init(self, y0, initial_state="rest"):
+        """Return the state in which the operator has come to rest at ``y0``; see the base."""
+        start = min(max(0.0, self.low), self.high)
+        if initial_state == "zero":
+            return start, 1.0, self.operator.init(start, "zero")
+
+        def rest(u, c, s):
+            return self.operator.run(np.array([u]), 1.0, self.operator.init(u))[0][0]
+
+        ends = [rest(min(max(end, self.low), self.high), (), None) for end in (-1.0, 1.0)]
+        sign = 1.0 if ends[1] >= ends[0] else -1.0
+        u0 = _plain(rest)(float(y0), (self.low, self.high, sign), np.array([start, 1.0]))
+        return u0, abs(u0 - start) or 1.0, self.operator.init(u0)
+
+    def run(self, u, dt, state=None):
+        """Return the inputs that give outputs (n_samples,); see the base."""
+        y = as_signal(u)
+        lowered = self.lowered(dt, state or self.init(y[0]))
+        s = lowered.state.copy()
+        found = lowered.streaming(s)(y)
+        _, _, own = state or self.init(y[0])
+        _, own = self.operator.run(found, dt, own)
+        return found, (float(s[0]), float(s[1]), own)
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Refuse; an inverse is not identified."""
+        raise NotImplementedError("An inverse is not identified.")
+
+    def inverse(self):
+        """Return the operator that this one undoes."""
+        return self.operator
+
+    def lowered(self, dt, state):
+        """Return one step in plain arithmetic; see the base."""
+        u, reach, own = state
+        forward = self.operator.lowered(dt, own)
+        ends = []
+        for end in (u - reach, u + reach):
+            ends.append(forward.stepping(forward.state.copy())(end))
+        sign = 1.0 if ends[1] >= ends[0] else -1.0
+        constants, start = (self.low, self.high, sign), [u, reach, *forward.state, *forward.state]
+        if isinstance(forward, LoweredStep):
+            law = bind(root_step, forward.step)
+            return LoweredStep(law, (*constants, *forward.constants), start)
+        return _LoweredRoot(forward, constants, as_constant(start))
+
+
+@dataclass(frozen=True)
+class _LoweredRoot(Lowered):
+    """The root of what is made of several steps, which nothing compiles."""
+
+    forward: Lowered
+    constants: tuple
+    state: np.ndarray
+
+    def stepping(self, s):
+        root = _plain(lambda u, c, own: self.forward.stepping(own)(u))
+        return lambda y: root(y, self.constants, s)
+
+    def streaming(self, s):
+        root = self.stepping(s)
+        return lambda y: np.array([root(value) for value in y])
+
+
+def _plain(law):
+    """Return the root of a step that is not compiled."""
+    return FunctionType(root_step.__code__, {**root_step.__globals__, "step": law})
+
+
+def inverse_of(operator, low=-math.inf, high=math.inf):
+    """Return the inverse of an operator: its own, or the one by the root of each sample.
+
+    Parameters
+    ----------
+    operator : Operator
+    low, high : float
+        Limits of its input, for the root.
+
+    Raises
+    ------
+    ValueError
+        If the output does not follow the input at once and the operator knows no inverse.
+
+    Examples
+    --------
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import inverse_of
+    >>> inverse_of(GainOperator(2.0, 1.0))
+    GainOperator(gain=0.5, intercept=-0.5)
+    """
+    if hasattr(operator, "inverse"):
+        return operator.inverse()
+    if not operator.at_once or operator.stands_beside:
+        raise ValueError(
+            f"{type(operator).__name__} has no inverse: its output does not follow its input at "
+            "once."
+        )
+    return RootInverseOperator(operator, low, high)

@@ -1,0 +1,176 @@
+"""The response to the drive that a compensator finds is the reference."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.linear_model import LinearRegression
+
+from skhyst.compose import OnColumn, Sum
+from skhyst.control import InverseCompensator
+from skhyst.disturbance import Offset
+from skhyst.exceptions import ReachWarning
+from skhyst.hysteresis import (
+    FrictionStageOperator,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
+from skhyst.linear import Gain, SecondOrderModeOperator, TransferFunctionOperator
+from skhyst.operators import SeriesOperator, Stepper
+from skhyst.static import SaturationOperator
+
+DT, N = 1e-3, 1200
+TIME = DT * np.arange(N)
+PLAYS = PrandtlIshlinskiiOperator(np.arange(4.0), np.array([1.0, 0.4, 0.3, 0.2]), 0.1, 0.05)
+FREQUENCY = 50.0  # Hz
+MODE = SecondOrderModeOperator(2.0 * np.pi * FREQUENCY, 0.03)
+
+
+class Known(PrandtlIshlinskii):
+    """A model whose operator is known."""
+
+    def __init__(self, operator):
+        self.operator = operator
+
+    def fit(self, X, y):
+        self._read_records(X, y)
+        self.operator_ = self.operator
+        return self
+
+    dt, initial_state, _parameter_constraints = DT, "rest", {}
+
+
+def compensator(operator, **options):
+    model = Known(operator).fit(np.zeros((4, 1)), np.arange(4.0))
+    return InverseCompensator(model, **options).fit(np.zeros((4, 1)), np.arange(4.0))
+
+
+def smooth(frequency, size=4.0):
+    """Return a reference that begins and ends at rest."""
+    window = np.clip(np.minimum(TIME - 0.05, 1.1 - TIME) / 0.1, 0.0, 1.0)
+    return size * np.sin(2 * np.pi * frequency * TIME) * window**2 * (3.0 - 2.0 * window)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 10.0, 0.7 * FREQUENCY])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_the_response_of_a_cascade_is_the_reference(frequency, reverse):
+    device = SeriesOperator(("plays", "mode"), (PLAYS, MODE))
+    if reverse:
+        device = SeriesOperator(("mode", "plays"), (MODE, PLAYS))
+    reference = smooth(frequency)
+    found = compensator(device)
+    drive = found.predict(reference[:, None])
+    y, _ = device.run(drive, DT)
+    assert np.abs(y - reference).max() < 1e-8 * np.ptp(reference)
+    np.testing.assert_allclose(found.residual(reference[:, None]), y - reference, atol=1e-12)
+
+
+def test_motion_with_friction_comes_closer_by_iteration():
+    stage = FrictionStageOperator(2 * np.pi * FREQUENCY, 0.1, 0.5, 0.8, 30.0, 20.0, gain=2.0)
+    reference = smooth(5.0)
+    found = compensator(stage)
+    drive = found.predict(reference[:, None])
+    alone, _ = stage.run(stage.linear_mode().inverse().run(reference, DT)[0], DT)
+    y, _ = stage.run(drive, DT)
+    errors = [np.sqrt(np.mean((own - reference) ** 2)) for own in (y, alone)]
+    assert errors[0] < 0.2 * errors[1]
+
+
+def test_what_is_cut_by_limits_is_told():
+    found = compensator(PLAYS, drive_limits=(-1.0, 1.0))
+    with pytest.warns(ReachWarning, match="cut [1-9].* % of the samples"):
+        drive = found.predict(smooth(2.0)[:, None])
+    assert np.abs(drive).max() <= 1.0
+
+
+def test_what_is_out_of_reach_is_named_with_its_value():
+    device = SeriesOperator(("plays", "amplifier"), (PLAYS, SaturationOperator(upper=2.0)))
+    with pytest.warns(ReachWarning, match=r"stage 'amplifier' does not give (3\.9|4)"):
+        compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
+
+
+def test_iterations_on_the_device_never_make_it_worse():
+    """The device is not the model; its sensor has noise."""
+    noise, rng = 2e-3, np.random.default_rng(0)
+    other = PrandtlIshlinskiiOperator(np.arange(4.0), np.array([1.1, 0.3, 0.4, 0.2]))
+    device = SeriesOperator(
+        ("plays", "mode"), (other, SecondOrderModeOperator(2 * np.pi * 50.3, 0.032))
+    )
+    found = compensator(SeriesOperator(("plays", "mode"), (PLAYS, MODE)), bandwidth=60.0)
+    reference = smooth(8.0)
+    drive = found.refine(
+        reference[:, None], lambda u: device.run(u, DT)[0] + noise * rng.normal(size=N)
+    )
+    assert np.all(np.diff(found.errors_) < 0.0)
+    left = device.run(drive, DT)[0] - reference
+    assert np.sqrt(np.mean(left**2)) < 2.0 * noise
+    assert found.errors_[0] > 50.0 * noise
+
+
+def test_an_inverse_can_be_learned():
+    y = np.random.default_rng(0).normal(size=(50, 1))
+    found = InverseCompensator(LinearRegression(), method="learned").fit(3.0 * y + 1.0, y[:, 0])
+    np.testing.assert_allclose(found.predict([[2.0]]), [7.0])
+
+
+def test_a_model_is_fitted_where_it_is_not():
+    u = 4.0 * np.sin(5.0 * TIME) * np.cos(17.0 * TIME)
+    y, _ = PLAYS.run(u, DT)
+    X = pd.DataFrame({"drive": u}, pd.Index(TIME, name="time"))
+    model = PrandtlIshlinskii(thresholds=np.arange(4.0), drive_offset=0.05)
+    found = InverseCompensator(model).fit(X, pd.Series(y, X.index))
+    assert not hasattr(model, "operator_")
+    np.testing.assert_allclose(found.predict(X.assign(drive=y)), u, atol=1e-6)
+    again = InverseCompensator(found.model_).fit(X, y)
+    assert again.model_ is found.model_
+    assert clone(again).model is not found.model_
+
+
+def test_it_streams_what_it_predicts():
+    device = SeriesOperator(("plays", "zones"), (PLAYS, SaturationOperator(-9.0, 9.0)))
+    reference = smooth(3.0)
+    found = compensator(device)
+    stepper = found.stepper(DT, reference[0])
+    assert isinstance(stepper, Stepper)
+    steps = np.array([stepper.step(value) for value in reference])
+    np.testing.assert_allclose(steps, found.predict(reference[:, None]), atol=1e-9)
+    with pytest.raises(NotImplementedError, match="sample by sample"):
+        compensator(MODE).stepper(DT)
+
+
+def test_disturbances_that_are_known_are_taken_out():
+    X = np.sin(5.0 * TIME)[:, None]
+    model = Sum([("gain", Gain(fit_intercept=False)), ("offset", Offset())], dt=DT)
+    found = InverseCompensator(model).fit(X, 2.0 * X[:, 0] + 0.5)
+    np.testing.assert_allclose(found.predict(2.0 * X + 0.5), X[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": LinearRegression()}, "method='learned'"),
+        ({"model": OnColumn(Gain(), 1)}, "one input"),
+        ({"model": Gain(), "drive_limits": (1.0, -1.0)}, "lower one first"),
+        ({"model": Gain(), "bandwidth": -1.0}, "bandwidth"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    X = np.random.default_rng(0).normal(size=(30, 2))
+    with pytest.raises((TypeError, ValueError), match=message):
+        InverseCompensator(**options).fit(X, X[:, 0])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_broken_references_are_refused(bad):
+    reference = smooth(2.0)
+    reference[40] = bad
+    with pytest.raises(ValueError, match=r"NaN|infinity"):
+        compensator(PLAYS).predict(reference[:, None])
+
+
+def test_a_response_that_ignores_a_constant_drive_is_refused():
+    washout = TransferFunctionOperator(
+        np.array([0.05, 0.01]), np.empty(0), np.empty(0), np.array([0.3]), gain=0.0
+    )
+    with pytest.raises(ValueError, match="no stable inverse"):
+        compensator(washout).predict(smooth(2.0)[:, None])

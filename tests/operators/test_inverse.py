@@ -1,0 +1,111 @@
+"""An operator behind its inverse is the identity."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from operator_cases import DT, OPERATORS
+
+from skhyst.linear import GainOperator, SecondOrderModeOperator, TransferFunctionOperator
+from skhyst.operators import RootInverseOperator, SumOperator, inverse_of
+
+TIME = DT * np.arange(300)
+WINDOW = np.clip(np.minimum(TIME - 0.5, 2.5 - TIME) / 0.5, 0.0, 1.0)
+REFERENCE = 0.1 + 0.2 * np.sin(9.0 * TIME) * WINDOW**2 * (3.0 - 2.0 * WINDOW)
+OUT_OF_REACH = {  # of every drive, or of every one that a device could follow
+    "no spring left",
+    "shift",
+    "delay",
+    "clocks",
+    "tanks",
+    "offset",
+    "drift",
+    "sinusoid",
+    "stage",
+    "restoring",
+    "stop",
+    "fold",
+    "empty",
+    "series",
+    "slew limit, always",
+    "soft saturation, upper",
+    "system level, as printed",
+    "gray box, products",
+}
+INVERTIBLE = [name for name in OPERATORS if not any(part in name for part in OUT_OF_REACH)]
+INVERTIBLE += ["plays, stop form", "series of linear ones", "series of sums", "sum of series"]
+
+
+@pytest.mark.parametrize("name", INVERTIBLE)
+def test_the_output_behind_the_inverse_is_the_input(name):
+    operator = OPERATORS[name]
+    drive, _ = inverse_of(operator).run(REFERENCE, DT)
+    y, _ = operator.run(drive, DT, operator.init(drive[0]))
+    np.testing.assert_allclose(y, REFERENCE, rtol=0.0, atol=1e-9 * np.ptp(REFERENCE))
+
+
+@pytest.mark.parametrize("name", ["Bouc-Wen", "tanh", "creep, logarithmic", "sum"])
+def test_a_root_goes_on_where_it_stopped(name):
+    inverse = RootInverseOperator(OPERATORS[name])
+    whole, _ = inverse.run(REFERENCE, DT)
+    first, state = inverse.run(REFERENCE[:130], DT)
+    rest, _ = inverse.run(REFERENCE[130:], DT, state)
+    np.testing.assert_allclose(np.concatenate([first, rest]), whole, rtol=0.0, atol=1e-12)
+    assert inverse.inverse() is OPERATORS[name]
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    frequency=st.floats(20.0, 300.0),
+    damping=st.floats(1e-3, 5.0),
+    zero=st.floats(-0.1, 0.1).filter(lambda value: abs(value) > 1e-2),
+)
+def test_zeros_on_either_side_are_inverted(frequency, damping, zero):
+    """A zero in the right half plane makes the response begin the wrong way."""
+    operator = TransferFunctionOperator(
+        np.empty(0), np.array([frequency]), np.array([damping]), np.array([zero])
+    )
+    drive, _ = operator.inverse().run(REFERENCE, DT)
+    y, _ = operator.run(drive, DT)
+    # the drive comes before the response by some time constants of the zero
+    late = TIME > 0.5
+    np.testing.assert_allclose(y[late], REFERENCE[late], rtol=0.0, atol=2e-2 * np.ptp(REFERENCE))
+
+
+def test_modes_side_by_side_are_one_system():
+    modes = SecondOrderModeOperator(90.0, 0.1), SecondOrderModeOperator(40.0, 0.3, 0.5, 0.1)
+    both = SumOperator(("a", "b"), modes)
+    drive, _ = both.inverse().run(REFERENCE, DT)
+    np.testing.assert_allclose(both.run(drive, DT)[0], REFERENCE, rtol=0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("limits", [(-0.1, 0.1), (0.15, 0.2)])
+def test_a_root_stays_within_limits(limits):
+    operator = OPERATORS["Dahl friction"]
+    drive, _ = RootInverseOperator(operator, *limits).run(10.0 * REFERENCE, DT)
+    assert limits[0] <= drive.min() < drive.max() <= limits[1]
+
+
+def test_what_no_input_gives_leaves_the_drive_where_it_was():
+    drive, _ = inverse_of(OPERATORS["upper limit"]).run([0.1, 0.3, 9.0, 0.2], DT)
+    np.testing.assert_allclose(drive, [0.1, 0.3, 0.3, 0.2])
+
+
+@pytest.mark.parametrize("name", ["tanks", "friction stage", "offset"])
+def test_what_does_not_follow_at_once_is_refused(name):
+    with pytest.raises(ValueError, match="does not follow its input at once"):
+        inverse_of(OPERATORS[name])
+
+
+@pytest.mark.parametrize("zeros", [[0.0], [0.3, 0.0]])
+def test_a_response_without_a_static_gain_is_refused(zeros):
+    washout = TransferFunctionOperator(
+        np.array([0.05, 0.01]), np.empty(0), np.empty(0), np.array(zeros), 0.0
+    )
+    with pytest.raises(ValueError, match=r"no stable inverse|no inverse"):
+        washout.inverse().run(REFERENCE, DT)
+
+
+def test_a_gain_of_zero_has_no_inverse():
+    with pytest.raises((ValueError, ZeroDivisionError)):
+        GainOperator(0.0).inverse()
