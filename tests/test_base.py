@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 
-from skhyst.base import ParametricModel, run_records
+from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ConvergenceWarning, DivergenceWarning, RecordError
@@ -26,7 +26,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator
+from skhyst.operators import SeriesOperator, run_records
 from skhyst.records import record_slices
 from skhyst.static import SaturationOperator
 

@@ -10,8 +10,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
-from ..base import ParametricModel, one_thread, read_data, run_records
+from ..base import ParametricModel, one_thread, read_data
 from ..linear import Gain
+from ..operators import run_records
 from ..optimize import OperatorProblem
 from ._backfitting import Backfitting, Turn, fold_of_rows
 

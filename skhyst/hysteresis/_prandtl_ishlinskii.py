@@ -18,7 +18,7 @@ import numpy as np
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel, read_data, run_records
+from ..base import ParametricModel, read_data
 from ..operators import (
     LoweredStep,
     Superposition,
@@ -31,6 +31,7 @@ from ..operators import (
     play_sum_table,
     play_tangents,
     play_thresholds,
+    run_records,
 )
 from ._common import show
 
@@ -307,10 +308,7 @@ class PlayModel(ParametricModel):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return self._invert(X[:, 0], slices)
-
-    def _invert(self, y, slices):
-        return run_records(self.operator_.inverse(), y, slices, self._free_run_state())
+        return run_records(self.operator_.inverse(), X[:, 0], slices, self._free_run_state())
 
 
 class PrandtlIshlinskii(PlayModel):

@@ -18,7 +18,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from .._sklearn import StrOptions
-from ..operators import LoweredStep, as_signal, parameter
+from ..operators import InverseOperator, LoweredStep, as_signal, parameter
 from ._common import show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 from ._rate_dependent_prandtl_ishlinskii_loops import (
@@ -265,46 +265,9 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, u)
         return u
 
-    def inverse_run(self, y, dt, initial_state="rest"):
-        """Return a drive (n_samples,) that makes the response follow ``y``.
-
-        With the rates known, the inverse is exact (Al Janaideh and Krejci 2013). Here the rates are
-        those of the drive that is sought, which is found by repetition, beginning with the inverse
-        at rest, as long as the response comes closer to ``y``. Repetition amplifies fast changes
-        of the rate, so the rates are smoothed over windows of time, ever smaller ones: what is left
-        is small where thresholds or weights change little within the smallest window that
-        converges, but it is not zero.
-
-        Parameters
-        ----------
-        y : array-like of shape (n_samples,)
-            Desired response, from the ``initial_state`` on.
-        dt : float
-            Sampling interval in s.
-        initial_state : {"rest", "zero"}
-            As in :meth:`init`.
-        """
-        y = as_signal(y)
-        fastest = self._fastest_monotone()
-
-        def advance(rates):
-            u = self.drive_at_rates(y, np.minimum(rates, fastest))
-            return u, np.linalg.norm(self.run(u, dt, self.init(u[0], initial_state))[0] - y)
-
-        best, smallest = advance(np.zeros(y.size))
-        for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
-            u = best
-            for _ in range(_PASSES):
-                velocities = uniform_filter1d(np.diff(u, prepend=u[0]), 2 * half + 1) / dt
-                if initial_state == "zero":
-                    velocities[0] = u[0] / dt
-                u, error = advance(self.paces(velocities, dt)[0])
-                gained = error < _GAIN * smallest
-                if error < smallest:
-                    best, smallest = u, error
-                if not gained:
-                    break
-        return best
+    def inverse(self):
+        """Return the inverse, which looks ahead: an operator from response to drive."""
+        return RateDependentInverseOperator(self)
 
     def _fastest_monotone(self):
         """Return a rate up to which the response is a strictly monotone function of the drive."""
@@ -312,6 +275,50 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         slopes = np.cumsum(self.weights)[: falls.size]
         falling = falls > 0.0
         return _RESERVE * np.min(slopes[falling] / falls[falling], initial=np.inf)
+
+
+@dataclass(frozen=True)
+class RateDependentInverseOperator(InverseOperator):
+    """From the response of plays that follow the rate of the drive to a drive that gives it.
+
+    With the rates known, the inverse is exact (Al Janaideh and Krejci 2013). Here the rates are
+    those of the drive that is sought, which is found by repetition, beginning with the inverse at
+    rest, as long as the response comes closer. Repetition amplifies fast changes of the rate, as
+    the root of each sample would, so the rates are smoothed over windows of time, ever smaller
+    ones: what is left is small where thresholds or weights change little within the smallest window
+    that converges, but it is not zero.
+    """
+
+    causal = False
+
+    def init(self, u0, initial_state="rest"):
+        """Return the initial state by name: a record is inverted as a whole; see the base."""
+        return initial_state
+
+    def run(self, u, dt, state=None):
+        """Return the drive (n_samples,) for a response, which begins in the state; see the base."""
+        y, plays, initial_state = as_signal(u), self.operator, state or "rest"
+        fastest = plays._fastest_monotone()
+
+        def advance(rates):
+            drive = plays.drive_at_rates(y, np.minimum(rates, fastest))
+            back, _ = plays.run(drive, dt, plays.init(drive[0], initial_state))
+            return drive, np.linalg.norm(back - y)
+
+        best, smallest = advance(np.zeros(y.size))
+        for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
+            drive = best
+            for _ in range(_PASSES):
+                velocities = uniform_filter1d(np.diff(drive, prepend=drive[0]), 2 * half + 1) / dt
+                if initial_state == "zero":
+                    velocities[0] = drive[0] / dt
+                drive, error = advance(plays.paces(velocities, dt)[0])
+                gained = error < _GAIN * smallest
+                if error < smallest:
+                    best, smallest = drive, error
+                if not gained:
+                    break
+        return best, None
 
 
 class RateDependentPrandtlIshlinskii(PlayModel):
@@ -453,7 +460,3 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         super()._adopt(result)
         show(self, self.operator_, "rate_weights", "dilation", "stretch", "time_constant")
         return self
-
-    def _invert(self, y, slices):
-        inverse, state = self.operator_.inverse_run, self._free_run_state()
-        return np.concatenate([inverse(y[r.rows], r.dt, state) for r in slices])

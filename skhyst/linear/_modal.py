@@ -9,8 +9,9 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._sklearn import Interval, StrOptions, fit_context
-from ..base import one_thread, run_records
+from ..base import one_thread
 from ..exceptions import ConvergenceWarning
+from ..operators import run_records
 from ..optimize import (
     ModalProblem,
     RationalBlock,

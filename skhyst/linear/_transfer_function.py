@@ -11,8 +11,9 @@ import numpy as np
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
-from ..base import one_thread, run_records
+from ..base import one_thread
 from ..exceptions import DivergenceWarning
+from ..operators import run_records
 from ..records import record_slices
 from ._conversion import control_system, scipy_system
 from ._estimate_response import chosen_columns

@@ -34,7 +34,8 @@ from ._plays import (
     turning_points,
 )
 from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
-from ._root_inverse import RootInverseOperator, inverse_of
+from ._records import run_records
+from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import (
     block_run,
     block_table,
@@ -48,6 +49,7 @@ from ._state_space import (
 __all__ = [
     "FrozenOperator",
     "InverseLinearOperator",
+    "InverseOperator",
     "Lowered",
     "LoweredColumn",
     "LoweredProduct",
@@ -80,6 +82,7 @@ __all__ = [
     "play_tangents",
     "play_thresholds",
     "put_beside",
+    "run_records",
     "samples_before",
     "second_order_run",
     "slope_step",

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import schur, solve_sylvester
 
-from ._protocol import Operator, as_signal
+from ._protocol import as_signal
+from ._root_inverse import InverseOperator
 from ._state_space import state_space_run
 
 _NEAR = 1e-9  # to the unit circle: such a part neither dies out forwards nor backwards
@@ -27,7 +28,7 @@ _NOTHING = 1e-13  # relative to the largest term: rounding
 
 
 @dataclass(frozen=True)
-class InverseLinearOperator(Operator):
+class InverseLinearOperator(InverseOperator):
     """From the response of a linear operator to its drive; it looks ahead.
 
     Parameters
@@ -47,21 +48,12 @@ class InverseLinearOperator(Operator):
     True
     """
 
-    operator: Operator
     signal_linear = True
     causal = False
 
     def init(self, u0, initial_state="rest"):
         """Return nothing: a record is inverted as a whole; see the base."""
         return None
-
-    def inverse(self):
-        """Return the operator that this one undoes."""
-        return self.operator
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Refuse; an inverse is not identified."""
-        raise NotImplementedError("An inverse is not identified.")
 
     def run(self, u, dt, state=None):
         """Return the drive that gives a response (n_samples,) from rest to rest; see the base."""

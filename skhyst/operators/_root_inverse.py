@@ -78,7 +78,28 @@ def root_step(y, c, s):
 
 
 @dataclass(frozen=True)
-class RootInverseOperator(Operator):
+class InverseOperator(Operator):
+    """Base of the operators from the output of another one to its input.
+
+    Parameters
+    ----------
+    operator : Operator
+        The other one.
+    """
+
+    operator: Operator
+
+    def inverse(self):
+        """Return the operator that this one undoes."""
+        return self.operator
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Refuse; an inverse is not identified."""
+        raise NotImplementedError("An inverse is not identified.")
+
+
+@dataclass(frozen=True)
+class RootInverseOperator(InverseOperator):
     """The inverse of an operator whose output is monotone in the input of the same sample.
 
     Parameters
@@ -104,7 +125,6 @@ class RootInverseOperator(Operator):
     True
     """
 
-    operator: Operator
     low: float = -math.inf
     high: float = math.inf
 
@@ -131,14 +151,6 @@ class RootInverseOperator(Operator):
         _, _, own = state or self.init(y[0])
         _, own = self.operator.run(found, dt, own)
         return found, (float(s[0]), float(s[1]), own)
-
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Refuse; an inverse is not identified."""
-        raise NotImplementedError("An inverse is not identified.")
-
-    def inverse(self):
-        """Return the operator that this one undoes."""
-        return self.operator
 
     def lowered(self, dt, state):
         """Return one step in plain arithmetic; see the base."""

@@ -18,11 +18,10 @@ import skhyst
 from skhyst.compose import ColumnOperator, ModulatedOperator
 from skhyst.discovery import all_operators
 from skhyst.linear import MultiInputTransferFunctionOperator
-from skhyst.operators import InverseLinearOperator, RootInverseOperator, Stepper, check_operator
+from skhyst.operators import InverseOperator, Stepper, check_operator
 from skhyst.static import StaticOperator
 
 ABSTRACT = {StaticOperator}
-INVERSE = {InverseLinearOperator, RootInverseOperator}  # in test_inverse.py
 # in test_multi_input.py and test_columns.py
 SEVERAL_INPUTS = {MultiInputTransferFunctionOperator, ColumnOperator, ModulatedOperator}
 UNDRIVEN = {"drift", "sinusoid", "sum"}  # they go on by themselves
@@ -53,8 +52,8 @@ def flatten(state):
 
 
 def test_every_operator_is_covered():
-    classes = {kind for _, kind in all_operators()}
-    assert classes - ABSTRACT - SEVERAL_INPUTS - INVERSE == {type(op) for op in OPERATORS.values()}
+    classes = {kind for _, kind in all_operators() if not issubclass(kind, InverseOperator)}
+    assert classes - ABSTRACT - SEVERAL_INPUTS == {type(op) for op in OPERATORS.values()}
 
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])

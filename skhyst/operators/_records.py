@@ -1,0 +1,31 @@
+"""The free run of an operator over records."""
+
+import warnings
+
+import numpy as np
+
+from ..exceptions import DivergenceWarning
+
+
+def run_records(operator, signal, slices, initial_state="rest", schedules=None):
+    """Run an operator over the records of a signal; the result is always finite.
+
+    The signal is (n_samples,), or (n_samples, n_inputs) for an operator of several inputs;
+    ``schedules`` are numbers for scheduled parameters, one a record, or None.
+    """
+    signal = np.ascontiguousarray(signal)
+    parts = []
+    for record, schedule in zip(slices, schedules or [None] * len(slices), strict=True):
+        u = signal[record.rows]
+        own = operator if schedule is None else operator.at(schedule)
+        parts.append(own.run(u, record.dt, own.init(u[0], initial_state))[0])
+    y = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    # one pass where all is well; a sum may overflow where the values do not
+    if not (np.isfinite(y.sum()) or np.isfinite(y).all()):
+        warnings.warn(
+            "The simulation diverged; values beyond the range of floating point were cut off.",
+            DivergenceWarning,
+            stacklevel=3,
+        )
+        y = np.nan_to_num(y)
+    return y
