@@ -1,5 +1,6 @@
-"""Use of models: drives that make a device follow a reference."""
+"""Use of models: drives that make a device follow a reference, and loops around it."""
 
 from ._compensator import InverseCompensator
+from ._loop import FeedforwardPI, Loop, simulate_loop
 
-__all__ = ["InverseCompensator"]
+__all__ = ["FeedforwardPI", "InverseCompensator", "Loop", "simulate_loop"]

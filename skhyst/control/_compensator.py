@@ -136,7 +136,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         -------
         self
         """
-        self._check_limits()
+        check_limits(self.drive_limits, "InverseCompensator")
         _, columns, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
         if self.method == "learned":
             self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
@@ -149,14 +149,6 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                     "regressor."
                 )
         return self
-
-    def _check_limits(self):
-        limits = self.drive_limits
-        if limits is not None and not (len(limits) == 2 and limits[0] < limits[1]):
-            raise ValueError(
-                "The 'drive_limits' parameter of InverseCompensator must be two numbers, the lower "
-                f"one first. Got {limits!r} instead."
-            )
 
     def predict(self, X):
         """Return the drive under which the response follows a reference.
@@ -248,6 +240,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = _Backwards(self.model_.operator_, dt or self.model_.records_[0].dt, self._limits())
         return plant.stepper(float(reference))
 
+    def drive_for(self, reference, dt):
+        """Return the drive (n_samples,) for one record of a reference (n_samples,), dt in s."""
+        index = pd.Index(dt * np.arange(len(reference)), name="time")
+        names = getattr(self, "feature_names_in_", range(self.n_features_in_))
+        X = np.zeros((len(index), self.n_features_in_))
+        X[:, 0] = reference
+        return self.predict(pd.DataFrame(X, index, names))
+
     def _references(self, X):
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=getattr(self.model_, "dt", 1.0))
@@ -306,6 +306,15 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             change = aim - plant.invert(self._filtered(response, plant.dt))
             drive = np.clip(best + part * change, *self._limits())
         return best, errors
+
+
+def check_limits(limits, name):
+    """Refuse limits of the drive that are not two numbers in their order."""
+    if limits is not None and not (len(limits) == 2 and limits[0] < limits[1]):
+        raise ValueError(
+            f"The 'drive_limits' parameter of {name} must be two numbers, the lower one first. "
+            f"Got {limits!r} instead."
+        )
 
 
 class _Backwards:
