@@ -10,11 +10,13 @@ What is left is worked off by iteration. With the approximate inverse :math:`I` 
 
 .. math:: u \leftarrow u + s \, (I[r] - I[y]), \qquad 0 < s \le 1
 
-which leaves a drive alone where the response is the reference :math:`r`, whatever the inverse. A
-step is taken only where it makes the error smaller; otherwise half of it is tried (iterative
-learning: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering operation of robots by learning",
-J. Robotic Systems 1(2), 1984). On the model itself that makes the compensation as exact as the
-model is, and on the device as exact as its sensor.
+which leaves a drive alone where the response is the reference :math:`r`, whatever the inverse
+(iterative learning: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering operation of robots by
+learning", J. Robotic Systems 1(2), 1984). What the trials so far tell of how changes follow from
+drives is used too (D. G. Anderson, "Iterative procedures for nonlinear integral equations", J. ACM
+12(4), 1965). Each step starts from the best trial; where it has made the error larger, half of it
+is tried. On the model itself that makes the compensation as exact as the model is, and on the
+device as exact as its sensor.
 """
 
 import warnings
@@ -34,6 +36,7 @@ from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # part of a step below which nothing is gained
+_SINGULAR = 1e-8  # singular values, relative, that are but rounding in a sum of squares
 
 
 class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
@@ -290,22 +293,37 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def _improved(self, drive, wanted, plant, measure, n_trials, enough):
         """Return a drive with a smaller error, and the errors on the way."""
         aim = plant.invert(wanted)
-        best, errors, part = drive, [], 1.0
-        response = None
-        for _ in range(n_trials):
+        drives, changes, errors, best, part = [], [], [], 0, 1.0
+        for trial in range(n_trials):
             y = measure(drive)
+            drives.append(drive)
+            changes.append(aim - plant.invert(self._filtered(y, plant.dt)))
             error = np.sqrt(np.mean((y - wanted) ** 2))
             if not errors or error < errors[-1]:
-                best, response = drive, y
                 errors.append(error)
-                part = min(2.0 * part, 1.0)
+                best, part = trial, 1.0
             else:
                 part *= 0.5
             if errors[-1] <= enough or part < _SMALLEST:
                 break
-            change = aim - plant.invert(self._filtered(response, plant.dt))
-            drive = np.clip(best + part * change, *self._limits())
-        return best, errors
+            step = changes[best] + _combined(drives, changes, best)
+            drive = np.clip(drives[best] + part * step, *self._limits())
+        return drives[best] if drives else drive, errors
+
+
+def _combined(drives, changes, best):
+    """Return what all trials add to the change that one of them asks for.
+
+    That is of their combinations the one that leaves the smallest change to be asked for, as far as
+    changes are linear in drives.
+    """
+    others = [i for i in range(len(drives)) if i != best]
+    if not others:
+        return 0.0
+    d_drive = np.stack([drives[i] - drives[best] for i in others], axis=1)
+    d_change = np.stack([changes[i] - changes[best] for i in others], axis=1)
+    weights = np.linalg.lstsq(d_change, changes[best], rcond=_SINGULAR)[0]
+    return -(d_drive + d_change) @ weights
 
 
 def check_limits(limits, name):

@@ -11,6 +11,7 @@ from skhyst.control import InverseCompensator
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ReachWarning
 from skhyst.hysteresis import (
+    BoucWenStageOperator,
     FrictionStageOperator,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
@@ -63,6 +64,14 @@ def test_the_response_of_a_cascade_is_the_reference(frequency, reverse):
     y, _ = device.run(drive, DT)
     assert np.abs(y - reference).max() < 1e-8 * np.ptp(reference)
     np.testing.assert_allclose(found.residual(reference[:, None]), y - reference, atol=1e-12)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 0.7 * FREQUENCY])
+def test_motion_with_hysteresis_is_found_by_iteration(frequency):
+    stage = BoucWenStageOperator(2 * np.pi * FREQUENCY, 0.1, 0.5, 1.0, 0.0, 1.5, gain=2.0)
+    reference = smooth(frequency)
+    left = compensator(stage).residual(reference[:, None])
+    assert np.abs(left).max() < 1e-5 * np.ptp(reference)
 
 
 def test_motion_with_friction_comes_closer_by_iteration():
