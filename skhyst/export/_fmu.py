@@ -1,0 +1,230 @@
+"""Writes a model as a functional mock-up unit: co-simulation around its C99 program."""
+
+import platform
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from string import Template
+from xml.sax.saxutils import quoteattr
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+import numpy as np
+
+from ._c import to_c
+
+_VERSIONS = ("2.0", "3.0")
+_XML = Template("""\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="$version" modelName="$name" $token="$digest"
+    description="$what" generationTool="skhyst">
+  <CoSimulation modelIdentifier="$name" canHandleVariableCommunicationStepSize="false"
+      $can$sources
+  <UnitDefinitions>
+    <Unit name="s"><BaseUnit s="1"/></Unit>$units
+  </UnitDefinitions>
+  <LogCategories>
+    <Category name="logStatusError"/>
+  </LogCategories>
+  <DefaultExperiment startTime="0" stepSize="$dt"/>
+  <ModelVariables>
+$variables  </ModelVariables>
+  <ModelStructure>
+    $structure
+  </ModelStructure>
+</fmiModelDescription>
+""")
+_BUILD = Template("""\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="$name">
+    <SourceFileSet language="C99">
+      <SourceFile name="$name.c"/>
+      <SourceFile name="${name}_fmu.c"/>
+    </SourceFileSet>
+    <Library name="m" external="true"/>
+  </BuildConfiguration>
+</fmiBuildDescription>
+""")
+
+
+def to_fmu(
+    model,
+    path,
+    version="3.0",
+    *,
+    dt=None,
+    initial_state="rest",
+    u0=0.0,
+    input_unit=None,
+    output_unit=None,
+):
+    """Write a model as a functional mock-up unit (FMU) for co-simulation.
+
+    The FMU holds the C99 program of :func:`to_c` in double precision, and, where there is a C
+    compiler, a library for the platform it is written on. Its state can be read, set and
+    serialized.
+
+    Parameters
+    ----------
+    model : estimator, Operator or Lowered
+        A fitted model, or what it is made of.
+    path : str or Path
+        File to write, ``name.fmu``; its folder is made where it is missing. The name without the
+        ending is that of the model: letters, digits and underscores.
+    version : {"3.0", "2.0"}, default="3.0"
+        Of the Functional Mock-up Interface (FMI).
+    dt : float, optional
+        Sampling interval in s; that of the records of the fit by default. Needed for an operator.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before the first sample.
+    u0 : float or array-like of shape (n_inputs,), default=0.0
+        Input at which the device rests, in units of the drive, and with which the FMU begins.
+    input_unit, output_unit : str, optional
+        Names of the units of drive (the same for all inputs) and response, such as ``"V"``.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    NotImplementedError
+        If the model's output depends on later input.
+    ValueError
+        If the model's law cannot be written in C; see :func:`to_c`.
+
+    Notes
+    -----
+    Variables are ``time``, ``input`` (``input_1``, ``input_2``, ... where there are several) and
+    ``output``. A communication step is one sampling interval: the input set before it is one
+    sample, the output after it is the answer to that sample, which in the time of the simulation
+    thus stands one interval later. In a step of several intervals the input is held; steps of
+    other sizes, and input that is not finite, are refused with an error.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from skhyst.export import to_fmu
+    >>> from skhyst.hysteresis import BacklashOperator
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = to_fmu(
+    ...         BacklashOperator(0.2), Path(folder, "gear.fmu"), dt=1e-3, input_unit="deg"
+    ...     )
+    ...     path.name
+    'gear.fmu'
+    """
+    if version not in _VERSIONS:
+        raise ValueError(
+            f"The 'version' parameter of to_fmu must be one of {_VERSIONS}. Got {version!r} "
+            "instead."
+        )
+    path = Path(path)
+    name = path.stem
+    with tempfile.TemporaryDirectory() as folder:
+        header, source, _ = to_c(model, folder, name, dt=dt, initial_state=initial_state, u0=u0)
+        text = header.read_text()
+        said = dict(re.findall(rf"#define {name}_(\w+) (\S+)", text))
+        if said["DT"] == "NAN":
+            raise ValueError("The 'dt' parameter of to_fmu must be given, in s.")
+        first = (np.zeros(int(said["N_INPUTS"])) + u0).tolist()
+        u = "u" if "const double *u" in text else "u[0]"
+        wrapper = Path(folder, f"{name}_fmu.c")
+        template = Template(Path(__file__).with_name("fmu.c").read_text())
+        listed = ", ".join(map(repr, first))
+        wrapper.write_text(
+            template.substitute(name=name, version=version, major=version[0], first=listed, u=u)
+        )
+        files = {f"sources/{file.name}": file.read_bytes() for file in (header, source, wrapper)}
+        files["modelDescription.xml"] = _description(
+            name, version, type(model).__name__, said, first, (input_unit, output_unit)
+        ).encode()
+        if version == "3.0":
+            files["sources/buildDescription.xml"] = _BUILD.substitute(name=name).encode()
+        files |= _binary(name, version, folder)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with ZipFile(path, "w") as archive:
+        for file, content in files.items():  # without the date: equal models are equal files
+            archive.writestr(ZipInfo(file), content, ZIP_DEFLATED)
+    return path
+
+
+def _description(name, version, what, said, first, units):
+    """Return ``modelDescription.xml``."""
+    names = ["input"] if len(first) == 1 else [f"input_{k + 1}" for k in range(len(first))]
+    unit = ["" if text is None else f" unit={quoteattr(text)}" for text in units]
+    rows = [
+        ("time", 'causality="independent"', ' unit="s"', ""),
+        ("output", 'causality="output" initial="calculated"', unit[1], ""),
+    ]
+    rows += [
+        (n, 'causality="input"', unit[0], f' start="{u!r}"')
+        for n, u in zip(names, first, strict=True)
+    ]
+    common = 'name="{}" valueReference="{}" {} variability="continuous"'
+    variables = ""
+    for k, (variable, role, of, start) in enumerate(rows):
+        attributes = common.format(variable, k, role)
+        variables += (
+            f"    <Float64 {attributes}{of}{start}/>\n"
+            if version == "3.0"
+            else f"    <ScalarVariable {attributes}><Real{of}{start}/></ScalarVariable>\n"
+        )
+    own = {
+        "2.0": {
+            "token": "guid",
+            "can": 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"\n'
+            '      canNotUseMemoryManagementFunctions="true">\n',
+            "sources": f'    <SourceFiles><File name="{name}.c"/><File name="{name}_fmu.c"/>'
+            "</SourceFiles>\n  </CoSimulation>",
+            "structure": '<Outputs><Unknown index="2" dependencies=""/></Outputs>\n'
+            '    <InitialUnknowns><Unknown index="2" dependencies=""/></InitialUnknowns>',
+        },
+        "3.0": {
+            "token": "instantiationToken",
+            "can": 'canGetAndSetFMUState="true" canSerializeFMUState="true"\n'
+            f'      fixedInternalStepSize="{said["DT"]}"/>',
+            "sources": "",
+            "structure": '<Output valueReference="1" dependencies=""/>\n'
+            '    <InitialUnknown valueReference="1" dependencies=""/>',
+        },
+    }
+    return _XML.substitute(
+        own[version],
+        name=name,
+        version=version,
+        what=what,
+        digest=said["HASH"].strip('"'),
+        units="".join(f"\n    <Unit name={quoteattr(u)}/>" for u in sorted({*units} - {None, "s"})),
+        dt=said["DT"],
+        variables=variables,
+    )
+
+
+def _binary(name, version, folder):
+    """Return the library for this platform; nothing without a compiler or a name for it."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    system, ending = {
+        "Linux": ("linux", ".so"),
+        "Darwin": ("darwin", ".dylib"),
+        "Windows": ("windows", ".dll"),
+    }.get(platform.system(), (None, None))
+    machine = platform.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    if not (compiler and system) or (version == "2.0" and machine != "x86_64"):
+        return {}
+    place = f"{machine}-{system}" if version == "3.0" else f"{system.removesuffix('dows')}64"
+    library = Path(folder, name + ending)
+    flags = ["-std=c99", "-O2", "-shared", "-fvisibility=hidden"]
+    flags += [] if system == "windows" else ["-fPIC"]
+    sources = [f"{name}.c", f"{name}_fmu.c"]
+    subprocess.run(
+        [compiler, *flags, "-o", library.name, *sources, "-lm"],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
+    return {f"binaries/{place}/{library.name}": library.read_bytes()}
