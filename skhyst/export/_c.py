@@ -149,10 +149,10 @@ def to_c(
     u0 : float or array-like of shape (n_inputs,), default=0.0
         Input at which the device rests, in units of the drive.
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
-        Input of the test program, units of the drive. By default two sines that decay, of
-        amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to hold 4096 times what
-        this drive makes of them, and larger input than 16 times its largest is held there. It must
-        lead through all of the law.
+        Input of the test program, units of the drive; further columns are not used. By default two
+        sines that decay, of amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to
+        hold 4096 times what this drive makes of them, and larger input than 16 times its largest is
+        held there. It must lead through all of the law.
     input_unit, output_unit : float, optional
         For ``"int32"``, the drive (the same for all inputs) and the response that the integer 1
         stands for.
@@ -213,10 +213,10 @@ def to_c(
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
-        drive = np.reshape(drive, (-1, n_inputs))
+        drive = _inputs(drive, n_inputs)
         texts = _in_integers(lowered, common, drive, units)
     else:
-        drive = _test_drive(u0, n_inputs) if drive is None else np.reshape(drive, (-1, n_inputs))
+        drive = _test_drive(u0, n_inputs) if drive is None else _inputs(drive, n_inputs)
         texts = _in_reals(step, lowered, common, drive, dtype)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -334,6 +334,18 @@ def _in_integers(lowered, common, drive, units):
     }
     outputs = _answers(lowered, drive) / units[1]
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
+
+
+def _inputs(drive, n_inputs):
+    """Return a drive as rows of a program's inputs; further columns of X are not among them."""
+    drive = np.asarray(drive, dtype=float)
+    drive = drive[:, None] if drive.ndim == 1 else drive
+    if drive.shape[1] < n_inputs:
+        raise ValueError(
+            f"The 'drive' parameter of to_c must have {n_inputs} columns. Got {drive.shape[1]} "
+            "instead."
+        )
+    return drive[:, :n_inputs]
 
 
 def _test_drive(u0, n_inputs):

@@ -313,6 +313,16 @@ def test_options_are_checked(tmp_path, options, message):
         to_c(BacklashOperator(0.2), tmp_path, **{"name": "gear", "dt": 1.0} | options)
 
 
+def test_a_drive_has_the_columns_of_the_program(tmp_path):
+    drive = np.arange(12.0).reshape(4, 3)
+    rows = LoweredStep(sum_of_row, (2.0,), ())
+    object.__setattr__(rows, "n_inputs", 2)
+    texts = [to_c(rows, tmp_path, "rows", drive=u)[2].read_text() for u in (drive, drive[:, :2])]
+    assert texts[0] == texts[1]  # X has columns that a model does not read
+    with pytest.raises(ValueError, match=r"2 columns\. Got 1"):
+        to_c(rows, tmp_path, "rows", drive=drive[:, 0])
+
+
 def of_angles(u, c, s):
     """Call what integers do not have."""
     return math.atan(u)
