@@ -266,7 +266,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         share = np.mean((cut == low) | (cut == high))
         if share > 0.0:
             warnings.warn(
-                f"The limits of the drive cut {100.0 * share:.2g} % of the samples.",
+                f"The limits of the drive cut {100.0 * share:.3g} % of the samples.",
                 ReachWarning,
                 stacklevel=3,
             )
