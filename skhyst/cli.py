@@ -10,18 +10,23 @@ import importlib.util
 import math
 import shlex
 import sys
+import warnings
 from collections import Counter
 from pathlib import Path
 
-import joblib
 import numpy as np
+import pandas as pd
 
 from . import __version__
 from ._demo import make_demo_recording
+from ._model_files import load_model, save_model
 from .base import ParametricModel
 from .compose import Cascade, snake_case
+from .control import InverseCompensator
 from .diagnosis import EFFECTS, EffectSearchCV, Report, effect_names
 from .discovery import all_estimators
+from .exceptions import ReachWarning
+from .export import to_c
 from .records import read_records, record_slices
 
 __all__ = ["main", "parse_model"]
@@ -32,7 +37,9 @@ _LEFT = {
     "unexplained": "structure that no effect explains",
 }
 _DRAWN = ("jinja2", "matplotlib")
-_TEMPLATED = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}  # what a report's suffix needs
+_REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
+_NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
+_NEEDED[".skops"] = (("skops",), "io")  # what a file's suffix needs, and the extra that has it
 _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
     *("on_missing", "missing_code"),
@@ -63,11 +70,14 @@ def main(argv=None):
 
 def _parser():
     parser = argparse.ArgumentParser(
-        prog="skhyst", description="Find the physical effect that a declared model lacks."
+        prog="skhyst",
+        description="Find the physical effect that a declared model lacks; put models to use.",
     )
     parser.add_argument("--version", action="version", version=f"skhyst {__version__}")
-    commands = parser.add_subparsers(dest="name", required=True, metavar="command")
+    commands = parser.add_subparsers(dest="subcommand", required=True, metavar="command")
     _add_diagnose(commands)
+    _add_compensate(commands)
+    _add_export(commands)
     demo = commands.add_parser("demo", help="hide an effect in a simulated actuator, then find it")
     add = demo.add_argument
     add("--output", type=Path, default=Path("skhyst_demo"), help="folder for the files")
@@ -112,16 +122,93 @@ def _add_diagnose(commands):
     add("--seed", type=int, default=0, help="seed (default: 0)")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")
-    add("--save", type=Path, metavar="FILE", help="augmented model, .joblib")
+    add("--save", type=Path, metavar="FILE", help="augmented model, .skops or .joblib")
     add("--json", type=Path, metavar="FILE", help="numbers")
     add("--quiet", action="store_true", help="no progress")
     parser.set_defaults(run=_diagnose)
 
 
+def _add_model(parser):
+    add = parser.add_argument
+    add("model", type=Path, help="fitted model, .skops; others with --trust")
+    trust = "load a pickle, or what skops does not know: it can run any code"
+    add("--trust", action="store_true", help=trust)
+
+
+def _add_compensate(commands):
+    about = "the drive under which a fitted model follows a reference"
+    parser = commands.add_parser("compensate", help=about)
+    _add_model(parser)
+    add = parser.add_argument
+    add("file", type=Path, help="reference: csv or another format that diagnose reads")
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
+    add("--time", default=0, metavar="COL", help="column of the time (default: the first)")
+    add("--time-unit", default="s", help="unit of the time (default: s)")
+    column = "column of the reference (default: the second)"
+    add("--reference", default=1, metavar="COL", help=column)
+    limits = "of the drive, in its units"
+    add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
+    faster = "leave out what is faster in the reference"
+    add("--bandwidth", type=float, metavar="HZ", help=faster)
+    parser.set_defaults(run=_compensate)
+
+
+def _compensate(options):
+    _prepare([options.output])
+    model = load_model(options.model, options.trust)
+    columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
+    X, _ = read_records(options.file, **columns)
+    reference = X.iloc[:, 0]
+    compensator = InverseCompensator(
+        model, bandwidth=options.bandwidth, drive_limits=options.limits
+    ).fit(X, reference)  # the model is fitted: nothing is learned from the reference
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ReachWarning)
+        drive = compensator.predict(X)
+        residual = np.abs(compensator.residual(X)).max()
+    span = np.ptp(reference) / 100.0 or 1.0
+    print(f"largest residual of the model: {residual:.4g} ({residual / span:.3g} % of the range)")
+    for message in dict.fromkeys(str(warning.message) for warning in caught):
+        print(message)
+    table = pd.DataFrame({"drive": drive}, X.index).reset_index()
+    single = table["record"].nunique() == 1
+    table.drop(columns="record" if single else []).to_csv(options.output, index=False)
+    print(f"written: {options.output}")
+
+
+def _add_export(commands):
+    parser = commands.add_parser("export", help="a fitted model as a C99 program")
+    _add_model(parser)
+    add = parser.add_argument
+    add("--c", type=Path, required=True, metavar="DIR", help="folder for the C files")
+    add("--name", help="how files and functions are called (default: as the model's file)")
+    add("--dtype", choices=("float64", "float32", "int32"), default="float64")
+    add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
+    add("--initial-state", choices=("rest", "zero"), default="rest")
+    add("--u0", type=float, default=0.0, help="drive at which the device rests (default: 0)")
+    add("--drive", type=Path, metavar="FILE", help="drive of the test program; int32 needs it")
+    column = "column of the drive (default: the second); repeat it for a model of several inputs"
+    add("--column", action="append", metavar="COL", help=column)
+    add("--input-unit", type=float, help="for int32: the drive that the integer 1 stands for")
+    add("--output-unit", type=float, help="for int32: the response that the integer 1 stands for")
+    parser.set_defaults(run=_export)
+
+
+def _export(options):
+    passed = ("dtype", "dt", "initial_state", "u0", "input_unit", "output_unit")
+    more = {name: getattr(options, name) for name in passed}
+    model = load_model(options.model, options.trust)
+    if options.drive:
+        first, *others = options.column or [1]
+        more["drive"] = read_records(options.drive, drive=first, auxiliary=others)[0].to_numpy()
+    for path in to_c(model, options.c, options.name or options.model.stem, **more):
+        print(f"written: {path}")
+
+
 def _diagnose(options):
     model = parse_model(options.model)
     outputs = [path for path in (options.report, options.save, options.json) if path]
-    if options.report and options.report.suffix.lower() not in _TEMPLATED:
+    if options.report and options.report.suffix.lower() not in _REPORTS:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     _prepare(outputs)
     reading = {name: getattr(options, name) for name in _READING}
@@ -194,7 +281,7 @@ def _conclude(search, options, held_out):
     report = Report.from_search(search, command=options.command, held_out=held_out)
     is_markdown = options.report and options.report.suffix.lower() == ".md"
     outputs = (
-        (options.save, lambda path: joblib.dump(search.best_estimator_, path)),
+        (options.save, lambda path: save_model(search.best_estimator_, path)),
         (options.json, report.to_json),
         (options.report, report.to_markdown if is_markdown else report.to_html),
     )
@@ -203,7 +290,7 @@ def _conclude(search, options, held_out):
         if path:
             try:
                 write(path)
-            except OSError as error:
+            except (OSError, TypeError) as error:  # TypeError: not to be written as skops
                 failures.append(f"{path} was not written: {error}")
             else:
                 print(f"written: {path}")
@@ -308,14 +395,13 @@ def _prepare(paths):
             raise type(error)(f"{path} cannot be written: {error}") from error
         if not existed:
             path.unlink()
-    drawn = [path for path in paths if path.suffix.lower() in _TEMPLATED]
-    needed = {module for path in drawn for module in _TEMPLATED[path.suffix.lower()]}
-    missing = sorted(module for module in needed if importlib.util.find_spec(module) is None)
-    if missing:
-        raise ImportError(
-            f"{drawn[0]} needs {' and '.join(missing)}. "
-            'Install with: python -m pip install "skhyst[plot]"'
-        )
+        modules, extra = _NEEDED.get(path.suffix.lower(), ((), ""))
+        missing = [module for module in modules if importlib.util.find_spec(module) is None]
+        if missing:
+            raise ImportError(
+                f"{path} needs {' and '.join(missing)}. "
+                f'Install with: python -m pip install "skhyst[{extra}]"'
+            )
 
 
 def _rows(text):

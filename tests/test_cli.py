@@ -10,12 +10,17 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.linear_model import Ridge
 
 from skhyst._demo import SECRETS, make_demo_recording
+from skhyst._model_files import save_model
 from skhyst.cli import main, parse_model
 from skhyst.compose import Cascade
+from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.exceptions import ReachWarning
+from skhyst.export import to_c
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.records import read_records
 
 
@@ -205,6 +210,140 @@ def test_demo_finds_what_was_hidden(tmp_path, capsys):
 def test_every_secret_comes_up():
     found = {make_demo_recording(seed, n_records=1)[1] for seed in range(30)}
     assert found == set(SECRETS)
+
+
+@pytest.fixture(scope="module")
+def model():
+    u = 5.0 * np.sin(0.05 * np.arange(300)) * np.linspace(0.2, 1.0, 300)
+    plays = PrandtlIshlinskiiOperator(np.arange(4.0), np.array([1.0, 0.3, 0.2, 0.1]))
+    return PrandtlIshlinskii(4, dt=1e-3).fit(u[:, None], plays.run(u, 1e-3)[0])
+
+
+@pytest.fixture
+def model_file(model, tmp_path):
+    """The model in a file that is read without running anything."""
+    pytest.importorskip("skops.io")
+    save_model(model, tmp_path / "stage.skops")
+    return tmp_path / "stage.skops"
+
+
+@pytest.fixture
+def reference(tmp_path):
+    time = 1e-3 * np.arange(200)
+    path = tmp_path / "reference.csv"
+    wanted = 4.0 * np.sin(30.0 * time) ** 2
+    pd.DataFrame({"t": 1e3 * time, "um": wanted}).to_csv(path, index=False)
+    return path
+
+
+def test_compensate_equals_python(model, model_file, reference, tmp_path, capsys):
+    out = tmp_path / "new" / "drive.csv"
+    call = ["compensate", str(model_file), str(reference), "-o", str(out), "--time-unit", "ms"]
+    assert main([*call, "--limits", "-1", "2.5", "--bandwidth", "40"]) == 0
+    X, y = read_records(reference, drive="um", response="um", time="t", time_unit="ms")
+    same = InverseCompensator(model, drive_limits=(-1.0, 2.5), bandwidth=40.0).fit(X, y)
+    with pytest.warns(ReachWarning) as said:
+        drive = same.predict(X)
+    table = pd.read_csv(out)
+    np.testing.assert_allclose(table["drive"], drive, rtol=1e-15)
+    np.testing.assert_allclose(table["time"], 1e-3 * np.arange(200), atol=1e-15)
+    printed = capsys.readouterr().out
+    residual = np.abs(model.predict(drive[:, None]) - y).max()
+    assert f"{residual:.4g} ({100 * residual / np.ptp(y):.3g} % of the range)" in printed
+    assert any("limits of the drive cut" in str(one.message) for one in said)
+    assert all(str(one.message) in printed for one in said)
+    assert main([*call, "--reference", "um", "--time", "t"]) == 0
+    assert "cut" not in capsys.readouterr().out
+
+
+def test_export_equals_python(model, model_file, reference, tmp_path):
+    units = {"input_unit": 1e-3, "output_unit": 1e-3}
+    drive = pd.read_csv(reference)["um"]
+    for more, same in (
+        ([], {}),
+        (["--dtype", "float32", "--dt", "0.01", "--u0", "0.5", "--name", "stage"], {"u0": 0.5}),
+        (["--dtype", "int32", "--drive", str(reference), "--input-unit", "1e-3"], units),
+    ):
+        same = same | {"dtype": more[1]} if more else same
+        same |= {"dt": 0.01} if "--dt" in more else {}
+        same |= {"drive": drive} if "--drive" in more else {}
+        more += ["--output-unit", "1e-3"] if "--drive" in more else []
+        assert main(["export", str(model_file), "--c", str(tmp_path / "c"), *more]) == 0
+        for path in to_c(model, tmp_path / "python", "stage", **same):
+            assert (tmp_path / "c" / path.name).read_text() == path.read_text()
+
+
+class Trap:
+    """Creates a file where it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+def test_a_pickle_is_loaded_only_where_it_is_trusted(model, tmp_path, capsys):
+    path, marker = tmp_path / "stage.joblib", tmp_path / "marker"
+    call = ["export", str(path), "--c", str(tmp_path)]
+    joblib.dump(Trap(marker), path)
+    assert main(call) == 1
+    assert "--trust" in capsys.readouterr().err
+    assert not marker.exists()
+    joblib.dump(model, path)
+    assert main([*call, "--trust"]) == 0
+    assert (tmp_path / "stage.c").exists()
+
+
+@pytest.mark.parametrize(
+    ("held", "name"),
+    [(subprocess.Popen, "subprocess.Popen"), (main, "skhyst.cli.main"), (eval, "builtins.eval")],
+)
+def test_a_file_that_names_what_can_run_code_is_refused(model, tmp_path, capsys, held, name):
+    pytest.importorskip("skops.io")
+    hostile = PrandtlIshlinskii()
+    vars(hostile).update(vars(model), note=held)
+    save_model(hostile, tmp_path / "stage.skops")
+    assert main(["export", str(tmp_path / "stage.skops"), "--c", str(tmp_path)]) == 1
+    printed = capsys.readouterr().err
+    assert name in printed
+    assert "--trust" in printed
+
+
+def test_models_that_are_none_are_refused(model_file, reference, tmp_path, capsys, monkeypatch):
+    def error(path, *more):
+        out = ["-o", str(tmp_path / "drive.csv")]
+        assert main(["compensate", str(path), str(reference), *out, *more]) == 1
+        assert not (tmp_path / "drive.csv").exists()
+        return capsys.readouterr().err
+
+    assert "absent.skops" in error(tmp_path / "absent.skops")
+    broken = tmp_path / "broken.skops"
+    broken.write_bytes(model_file.read_bytes()[200:])
+    assert "broken" in error(broken)
+    broken.write_bytes(b"garbage")
+    assert "broken" in error(broken, "--trust")
+    for other, name in ((Ridge(), "Ridge"), (PrandtlIshlinskii(), "PrandtlIshlinskii")):
+        save_model(other, tmp_path / "other.skops")
+        assert f"{name}, not a fitted" in error(tmp_path / "other.skops")
+    monkeypatch.setitem(sys.modules, "skops.io", None)
+    assert "skhyst[io]" in error(model_file)
+
+
+def test_references_that_are_none_are_refused(model_file, reference, tmp_path, capsys):
+    def error(*more):
+        out = ["-o", str(tmp_path / "drive.csv")]
+        assert main(["compensate", str(model_file), *out, *map(str, more)]) == 1
+        return capsys.readouterr().err
+
+    assert "absent.csv" in error(tmp_path / "absent.csv")
+    assert "nothing" in error(reference, "--reference", "nothing")
+    assert "lower" in error(reference, "--limits", "2", "1")
+    assert "bandwidth" in error(reference, "--bandwidth", "-1")
+    table = pd.read_csv(reference)
+    table.loc[7, "um"] = np.nan
+    table.to_csv(reference, index=False)
+    assert "um" in error(reference)
 
 
 def test_module_runs():

@@ -15,6 +15,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
 
+from skhyst._model_files import load_model, save_model
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
@@ -388,6 +389,13 @@ def test_results(fitted, data):
     np.testing.assert_array_equal(fitted.feature_names_in_, ["drive"])
     again = pickle.loads(pickle.dumps(fitted))
     np.testing.assert_array_equal(again.predict(X), fitted.predict(X))
+
+
+def test_model_files_are_safe(fitted, data, tmp_path):
+    pytest.importorskip("skops.io")
+    save_model(fitted, tmp_path / "model.skops")
+    again = load_model(tmp_path / "model.skops")
+    np.testing.assert_array_equal(again.predict(data[0]), fitted.predict(data[0]))
 
 
 def test_clone_and_parameters(model):

@@ -1,0 +1,88 @@
+"""Fitted models in files: skops, which is read without running anything, or joblib, a pickle.
+
+skops writes names of types and their fields; reading makes objects of those types alone that are
+trusted. Trusted are the classes of skhyst, whose construction sets fields and no more, and what
+skops trusts itself: the types of NumPy and the estimators of scikit-learn. Functions, methods and
+whatever else a file may name are refused.
+"""
+
+import importlib
+import inspect
+import zipfile
+from pathlib import Path
+
+import joblib
+
+
+def save_model(model, path):
+    """Write a model, as skops where the file's suffix is ``.skops`` and by joblib otherwise."""
+    if Path(path).suffix.lower() == ".skops":
+        _skops(path).dump(model, path)
+    else:
+        joblib.dump(model, path)
+
+
+def load_model(path, trust=False):
+    """Return the fitted model in a file; what can run code is refused unless it is trusted."""
+    path = Path(path)
+    with path.open("rb") as file:
+        safe = zipfile.is_zipfile(file)
+    if not safe and not trust:
+        raise ValueError(
+            f"{path} is no skops file, and any other may run code when it is loaded. Save the "
+            "model as .skops; or, if it is a pickle and you trust whoever made it, add --trust."
+        )
+    load = _load_skops if safe else _load_pickle
+    try:
+        model = load(path, trust)
+    except (ImportError, _Refused):
+        raise
+    except Exception as error:  # of a broken file anything may come
+        raise ValueError(f"{path} is broken: no model can be read from it ({error!r}).") from error
+    if not hasattr(model, "operator_"):
+        raise ValueError(
+            f"{path} holds {type(model).__name__}, not a fitted parametric model of skhyst."
+        )
+    return model
+
+
+class _Refused(ValueError):
+    """A file names types that are not trusted."""
+
+
+def _load_pickle(path, trust):
+    return joblib.load(path)
+
+
+def _load_skops(path, trust):
+    skops = _skops(path)
+    named = skops.get_untrusted_types(file=path)
+    foreign = [] if trust else [name for name in named if not _is_own_class(name)]
+    if foreign:
+        raise _Refused(
+            f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "
+            "trust whoever made the file, add --trust."
+        )
+    return skops.load(path, trusted=named)
+
+
+def _is_own_class(name):
+    """Whether a qualified name is that of a class that a module of skhyst defines."""
+    module, _, name = name.rpartition(".")
+    if module.partition(".")[0] != __package__:
+        return False
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError:
+        return False
+    return inspect.isclass(found) and found.__module__ == module
+
+
+def _skops(path):
+    try:
+        import skops.io
+    except ImportError as error:
+        raise ImportError(
+            f'{path} needs skops. Install it with: python -m pip install "skhyst[io]"'
+        ) from error
+    return skops.io
