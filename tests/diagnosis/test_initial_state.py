@@ -96,7 +96,7 @@ def test_it_is_estimated_anew_beside_what_is_found_later():
                 u = stage.run(u, dt)[0]
             return u, None
 
-    X, y = recording(Device())
+    X, y = recording(Device(), records=3)
     found = EffectSearchCV(DECLARED, effects=[*EFFECTS, "resonance"], random_state=0).fit(X, y)
     assert set(found.effects_) & {"lag", "resonance"}
     assert "initial_state" in found.effects_
