@@ -46,8 +46,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     ----------
     model : estimator
         A parametric model of skhyst or a cascade of them, of one input. With ``method="learned"``
-        any regressor: it is fitted from the response to the drive, as the SCN inverse compensator
-        of an inchworm motor is [1]_.
+        any regressor: it is fitted from the response to the drive, as the inverse compensator of
+        the inchworm motor is for which :class:`~skhyst.neural.SCNRegressor` was made.
     method : {"auto", "learned"}, default="auto"
         Invert the model, or learn its inverse.
     bandwidth : float, default=None
@@ -73,11 +73,6 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     ReachWarning
         If drive limits cut samples (with their share), or a stage does not reach what is asked of
         it (with its name and the value).
-
-    References
-    ----------
-    .. [1] The design that it is taken from is described with
-       :class:`skhyst.neural.SCNRegressor`.
 
     Examples
     --------
@@ -190,9 +185,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         ndarray of shape (n_samples,)
             Units of the response.
         """
-        slices, references = self._references(X)
-        if self.method == "learned":
-            raise ValueError("Nothing is known of the response where an inverse was learned.")
+        slices, references = self._known(X)
         return np.concatenate([self._compensated(references[s.rows], s.dt)[1] for s in slices])
 
     def refine(self, X, measure, n_trials=6):
@@ -213,15 +206,22 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         ndarray of shape (n_samples,)
             The drive with the smallest error; ``errors_`` has those of the trials that were kept.
         """
-        slices, reference = self._references(X)
+        slices, reference = self._known(X)
         if len(slices) != 1:
             raise ValueError(f"refine takes one record at a time. Got {len(slices)} instead.")
+
+        def measured(drive):
+            y = np.asarray(measure(drive), dtype=float)
+            if y.shape != drive.shape or not np.isfinite(y).all():
+                raise ValueError(
+                    f"The device must answer with {len(drive)} finite numbers. Got {y!r} instead."
+                )
+            return y
+
         plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
         drive = self._limited(self._compensated(reference, slices[0].dt)[0])
         wanted = self._filtered(reference, slices[0].dt)
-        drive, self.errors_ = self._improved(
-            drive, wanted, plant, lambda u: np.asarray(measure(u), dtype=float), n_trials, 0.0
-        )
+        drive, self.errors_ = self._improved(drive, wanted, plant, measured, n_trials, 0.0)
         return drive
 
     def stepper(self, dt=None, reference=0.0):
@@ -255,6 +255,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=getattr(self.model_, "dt", 1.0))
         return slices, columns[:, 0]
+
+    def _known(self, X):
+        """Return records and references for a model that tells the response."""
+        if self.method == "learned":
+            raise ValueError("Nothing is known of the response where an inverse was learned.")
+        return self._references(X)
 
     def _limits(self):
         return (-np.inf, np.inf) if self.drive_limits is None else tuple(self.drive_limits)

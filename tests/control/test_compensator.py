@@ -120,6 +120,15 @@ def test_an_inverse_can_be_learned():
     y = np.random.default_rng(0).normal(size=(50, 1))
     found = InverseCompensator(LinearRegression(), method="learned").fit(3.0 * y + 1.0, y[:, 0])
     np.testing.assert_allclose(found.predict([[2.0]]), [7.0])
+    for method in (found.residual, lambda X: found.refine(X, np.ravel)):
+        with pytest.raises(ValueError, match="was learned"):
+            method([[2.0]])
+
+
+@pytest.mark.parametrize("answer", [lambda u: np.full(N, np.nan), lambda u: u[:-1]])
+def test_a_device_that_fails_is_told(answer):
+    with pytest.raises(ValueError, match="1200 finite numbers"):
+        compensator(PLAYS).refine(smooth(2.0)[:, None], answer)
 
 
 def test_a_model_is_fitted_where_it_is_not():
