@@ -93,6 +93,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     True
     """
 
+    _one_interval = False  # unless its model asks for one
+
     _parameter_constraints = {
         "model": [HasMethods(["fit", "predict"])],
         "method": [StrOptions({"auto", "learned"})],

@@ -192,3 +192,13 @@ def test_a_response_that_ignores_a_constant_drive_is_refused():
     )
     with pytest.raises(ValueError, match="no stable inverse"):
         compensator(washout).predict(smooth(2.0)[:, None])
+
+
+def test_records_of_any_interval_are_inverted_at_their_own():
+    index = pd.MultiIndex.from_tuples(
+        [(k, i * dt) for k, dt in enumerate((1e-3, 4e-3)) for i in range(300)],
+        names=["record", "time"],
+    )
+    X = pd.DataFrame({"drive": np.tile(smooth(8.0)[::4], 2)}, index)
+    found = compensator(SeriesOperator(("plays", "mode"), (PLAYS, MODE)))
+    assert np.abs(found.residual(X)).max() < 1e-8
