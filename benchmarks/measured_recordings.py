@@ -286,11 +286,16 @@ CASES = {
 
 def first_alone(X, y, X_test, y_test):
     """Return the first record, and all others held out."""
-    (_, X, y), *rest = [
-        (label, *(own.droplevel("record") if own.index.nlevels > 1 else own for own in part))
-        for label, *part in [*iter_records(X, y), *iter_records(X_test, y_test)]
+
+    def bare(own):
+        several = getattr(getattr(own, "index", None), "nlevels", 1) > 1
+        return own.droplevel("record") if several else own
+
+    parts = [
+        tuple(map(bare, part)) for _, *part in [*iter_records(X, y), *iter_records(X_test, y_test)]
     ]
-    return X, y, *stack_records({i: part for i, (_, *part) in enumerate(rest)})
+    (X, y), *rest = parts
+    return X, y, *stack_records(dict(enumerate(rest)))
 
 
 def search_one(case, data, jobs, again, alone):

@@ -200,5 +200,6 @@ def test_records_of_any_interval_are_inverted_at_their_own():
         names=["record", "time"],
     )
     X = pd.DataFrame({"drive": np.tile(smooth(8.0)[::4], 2)}, index)
-    found = compensator(SeriesOperator(("plays", "mode"), (PLAYS, MODE)))
+    model = Known(SeriesOperator(("plays", "mode"), (PLAYS, MODE))).fit(X, X["drive"])
+    found = InverseCompensator(model).fit(X, X["drive"])
     assert np.abs(found.residual(X)).max() < 1e-8
