@@ -222,8 +222,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a drift's constant counts as a drift",
-        "if disturbance.has_constant and own.shape[1] > 1:",
-        "if disturbance.has_constant and own.shape[1] > 99:",
+        "if disturbance.has_constant and len(own) > 1:",
+        "if disturbance.has_constant and len(own) > 99:",
         "tests/diagnosis/test_course.py -k constant",
     ),
     (
