@@ -57,12 +57,14 @@ class DisturbanceOperator(Operator):
         time = start + dt * np.arange(len(u))
         return self.basis(time) @ self.coefficients, start + dt * len(u)
 
-    @abstractmethod
     def _step(self):
-        """Return the compiled step and its constants behind ``dt``; the state is the time."""
+        """Return the compiled step, or None, and its constants behind ``dt``."""
+        return None, ()
 
     def lowered(self, dt, state):
         step, constants = self._step()
+        if step is None:
+            return super().lowered(dt, state)
         return LoweredStep(step, (dt, *constants), [state / dt])
 
     def linearize(self, u, du, dt, initial_state="rest"):

@@ -284,11 +284,11 @@ class Operator(ABC):
         Raises
         ------
         NotImplementedError
-            If the output depends on later input, so that it cannot be known sample by sample.
+            If the output depends on later input, so that it is not known sample by sample, or the
+            operator gives no step.
         """
-        raise NotImplementedError(
-            f"{type(self).__name__} cannot be stepped: its output is not known sample by sample."
-        )
+        why = "it gives no step ('lowered')" if self.causal else "it looks ahead"
+        raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
 
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
         """Advance by one sample: return the new state and the output."""

@@ -1,7 +1,5 @@
 """What the memoryless curves share."""
 
-from abc import abstractmethod
-
 import numpy as np
 
 from .._sklearn import StrOptions
@@ -12,11 +10,11 @@ SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
 
 class StaticOperator(Operator):
-    """Base of the memoryless operators; a subclass gives ``_evaluate`` and its step.
+    """Base of the memoryless operators; a subclass gives ``_evaluate``, and its step if it has one.
 
     Attributes
     ----------
-    curve : callable
+    curve : callable or None
         Compiled ``curve(u, c, s) -> y``, see :class:`~skhyst.operators.LoweredStep`; ``s`` is
         empty.
     """
@@ -34,11 +32,13 @@ class StaticOperator(Operator):
     def run(self, u, dt, state=None):
         return self._evaluate(np.asarray(u, dtype=float))[0], ()
 
-    @abstractmethod
     def _constants(self):
         """Return the constants of ``curve``."""
+        return ()
 
     def lowered(self, dt, state):
+        if self.curve is None:
+            return super().lowered(dt, state)
         return LoweredStep(self.curve, self._constants(), ())
 
     def linearize(self, u, du, dt, initial_state="rest"):
