@@ -223,7 +223,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
         drive = self._limited(self._compensated(reference, slices[0].dt)[0])
         wanted = self._filtered(reference, slices[0].dt)
-        drive, self.errors_ = self._improved(drive, wanted, plant, measured, n_trials, 0.0)
+        aim = plant.invert(wanted)
+        drive, self.errors_ = self._improved(drive, aim, wanted, plant, measured, n_trials, 0.0)
         return drive
 
     def stepper(self, dt=None, reference=0.0):
@@ -292,20 +293,18 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = _Backwards(self.model_.operator_, dt, self._limits())
         wanted = self._filtered(reference, dt)
         enough = self.tol * np.ptp(wanted)
-        drive = np.clip(plant.invert(wanted), *self._limits())
-        drive, _ = self._improved(drive, wanted, plant, plant.run, self.max_iter, enough)
-        rest = plant.run(drive) - reference
-        plant.warn(wanted, max(enough, 1e-6 * np.ptp(wanted)))
-        return drive, rest
-
-    def _improved(self, drive, wanted, plant, measure, n_trials, enough):
-        """Return a drive with a smaller error, and the errors on the way."""
         aim = plant.invert(wanted)
+        plant.warn(wanted, max(enough, 1e-6 * np.ptp(wanted)))
+        drive = np.clip(aim, *self._limits())
+        drive, _ = self._improved(drive, aim, wanted, plant, plant.run, self.max_iter, enough)
+        return drive, plant.run(drive) - reference
+
+    def _improved(self, drive, aim, wanted, plant, measure, n_trials, enough):
+        """Return a drive with a smaller error, and the errors on the way."""
         drives, changes, errors, best, part = [], [], [], 0, 1.0
         for trial in range(n_trials):
             y = measure(drive)
             drives.append(drive)
-            changes.append(aim - plant.invert(self._filtered(y, plant.dt)))
             error = np.sqrt(np.mean((y - wanted) ** 2))
             if not errors or error < errors[-1]:
                 errors.append(error)
@@ -314,6 +313,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 part *= 0.5
             if errors[-1] <= enough or part < _SMALLEST:
                 break
+            changes.append(aim - plant.invert(self._filtered(y, plant.dt)))
             step = changes[best] + _combined(drives, changes, best)
             drive = np.clip(drives[best] + part * step, *self._limits())
         return drives[best] if drives else drive, errors
@@ -384,8 +384,7 @@ class _Backwards:
         return v
 
     def warn(self, wanted, enough):
-        """Say which stage does not reach what is asked of it."""
-        self.invert(wanted)
+        """Say which stage does not reach what the last inversion has asked of it."""
         size, name, value = self.missed
         if size * np.ptp(wanted) > enough:
             warnings.warn(

@@ -145,11 +145,11 @@ class RootInverseOperator(InverseOperator):
     def run(self, u, dt, state=None):
         """Return the inputs that give outputs (n_samples,); see the base."""
         y = as_signal(u)
-        lowered = self.lowered(dt, state or self.init(y[0]))
+        state = state or self.init(y[0])
+        lowered = self.lowered(dt, state)
         s = lowered.state.copy()
         found = lowered.streaming(s)(y)
-        _, _, own = state or self.init(y[0])
-        _, own = self.operator.run(found, dt, own)
+        _, own = self.operator.run(found, dt, state[2])
         return found, (float(s[0]), float(s[1]), own)
 
     def lowered(self, dt, state):
