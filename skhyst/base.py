@@ -30,7 +30,7 @@ from .optimize import (
     histories_of,
     identify,
 )
-from .records import record_slices
+from .records import chosen_interval, record_slices
 
 __all__ = [
     "ParametricModel",
@@ -472,15 +472,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        intervals = {record.dt for record in self.records_} if dt is None else {float(dt)}
-        if len(intervals) > 1:
-            raise ValueError(
-                f"The 'dt' parameter of {type(self).__name__}.stepper must be given: the records "
-                f"of the fit have the intervals {sorted(intervals)} s."
-            )
-        (dt,) = intervals
+        dt = chosen_interval(self.records_, dt, f"{type(self).__name__}.stepper")
         operator = self.operator_ if schedule is None else self.operator_.at(schedule)
-        u0 = float(u0) if np.ndim(u0) == 0 else np.asarray(u0, dtype=float)
+        if not self._reads_columns:
+            u0 = float(np.ravel(u0)[0])
+        elif np.ndim(u0) == 0:  # the amplitude of the record may stand behind the columns
+            u0 = np.full(self.n_features_in_ + 1, float(u0))
         state = operator.init(u0, initial_state or self._free_run_state())
         return Stepper(operator.lowered(dt, state))
 

@@ -308,6 +308,35 @@ def test_state_carried_from_chunk_to_chunk(fitted, data):
     np.testing.assert_allclose(y, whole[:40], rtol=1e-9, atol=1e-11)
 
 
+def assert_steps(stepper, u, whole):
+    """A stepper that rests at ``u[0]`` gives ``whole``, also from where it was before."""
+    cut, allowed = len(u) // 3, 1e-12 * (np.ptp(whole) or 1.0)
+    other, first = stepper.copy(), stepper.state
+    steps = [stepper.step(row) for row in u[:cut]]
+    kept = stepper.state
+    rest = stepper.run(u[cut:])
+    np.testing.assert_allclose([*steps, *rest], whole, rtol=0, atol=allowed)
+    stepper.state = kept
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="must be finite"):
+            stepper.step(u[0] * wrong)
+        with pytest.raises(ValueError, match="must be finite"):
+            stepper.run(np.append(u[:3], u[:1] + wrong, axis=0))
+    np.testing.assert_array_equal(stepper.state, kept)
+    np.testing.assert_array_equal(stepper.run(u[cut:]), rest)
+    np.testing.assert_array_equal(other.state, first)  # whatever the one it was copied from did
+    np.testing.assert_allclose(other.run(u), whole, rtol=0, atol=allowed)
+
+
+def test_step_by_step(fitted, data):
+    u = data[0]["drive"].to_numpy()[:N]
+    if not fitted.operator_.causal:
+        with pytest.raises(NotImplementedError, match="looks ahead"):
+            fitted.stepper()
+        return
+    assert_steps(fitted.stepper(u0=u[0]), u, fitted.predict(data[0])[:N])
+
+
 def test_order_of_records_does_not_matter(model, fitted, data):
     X, y = data
     order = ["c", "a", "b"]

@@ -33,6 +33,7 @@ from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
+from ..records import chosen_interval
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # part of a step below which nothing is gained
@@ -243,7 +244,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If a stage can only be undone with a look ahead, as linear dynamics.
         """
         check_is_fitted(self)
-        plant = _Backwards(self.model_.operator_, dt or self.model_.records_[0].dt, self._limits())
+        dt = chosen_interval(self.model_.records_, dt, "InverseCompensator.stepper")
+        plant = _Backwards(self.model_.operator_, dt, self._limits())
         return plant.stepper(float(reference))
 
     def drive_for(self, reference, dt):

@@ -10,6 +10,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from ..operators import Stepper
+from ..records import chosen_interval
 from ._fixed import Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
@@ -230,13 +231,14 @@ def _lowered(model, dt, initial_state, u0):
     what = type(model).__name__
     if hasattr(model, "bound"):
         return what, model, dt
-    operator = model
-    if hasattr(model, "fit"):
-        check_is_fitted(model, "operator_")
-        operator, dt = model.operator_, model.records_[0].dt if dt is None else dt
+    if hasattr(model, "stepper"):
+        check_is_fitted(model)
+        if hasattr(model, "records_"):
+            dt = chosen_interval(model.records_, dt, "to_c")
+        return what, model.stepper(dt, u0, initial_state).lowered, dt
     if dt is None:
         raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
-    return what, operator.lowered(dt, operator.init(u0, initial_state)), dt
+    return what, model.lowered(dt, model.init(u0, initial_state)), dt
 
 
 def _units(drive, *units):

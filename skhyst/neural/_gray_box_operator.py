@@ -18,7 +18,7 @@ import numpy as np
 
 from .._jit import bind, jit
 from ..hysteresis import SystemLevelOperator
-from ..operators import LoweredStep, Operator, ParameterSpec, as_signal
+from ..operators import LoweredStep, Operator, ParameterSpec, as_signal, sum_of_products
 
 _BOUND = 1e100  # beyond, the recursion has left the range in which squares are finite
 
@@ -39,13 +39,7 @@ def _signals(mix, w, at_w, n_w, y, at_y, x, at_x):
 def _sample(level, mix, terms, weights, w, at_w, n_w, y, at_y, x, at_x):
     """Write y of a sample, no number from where it diverges on; see :func:`_signals`."""
     _signals(mix, w, at_w, n_w, y, at_y, x, at_x)
-    total = level
-    for t in range(weights.size):
-        value = weights[t]
-        for j in range(terms.shape[1]):
-            if terms[t, j] >= 0:
-                value *= x[at_x + int(terms[t, j])]
-        total += value
+    total = level + sum_of_products(weights, terms, x, at_x)
     y[at_y] = total if abs(total) <= _BOUND else math.nan
 
 

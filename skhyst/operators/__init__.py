@@ -13,7 +13,9 @@ from ._differences import latest, samples_before, slope_step, slopes, stepped_sl
 from ._linear_inverse import InverseLinearOperator
 from ._lowered import (
     Lowered,
+    LoweredCall,
     LoweredColumn,
+    LoweredColumnSeries,
     LoweredProduct,
     LoweredSeries,
     LoweredStep,
@@ -33,6 +35,7 @@ from ._plays import (
     stop_basis,
     turning_points,
 )
+from ._products import sum_of_products
 from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
 from ._records import run_records
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
@@ -51,7 +54,9 @@ __all__ = [
     "InverseLinearOperator",
     "InverseOperator",
     "Lowered",
+    "LoweredCall",
     "LoweredColumn",
+    "LoweredColumnSeries",
     "LoweredProduct",
     "LoweredSeries",
     "LoweredStep",
@@ -92,6 +97,7 @@ __all__ = [
     "state_space_tangents",
     "stepped_slopes",
     "stop_basis",
+    "sum_of_products",
     "take_apart",
     "turning_points",
 ]

@@ -26,8 +26,8 @@ def step(u, c, s):
 
 
 def stream(u, c, s, y):
-    """Write the output to ``y`` (n,)."""
-    for k in range(u.size):
+    """Write the output at each sample, or row, of the input to ``y`` (n,)."""
+    for k in range(len(u)):
         y[k] = step(u[k], c, s)
 
 
@@ -102,6 +102,8 @@ class LoweredStep(Lowered):
         Compiled ``step(u, c, s) -> y``.
     constants : tuple of float and ndarray
     state : array-like of shape (n_states,)
+    n_inputs : int, default=None
+        Columns of the input that are read; None for a signal.
 
     Examples
     --------
@@ -117,6 +119,7 @@ class LoweredStep(Lowered):
     step: object
     constants: tuple
     state: np.ndarray
+    n_inputs: int | None = None
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -167,6 +170,54 @@ class LoweredParts(Lowered):
     def _joined(self, functions):
         """Return the function that the parts' functions make together."""
         raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class LoweredCall(Lowered):
+    """A step that calls what is no plain arithmetic: it streams, and cannot be written in C.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(u, s) -> y`` of the input at one sample and of the state, which it changes.
+    state : array-like of shape (n_states,)
+    name : str
+        What it calls, for the error of whoever needs plain arithmetic.
+    n_inputs : int, default=None
+        Columns of the input that are read; None for a signal.
+
+    Examples
+    --------
+    >>> import math
+    >>> from skhyst.operators import LoweredCall, Stepper
+    >>> Stepper(LoweredCall(lambda u, s: math.gamma(u), [], "gamma")).step(5.0)
+    24.0
+    """
+
+    function: object
+    state: np.ndarray
+    name: str
+    n_inputs: int | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "state", np.array(self.state, dtype=float, ndmin=1))
+
+    def bound(self, s, binding):
+        if binding is _stepping:
+            return lambda u: self._called(u, s)
+        if binding is _streaming:
+            return lambda u: np.array([self._called(row, s) for row in u])
+        raise NotImplementedError(
+            f"{self.name} has no step in plain arithmetic: it can be stepped in Python alone."
+        )
+
+    def _called(self, u, s):
+        kept = s.copy()
+        try:
+            return self.function(u, s)
+        except Exception:
+            s[:] = kept
+            raise
 
 
 class LoweredSeries(LoweredParts):
@@ -240,6 +291,24 @@ class LoweredProduct(LoweredParts):
         )
 
 
+class _Replaced:
+    """Rows of an input, with other values in the place of column 0."""
+
+    def __init__(self, first, u):
+        self.first, self.u = first, u
+
+    def __getitem__(self, key):
+        return self.first if key == (..., 0) else self.u[key]
+
+
+class LoweredColumnSeries(LoweredParts):
+    """Two steps: the second one reads the output of the first in the place of column 0."""
+
+    def _joined(self, functions):
+        first, second = functions
+        return lambda u: second(_Replaced(first(u), u))
+
+
 class Stepper:
     """A device that is fed sample by sample.
 
@@ -252,6 +321,8 @@ class Stepper:
     ----------
     state : ndarray of shape (n_states,)
         All that is remembered: a copy, which may be kept and assigned again.
+    lowered : Lowered
+        What is stepped, with the state that it began from.
 
     Examples
     --------
@@ -268,12 +339,9 @@ class Stepper:
     """
 
     def __init__(self, lowered):
-        self._lowered = lowered
-        self._begin(lowered.state)
-
-    def _begin(self, state):
-        self._state = np.array(state)
-        self._step = self._lowered.stepping(self._state)
+        self.lowered = lowered
+        self._state = np.array(lowered.state)
+        self._step = lowered.stepping(self._state)
 
     @property
     def state(self):
@@ -306,7 +374,7 @@ class Stepper:
         ValueError
             If the input is not finite or of another shape; the state is as it was.
         """
-        if self._lowered.n_inputs is None:
+        if self.lowered.n_inputs is None:
             u = float(u)
             if not math.isfinite(u):
                 raise ValueError(f"The drive must be finite. Got {u!r} instead.")
@@ -330,12 +398,12 @@ class Stepper:
         ValueError
             As in :meth:`step`.
         """
-        n_inputs = self._lowered.n_inputs
+        n_inputs = self.lowered.n_inputs
         u = self._checked(u, 1 if n_inputs is None else 2)
-        return self._lowered.streaming(self._state)(u)
+        return self.lowered.streaming(self._state)(u)
 
     def _checked(self, u, ndim):
-        u, n_inputs = np.asarray(u, dtype=float), self._lowered.n_inputs
+        u, n_inputs = np.asarray(u, dtype=float), self.lowered.n_inputs
         if u.ndim != ndim or (n_inputs and u.shape[-1] < n_inputs) or not np.isfinite(u).all():
             wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
             raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
@@ -343,6 +411,6 @@ class Stepper:
 
     def copy(self):
         """Return another one in the same state, which goes its own way."""
-        other = Stepper(self._lowered)
+        other = Stepper(self.lowered)
         other.state = self._state
         return other

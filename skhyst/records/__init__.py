@@ -1,13 +1,14 @@
 """Records: what the index of X says of time, and reading recordings from files."""
 
 from ._frames import iter_records, stack_records
-from ._index import RecordSlice, by_interval, record_slices, sampling_interval
+from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
 from ._readers import read_records
 from ._resample import resample_like, resample_records, resampling_error
 
 __all__ = [
     "RecordSlice",
     "by_interval",
+    "chosen_interval",
     "iter_records",
     "read_records",
     "record_slices",

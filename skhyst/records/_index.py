@@ -190,6 +190,48 @@ def by_interval(records):
     return {dt: [i for i, r in enumerate(records) if r.dt == dt] for dt in intervals}
 
 
+def chosen_interval(records, dt, caller):
+    """Return the sampling interval at which a fitted model is used.
+
+    Parameters
+    ----------
+    records : sequence of RecordSlice
+        Of the fit.
+    dt : float or None
+        Interval in s where one is given.
+    caller : str
+        Whose parameter ``dt`` is; an error names it.
+
+    Returns
+    -------
+    float
+        Interval in s, by default that of the records.
+
+    Raises
+    ------
+    ValueError
+        If no interval is given and the records differ in theirs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.records import chosen_interval, record_slices
+    >>> records = record_slices(np.zeros((5, 1)), dt=0.1)
+    >>> chosen_interval(records, None, "to_c"), chosen_interval(records, 0.2, "to_c")
+    (0.1, 0.2)
+    """
+    if dt is not None:
+        refuse_interval(dt, caller)
+        return float(dt)
+    intervals = list(by_interval(records))
+    if len(intervals) > 1:
+        raise ValueError(
+            f"The 'dt' parameter of {caller} must be given: the records of the fit have the "
+            f"intervals {intervals} s."
+        )
+    return intervals[0]
+
+
 def refuse_lost_index(X, y):
     """Refuse a response whose index says more than that of the input, or something else."""
     own, index = getattr(X, "index", None), getattr(y, "index", None)
