@@ -2,5 +2,6 @@
 
 from ._narmax import NARMAXRegressor
 from ._narx import NARXRegressor
+from ._streaming import lowered_regressor
 
-__all__ = ["NARMAXRegressor", "NARXRegressor"]
+__all__ = ["NARMAXRegressor", "NARXRegressor", "lowered_regressor"]

@@ -2,6 +2,7 @@
 
 import warnings
 from abc import abstractmethod
+from dataclasses import replace
 from numbers import Integral, Real
 
 import numpy as np
@@ -14,10 +15,14 @@ from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
+from ..operators import Stepper
 from ..preprocessing import lagged_columns, read_lag_table, read_lags
+from ..records import chosen_interval
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._starts import estimate_history, fit_line, rest_outputs
+from ._streaming import lowered_lags
 
+_MISMATCH = 0.01  # relative difference between sampling intervals that are the same
 _BOUND = 100.0  # ranges of the outputs beyond the largest one: what lies there has diverged
 
 
@@ -227,12 +232,71 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """
         return r2_score(y, self.predict(X, y), sample_weight=sample_weight)
 
+    def stepper(self, dt=None, u0=0.0, initial_state=None):
+        """Return the fitted model as a device that is fed its inputs sample by sample.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            Sampling interval in s: that of the records of the fit.
+        u0 : float or array-like of shape (n_inputs,), default=0.0
+            Inputs at which the device rests before.
+        initial_state : {"rest", "zero"}, default=None
+            Inputs and outputs before the first sample; by default those of :meth:`predict` without
+            ``y``.
+
+        Returns
+        -------
+        Stepper
+            ``step(u) -> y``, ``run(u)``, ``state``, ``copy()``. Outputs are cut off as in
+            :meth:`predict`.
+
+        Raises
+        ------
+        ValueError
+            If ``dt`` is another than that of the records of the fit.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.autoregressive import NARXRegressor
+        >>> u = np.sin(np.arange(200) / 5.0) + np.sin(np.arange(200) / 17.0)
+        >>> y = np.convolve(u, 0.2 * 0.8 ** np.arange(50))[:200]
+        >>> model = NARXRegressor().fit(u[:, None], y)
+        >>> stepper = model.stepper(u0=u[0])
+        >>> bool(np.allclose([stepper.step(value) for value in u], model.predict(u[:, None])))
+        True
+        """
+        check_is_fitted(self)
+        own, caller = self.records_[0].dt, f"{type(self).__name__}.stepper"
+        if not np.isclose(chosen_interval(self.records_, dt, caller), own, rtol=_MISMATCH):
+            raise ValueError(
+                f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
+                f"fit: the model counts samples. Got {dt!r} instead."
+            )
+        at = 0.0 if initial_state == "zero" else np.asarray(u0, dtype=float)
+        row = np.array(np.broadcast_to(at, (1, self.n_features_in_)))
+        row, _ = self._widen(row, [replace(self.records_[0], rows=slice(0, 1))])
+        history = np.zeros(self._n_outputs())
+        if initial_state is None and self._start_kind() == "given":
+            history = self._given_history()
+        elif initial_state != "zero":
+            (history,) = self._rest(row)
+        call, name = self._one_step, type(self).__name__
+        return Stepper(
+            lowered_lags(self._plain_step(), self._lags, self.bound_, row[0], history, call, name)
+        )
+
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True  # the free run on data without dynamics
         return tags
 
     # ------------------------------------------------------------------ for the models themselves
+
+    def _plain_step(self):
+        """Return the model in the user's units, as what can be stepped, or None."""
+        return self._step
 
     def _span(self):
         return self.output_range_[1] - self.output_range_[0]

@@ -37,21 +37,24 @@ class Scaling:
         return Scaling(self.centre, self.scale, shift, self.gain * float(scale))
 
 
-def extract_step(estimator, lags, Z):
+def extract_step(estimator, lags, blocks, predict):
     """Return a fitted estimator as a model with a compiled loop, None where there is none.
 
-    ``Z`` (n_samples, n_signals) are signals on which the two are compared.
+    The two are compared on each block of signals (n_samples, n_signals); ``predict`` is that of the
+    estimator.
     """
-    n_signals = Z.shape[1]
+    n_signals = len(lags.inputs) + len(lags.outputs)
     try:
         step = _extract(estimator, lags, Scaling(np.zeros(n_signals), np.ones(n_signals)))
     except AttributeError:  # another version of scikit-learn
         return None
     if step is None:
         return None
-    expected = np.asarray(estimator.predict(Z), dtype=float).reshape(-1)
-    allowed = _TOLERANCE * np.abs(expected).max()
-    return step if np.abs(step.rows(Z) - expected).max() <= allowed else None
+    for Z in blocks:
+        expected = np.asarray(predict(Z), dtype=float).reshape(-1)
+        if not np.abs(step.rows(Z) - expected).max() <= _TOLERANCE * np.abs(expected).max():
+            return None
+    return step
 
 
 def _extract(estimator, lags, scaling):
@@ -165,8 +168,11 @@ def _network(estimator, lags, scaling):
 
 def _configured(estimator, lags, scaling):
     """Read a stochastic configuration network."""
-    if np.ndim(estimator.coef_) != 1 or not estimator.n_nodes_:
+    if np.ndim(estimator.coef_) != 1:
         return None
+    if not estimator.n_nodes_:
+        zeros = np.zeros(len(scaling.centre))
+        return LinearStep(lags, zeros, scaling.shift + scaling.gain * estimator.intercept_)
     last = np.append(scaling.gain * estimator.coef_, estimator.intercept_ * scaling.gain)
     last[-1] += scaling.shift
     if estimator.activation == "sigmoid":

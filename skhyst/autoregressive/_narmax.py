@@ -342,6 +342,10 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
     # ----------------------------------------------------------------------------------- the runs
 
+    def _plain_step(self):
+        known = self._without_noise(self.term_factors_)
+        return PolynomialStep(self._lags, self.term_factors_[known], self.coef_[known])
+
     def _one_step(self, Z):
         return self._step.rows(Z / self._lag_scale()) * self._output_scale
 

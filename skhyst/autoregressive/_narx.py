@@ -111,7 +111,7 @@ class NARXRegressor(AutoregressiveRegressor):
         estimator = _default() if self.estimator is None else clone(self.estimator)
         self.estimator_ = estimator.fit(Z, target)
         rows = np.linspace(0, len(Z) - 1, min(_COMPARED, len(Z))).astype(int)
-        self._step = extract_step(self.estimator_, self._lags, Z[rows])
+        self._step = extract_step(self.estimator_, self._lags, [Z[rows]], self.estimator_.predict)
         self.compiled_ = self._step is not None
         for name in ("coef_", "intercept_"):  # of an earlier fit
             self.__dict__.pop(name, None)

@@ -1,6 +1,11 @@
-"""Feed-forward networks, and networks of Gaussian nodes, that see their own past outputs."""
+"""Feed-forward networks, and networks of Gaussian nodes, that see their own past outputs.
 
-from dataclasses import dataclass
+Each has its law twice: a loop over a record in packed arithmetic, which takes half the time, and
+one sample in plain arithmetic, which needs no arrays of its own and can be written in C.
+"""
+
+import math
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -68,8 +73,9 @@ def _activate(kind, x, width, bits, powers):
 
 
 @jit(fastmath={"contract", "reassoc", "nsz"})
-def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lags, bound, y):
-    """Run a network with one output over its past outputs; see :class:`NetworkStep`."""
+def network_run(c, inputs, lags, bound, y):
+    """Run a network over its past outputs, see ``run``; ``c`` is that of :func:`network`."""
+    first, offsets, widths, weights, biases, last, kind = c
     (n_samples, n_inputs), widest = inputs.shape, weights.shape[2]
     before = len(y) - n_samples
     now, after, powers = np.zeros(widest), np.zeros(widest), np.empty(widest)
@@ -106,8 +112,57 @@ def network_run(first, offsets, widths, weights, biases, last, kind, inputs, lag
         y[k] = clipped(value, bound)
 
 
+@jit
+def activated(kind, value):
+    """Return the output of a unit; see ``ACTIVATIONS``."""
+    if kind == 1:
+        return max(value, 0.0)
+    if kind == 2:
+        return 0.5 + 0.5 * math.tanh(0.5 * value)  # the logistic function, without overflow
+    return math.tanh(value) if kind == 3 else value
+
+
+@jit
+def network(x, at, c):
+    """Return the output of a network; ``c`` are the fields of :class:`NetworkStep`.
+
+    The room holds the units of two layers.
+    """
+    first, offsets, widths, weights, biases, last, kind = c
+    n_signals = first.shape[0]
+    now, width = at + n_signals, int(widths[0])
+    after = now + weights.shape[2]
+    for q in range(width):
+        value = offsets[q]
+        for j in range(n_signals):
+            value += x[at + j] * first[j, q]
+        x[now + q] = activated(kind, value)
+    for layer in range(widths.size - 1):
+        n_in, width = width, int(widths[layer + 1])
+        for q in range(width):
+            value = biases[layer, q]
+            for p in range(n_in):
+                value += x[now + p] * weights[layer, p, q]
+            x[after + q] = activated(kind, value)
+        now, after = after, now
+    y = last[width]
+    for q in range(width):
+        y += x[now + q] * last[q]
+    return y
+
+
+class _NodesStep(Step):
+    """Base of both, whose constants are their fields; a subclass gives ``_law``."""
+
+    def _constants(self):
+        return tuple(getattr(self, field.name) for field in fields(self)[1:])
+
+    def plain_law(self):
+        return self._law, self._constants()
+
+
 @dataclass(frozen=True)
-class NetworkStep(Step):
+class NetworkStep(_NodesStep):
     """Layers of units with one activation, and a linear output."""
 
     lags: Lags
@@ -121,6 +176,11 @@ class NetworkStep(Step):
     kind: int  # of the hidden layers, see ``ACTIVATIONS``
 
     _loop = staticmethod(network_run)
+    _law = staticmethod(network)
+
+    @property
+    def room(self):
+        return 2 * self.weights.shape[2]
 
     @classmethod
     def from_layers(cls, lags, matrices, biases, activation):
@@ -140,8 +200,9 @@ class NetworkStep(Step):
 
 
 @jit(fastmath={"contract", "reassoc", "nsz"})
-def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
-    """Run a network over its past outputs; see :class:`GaussianStep`."""
+def gaussian_run(c, inputs, lags, bound, y):
+    """Run a network over its past outputs, see ``run``; ``c`` is that of :func:`gaussians`."""
+    scaling, centers, rates, last = c
     (n_samples, n_inputs), (n_signals, n_components) = inputs.shape, scaling.shape
     before, n_nodes = len(y) - n_samples, len(rates)
     place, distance, powers = np.empty(n_components), np.empty(n_nodes), np.empty(n_nodes)
@@ -170,8 +231,30 @@ def gaussian_run(scaling, centers, rates, last, inputs, lags, bound, y):
         y[k] = clipped(value, bound)
 
 
+@jit
+def gaussians(x, at, c):
+    """Return the output of a network; ``c`` are the fields of :class:`GaussianStep`.
+
+    The room holds the scaled signals.
+    """
+    scaling, centers, rates, last = c
+    n_signals, n_components = scaling.shape
+    place = at + n_signals
+    for i in range(n_components):
+        x[place + i] = 0.0
+        for j in range(n_signals):
+            x[place + i] += x[at + j] * scaling[j, i]
+    y = last[rates.size]
+    for q in range(rates.size):
+        distance = 0.0
+        for i in range(n_components):
+            distance += (x[place + i] - centers[i, q]) ** 2
+        y += last[q] * math.exp(rates[q] * distance)
+    return y
+
+
 @dataclass(frozen=True)
-class GaussianStep(Step):
+class GaussianStep(_NodesStep):
     """``y = last[-1] + sum_q last[q] exp(rates[q] |x S - c_q|^2)`` of the signals x."""
 
     lags: Lags
@@ -181,3 +264,8 @@ class GaussianStep(Step):
     last: np.ndarray  # (n_nodes + 1,): weights of the output and, at the end, its constant
 
     _loop = staticmethod(gaussian_run)
+    _law = staticmethod(gaussians)
+
+    @property
+    def room(self):
+        return self.scaling.shape[1]

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._jit import jit
-from ..operators import as_signal
+from ..operators import as_signal, sum_of_products
 from ._runs import Lags, clipped
 
 _BLOCK = 500  # samples; the weights of a block stay in the first cache
@@ -339,9 +339,18 @@ def _tangents(start, outputs, group, weights, bound, measured, pull, y, state, d
     return good
 
 
+@jit
+def polynomial(x, at, c):
+    """Return the output of a polynomial; ``c`` is (terms, coefficients)."""
+    terms, coefficients = c
+    return sum_of_products(coefficients, terms, x, at)
+
+
 @dataclass(frozen=True)
 class PolynomialStep:
     """A sum of products of signals, see ``_steps``."""
+
+    room = 0
 
     lags: Lags
     terms: np.ndarray
@@ -350,6 +359,9 @@ class PolynomialStep:
     @cached_property
     def plan(self):
         return plan_polynomial(self.terms, *self.lags)
+
+    def plain_law(self):
+        return polynomial, (self.terms, self.coefficients)
 
     def rows(self, Z):
         return term_products(Z, self.terms) @ self.coefficients

@@ -1,28 +1,62 @@
 """One-step models as plain arrays, with compiled loops over their own past outputs.
 
-Each has ``rows(Z)``, the next outputs for rows of lagged signals, and ``run(start, bound)``, the
-free run over one record.
+The law of a model is a function ``law(x, at, c) -> y``: its signals stand in ``x`` from the place
+``at`` on, with room behind them that it may use, and ``c`` holds its constants. Loops are compiled
+around it, and the step that streams, and that is written in C, is made of it.
+
+Each model has ``rows(Z)``, the next outputs for rows of lagged signals, ``run(start, bound)``, the
+free run over one record, and ``plain_law()``.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from .._jit import jit
+from .._jit import bind, jit
 from ..preprocessing import lagged_columns
 from ._runs import Lags, clipped
 
 _BLOCK = 16_384  # rows of lagged inputs at a time
 
 
-class Step:
-    """A model with a compiled loop; a subclass gives ``lags``, fields and ``_loop``.
+def step(x, at, c):
+    """Stand for the law of a model."""
+    raise NotImplementedError
 
-    ``_loop(*fields, inputs, lags, bound, y)`` sees lagged inputs of shape (n, n_inputs), the first
-    signals of the model, the lags of its outputs, (n_lags,), the signals after them, and the
-    magnitude beyond which outputs are cut off. ``y``, (start + n,), holds the outputs before the
-    run; the loop fills the rest.
+
+def run(c, inputs, lags, bound, y):
+    """Fill ``y``, (start + n,), which holds the outputs before the run.
+
+    The signals are lagged ``inputs`` (n, n_inputs) and the outputs with ``lags``. Outputs beyond
+    ``bound`` are cut off there. The law is one that needs no room.
     """
+    n_samples, n_inputs = inputs.shape
+    before = len(y) - n_samples
+    x = np.empty(n_inputs + len(lags))
+    for i in range(n_samples):
+        k = before + i
+        for j in range(n_inputs):
+            x[j] = inputs[i, j]
+        for j in range(len(lags)):
+            x[n_inputs + j] = y[k - lags[j]]
+        y[k] = clipped(step(x, 0, c), bound)
+
+
+class Step:
+    """A model with a compiled loop; a subclass gives ``lags``, ``_loop`` and its constants.
+
+    ``_loop`` is :func:`run` bound to a law, or another with its arguments.
+    """
+
+    room = 0  # numbers behind the signals that the plain law uses
+
+    def _constants(self):
+        """Return what the loop knows of the model."""
+        raise NotImplementedError
+
+    def plain_law(self):
+        """Return the law in plain arithmetic, see :mod:`skhyst.operators`, and its constants."""
+        raise NotImplementedError
 
     def run(self, start, bound):
         """Return the free run from a start, and whether all of it stayed within the bound."""
@@ -45,23 +79,16 @@ class Step:
         return y
 
     def _fill(self, inputs, lags, bound, y):
-        own = [getattr(self, field.name) for field in fields(self)[1:]]
-        self._loop(*own, inputs, lags, float(bound), y)
+        self._loop(self._constants(), inputs, lags, float(bound), y)
 
 
 @jit
-def linear_run(weights, intercept, inputs, lags, bound, y):
-    """Fill ``y`` with ``intercept + weights . signals``; ``weights`` (n_inputs + n_lags,)."""
-    n_samples, n_inputs = inputs.shape
-    before = len(y) - n_samples
-    for i in range(n_samples):
-        k = before + i
-        value = intercept
-        for j in range(n_inputs):
-            value += weights[j] * inputs[i, j]
-        for j in range(len(lags)):
-            value += weights[n_inputs + j] * y[k - lags[j]]
-        y[k] = clipped(value, bound)
+def linear(x, at, c):
+    """Return the output of a linear model; ``c`` is (weights, intercept)."""
+    weights, y = c
+    for j in range(weights.size):
+        y += weights[j] * x[at + j]
+    return y
 
 
 @dataclass(frozen=True)
@@ -72,4 +99,10 @@ class LinearStep(Step):
     weights: np.ndarray
     intercept: float
 
-    _loop = staticmethod(linear_run)
+    _loop = staticmethod(bind(run, linear))
+
+    def _constants(self):
+        return self.weights, float(self.intercept)
+
+    def plain_law(self):
+        return linear, self._constants()

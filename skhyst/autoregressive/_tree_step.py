@@ -10,42 +10,45 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._jit import jit
-from ._runs import Lags, clipped
-from ._steps import Step
+from .._jit import bind, jit
+from ._runs import Lags
+from ._steps import Step, run
 
 NODE = np.dtype([("threshold", np.float64), ("feature", np.int32), ("right", np.int32)])
 
 
+@jit(inline=True)
+def _packed(nodes, place):
+    """Return threshold, feature and right child of a node of ``NODE``."""
+    node = nodes[place]
+    return node["threshold"], node["feature"], np.int64(node["right"])
+
+
 @jit
-def _sum(nodes, roots, row):
+def _plain(nodes, place):
+    """Return the same of a row of numbers."""
+    return nodes[place, 0], int(nodes[place, 1]), int(nodes[place, 2])
+
+
+def step(nodes, place):
+    """Stand for what reads a node."""
+    raise NotImplementedError
+
+
+def trees(x, at, c):
+    """Return a sum of trees; ``c`` are the fields of :class:`TreesStep`."""
+    centre, scale, nodes, roots, offset, factor = c
+    for j in range(centre.size):
+        x[at + j] = (x[at + j] - centre[j]) / scale[j]
     total = 0.0
-    for root in roots:
-        place = root
-        while True:
-            node = nodes[place]
-            feature = node["feature"]
-            if feature < 0:
-                break
-            place = place + 1 if row[feature] <= node["threshold"] else np.int64(node["right"])
-        total += nodes[place]["threshold"]
-    return total
-
-
-@jit
-def trees_run(centre, scale, nodes, roots, single, offset, factor, inputs, lags, bound, y):
-    """Run a sum of trees over its past outputs; see :class:`TreesStep`."""
-    n_samples, n_inputs = inputs.shape
-    before = len(y) - n_samples
-    row = np.empty(n_inputs + len(lags))
-    for i in range(n_samples):
-        k = before + i
-        for j in range(len(row)):
-            signal = inputs[i, j] if j < n_inputs else y[k - lags[j - n_inputs]]
-            feature = (signal - centre[j]) / scale[j]
-            row[j] = np.float64(np.float32(feature)) if single else feature
-        value = offset + factor * _sum(nodes, roots, row)
-        y[k] = clipped(value, bound)
+    for k in range(roots.size):
+        place = int(roots[k])
+        threshold, feature, right = step(nodes, place)
+        while feature >= 0:
+            place = place + 1 if x[at + feature] <= threshold else right
+            threshold, feature, right = step(nodes, place)
+        total += threshold
+    return offset + factor * total
 
 
 @dataclass(frozen=True)
@@ -57,25 +60,47 @@ class TreesStep(Step):
     scale: np.ndarray
     nodes: np.ndarray  # of NODE, those of all trees
     roots: np.ndarray  # place of each tree's first node
-    single: bool  # whether they are then rounded to single precision before they are compared
     offset: float
     factor: float
 
-    _loop = staticmethod(trees_run)
+    _loop = staticmethod(bind(run, bind(trees, _packed)))
+
+    def _constants(self):
+        return self.centre, self.scale, self.nodes, self.roots, self.offset, self.factor
+
+    def plain_law(self):
+        centre, scale, nodes, *others = self._constants()
+        rows = np.stack([nodes[name].astype(float) for name in NODE.names], axis=1)
+        return _TREES, (centre, scale, rows, *others)
+
+
+_TREES = bind(trees, _plain)
+
+
+def rounded_at(thresholds):
+    """Return thresholds for numbers as they are, where their rounding to float32 is compared.
+
+    Rounding is monotone: up to half way between the last float32 that is not above the threshold
+    and the next one, numbers are rounded down, and half way to the one whose last bit is zero.
+    """
+    below = thresholds.astype(np.float32)
+    below = np.where(below > thresholds, np.nextafter(below, np.float32(-np.inf)), below)
+    above = np.nextafter(below, np.float32(np.inf))
+    half = 0.5 * (below.astype(float) + above)
+    return np.where(half.astype(np.float32) == below, half, np.nextafter(half, -np.inf))
 
 
 def flatten_trees(trees):
-    """Return (nodes, roots, single, offset, factor) of the mean of fitted decision trees."""
+    """Return (nodes, roots, offset, factor) of the mean of fitted decision trees."""
     parts = []
     for tree in trees:
         inner = tree.tree_
         if inner.n_outputs != 1:
             return None
         left, value = inner.children_left, inner.value[:, 0, 0]
-        parts.append(
-            _depth_first(left, inner.children_right, inner.feature, inner.threshold, value)
-        )
-    return *_joined(parts), True, 0.0, 1.0 / len(parts)
+        threshold = rounded_at(inner.threshold)
+        parts.append(_depth_first(left, inner.children_right, inner.feature, threshold, value))
+    return *_joined(parts), 0.0, 1.0 / len(parts)
 
 
 def flatten_boosting(ensemble):
@@ -86,8 +111,8 @@ def flatten_boosting(ensemble):
         offset = float(np.ravel(ensemble.init_.constant_)[0])
     else:
         return None
-    nodes, roots, single, _, _ = flatten_trees(ensemble.estimators_[:, 0])
-    return nodes, roots, single, offset, ensemble.learning_rate
+    nodes, roots, _, _ = flatten_trees(ensemble.estimators_[:, 0])
+    return nodes, roots, offset, ensemble.learning_rate
 
 
 def flatten_histograms(ensemble):
@@ -104,7 +129,7 @@ def flatten_histograms(ensemble):
             )
         )
     offset = float(np.ravel(ensemble._baseline_prediction)[0])
-    return *_joined(parts), False, offset, 1.0
+    return *_joined(parts), offset, 1.0
 
 
 def _depth_first(left, right, feature, threshold, value):

@@ -10,10 +10,18 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
-from ..base import ParametricModel, one_thread, read_data
+from ..autoregressive import lowered_regressor
+from ..base import ParametricModel, informed, one_thread, read_data, with_params
 from ..linear import Gain
-from ..operators import run_records
+from ..operators import (
+    LoweredColumn,
+    LoweredColumnSeries,
+    LoweredSeries,
+    Stepper,
+    run_records,
+)
 from ..optimize import OperatorProblem
+from ..records import chosen_interval
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
 
@@ -192,6 +200,62 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         signal, schedules = effects._signal(inputs, slices), effects._schedules(slices, inputs)
         state = effects._free_run_state()
         return run_records(effects.operator_, signal, slices, state, schedules)
+
+    def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None):
+        """Return the fitted model as a device that is fed its inputs sample by sample.
+
+        A regressor that has a ``stepper``, as the models of skhyst have, is stepped by it; any
+        other must predict each row by itself.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            Sampling interval in s; by default that of the records of the fit.
+        u0 : float or array-like of shape (n_inputs,), default=0.0
+            Inputs at which the device rests before.
+        initial_state : {"rest", "zero"}, default=None
+            State before the first sample; by default that of :meth:`predict`.
+        schedule : float, default=None
+            Number that the parameters of the effects depend on, where they do.
+
+        Returns
+        -------
+        Stepper
+            ``step(u) -> y``, ``run(u)``, ``state``, ``copy()``.
+
+        Raises
+        ------
+        NotImplementedError
+            If the regressor has a memory and no ``stepper``, or an effect looks ahead.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from sklearn.linear_model import LinearRegression
+        >>> from skhyst.compose import Corrected
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> u = np.random.default_rng(0).normal(size=1000).cumsum()
+        >>> y, _ = FirstOrderLagOperator(0.05).run(2.0 * u + 1.0, 0.01)
+        >>> model = Corrected(LinearRegression(), FirstOrderLag(), dt=0.01).fit(u[:, None], y)
+        >>> stepper = model.stepper(u0=u[0])
+        >>> bool(np.allclose(stepper.run(u), model.predict(u[:, None])))
+        True
+        """
+        check_is_fitted(self)
+        dt = chosen_interval(self.records_, dt, "Corrected.stepper")
+        row = np.full(self.n_features_in_, float(u0)) if np.ndim(u0) == 0 else np.array(u0, float)
+        if hasattr(self.estimator_, "stepper"):
+            first = self.estimator_.stepper(dt, row, initial_state).lowered
+        else:
+            first = lowered_regressor(self.estimator_, self.n_features_in_)
+        row[0] = Stepper(first).step(row if first.n_inputs else row[0])
+        effects = with_params(informed(self.effects_, self), records_=self.records_)
+        second = effects.stepper(dt, row, initial_state, schedule=schedule).lowered
+        if second.n_inputs is None:
+            return Stepper(LoweredSeries((first, second)))
+        if first.n_inputs is None:
+            first = LoweredColumn((first,), 0, 0.0)
+        return Stepper(LoweredColumnSeries((first, second)))
 
 
 def _stretches(fold):

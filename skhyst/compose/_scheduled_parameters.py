@@ -87,7 +87,8 @@ class ScheduledOperator(WrappedOperator):
         """The Bernstein polynomials at the schedule, shape of ``coefficients``."""
         if self.schedule is None:
             raise ValueError(
-                "The parameters depend on the record: use the operator that 'at' returns."
+                "The parameters depend on a number of the record: it must be given, to 'at' of the "
+                "operator or as the 'schedule' of a stepper."
             )
         span = self.high - self.low
         t = (self.schedule - self.low) / span if span > 0.0 else 0.0

@@ -11,7 +11,14 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from .._sklearn import Interval, StrOptions, fit_context
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
-from ..operators import run_records
+from ..operators import (
+    LoweredColumn,
+    LoweredStep,
+    LoweredSum,
+    Stepper,
+    run_records,
+    state_space_step,
+)
 from ..optimize import (
     ModalProblem,
     RationalBlock,
@@ -72,20 +79,48 @@ class SampledStateSpace:
         ValueError
             If ``dt`` is another interval than the system's own.
         """
-        if abs(dt - self.dt) > 1e-3 * self.dt:
-            raise ValueError(
-                f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
-                f"dt = {dt:g} s instead."
-            )
+        self._refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
         x, previous = self.init(u[0]) if state is None else state
         y, x = state_space_run_many(self.a, self.b, 0.0 * self.b, self.c, self.d, u, x, previous)
         return y + self.intercept, (x, u[-1].copy())
 
+    def _refuse_other(self, dt):
+        if abs(dt - self.dt) > 1e-3 * self.dt:
+            raise ValueError(
+                f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
+                f"dt = {dt:g} s instead."
+            )
+
     def step(self, state, u, dt):
         """Advance by one sample ``u`` (n_inputs,); return the state and the responses."""
         y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
         return state, y[0]
+
+    def lowered(self, dt, state):
+        """Return one step in plain arithmetic, see :class:`~skhyst.operators.Operator`.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several responses: a step returns one number.
+        """
+        if len(self.c) > 1:
+            raise NotImplementedError(
+                f"A model of {len(self.c)} responses cannot be stepped: a step returns one number. "
+                "Fit each response alone."
+            )
+        self._refuse_other(dt)
+        x, previous = state
+        steps = []
+        for i in range(self.b.shape[1]):  # their responses add up; the first has all of the state
+            own, intercept = (x, self.intercept[0]) if i == 0 else (0.0 * x, 0.0)
+            b = self.b[:, i]
+            constants = self.a, b, 0.0 * b, self.c[0], self.d[0, i], intercept
+            steps.append(LoweredStep(state_space_step, constants, [*own, previous[i], *own]))
+        if len(steps) == 1:
+            return steps[0]
+        return LoweredSum(tuple(LoweredColumn((s,), i, 0.0) for i, s in enumerate(steps)))
 
     def poles(self):
         """Return the poles in the plane of z, complex, shape (n_states,)."""
@@ -306,6 +341,36 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         slices = record_slices(X if hasattr(X, "iloc") else array, dt=self.dt)
         y = run_records(self.operator_, array, slices, self.initial_state)
         return y[:, 0] if self._one_response else y
+
+    def stepper(self, dt=None, u0=0.0, initial_state=None):
+        """Return the fitted model as a device that is fed its inputs sample by sample.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            Sampling interval in s: that of the records of the fit.
+        u0 : float or array-like of shape (n_inputs,), default=0.0
+            Inputs at which the device rests before.
+        initial_state : {"rest", "zero"}, default=None
+            State before the first sample; by default that of :meth:`predict`.
+
+        Returns
+        -------
+        Stepper
+            ``step(u) -> y``, ``run(u)``, ``state``, ``copy()``.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several responses: a step returns one number.
+        ValueError
+            If ``dt`` is another than that of the records of the fit.
+        """
+        check_is_fitted(self)
+        dt = self.operator_.dt if dt is None else float(dt)
+        u0 = np.array(np.broadcast_to(np.asarray(u0, dtype=float), (self.n_features_in_,)))
+        state = self.operator_.init(u0, initial_state or self.initial_state)
+        return Stepper(self.operator_.lowered(dt, state))
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

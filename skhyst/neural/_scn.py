@@ -15,7 +15,9 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._sklearn import Interval, StrOptions, fit_context
+from ..autoregressive import lowered_regressor
 from ..exceptions import ConvergenceWarning
+from ..operators import Stepper
 from ._scn_weights import Constructive, LeastSquares, Window
 
 _ROUND_OFF = 1e-13  # of the targets' standard deviation: what is left of an exact fit
@@ -436,6 +438,33 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             nodes = np.column_stack([self.centers_ @ self.scaling_, 1.0 / self.widths_])
             hidden = gaussian(X @ self.scaling_, nodes)
         return hidden @ self.coef_.T + self.intercept_
+
+    def stepper(self, dt=None, u0=0.0, initial_state=None):
+        """Return the fitted network as a device that is fed its inputs sample by sample.
+
+        It has no memory: the parameters, which are those of every model, change nothing.
+
+        Returns
+        -------
+        Stepper
+            ``step(u) -> y`` of a number, or of a row of inputs where there are several.
+
+        Raises
+        ------
+        NotImplementedError
+            If the network has several outputs.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.neural import SCNRegressor
+        >>> x = np.linspace(0.0, 1.0, 200).reshape(-1, 1)
+        >>> model = SCNRegressor(random_state=0).fit(x, np.sin(8 * x[:, 0]))
+        >>> bool(np.isclose(model.stepper().step(x[7, 0]), model.predict(x)[7]))
+        True
+        """
+        check_is_fitted(self)
+        return Stepper(lowered_regressor(self, self.n_features_in_))
 
 
 def _location_and_scale(values):

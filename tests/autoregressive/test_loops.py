@@ -16,7 +16,7 @@ from skhyst.autoregressive._polynomial import (
 )
 from skhyst.autoregressive._runs import Lags, Start
 from skhyst.autoregressive._steps import LinearStep
-from skhyst.autoregressive._tree_step import NODE, TreesStep
+from skhyst.autoregressive._tree_step import NODE, TreesStep, rounded_at
 
 INPUT_LAGS = ((0, 0), (0, 2), (1, 1))
 OUTPUT_LAGS = (1, 3)
@@ -168,22 +168,33 @@ def test_outputs_are_bounded(value):
     np.testing.assert_array_equal(y, [0, 0, -7.0 if value < 0 else 7.0, 0, 0])
 
 
-def stumps(centre=(0.0, 0.0), scale=(1.0, 1.0), single=False, offset=0.0):
+def stumps(centre=(0.0, 0.0), scale=(1.0, 1.0), offset=0.0):
     """1 or 2 beyond 0.5 of the input, and 10 or 20 beyond 0 of the last output."""
     leaves = [[(1.0, -1, 0), (2.0, -1, 0)], [(10.0, -1, 0), (20.0, -1, 0)]]
     nodes = np.array([(0.5, 0, 2), *leaves[0], (0.0, 1, 5), *leaves[1]], dtype=NODE)
     lags, arrays = Lags(((0, 0),), (1,), 1), (np.array(centre), np.array(scale), nodes)
-    return TreesStep(lags, *arrays, np.array([0, 3]), single, offset, 1.0)
+    return TreesStep(lags, *arrays, np.array([0, 3]), offset, 1.0)
 
 
-def test_trees_are_summed_over_features_that_are_scaled_and_rounded():
+def test_trees_are_summed_over_features_that_are_scaled():
     Z = np.array([[0.5, 0.0], [0.6, 0.0], [0.5, 0.1], [9.0, 9.0]])
     np.testing.assert_array_equal(stumps().rows(Z), [11.0, 12.0, 21.0, 22.0])
     near = np.array([[0.5 + 1e-12, 0.0]])
     assert stumps().rows(near) == 12.0
-    assert stumps(single=True).rows(near) == 11.0
-    assert stumps((1.0, 0.0), (-1.0, 1.0), True).rows(near) == 11.0
-    assert stumps((1.0, 0.0), (-0.5, 1.0), True).rows(near) == 12.0
+    assert stumps((1.0, 0.0), (-1.0, 1.0)).rows(near) == 11.0
+    assert stumps((1.0, 0.0), (-0.5, 1.0)).rows(near) == 12.0
+
+
+@given(st.floats(-1e30, 1e30), st.sampled_from([-1, 0, 1]), st.sampled_from([0.0, 0.5, 0.75, 1.0]))
+def test_thresholds_for_numbers_that_are_rounded(threshold, up, part):
+    """Near a threshold, at floats of either precision and half way between the single ones."""
+    single = np.float32(threshold)
+    next_one = float(np.nextafter(single, np.float32(np.inf)))
+    number = float(single) + part * (next_one - float(single))
+    number = np.nextafter(number, up * np.inf) if up else number
+    for own in (threshold, number, float(single)):
+        moved = rounded_at(np.array([own]))[0]
+        assert (number <= moved) == (float(np.float32(number)) <= own)
 
 
 def test_trees_see_their_own_output():

@@ -1,0 +1,181 @@
+"""One sample of a model that sees past inputs and past outputs, in plain arithmetic.
+
+The state holds the rows of inputs, the latest first, then the outputs, the latest first, then the
+signals that the model sees, with room behind them. A regressor without a memory of its own is such
+a model of the latest row alone.
+"""
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+
+from .._jit import bind, jit
+from ..operators import LoweredCall, LoweredStep, as_constant
+from ._extract import extract_step
+from ._runs import Lags, clipped
+
+_DECADES = 10.0 ** np.arange(-9, 10, 3)  # of the numbers with which a regressor is tried out
+_TRIES = 16  # rows in each
+_SAME = 1e-9  # difference of predictions, in parts of the largest, that is rounding
+
+
+@jit(inline=True)
+def _moved(s, at, size, by):
+    """Make place for ``by`` numbers at the beginning of ``s[at : at + size]``."""
+    for i in range(at + size - 1, at + by - 1, -1):
+        s[i] = s[i - by]
+
+
+@jit
+def signals_of(c, s):
+    """Write the signals of a sample whose inputs have come in, and return their place.
+
+    ``c`` begins with (n_columns, n_inputs, n_outputs, bound, places): inputs in all rows, outputs,
+    where outputs are cut off, and the place of each signal in the state.
+    """
+    places, at = c[4], int(c[1]) + int(c[2])
+    for j in range(places.size):
+        s[at + j] = s[int(places[j])]
+    return at
+
+
+@jit
+def remembered(y, c, s):
+    """Return an output that is cut off at the bound, and remember it."""
+    y = clipped(y, c[3])
+    first, n_outputs = int(c[1]), int(c[2])
+    if n_outputs > 0:
+        _moved(s, first, n_outputs, 1)
+        s[first] = y
+    return y
+
+
+def step(x, at, c):
+    """Stand for the law of a model, see ``_steps``."""
+    raise NotImplementedError
+
+
+def of_number(u, c, s):
+    """Return the output at one sample of a model of one input; see :func:`signals_of`."""
+    _moved(s, 0, int(c[1]), 1)
+    s[0] = u
+    at = signals_of(c, s)
+    return remembered(step(s, at, c[5:]), c, s)
+
+
+def of_row(u, c, s):
+    """Return the output at one sample of a model of several inputs."""
+    n_columns = int(c[0])
+    _moved(s, 0, int(c[1]), n_columns)
+    for j in range(n_columns):
+        s[j] = u[j]
+    at = signals_of(c, s)
+    return remembered(step(s, at, c[5:]), c, s)
+
+
+@cache
+def _bound(loop, law):
+    return bind(loop, law, allocates=False)
+
+
+def lowered_lags(step, lags, bound, row, history, call=None, name=None):
+    """Return a model as a lowered step.
+
+    Parameters
+    ----------
+    step : Step or None
+        The model; None where it has to be called.
+    lags : Lags
+    bound : float
+        Magnitude at which outputs are cut off.
+    row : array-like of shape (n_columns,)
+        Inputs before.
+    history : ndarray of shape (n_outputs,)
+        Outputs before, the latest last.
+    call : callable, optional
+        Maps rows of signals (n, n_signals) to outputs (n,), where there is no step.
+    name : str, optional
+        Of what is called.
+    """
+    n_columns, n_outputs = lags.n_columns, len(history)
+    n_inputs = n_columns * (1 + max((lag for _, lag in lags.inputs), default=0))
+    places = [lag * n_columns + column for column, lag in lags.inputs]
+    places += [n_inputs + lag - 1 for lag in lags.outputs]
+    own = (n_columns, n_inputs, n_outputs, bound, as_constant(places))
+    room = np.zeros(len(places) + (step.room if step else 0))
+    state = np.concatenate([np.resize(row, n_inputs), history[::-1], room])
+    of_rows = n_columns if n_columns > 1 else None
+    if step is not None:
+        law, constants = step.plain_law()
+        law = _bound(of_row if of_rows else of_number, law)
+        return LoweredStep(law, (*own, *constants), state, of_rows)
+    own = (*map(float, own[:4]), own[4])
+
+    def called(u, s):
+        s[n_columns:n_inputs] = s[: n_inputs - n_columns]
+        s[:n_columns] = u if n_columns == 1 else u[:n_columns]
+        at = signals_of(own, s)
+        return remembered(float(np.ravel(call(s[None, at:]))[0]), own, s)
+
+    return LoweredCall(called, state, name, of_rows)
+
+
+def lowered_regressor(estimator, n_columns):
+    """Return a fitted regressor, or pipeline, without a memory as a lowered step.
+
+    It is plain arithmetic where the parameters of the regressor are known, as in the free run of a
+    :class:`NARXRegressor`; any other is called.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Its prediction for a row is a number that depends on that row alone.
+    n_columns : int
+        Of its input.
+
+    Returns
+    -------
+    Lowered
+
+    Raises
+    ------
+    NotImplementedError
+        If a prediction depends on other rows, or is several numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from skhyst.autoregressive import lowered_regressor
+    >>> from skhyst.operators import Stepper
+    >>> x = np.arange(5.0)[:, None]
+    >>> Stepper(lowered_regressor(LinearRegression().fit(x, 2.0 * x[:, 0]), 1)).step(3.0)
+    6.0
+    """
+    name = type(estimator).__name__
+
+    def predict(Z):
+        names = getattr(estimator, "feature_names_in_", None)
+        return estimator.predict(Z if names is None else pd.DataFrame(Z, columns=names))
+
+    rng = np.random.default_rng(0)
+    blocks = [decade * rng.standard_normal((_TRIES, n_columns)) for decade in _DECADES]
+    with np.errstate(all="ignore"):
+        for Z in blocks:
+            there, back = predict(Z), predict(Z[::-1])[::-1]
+            if np.size(there) != len(Z):
+                raise NotImplementedError(
+                    f"{name} cannot be stepped: a step returns one number, it has several outputs."
+                )
+            size = np.abs(there).max()
+            if not np.allclose(there, back, rtol=0.0, atol=_SAME * size, equal_nan=True):
+                raise NotImplementedError(
+                    f"{name} cannot be stepped: its prediction for a row depends on the rows "
+                    "before, and what it remembers of them is not known."
+                )
+        lags = Lags(tuple((column, 0) for column in range(n_columns)), (), n_columns)
+        step = extract_step(estimator, lags, blocks, predict)
+    return lowered_lags(
+        step, lags, np.inf, np.zeros(n_columns), np.empty(0), call=predict, name=name
+    )
