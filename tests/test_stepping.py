@@ -11,7 +11,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegresso
 from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
@@ -26,7 +26,12 @@ from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, Gain, ModalModel, TimeShift
 from skhyst.neural import SCNRegressor
-from skhyst.preprocessing import PlayOperators
+from skhyst.preprocessing import (
+    GeneralizedInputGradient,
+    LaggedFeatures,
+    PlayOperators,
+    StopOperators,
+)
 
 DT, N = 0.01, 120
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined")
@@ -63,6 +68,7 @@ def mlp():
     return MLPRegressor(hidden_layer_sizes=(6, 5), **options)
 
 
+FEATURES = ("rate_sign", "generalized_gradient", "play")
 LAGS = {"input_lags": (0, 1), "output_lags": (1, 3)}
 IN_C = {  # models of plain arithmetic, by the number of columns
     "ARX": (1, lambda: NARXRegressor()),
@@ -75,6 +81,16 @@ IN_C = {  # models of plain arithmetic, by the number of columns
     ),
     "NARMAX": (1, lambda: NARMAXRegressor(2, n_terms=6)),
     "NARMAX with noise": (1, lambda: NARMAXRegressor(1, noise_lags=1, n_terms=6)),
+    "NARMAX of features": (1, lambda: NARMAXRegressor(2, features=[*FEATURES], n_terms=9)),
+    "NARMAX of many features": (
+        2,
+        lambda: NARMAXRegressor(
+            1,
+            input_lags=(1, 2),
+            features=[GeneralizedInputGradient(turning_points=3), StopOperators(3)],
+            n_terms=8,
+        ),
+    ),
     "layers": (2, lambda: NARXRegressor(make_pipeline(StandardScaler(), mlp()), **LAGS)),
     "trees": (1, lambda: NARXRegressor(RandomForestRegressor(4, random_state=0))),
     "histograms": (
@@ -105,6 +121,24 @@ IN_C = {  # models of plain arithmetic, by the number of columns
             max_iter=0,
         ),
     ),
+    "corrected pipeline": (
+        1,
+        lambda: Corrected(make_pipeline(PlayOperators(4), Ridge()), Gain(), cv=2, max_iter=0),
+    ),
+    "corrected lags of plays": (
+        2,
+        lambda: Corrected(
+            make_pipeline(
+                PlayOperators(2, columns=[0, 1], include_drive=True),
+                LaggedFeatures({0: 2, 4: 1}),
+                StandardScaler(),
+                Ridge(),
+            ),
+            FirstOrderLag(),
+            cv=2,
+            max_iter=0,
+        ),
+    ),
     "modulated": (2, lambda: Modulated(Cascade([("h", plays()), ("l", FirstOrderLag())]), 1)),
     "on columns": (3, lambda: Sum([("h", plays()), ("load", OnColumn(FirstOrderLag(), 2))])),
     "held and drifting": (1, lambda: Sum([("h", plays()), ("drift", Drift(1))])),
@@ -118,7 +152,7 @@ IN_C = {  # models of plain arithmetic, by the number of columns
 NOT_IN_SINGLE = (
     *("trees", "histograms"),  # a rounded number may fall on the other side of a threshold
     *("network", "network of two inputs", "sigmoid nodes"),  # weights of nodes that cancel
-    "NARMAX with noise",  # a recursion that carries rounding on
+    *("NARMAX with noise", "NARMAX of many features"),  # recursions that carry rounding on
 )
 CALLED = {
     "neighbours": (2, lambda: NARXRegressor(KNeighborsRegressor(3), **LAGS)),
@@ -218,9 +252,18 @@ def test_what_is_called_is_not_written(tmp_path):
 
 def test_what_cannot_be_stepped():
     X, y = recording(1)
-    model = Corrected(make_pipeline(PlayOperators(3), KNeighborsRegressor()), Gain(), max_iter=0)
-    with pytest.raises(NotImplementedError, match="depends on the rows before"):
-        model.fit(X, y).stepper()
+    ahead = GeneralizedInputGradient("forward")
+    for first, why in (
+        (FeatureUnion([("plays", PlayOperators(3))]), "depends on the rows before"),
+        (ahead, "it looks ahead"),
+        (LaggedFeatures(2, before="zero"), "must be 'rest'"),
+        (Pipeline([("lags", LaggedFeatures(2)), ("plays", PlayOperators(2))]), "rows before"),
+    ):
+        model = Corrected(make_pipeline(first, Ridge()), Gain(), cv=2, max_iter=0).fit(X, y)
+        with pytest.raises(NotImplementedError, match=why):
+            model.stepper()
+    with pytest.raises(NotImplementedError, match="it looks ahead"):
+        NARMAXRegressor(1, features=[ahead], n_terms=3).fit(X, y).stepper()
     several = SCNRegressor(3, random_state=0).fit(X.to_numpy(), np.column_stack([y, -y]))
     with pytest.raises(NotImplementedError, match="it has several outputs"):
         several.stepper()

@@ -2,7 +2,6 @@
 
 import warnings
 from abc import abstractmethod
-from dataclasses import replace
 from numbers import Integral, Real
 
 import numpy as np
@@ -16,7 +15,7 @@ from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
-from ..preprocessing import lagged_columns, read_lag_table, read_lags
+from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
 from ..records import chosen_interval
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._starts import estimate_history, fit_line, rest_outputs
@@ -275,17 +274,17 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 f"fit: the model counts samples. Got {dt!r} instead."
             )
         at = 0.0 if initial_state == "zero" else np.asarray(u0, dtype=float)
-        row = np.array(np.broadcast_to(at, (1, self.n_features_in_)))
-        row, _ = self._widen(row, [replace(self.records_[0], rows=slice(0, 1))])
+        rules = SampleRules(np.broadcast_to(at, (self.n_features_in_,)))
+        places = self._places(rules)
+        inputs = [(places[j][0], places[j][1] + lag) for j, lag in self.input_lags_]
         history = np.zeros(self._n_outputs())
         if initial_state is None and self._start_kind() == "given":
             history = self._given_history()
         elif initial_state != "zero":
-            (history,) = self._rest(row)
+            (history,) = self._rest(np.array([[rules.row[place] for place, _ in places]]))
+        own = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
-        return Stepper(
-            lowered_lags(self._plain_step(), self._lags, self.bound_, row[0], history, call, name)
-        )
+        return Stepper(lowered_lags(self._plain_step(), *own, call, name))
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -293,6 +292,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return tags
 
     # ------------------------------------------------------------------ for the models themselves
+
+    def _places(self, rules):
+        """Return place and lag of each column, those that the model adds by rules of their own."""
+        return [(j, 0) for j in range(self.n_features_in_)]
 
     def _plain_step(self):
         """Return the model in the user's units, as what can be stepped, or None."""

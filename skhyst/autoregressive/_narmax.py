@@ -342,6 +342,12 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
     # ----------------------------------------------------------------------------------- the runs
 
+    def _places(self, rules):
+        drive, found = [(0, 0)], super()._places(rules)
+        for _, transformer in self.transformers_:
+            found += transformer.sample_rules(rules, drive, getattr(transformer, "dt", None))
+        return found
+
     def _plain_step(self):
         known = self._without_noise(self.term_factors_)
         return PolynomialStep(self._lags, self.term_factors_[known], self.coef_[known])

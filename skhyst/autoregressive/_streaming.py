@@ -1,8 +1,8 @@
 """One sample of a model that sees past inputs and past outputs, in plain arithmetic.
 
-The state holds the rows of inputs, the latest first, then the outputs, the latest first, then the
-signals that the model sees, with room behind them. A regressor without a memory of its own is such
-a model of the latest row alone.
+The state holds the rows of inputs and of what is made of them, the latest first, then the outputs,
+the latest first, then the signals that the model sees, with room behind them. A regressor without a
+memory of its own is such a model of the latest row alone.
 """
 
 from functools import cache
@@ -12,6 +12,7 @@ import pandas as pd
 
 from .._jit import bind, jit
 from ..operators import LoweredCall, LoweredStep, as_constant
+from ..preprocessing import SampleRules, follow_rules
 from ._extract import extract_step
 from ._runs import Lags, clipped
 
@@ -31,10 +32,11 @@ def _moved(s, at, size, by):
 def signals_of(c, s):
     """Write the signals of a sample whose inputs have come in, and return their place.
 
-    ``c`` begins with (n_columns, n_inputs, n_outputs, bound, places): inputs in all rows, outputs,
-    where outputs are cut off, and the place of each signal in the state.
+    ``c`` begins with (n_columns, size of a row, size of all rows, n_outputs, bound, places, rules):
+    where outputs are cut off, the place of each signal in the state, and how a row is made.
     """
-    places, at = c[4], int(c[1]) + int(c[2])
+    places, at = c[5], int(c[2]) + int(c[3])
+    follow_rules(s, int(c[1]), int(c[0]), c[6])
     for j in range(places.size):
         s[at + j] = s[int(places[j])]
     return at
@@ -43,8 +45,8 @@ def signals_of(c, s):
 @jit
 def remembered(y, c, s):
     """Return an output that is cut off at the bound, and remember it."""
-    y = clipped(y, c[3])
-    first, n_outputs = int(c[1]), int(c[2])
+    y = clipped(y, c[4])
+    first, n_outputs = int(c[2]), int(c[3])
     if n_outputs > 0:
         _moved(s, first, n_outputs, 1)
         s[first] = y
@@ -58,20 +60,19 @@ def step(x, at, c):
 
 def of_number(u, c, s):
     """Return the output at one sample of a model of one input; see :func:`signals_of`."""
-    _moved(s, 0, int(c[1]), 1)
+    _moved(s, 0, int(c[2]), int(c[1]))
     s[0] = u
     at = signals_of(c, s)
-    return remembered(step(s, at, c[5:]), c, s)
+    return remembered(step(s, at, c[7:]), c, s)
 
 
 def of_row(u, c, s):
     """Return the output at one sample of a model of several inputs."""
-    n_columns = int(c[0])
-    _moved(s, 0, int(c[1]), n_columns)
-    for j in range(n_columns):
+    _moved(s, 0, int(c[2]), int(c[1]))
+    for j in range(int(c[0])):
         s[j] = u[j]
     at = signals_of(c, s)
-    return remembered(step(s, at, c[5:]), c, s)
+    return remembered(step(s, at, c[7:]), c, s)
 
 
 @cache
@@ -79,18 +80,21 @@ def _bound(loop, law):
     return bind(loop, law, allocates=False)
 
 
-def lowered_lags(step, lags, bound, row, history, call=None, name=None):
+def lowered_lags(step, inputs, outputs, bound, rules, history, call=None, name=None):
     """Return a model as a lowered step.
 
     Parameters
     ----------
     step : Step or None
         The model; None where it has to be called.
-    lags : Lags
+    inputs : sequence of (int, int)
+        Place in a row, and lag, of each signal.
+    outputs : sequence of int
+        Lags of the outputs, the signals behind them.
     bound : float
         Magnitude at which outputs are cut off.
-    row : array-like of shape (n_columns,)
-        Inputs before.
+    rules : SampleRules
+        How a row is made, and the row before.
     history : ndarray of shape (n_outputs,)
         Outputs before, the latest last.
     call : callable, optional
@@ -98,22 +102,25 @@ def lowered_lags(step, lags, bound, row, history, call=None, name=None):
     name : str, optional
         Of what is called.
     """
-    n_columns, n_outputs = lags.n_columns, len(history)
-    n_inputs = n_columns * (1 + max((lag for _, lag in lags.inputs), default=0))
-    places = [lag * n_columns + column for column, lag in lags.inputs]
-    places += [n_inputs + lag - 1 for lag in lags.outputs]
-    own = (n_columns, n_inputs, n_outputs, bound, as_constant(places))
+    size, n_outputs = len(rules.row), len(history)
+    n_columns = size - len(rules.table)
+    deepest = max([lag for _, lag in inputs], default=0)
+    n_rows = 1 + max(deepest, 1 if rules.table else 0)
+    places = [lag * size + place for place, lag in inputs]
+    places += [n_rows * size + lag - 1 for lag in outputs]
+    table = np.reshape(np.array(rules.table, dtype=float), (-1, 4))
+    own = (n_columns, size, n_rows * size, n_outputs, bound, as_constant(places), table)
     room = np.zeros(len(places) + (step.room if step else 0))
-    state = np.concatenate([np.resize(row, n_inputs), history[::-1], room])
+    state = np.concatenate([np.tile(rules.row, n_rows), history[::-1], room])
     of_rows = n_columns if n_columns > 1 else None
     if step is not None:
         law, constants = step.plain_law()
         law = _bound(of_row if of_rows else of_number, law)
         return LoweredStep(law, (*own, *constants), state, of_rows)
-    own = (*map(float, own[:4]), own[4])
+    own = (*map(float, own[:5]), *own[5:])
 
     def called(u, s):
-        s[n_columns:n_inputs] = s[: n_inputs - n_columns]
+        s[size : n_rows * size] = s[: (n_rows - 1) * size]
         s[:n_columns] = u if n_columns == 1 else u[:n_columns]
         at = signals_of(own, s)
         return remembered(float(np.ravel(call(s[None, at:]))[0]), own, s)
@@ -121,8 +128,8 @@ def lowered_lags(step, lags, bound, row, history, call=None, name=None):
     return LoweredCall(called, state, name, of_rows)
 
 
-def lowered_regressor(estimator, n_columns):
-    """Return a fitted regressor, or pipeline, without a memory as a lowered step.
+def lowered_regressor(estimator, n_columns, dt=1.0, u0=0.0):
+    """Return a fitted regressor as a lowered step, or a pipeline behind transformers of skhyst.
 
     It is plain arithmetic where the parameters of the regressor are known, as in the free run of a
     :class:`NARXRegressor`; any other is called.
@@ -130,9 +137,15 @@ def lowered_regressor(estimator, n_columns):
     Parameters
     ----------
     estimator : estimator
-        Its prediction for a row is a number that depends on that row alone.
+        Its prediction for a row is a number that depends on that row alone, but for what
+        transformers such as :class:`~skhyst.preprocessing.PlayOperators` remember, the first steps
+        of a pipeline.
     n_columns : int
         Of its input.
+    dt : float, default=1.0
+        Sampling interval in s.
+    u0 : float or array-like of shape (n_columns,), default=0.0
+        Inputs at which the device rests before.
 
     Returns
     -------
@@ -154,13 +167,21 @@ def lowered_regressor(estimator, n_columns):
     6.0
     """
     name = type(estimator).__name__
+    rules, places = (
+        SampleRules(np.broadcast_to(u0, (n_columns,))),
+        [(j, 0) for j in range(n_columns)],
+    )
+    while hasattr(estimator, "steps") and hasattr(estimator.steps[0][1], "sample_rules"):
+        places = estimator.steps[0][1].sample_rules(rules, places, dt)
+        estimator = estimator[1:]
+    n_signals = len(places)
 
     def predict(Z):
         names = getattr(estimator, "feature_names_in_", None)
         return estimator.predict(Z if names is None else pd.DataFrame(Z, columns=names))
 
     rng = np.random.default_rng(0)
-    blocks = [decade * rng.standard_normal((_TRIES, n_columns)) for decade in _DECADES]
+    blocks = [decade * rng.standard_normal((_TRIES, n_signals)) for decade in _DECADES]
     with np.errstate(all="ignore"):
         for Z in blocks:
             there, back = predict(Z), predict(Z[::-1])[::-1]
@@ -174,8 +195,6 @@ def lowered_regressor(estimator, n_columns):
                     f"{name} cannot be stepped: its prediction for a row depends on the rows "
                     "before, and what it remembers of them is not known."
                 )
-        lags = Lags(tuple((column, 0) for column in range(n_columns)), (), n_columns)
+        lags = Lags(tuple((j, 0) for j in range(n_signals)), (), n_signals)
         step = extract_step(estimator, lags, blocks, predict)
-    return lowered_lags(
-        step, lags, np.inf, np.zeros(n_columns), np.empty(0), call=predict, name=name
-    )
+    return lowered_lags(step, places, (), np.inf, rules, np.empty(0), predict, name)

@@ -205,7 +205,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
         A regressor that has a ``stepper``, as the models of skhyst have, is stepped by it; any
-        other must predict each row by itself.
+        other must predict each row by itself, behind transformers of skhyst if need be.
 
         Parameters
         ----------
@@ -247,7 +247,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         if hasattr(self.estimator_, "stepper"):
             first = self.estimator_.stepper(dt, row, initial_state).lowered
         else:
-            first = lowered_regressor(self.estimator_, self.n_features_in_)
+            at = 0.0 if initial_state == "zero" else row
+            first = lowered_regressor(self.estimator_, self.n_features_in_, dt, at)
         row[0] = Stepper(first).step(row if first.n_inputs else row[0])
         effects = with_params(informed(self.effects_, self), records_=self.records_)
         second = effects.stepper(dt, row, initial_state, schedule=schedule).lowered

@@ -46,6 +46,35 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
     def _transform_record(self, X, dt, out):
         """Write the features of one record, shape (n_rows, n_features_out), to ``out``."""
 
+    def sample_rules(self, rules, places, dt):
+        """Add the rules for one sample; return place and lag of each feature.
+
+        Parameters
+        ----------
+        rules : SampleRules
+        places : sequence of (int, int)
+            Place in the row, and lag in samples, of each column of ``X``.
+        dt : float
+            Sampling interval in s.
+
+        Raises
+        ------
+        NotImplementedError
+            If a feature is not known sample by sample.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} cannot be stepped: it gives no rules ('sample_rules')."
+        )
+
+    def _drives(self, places):
+        """Return the places of the columns that are used, which must be those of now."""
+        drives = [places[column] for column in self.columns_]
+        if any(lag for _, lag in drives):
+            raise NotImplementedError(
+                f"{type(self).__name__} cannot be stepped behind lagged features."
+            )
+        return [place for place, _ in drives]
+
     @abstractmethod
     def _names(self, names):
         """Return the names of the features, given those of all input columns."""

@@ -109,6 +109,24 @@ class GeneralizedInputGradient(RecordTransformer):
                 features += [extremes[0], drive - extremes[0], *extremes[1:]]
         np.stack(features, axis=1, out=out)
 
+    def sample_rules(self, rules, places, dt):
+        if self.include_rate and self.method == "forward":
+            raise NotImplementedError(
+                "GeneralizedInputGradient cannot be stepped: with method='forward' it looks ahead."
+            )
+        found = []
+        for drive in self._drives(places):
+            found += [drive] if self.include_drive else []
+            found += [rules.slope(drive, dt)] if self.include_rate else []
+            found += [rules.direction(drive, from_zero=False)] if self.direction else []
+            if self.turning_points:
+                direction = rules.direction(drive, from_zero=True)
+                extremes = [drive]
+                for _ in range(int(self.turning_points)):
+                    extremes.append(rules.turn(extremes[-1], direction))
+                found += [extremes[1], rules.less(drive, extremes[1]), *extremes[2:]]
+        return [(place, 0) for place in found]
+
     def _names(self, names):
         suffixes = [""] * self.include_drive + ["_gradient"] * self.include_rate
         suffixes += ["_direction"] * self.direction

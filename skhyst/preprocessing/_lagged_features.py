@@ -61,6 +61,14 @@ class LaggedFeatures(RecordTransformer):
             for feature, (_, lag) in enumerate(self.lags_):
                 out[:lag, feature] = 0.0 if self.before == "zero" else np.nan
 
+    def sample_rules(self, rules, places, dt):
+        if self.before != "rest":
+            raise NotImplementedError(
+                "LaggedFeatures cannot be stepped: what is before a record must be 'rest'. Got "
+                f"before={self.before!r} instead."
+            )
+        return [(places[column][0], places[column][1] + lag) for column, lag in self.lags_]
+
     def _names(self, names):
         return [f"{names[column]}_lag{lag}" for column, lag in self.lags_]
 

@@ -63,6 +63,14 @@ class _OperatorBasis(RecordTransformer):
             basis = out[:, start:stop]  # contiguous where it is all there is
             self._kernel(drive, as_signal(thresholds), np.zeros(n_operators), basis)
 
+    def sample_rules(self, rules, places, dt):
+        found = []
+        for drive, thresholds in zip(self._drives(places), self.thresholds_, strict=True):
+            found += [drive] if self.include_drive else []
+            plays = [rules.play(drive, threshold) for threshold in thresholds]
+            found += plays if self._label == "play" else [rules.less(drive, p) for p in plays]
+        return [(place, 0) for place in found]
+
     def _names(self, names):
         result = []
         for column in self.columns_:
