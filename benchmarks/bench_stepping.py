@@ -1,11 +1,13 @@
-"""Time a model that is fed sample by sample: from Python, in a compiled loop, and as C.
+"""Feed models sample by sample: how far that is from their free run, and the time it takes.
 
 Run from the root of the project::
 
     python benchmarks/bench_stepping.py [--samples 200000] [--repeats 7]
 
-Each line is the least of the repetitions, beside its limit where there is one. C is left out where
-there is no compiler.
+First every model and composition, fitted briefly: the largest difference from `predict` on another
+drive, in parts of the range, of steps one by one, of a run, and of what follows when the state is
+put back to where it was in between. Then times: each line is the least of the
+repetitions, beside its limit where there is one. C is left out where there is no compiler.
 """
 
 import argparse
@@ -13,16 +15,37 @@ import shutil
 import subprocess
 import tempfile
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
+from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
+from sklearn.linear_model import Ridge
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
+from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
+from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.discovery import all_estimators
+from skhyst.disturbance import Drift
 from skhyst.export import to_c
-from skhyst.hysteresis import BoucWenOperator, LuGreOperator, PrandtlIshlinskiiOperator
-from skhyst.linear import SecondOrderModeOperator
+from skhyst.hysteresis import (
+    BoucWenOperator,
+    LuGreOperator,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
+from skhyst.linear import FirstOrderLag, KelvinVoigt, SecondOrderMode, SecondOrderModeOperator
+from skhyst.neural import SCNRegressor
 from skhyst.operators import SeriesOperator, Stepper, inverse_of
+from skhyst.optimize import VariableProjection
+from skhyst.preprocessing import LaggedFeatures, PlayOperators
+from skhyst.records import stack_records
 
 DT = 1e-4  # s
+AGREE = 1e-12  # of the range
 CALL_LIMIT, LOOP_LIMIT, C_LIMIT = 3.0, 100.0, 100.0  # us; ns; ns, of 20 plays
 PLAYS = PrandtlIshlinskiiOperator(np.linspace(0.0, 3.8, 20), np.full(20, 0.1))
 MODE = SecondOrderModeOperator(2.0 * np.pi * 400.0, 0.02)
@@ -59,6 +82,113 @@ int main(void)
 """
 
 
+def compositions():
+    """Return models that are made of others, or need something said, by what they are."""
+    plays, lag, mode = PrandtlIshlinskii(8), FirstOrderLag(), SecondOrderMode()
+    chain = Cascade([("plays", plays), ("creep", KelvinVoigt(1)), ("mode", mode)])
+    lags = {"input_lags": (0, 1, 2), "output_lags": (1, 2)}
+    layers = make_pipeline(
+        StandardScaler(), MLPRegressor(hidden_layer_sizes=(8, 6), max_iter=60, random_state=0)
+    )
+    scn = SCNRegressor(20, random_state=0)
+    return {
+        "Cascade of plays, creep and a mode": chain,
+        "Sum of plays, a lag of a column, and drift": Sum(
+            [("plays", plays), ("load", OnColumn(lag, 1)), ("drift", Drift(2))]
+        ),
+        "Modulated cascade": Modulated(chain, 1),
+        "ScheduledParameters of a cascade": ScheduledParameters(chain, by=1),
+        "NARX, polynomial": NARXRegressor(make_pipeline(PolynomialFeatures(2), Ridge()), **lags),
+        "NARX, layers": NARXRegressor(layers, **lags),
+        "NARX, trees": NARXRegressor(GradientBoostingRegressor(n_estimators=20), **lags),
+        "NARX, histograms": NARXRegressor(HistGradientBoostingRegressor(max_iter=20), **lags),
+        "NARX, SCN": NARXRegressor(scn, **lags),
+        "NARX, SCN of Gaussian nodes": NARXRegressor(
+            SCNRegressor(20, activation="rbf", random_state=0), **lags
+        ),
+        "NARX, neighbours": NARXRegressor(KNeighborsRegressor(), **lags),
+        "NARMAX of features": NARMAXRegressor(
+            2, features=["play", "generalized_gradient", "rate_sign"], n_terms=8
+        ),
+        "Corrected SCN": Corrected(scn, mode, max_iter=0),
+        "Corrected NARX": Corrected(NARXRegressor(), mode, max_iter=0),
+        "Corrected lags of plays": Corrected(
+            make_pipeline(PlayOperators(5), LaggedFeatures({0: 2}), Ridge()), lag, max_iter=0
+        ),
+        "Corrected neighbours, by a column": Corrected(
+            KNeighborsRegressor(), Modulated(lag, 1), max_iter=0
+        ),
+    }
+
+
+def every_model():
+    """Return all models by name."""
+    found = {}
+    for name, kind in all_estimators():
+        if hasattr(kind, "stepper") and name != "InverseCompensator":  # that is of a reference
+            try:
+                found[name] = kind()
+            except TypeError:  # it is made of others: a composition
+                continue
+    return found | compositions()
+
+
+def recording(n_samples, rng):
+    """Return a drive and a load that is constant, (n_samples, 2), and the response of a stage."""
+    time = DT * np.arange(n_samples)
+    frequencies = np.geomspace(3.0, 300.0, 7)
+    phases = 2.0 * np.pi * np.outer(time, frequencies) + rng.uniform(0.0, 6.28, 7)
+    u = np.sin(phases) @ frequencies**-0.3
+    load = rng.uniform(0.5, 1.5)
+    y, _ = SeriesOperator(("plays", "mode"), (PLAYS, MODE)).run(u, DT)
+    return np.column_stack([u, np.full(n_samples, load)]), y * (1.0 + 0.1 * load)
+
+
+def difference(model, X, whole):
+    """Return how far steps, runs and what follows a state that was put back are from a run."""
+    options = {"schedule": X[0, 1]} if isinstance(model, ScheduledParameters) else {}
+    stepper = model.stepper(u0=X[0], **options)
+    u = X[:, 0] if stepper.lowered.n_inputs is None else X
+    middle = len(u) // 2
+    steps = [stepper.step(row) for row in u[:middle]]
+    kept = stepper.state
+    steps += [stepper.step(row) for row in u[middle:]]
+    stepper.state = kept
+    back, fresh = stepper.run(u[middle:]), model.stepper(u0=X[0], **options)
+    span = np.ptp([0.0, *whole]) or 1.0
+    parts = (np.array(steps) - whole, back - whole[middle:], fresh.run(u) - whole)
+    return max(np.abs(part).max() for part in parts) / span
+
+
+def agreement(n_samples=1000):
+    """Print the difference of every model, and the largest of all."""
+    rng, largest = np.random.default_rng(0), 0.0
+    records = [recording(300, rng) for _ in range(3)]
+    X, y = stack_records(records, dt=DT)
+    test, _ = stack_records([recording(n_samples, rng)], dt=DT)
+    for name, model in every_model().items():
+        for option, value in (("method", VariableProjection(max_evaluations=3)), ("dt", DT)):
+            if option in model.get_params(deep=False):
+                model.set_params(**{option: value})
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that three evaluations do not identify a model
+            model.fit(X, y)
+            whole = model.predict(test)
+        try:
+            found = difference(model, test.to_numpy(), whole)
+        except NotImplementedError as error:
+            print(f"{name}: {error}", flush=True)
+            continue
+        largest = max(largest, found)
+        print(f"{name}: {found:.1e} of the range{verdict(found, AGREE)}", flush=True)
+    print(f"the largest of all: {largest:.1e} of the range{verdict(largest, AGREE)}", flush=True)
+
+
+def verdict(value, limit):
+    """Return a limit, and whether it was kept."""
+    return f" (at most {limit:g}: {'kept' if value <= limit else 'MISSED'})"
+
+
 def least(work, repeats):
     """Return the shortest time that some work took, in s."""
     times = []
@@ -90,8 +220,7 @@ def told(value, unit, limit=None):
     """Format a time beside its limit."""
     if value is None:
         return "no compiler"
-    verdict = f" (at most {limit:g}: {'kept' if value <= limit else 'MISSED'})" if limit else ""
-    return f"{value:.2f} {unit}{verdict}"
+    return f"{value:.2f} {unit}{verdict(value, limit) if limit else ''}"
 
 
 def main():
@@ -99,6 +228,7 @@ def main():
     parser.add_argument("--samples", type=int, default=200_000)
     parser.add_argument("--repeats", type=int, default=7)
     options = parser.parse_args()
+    agreement()
     u = 4.0 * np.random.default_rng(0).uniform(size=options.samples)
     few = u[:20_000].tolist()
     for name, operator in OPERATORS.items():

@@ -15,6 +15,7 @@ from ._steps import Step
 
 ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
 
+_LARGEST = 700.0  # exponent that does not overflow
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH = 6.93147180369123816490e-01  # few enough digits that whole multiples are exact
 _LN2_LOW = 1.90821492927058770002e-10
@@ -33,8 +34,8 @@ def exponentials(x, width, bits, powers):
     """
     for i in range(width):
         value = x[i]
-        value = value if value > -700.0 else -700.0
-        value = value if value < 700.0 else 700.0
+        value = value if value > -_LARGEST else -_LARGEST
+        value = value if value < _LARGEST else _LARGEST
         shifted = value * _LOG2_E + _ROUND
         powers[i] = shifted
         whole = shifted - _ROUND
@@ -115,11 +116,11 @@ def network_run(c, inputs, lags, bound, y):
 @jit
 def activated(kind, value):
     """Return the output of a unit; see ``ACTIVATIONS``."""
-    if kind == 1:
-        return max(value, 0.0)
+    if kind < 2:
+        return max(value, 0.0) if kind == 1 else value
     if kind == 2:
-        return 0.5 + 0.5 * math.tanh(0.5 * value)  # the logistic function, without overflow
-    return math.tanh(value) if kind == 3 else value
+        return 1.0 / (1.0 + math.exp(min(-value, _LARGEST)))
+    return 1.0 - 2.0 / (1.0 + math.exp(min(2.0 * value, _LARGEST)))
 
 
 @jit
