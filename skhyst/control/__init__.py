@@ -1,6 +1,7 @@
 """Use of models: drives that make a device follow a reference, and loops around it."""
 
 from ._compensator import InverseCompensator
-from ._loop import FeedforwardPI, Loop, simulate_loop
+from ._feedback import FeedforwardPI
+from ._loop import Loop, simulate_loop
 
 __all__ = ["FeedforwardPI", "InverseCompensator", "Loop", "simulate_loop"]

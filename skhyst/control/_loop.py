@@ -1,9 +1,7 @@
 """A feedback loop around a device, sample by sample.
 
 At a sample the response is read, the controller takes the reading and the reference, and its output
-drives the device until the next sample. The integral part is stopped where the limits of the drive
-cut what it asks for in the direction in which it would go on (conditional integration), so that it
-does not wind up.
+drives the device until the next sample, whose response stands in the same row.
 """
 
 import math
@@ -11,74 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from sklearn.utils import check_random_state
-
-from ._compensator import check_limits
-
-
-class FeedforwardPI:
-    r"""Proportional-integral control of what a feed-forward leaves.
-
-    .. math:: u = u_r + k_p e + k_i \int e \, dt, \qquad e = r - y
-
-    with the drive :math:`u_r` that a compensator gives for the reference r.
-
-    Parameters
-    ----------
-    kp : float
-        Drive over response.
-    ki : float
-        Drive over response and s.
-    compensator : InverseCompensator, default=None
-        Fitted; without one there is no feed-forward.
-    drive_limits : tuple of (float, float), default=None
-        Units of the drive.
-
-    Examples
-    --------
-    >>> from skhyst.control import FeedforwardPI, simulate_loop
-    >>> from skhyst.linear import FirstOrderLagOperator
-    >>> from skhyst.operators import Stepper
-    >>> lag = FirstOrderLagOperator(0.05)
-    >>> device = Stepper(lag.lowered(1e-3, lag.init(0.0)))
-    >>> loop = simulate_loop(device, FeedforwardPI(1.0, 40.0), [1.0] * 500, dt=1e-3)
-    >>> print(f"{loop.response[-1]:.3f}")
-    1.000
-    """
-
-    def __init__(self, kp, ki, *, compensator=None, drive_limits=None):
-        self.kp = kp
-        self.ki = ki
-        self.compensator = compensator
-        self.drive_limits = drive_limits
-
-    def controlling(self, reference, dt):
-        """Return a function of the number of a sample and of its reading: the drive until the next.
-
-        Parameters
-        ----------
-        reference : ndarray of shape (n_samples,)
-            Units of the response.
-        dt : float
-            Sampling interval in s.
-        """
-        check_limits(self.drive_limits, "FeedforwardPI")
-        low, high = self.drive_limits or (-math.inf, math.inf)
-        ahead = np.zeros(len(reference))
-        if self.compensator is not None:
-            ahead = self.compensator.drive_for(reference, dt)
-        integral = 0.0
-
-        def control(k, reading):
-            nonlocal integral
-            error = float(reference[k]) - reading
-            step = self.ki * dt * error
-            wanted = ahead[k] + self.kp * error + integral + step
-            drive = min(max(wanted, low), high)
-            if (wanted - drive) * step <= 0.0:
-                integral += step
-            return drive
-
-        return control
 
 
 class Loop(NamedTuple):

@@ -19,11 +19,11 @@ def device(operator=STAGE):
 
 
 def test_a_loop_around_a_gain_is_a_geometric_series():
-    """y[k] = g ki dt (sum of errors up to k), so that 1 - y[k] = (1 - g ki dt)^(k + 1)."""
+    """y[k] = g ki dt (sum of errors before k), so that 1 - y[k + 1] = (1 - g ki dt) (1 - y[k])."""
     loop = simulate_loop(
         device(GainOperator(2.0)), FeedforwardPI(0.0, 50.0), np.r_[0.0, np.ones(60)], DT
     )
-    expected = 1.0 - 0.9 ** np.arange(61)
+    expected = 1.0 - 0.9 ** np.r_[0, np.arange(60)]
     np.testing.assert_allclose(loop.response, expected, rtol=1e-12)
 
 

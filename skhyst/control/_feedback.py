@@ -1,0 +1,233 @@
+"""Proportional-integral control beside feed-forward, with a notch and damping, as one lowered step.
+
+At a sample the controller takes the reading, the reference of that instant and, where there is one,
+the drive that feed-forward gives for the sample to come. The integral part is stopped where the
+limits of the drive cut what it asks for in the direction in which it would go on (conditional
+integration), so that it does not wind up.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import bilinear
+
+from .._jit import jit
+from ..operators import LoweredStep, Stepper
+from ._compensator import check_limits
+
+_THROUGH = (1.0, 0.0, 0.0, 0.0, 0.0)
+_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@jit
+def section_step(x, b, s, at):
+    """Return a second-order section's output, transposed direct form II; two states from ``at``.
+
+    ``b`` (5,) holds b0, b1, b2 of its numerator and a1, a2 of its denominator.
+    """
+    y = b[0] * x + s[at]
+    s[at] = b[1] * x - b[3] * y + s[at + 1]
+    s[at + 1] = b[2] * x - b[4] * y
+    return y
+
+
+@jit
+def limited_step(ahead, error, damped, c, s):
+    """Return the drive for an error, and what damping acts on."""
+    kp, ki, low, high, notch, damping = c
+    step = ki * error
+    wanted = ahead + section_step(kp * error + s[0] + step, notch, s, 1)
+    wanted += section_step(damped, damping, s, 3)
+    drive = min(max(wanted, low), high)
+    if (wanted - drive) * step <= 0.0:
+        s[0] += step
+    return drive
+
+
+@jit
+def feedback_step(u, c, s):
+    """Take the row of reference and reading."""
+    return limited_step(0.0, u[0] - u[1], u[1], c, s)
+
+
+@jit
+def following_step(u, c, s):
+    """Take the row of reference, reading and the drive of feed-forward."""
+    return limited_step(u[2], u[0] - u[1], u[1] - u[0], c, s)
+
+
+@dataclass(frozen=True)
+class LoweredRow(LoweredStep):
+    """A compiled step of a row of ``n_inputs`` numbers, see :class:`~skhyst.operators.LoweredStep`.
+
+    Parameters
+    ----------
+    n_inputs : int
+    """
+
+    n_inputs: int = 2
+
+    def streaming(self, s):
+        step = self.stepping(s)
+        return lambda rows: np.array([step(row) for row in rows])
+
+
+class FeedforwardPI:
+    r"""Proportional-integral control of what a feed-forward leaves.
+
+    .. math:: u = u_r + N \left[ k_p e + k_i \int e \, dt \right] + D[y - y_r], \qquad e = r - y
+
+    with the drive :math:`u_r` that a compensator gives for the reference r, a notch N, and a filter
+    D that damps. With feed-forward, D acts on the deviation from :math:`y_r = r`, so that it adds
+    nothing where the device does as it should; without, on the reading alone, :math:`y_r = 0`.
+
+    Parameters
+    ----------
+    kp : float
+        Drive over response.
+    ki : float
+        Drive over response and s.
+    compensator : InverseCompensator, default=None
+        Fitted; without one there is no feed-forward.
+    notch : tuple of (float, float), operator or estimator, default=None
+        Frequency in Hz and damping ratio of the mode that feedback must not excite, or what has
+        them as ``natural_frequency`` (rad/s) and ``damping_ratio``, such as a fitted
+        :class:`~skhyst.linear.SecondOrderMode`. The zeros of N are the mode's poles, and its own
+        poles are critically damped at the same frequency (G. F. Franklin, J. D. Powell,
+        A. Emami-Naeini, "Feedback Control of Dynamic Systems", notch compensation).
+    damping : IntegralResonantControl, default=None
+        What gives the filter D: ``section(dt)``.
+    drive_limits : tuple of (float, float), default=None
+        Units of the drive.
+
+    Notes
+    -----
+    Gains, margins and linear design are the business of python-control.
+
+    Examples
+    --------
+    >>> from skhyst.control import FeedforwardPI, simulate_loop
+    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> from skhyst.operators import Stepper
+    >>> lag = FirstOrderLagOperator(0.05)
+    >>> device = Stepper(lag.lowered(1e-3, lag.init(0.0)))
+    >>> loop = simulate_loop(device, FeedforwardPI(1.0, 40.0), [1.0] * 500, dt=1e-3)
+    >>> print(f"{loop.response[-1]:.3f}")
+    1.000
+
+    Sample by sample, here without the loop:
+
+    >>> controller = FeedforwardPI(1.0, 40.0).stepper(1e-3)
+    >>> [round(controller.step((1.0, reading)), 6) for reading in (0.0, 0.5)]
+    [1.04, 0.56]
+    """
+
+    def __init__(self, kp, ki, *, compensator=None, notch=None, damping=None, drive_limits=None):
+        self.kp = kp
+        self.ki = ki
+        self.compensator = compensator
+        self.notch = notch
+        self.damping = damping
+        self.drive_limits = drive_limits
+
+    def stepper(self, dt, reference=0.0, drive=0.0):
+        """Return the controller as a device that is fed rows, from rest.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        reference, drive : float, default=0.0
+            At which the device rests before; with a compensator the drive is the compensator's.
+
+        Returns
+        -------
+        Stepper
+            Its ``step`` takes the row (reference, reading), with a compensator (reference, reading,
+            drive of the compensator), and returns the drive until the next sample. The reference is
+            that of the instant of the reading, the compensator's drive that of the sample to come.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not as above, or the notch is not below half the sampling rate.
+        """
+        check_limits(self.drive_limits, "FeedforwardPI")
+        for name, gain in {"kp": self.kp, "ki": self.ki}.items():
+            if not math.isfinite(gain):
+                raise ValueError(
+                    f"The '{name}' parameter of FeedforwardPI must be finite. Got {gain!r} instead."
+                )
+        low, high = self.drive_limits or (-math.inf, math.inf)
+        notch = _THROUGH if self.notch is None else notch_section(*as_mode(self.notch), dt)
+        damping = _NOTHING if self.damping is None else self.damping.section(dt)
+        constants = (self.kp, self.ki * dt, low, high, notch, damping)
+        state = np.zeros(5)
+        if self.compensator is not None:
+            return Stepper(LoweredRow(following_step, constants, state, 3))
+        b0, b1, b2, a1, a2 = damping
+        settled = reference * (b0 + b1 + b2) / (1.0 + a1 + a2)
+        state[0] = drive - settled
+        if self.notch is not None:
+            state[1:3] = _settled(notch, state[0])
+        state[3:] = _settled(damping, reference)
+        return Stepper(LoweredRow(feedback_step, constants, state, 2))
+
+    def controlling(self, reference, dt):
+        """Return a function of the number of a sample and of its reading: the drive until the next.
+
+        Parameters
+        ----------
+        reference : ndarray of shape (n_samples,)
+            Units of the response.
+        dt : float
+            Sampling interval in s.
+        """
+        step = self.stepper(dt, reference[0]).step
+        # what is read is the response at the sample before
+        due = np.concatenate([reference[:1], reference[:-1]])
+        if self.compensator is None:
+            return lambda k, reading: step((due[k], reading))
+        ahead = self.compensator.drive_for(reference, dt)
+        return lambda k, reading: step((due[k], reading, ahead[k]))
+
+
+def as_mode(mode):
+    """Return frequency in Hz and damping ratio of a mode."""
+    mode = getattr(mode, "operator_", mode)
+    if hasattr(mode, "natural_frequency"):
+        return mode.natural_frequency / (2.0 * math.pi), mode.damping_ratio
+    frequency, ratio = mode
+    return float(frequency), float(ratio)
+
+
+def notch_section(frequency, damping_ratio, dt):
+    """Return b0, b1, b2, a1, a2 of the notch, by the bilinear transform that keeps its frequency.
+
+    Raises
+    ------
+    ValueError
+        If the frequency is not below half the sampling rate, or the damping ratio is negative.
+    """
+    if not (0.0 < frequency * dt < 0.5 and 0.0 <= damping_ratio < math.inf):
+        raise ValueError(
+            "The 'notch' parameter of FeedforwardPI must be a frequency below half the sampling "
+            f"rate, {0.5 / dt:g} Hz, and a damping ratio. Got {(frequency, damping_ratio)!r} "
+            "instead."
+        )
+    w = 2.0 * math.pi * frequency
+    b, a = bilinear(
+        [1.0, 2.0 * damping_ratio * w, w * w],
+        [1.0, 2.0 * w, w * w],
+        w / (2.0 * math.tan(0.5 * w * dt)),
+    )
+    return (*b, *a[1:])
+
+
+def _settled(section, x):
+    """Return the state of a section that has settled at an input."""
+    b0, b1, b2, a1, a2 = section
+    y = x * (b0 + b1 + b2) / (1.0 + a1 + a2)
+    last = b2 * x - a2 * y
+    return b1 * x - a1 * y + last, last
