@@ -1,21 +1,29 @@
 """Test signals, published parameters, and the recordings that they generate."""
 
-from ._inchworm_motor import make_inchworm_motor, walking_drive
-from ._scanning_stage import load_scanning_stage_parameters, make_scanning_stage
+from ._inchworm_motor import inchworm_motor_stepper, make_inchworm_motor, walking_drive
+from ._scanning_stage import (
+    load_scanning_stage_parameters,
+    make_scanning_stage,
+    scanning_stage_stepper,
+)
 from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
 from ._signals_random import band_limited_noise, multisine
+from ._stepping import DeviceStepper
 from ._tanh_paper import load_tanh_parameters, make_tanh_recording
 
 __all__ = [
+    "DeviceStepper",
     "band_limited_noise",
     "decaying_sine",
     "first_order_reversal_curves",
+    "inchworm_motor_stepper",
     "load_scanning_stage_parameters",
     "load_tanh_parameters",
     "make_inchworm_motor",
     "make_scanning_stage",
     "make_tanh_recording",
     "multisine",
+    "scanning_stage_stepper",
     "sine",
     "steps",
     "swept_sine",

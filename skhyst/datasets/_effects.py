@@ -65,6 +65,11 @@ def _power_law(signal, step, scale, strength, order):
     return signal * (1.0 + strength * (signal / scale) ** (order - 1))
 
 
+def _ringing_in_part(signal, step, strength, frequency, damping, memory=None):
+    ringing = oscillate(signal, step, frequency, damping, memory=memory)
+    return signal + strength * (ringing - signal)
+
+
 class Device(Experiment):
     """A device with the effects that it can have, a method each, in the order of the path."""
 
@@ -105,11 +110,8 @@ class Device(Experiment):
         return Effect("dynamics", partial(kelvin_voigt, taus=time_constants, compliances=shares))
 
     def resonance(self, strength=0.2, frequency=0.4, damping=0.03):
-        def stage(signal, step):
-            ringing = oscillate(signal, step, frequency, damping)
-            return signal + strength * (ringing - signal)
-
-        return Effect("dynamics", stage)
+        mode = {"frequency": frequency, "damping": damping}
+        return Effect("dynamics", partial(_ringing_in_part, strength=strength, **mode))
 
     def friction(self, strength=0.05, presliding=0.01, static=1.5, stribeck=0.1):
         return self._force(
@@ -203,6 +205,19 @@ def simulate(device, X, plant, effects, respond):
         for plant, record, added in zip(plants, device.records, beside, strict=True)
     ]
     return X, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def in_motion(device, plant, effects, caller):
+    """Return the plant with the effects that need no record, and refuse the others."""
+    for name, parameters in effects.items():
+        effect = getattr(device, name)(**parameters)
+        if name == "amplitude_dependence" or (effect.stage is None and effect.alter is None):
+            raise ValueError(
+                f"The 'effects' parameter of {caller} must not hold {name!r}, which belongs to a "
+                "whole record: its length or its largest drive."
+            )
+        (plant,) = effect.changes([plant])
+    return plant
 
 
 def complete_effects(effects, period, caller):

@@ -10,34 +10,44 @@ from sklearn.utils import Bunch, check_random_state
 from .._jit import jit
 from ..records import record_slices, stack_records
 from ._checks import count, interval, refuse, scalar
-from ._effects import Device, complete_effects, path, simulate
+from ._effects import Device, complete_effects, in_motion, path, simulate
 from ._signals import decaying_sine
-from .simulation import bouc_wen, oscillate, plays, refine
+from ._stepping import DeviceStepper
+from .simulation import bouc_wen, oscillate, plays, refine, remembers
 
 _MASS, _DAMPING, _STIFFNESS = 3.04, 58.0, 2.312e6  # kg, N s/m, N/m, from (15)
 _BENDING = 0.2657 / _STIFFNESS * 1e6  # c1, um/V
 _EXTENDING = 0.05  # c2, um/V: chosen, the paper has none
 _FULL_DRIVE = 5.0  # V, amplitude of (14)
+_FULL_SCALE = _FULL_DRIVE, _BENDING * _FULL_DRIVE
 _FREQUENCY = np.sqrt(_STIFFNESS / _MASS) / (2.0 * np.pi)  # Hz
 _RATIO = _DAMPING / (2.0 * np.sqrt(_STIFFNESS * _MASS))
 _COLUMNS = ["drive", "clamp", "drive_2", "clamp_2"]
+_MOTION = partial(oscillate, frequency=_FREQUENCY, damping=_RATIO, base=1.0)
 _ABOUT_ZERO = ("cubic_stiffness", "static_nonlinearity", "output_saturation")
 
 
-@jit
-def _bouc_wen_loop(u, step, share, limit, shape, stretch=0.0):
-    out = np.empty(u.size)
-    h, before = 0.0, 0.0
-    for i in range(u.size):
-        rate = abs(u[i] - before) / step if i > 0 else 0.0
-        h = bouc_wen(h, u[i] - before, limit * (1.0 + stretch * rate), shape)
-        before = u[i]
-        out[i] = share * h
+def _bouc_wen_loop(u, step, share, limit, shape, stretch=0.0, memory=None):
+    memory = {} if memory is None else memory
+    state = memory.get("state", (0.0, 0.0, 0.0))
+    out, memory["state"] = _bend_away(u, share, limit, shape, stretch / step, state)
     return out
 
 
-def _play_loop(u, step, thresholds, weights, stretch=0.0):
-    return u - plays(u, step, thresholds, weights, stretch)
+@jit
+def _bend_away(u, share, limit, shape, stretch, state):
+    out = np.empty(u.size)
+    h, before, begun = state
+    for i in range(u.size):
+        wide = limit * (1.0 + begun * stretch * abs(u[i] - before))
+        h = bouc_wen(h, u[i] - before, wide, shape)
+        before, begun = u[i], 1.0
+        out[i] = share * h
+    return out, (h, before, begun)
+
+
+def _play_loop(u, step, thresholds, weights, stretch=0.0, memory=None):
+    return u - plays(u, step, thresholds, weights, stretch, memory=memory)
 
 
 def _no_loop(u, step, stretch=0.0):
@@ -206,24 +216,16 @@ def make_inchworm_motor(
     True
     """
     caller = "make_inchworm_motor"
-    if hysteresis not in list(_LOOPS):
-        refuse(caller, "hysteresis", "'bouc_wen', 'prandtl_ishlinskii' or None", hysteresis)
+    loop = _loop(hysteresis, caller)
     noise = scalar(caller, "noise", noise, negative=False)
     resolution = scalar(caller, "resolution", resolution, negative=False)
     substeps = count(caller, "substeps", substeps)
     X, records = _read_drive(drive, interval(caller, dt), caller)
-    effects = complete_effects(effects, 1.0 / _FREQUENCY, caller)
-    if X.shape[1] > 1 and (wrong := [name for name in _ABOUT_ZERO if name in effects]):
-        raise ValueError(
-            f"The 'effects' parameter of {caller} must not hold {', '.join(wrong)} for a motor "
-            "that walks: they belong to a displacement about zero. Got a drive of 4 columns."
-        )
+    effects = _effects(effects, X.shape[1], caller)
     seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
-    device = Device(_FULL_DRIVE, _BENDING * _FULL_DRIVE, records, seed)
-    loop = _LOOPS[hysteresis]
-    motion = partial(oscillate, frequency=_FREQUENCY, damping=_RATIO, base=1.0)
+    device = Device(*_FULL_SCALE, records, seed)
     respond = partial(_respond, loop=loop, substeps=substeps)
-    X, signals = simulate(device, X, path(loop, motion), effects, respond)
+    X, signals = simulate(device, X, path(loop, _MOTION), effects, respond)
     response = pd.Series(signals.pop("response"), X.index, name="response")
     draws = [
         device.generator(number).standard_normal(record.n_samples)
@@ -249,29 +251,126 @@ def make_inchworm_motor(
     return X, np.round(y / resolution) * resolution if resolution else y, truth
 
 
+def inchworm_motor_stepper(u0=0.0, *, dt=1e-4, hysteresis="bouc_wen", effects=None, substeps=10):
+    """Return the inchworm motor as a device that is fed its drive sample by sample.
+
+    Parameters
+    ----------
+    u0 : float or array-like of shape (1 or 4,), default=0.0
+        Voltage u1, or the four of :func:`walking_drive`, at which the motor has rested, in V.
+    dt : float, default=1e-4
+        Sampling interval in s.
+    hysteresis, effects, substeps
+        As in :func:`make_inchworm_motor`. Effects of whole records cannot be had: what adds to the
+        response, and ``"amplitude_dependence"``.
+
+    Returns
+    -------
+    DeviceStepper
+        ``step(u)``, ``run(u)``, ``copy()``; the response is the displacement without noise, um.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is not as above.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import inchworm_motor_stepper, walking_drive
+    >>> walk = walking_drive(20).to_numpy()
+    >>> motor = inchworm_motor_stepper(walk[0])
+    >>> travel = motor.run(walk[1:])
+    >>> print(f"{travel[-1] - travel[0]:.1f} um")
+    19.8 um
+    """
+    caller = "inchworm_motor_stepper"
+    loop, dt, substeps = (
+        _loop(hysteresis, caller),
+        interval(caller, dt),
+        count(caller, "substeps", substeps),
+    )
+    if np.size(u0) not in (1, 4) or not np.isfinite(u0).all():
+        refuse(caller, "u0", "finite, one voltage or four", u0)
+    effects = _effects(effects, np.size(u0), caller)
+    plant = in_motion(Device(*_FULL_SCALE, ()), path(loop, _MOTION), effects, caller)
+    motor = _Motor(plant, dt, loop, substeps, np.size(u0))
+    return DeviceStepper(motor.response, u0)
+
+
+def _loop(hysteresis, caller):
+    if hysteresis not in list(_LOOPS):
+        refuse(caller, "hysteresis", "'bouc_wen', 'prandtl_ishlinskii' or None", hysteresis)
+    return _LOOPS[hysteresis]
+
+
+def _effects(effects, n_columns, caller):
+    effects = complete_effects(effects, 1.0 / _FREQUENCY, caller)
+    if n_columns > 1 and (wrong := [name for name in _ABOUT_ZERO if name in effects]):
+        raise ValueError(
+            f"The 'effects' parameter of {caller} must not hold {', '.join(wrong)} for a motor "
+            "that walks: they belong to a displacement about zero. Got a drive of 4 columns."
+        )
+    return effects
+
+
 def _respond(plant, drives, dt, beside, loop, substeps):
     """Return the signals of one record at its samples."""
-    step = dt / substeps
-    drives = [plant.send(refine(column, substeps), step, "first") for column in drives.T]
-    bends, losses = zip(*(_bend(plant, u, step) for u in drives[::2]), strict=True)
-    signals = {"drive": drives[0], "hysteresis": losses[0], "actuator": bends[0]}
-    if len(drives) > 1:
-        heights = [_EXTENDING * (u - loop(u, step)) for u in drives[1::2]]
-        first = heights[0] >= heights[1]
-        signals |= {
-            "drive_2": drives[2],
-            "hysteresis_2": losses[1],
-            "height": heights[0],
-            "height_2": heights[1],
-            "contact": np.where(first, 1, 2),
-        }
-        # the runner is taken from where it stands: only the way of the foot in contact counts
-        ways = np.where(first[1:], np.diff(bends[0]), np.diff(bends[1]))
-        start = bends[0][0] if first[0] else bends[1][0]
-        signals["actuator"] = start + np.concatenate([[0.0], np.cumsum(ways)])
-    signals["runner"] = plant.send(signals["actuator"], step, "motion")
-    signals = {name: signal[::substeps] for name, signal in signals.items()}
-    return signals | {"response": plant.send(signals["runner"], dt, "last") + beside}
+    signals = _Motor(plant, dt, loop, substeps, drives.shape[1]).signals(drives)
+    return signals | {"response": signals["response"] + beside}
+
+
+class _Motor:
+    """The motor at an interval; each drive goes on where the last one has ended."""
+
+    def __init__(self, plant, dt, loop, substeps, n_columns):
+        self.dt, self.substeps = dt, substeps
+        self.plants = [plant.remembering() for _ in range(n_columns)]
+        self.refined = [remembers(refine) for _ in range(n_columns)]
+        self.clamps = [remembers(loop) for _ in range(n_columns // 2)]
+        self.stood = None
+
+    def response(self, drives):
+        """Return the displacement (n_samples,) under drives (n_samples, n_columns)."""
+        return self.signals(drives)["response"]
+
+    def signals(self, drives):
+        """Return the signals at the samples, by name."""
+        step = self.dt / self.substeps
+        drives = [
+            plant.send(refined(column, self.substeps), step, "first")
+            for plant, refined, column in zip(self.plants, self.refined, drives.T, strict=True)
+        ]
+        pairs = zip(self.plants[::2], drives[::2], strict=True)
+        bends, losses = zip(*(_bend(plant, u, step) for plant, u in pairs), strict=True)
+        signals = {"drive": drives[0], "hysteresis": losses[0], "actuator": bends[0]}
+        if len(drives) > 1:
+            clamps = zip(self.clamps, drives[1::2], strict=True)
+            heights = [_EXTENDING * (u - loop(u, step)) for loop, u in clamps]
+            first = heights[0] >= heights[1]
+            signals |= {
+                "drive_2": drives[2],
+                "hysteresis_2": losses[1],
+                "height": heights[0],
+                "height_2": heights[1],
+                "contact": np.where(first, 1, 2),
+                "actuator": self._carried(first, *bends),
+            }
+        motion = self.plants[0]
+        signals["runner"] = motion.send(signals["actuator"], step, "motion")
+        samples = slice((len(drives[0]) - 1) % self.substeps, None, self.substeps)
+        signals = {name: signal[samples] for name, signal in signals.items()}
+        return signals | {"response": motion.send(signals["runner"], self.dt, "last")}
+
+    def _carried(self, first, *bends):
+        """Return where the foot in contact is, which takes the runner from where it stands."""
+        if self.stood is None:
+            self.stood = bends[not first[0]][0], bends[0][0], bends[1][0]
+        ways = [
+            np.diff(bend, prepend=last) for bend, last in zip(bends, self.stood[1:], strict=True)
+        ]
+        where = self.stood[0] + np.cumsum(np.where(first, *ways))
+        self.stood = where[-1], bends[0][-1], bends[1][-1]
+        return where
 
 
 def _bend(plant, u, step):

@@ -5,15 +5,16 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from scipy.signal import lfilter
 from sklearn.utils import Bunch
 
+from .._jit import jit
 from ..exceptions import RecordError
 from ..records import record_slices, stack_records
-from ._checks import refuse, scalar
-from ._effects import Device, complete_effects, path, simulate
+from ._checks import interval, refuse, scalar
+from ._effects import Device, complete_effects, in_motion, path, simulate
 from ._signals import triangle
-from .simulation import kelvin_voigt, oscillate, plays, refine
+from ._stepping import DeviceStepper
+from .simulation import kelvin_voigt, oscillate, plays, refine, remembers
 
 _RATE = 250e3  # Hz, of the data acquisition
 _SPAN = 40.0  # V, half of the largest peak-to-peak drive
@@ -171,10 +172,8 @@ def make_scanning_stage(
     effects = complete_effects(effects, 1.0 / stage.natural_frequencies[0], caller)
     records = record_slices(X, one_interval=False)
     device = Device(_SPAN, _full_scale(stage), records, seed=int(rng.integers(2**31)))
-    hysteresis = partial(plays, thresholds=stage.thresholds, weights=stage.weights)
-    plant = path(hysteresis, partial(_vibrate, stage=stage))
     respond = partial(_respond, stage=stage, measured=measured)
-    X, signals = simulate(device, X, plant, effects, respond)
+    X, signals = simulate(device, X, _path(stage), effects, respond)
     y = signals["response"] + noise * rng.normal(size=len(X))
     resolution = 2.0 * limit / 2**_BITS if quantize else 0.0
     if quantize:
@@ -194,6 +193,45 @@ def make_scanning_stage(
         effects=effects,
     )
     return X, pd.Series(y, X.index, name="response"), truth
+
+
+def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None):
+    """Return the scanning stage as a device that is fed its drive sample by sample.
+
+    Parameters
+    ----------
+    u0 : float, default=0.0
+        Voltage at which the stage has rested, V.
+    dt : float, default=4e-6
+        Sampling interval in s.
+    effects : mapping, iterable of str, or str, optional
+        As in :func:`make_scanning_stage`. Effects of whole records cannot be had: what adds to the
+        response, and ``"amplitude_dependence"``.
+
+    Returns
+    -------
+    DeviceStepper
+        ``step(u)``, ``run(u)``, ``copy()``; the response is the displacement without noise, um.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is not as above.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import scanning_stage_stepper
+    >>> stage = scanning_stage_stepper(dt=1e-4)
+    >>> stage.run([10.0] * 1000)[[0, 9, 99, 999]].round(3)
+    array([0.184, 0.342, 0.351, 0.365])
+    """
+    caller = "scanning_stage_stepper"
+    stage, dt = load_scanning_stage_parameters(), interval(caller, dt)
+    if np.ndim(u0) or not np.isfinite(u0):
+        refuse(caller, "u0", "a finite voltage", u0)
+    effects = complete_effects(effects, 1.0 / stage.natural_frequencies[0], caller)
+    plant = in_motion(Device(_SPAN, _full_scale(stage), ()), _path(stage), effects, caller)
+    return DeviceStepper(_Stage(plant, dt, stage).response, u0)
 
 
 # ---------------------------------------------------------------------------------------- drives
@@ -262,49 +300,97 @@ def _full_scale(stage):
     return float(settled * stage.numerator[-1] / stage.denominator[-1])
 
 
+def _path(stage):
+    hysteresis = partial(plays, thresholds=stage.thresholds, weights=stage.weights)
+    return path(hysteresis, partial(_vibrate, stage=stage))
+
+
 def _respond(plant, drives, dt, beside, stage, measured):
     """Return the signals of one record at its samples."""
-    substeps = _SUBSTEPS
-    if measured == "velocity" or "scale" in plant.places["motion"][0].keywords:  # it has forces
-        finest = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
-        substeps = max(substeps, int(np.ceil(dt / finest)))
-    h = dt / substeps
-    drive = drives[:, 0]
-    plant = plant.adapt("gain", peak=np.abs(drive).max())
-    hysteresis = plant.send(refine(drive, substeps), h, "first", "core", "gain", "middle")
-    creep = kelvin_voigt(hysteresis, h, stage.time_constants, stage.compliances)
-    response = plant.send(creep, h, "dynamics", "motion", "last")
+    moving = _Stage(plant, dt, stage, fine=measured == "velocity")
+    signals = moving.signals(drives[:, 0])
     if measured == "velocity":
-        response, beside = _slope(response, h), np.gradient(beside, dt)
-    return {
-        "hysteresis": hysteresis[::substeps],
-        "creep": creep[::substeps],
-        "response": response[::substeps] + beside,
-    }
+        signals["response"] = _slope(signals["response"], dt / moving.substeps)
+        beside = np.gradient(beside, dt)
+    signals = {name: signal[:: moving.substeps] for name, signal in signals.items()}
+    return signals | {"response": signals["response"] + beside}
 
 
-def _vibrate(signal, h, stage, **forces):
+class _Stage:
+    """The stage at an interval; each drive goes on where the last one has ended."""
+
+    def __init__(self, plant, dt, stage, fine=False):
+        self.substeps = _SUBSTEPS
+        if fine or "scale" in plant.places["motion"][0].keywords:  # it has forces
+            finest = 1.0 / (_STEPS_A_PERIOD * stage.natural_frequencies[0])
+            self.substeps = max(self.substeps, int(np.ceil(dt / finest)))
+        self.step = dt / self.substeps
+        self.plant, self.refined = plant.remembering(), remembers(refine)
+        units = {"taus": stage.time_constants, "compliances": stage.compliances}
+        self.creep = remembers(partial(kelvin_voigt, **units))
+
+    def response(self, drives):
+        """Return the displacement (n_samples,) under drives (n_samples, 1)."""
+        fine = self.signals(drives[:, 0])["response"]
+        return fine[(fine.size - 1) % self.substeps :: self.substeps]
+
+    def signals(self, drive):
+        """Return the signals at all steps, by name."""
+        plant = self.plant.adapt("gain", peak=np.abs(drive).max())
+        fine = self.refined(drive, self.substeps)
+        hysteresis = plant.send(fine, self.step, "first", "core", "gain", "middle")
+        creep = self.creep(hysteresis, self.step)
+        response = plant.send(creep, self.step, "dynamics", "motion", "last")
+        return {"hysteresis": hysteresis, "creep": creep, "response": response}
+
+
+def _vibrate(signal, h, stage, memory=None, **forces):
     """Send a signal through (4.1), a sum of r / (s - p) over its poles p, from rest.
 
     Each term is advanced exactly for an input that is a straight line within a step. With forces
     in the equation of motion the first mode is a mass of its own, behind the other poles.
     """
+    memory = {} if memory is None else memory
     frequency, damping = stage.natural_frequencies[0], stage.damping_ratios[0]
+    if not memory:
+        terms = _terms(h, stage, bool(forces))
+        memory.update(start=signal[0], terms=terms, last=0.0, motion={})
+        memory["state"] = np.zeros(terms.shape[1], dtype=complex)
+    start, state = memory["start"], memory["state"]
+    total = _summed(signal - start, memory["last"], memory["terms"], state)
+    memory["last"] = signal[-1] - start
+    total += start * stage.numerator[-1] / stage.denominator[-1]
+    own = {"memory": memory["motion"]}
+    return oscillate(total, h, frequency, damping, **forces, **own) if forces else total
+
+
+def _terms(h, stage, forces):
+    """Return what a step does to the term of each pole: decay, weights of the input."""
     poles, gain = _poles(stage.denominator), 1.0
     if forces:
-        w = 2.0 * np.pi * frequency
+        w = 2.0 * np.pi * stage.natural_frequencies[0]
         poles, gain = poles[np.abs(np.abs(poles) - w) > 1e-6 * w], 1.0 / w**2
-    start = signal[0]
-    total = np.full(signal.size, start * stage.numerator[-1] / stage.denominator[-1])
-    for p in poles[poles.imag >= 0.0]:
-        residue = gain * np.polyval(stage.numerator, p) / np.prod(p - poles[poles != p])
-        residue *= 1.0 if p.imag == 0.0 else 2.0  # its conjugate gives the same real part
-        q = p * h
-        gone = np.expm1(q)
-        ramp = gone / q - 1.0
-        weights = residue / p * np.array([ramp, gone - ramp])
-        total += np.real(lfilter(weights, [1.0, -1.0 - gone], signal - start))
-    return oscillate(total, h, frequency, damping, **forces) if forces else total
+    kept = poles[poles.imag >= 0.0]
+    residues = [np.polyval(stage.numerator, p) / np.prod(p - poles[poles != p]) for p in kept]
+    # a conjugate gives the same real part
+    residues = gain * np.array(residues) * np.where(kept.imag == 0.0, 1.0, 2.0)
+    q = kept * h
+    gone = np.expm1(q)
+    ramp = gone / q - 1.0
+    return np.stack([1.0 + gone, residues / kept * ramp, residues / kept * (gone - ramp)])
+
+
+@jit
+def _summed(signal, last, terms, state):
+    out = np.zeros(signal.size)
+    for j in range(state.size):
+        x, before = state[j], last
+        for i in range(signal.size):
+            x = terms[0, j] * x + terms[1, j] * signal[i] + terms[2, j] * before
+            before = signal[i]
+            out[i] += x.real
+        state[j] = x
+    return out
 
 
 def _slope(signal, h):

@@ -4,14 +4,16 @@ A :class:`Plant` is a signal path, an :class:`Effect` what changes in it, or wha
 response. Stages of a path are called with a signal of shape (n_samples,) and the interval between
 its samples, and return a signal. The laws below are such; their times count as the interval does.
 A signal is a straight line between its samples, and its first value has stood since all dynamics
-settled, after a first loading from zero.
+settled, after a first loading from zero. Laws that remember take a ``memory``, a dict that is empty
+where a record begins: with it the next signal goes on where the last one has ended.
 
 Nothing here uses the models that find effects: the two share the recording and nothing else.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
+from inspect import signature
 
 import numpy as np
 from scipy.linalg import expm
@@ -70,6 +72,10 @@ class Plant:
         adapted = partial(law or stage.func, **{**stage.keywords, **parameters})
         return Plant({**self.places, place: (adapted,)})
 
+    def remembering(self):
+        """Return the plant whose stages go on where the signal before has ended."""
+        return Plant({place: tuple(map(remembers, self.places[place])) for place in self.places})
+
     def send(self, signal, step, *places):
         """Send a signal through some places, one after another."""
         for place in places:
@@ -120,48 +126,70 @@ class Effect:
         return [p.insert(self.place, s) for p, s in zip(plants, stages, strict=True)]
 
 
+def remembers(stage):
+    """Return a stage with a memory of its own, where it can have one."""
+    return partial(stage, memory={}) if "memory" in signature(stage).parameters else stage
+
+
 # ------------------------------------------------------------------------------------------ laws
 
 
-def refine(drive, substeps):
+def refine(drive, substeps, memory=None):
     """Put ``substeps`` equal intervals between each two samples of a piecewise linear drive."""
+    if memory:
+        last, memory["last"] = memory["last"], drive[-1:]
+        return refine(np.concatenate([last, drive]), substeps)[1:]
+    if memory is not None:
+        memory["last"] = drive[-1:]
     n = len(drive)
     fine = np.interp(np.arange((n - 1) * substeps + 1) / substeps, np.arange(n), drive)
     fine[::substeps] = drive
     return fine
 
 
-def plays(signal, step, thresholds, weights, stretch=0.0, widening=0.0):
+def plays(signal, step, thresholds, weights, stretch=0.0, widening=0.0, memory=None):
     """Weighted sum of play operators, first loaded from zero.
 
     At the rate v of the signal a threshold r above zero is r (1 + stretch v) + widening v.
     """
     thresholds, weights = np.asarray(thresholds, float), np.asarray(weights, float)
-    return _plays(signal, step, thresholds, weights, stretch, widening)
-
-
-@jit
-def _plays(signal, step, thresholds, weights, stretch, widening):
-    out = np.zeros(signal.size)
-    for j in range(thresholds.size):
-        r, state, before = thresholds[j], 0.0, signal[0]
-        for i in range(signal.size):
-            way = abs(signal[i] - before)
-            wide = r * (1.0 + stretch * way / step) + widening * way / step if r > 0.0 else r
-            before = signal[i]
-            state = max(before - wide, min(before + wide, state))
-            out[i] += weights[j] * state
+    memory = {} if memory is None else memory
+    if not memory:
+        memory.update(states=np.zeros(thresholds.size), before=signal[0])
+    out = _plays(signal, step, thresholds, weights, stretch, widening, **memory)
+    memory["before"] = signal[-1]
     return out
 
 
 @jit
-def slew_limited(signal, step, rate):
+def _plays(signal, step, thresholds, weights, stretch, widening, states, before):
+    out = np.zeros(signal.size)
+    for j in range(thresholds.size):
+        r, state, last = thresholds[j], states[j], before
+        for i in range(signal.size):
+            way = abs(signal[i] - last)
+            wide = r * (1.0 + stretch * way / step) + widening * way / step if r > 0.0 else r
+            last = signal[i]
+            state = max(last - wide, min(last + wide, state))
+            out[i] += weights[j] * state
+        states[j] = state
+    return out
+
+
+def slew_limited(signal, step, rate, memory=None):
     """Follow the signal, at most so fast."""
+    memory = {} if memory is None else memory
+    out = _slew_limited(signal, step * rate, memory.get("last", signal[0]))
+    memory["last"] = out[-1]
+    return out
+
+
+@jit
+def _slew_limited(signal, most, last):
     out = np.empty(signal.size)
-    out[0] = signal[0]
-    for i in range(1, signal.size):
-        way = signal[i] - out[i - 1]
-        out[i] = out[i - 1] + max(-rate * step, min(rate * step, way))
+    for i in range(signal.size):
+        last += max(-most, min(most, signal[i] - last))
+        out[i] = last
     return out
 
 
@@ -182,25 +210,33 @@ def dead_zones(signal, step, side, thresholds, weights):
     return signal + side * sum(w * np.maximum(side * signal - r, 0.0) for r, w in terms)
 
 
-def pure_delay(signal, step, delay):
+def pure_delay(signal, step, delay, memory=None):
     """Shift in time."""
-    time = step * np.arange(signal.size)
-    return np.interp(time - delay, time, signal)
+    memory = {} if memory is None else memory
+    back = int(np.ceil(delay / step))
+    line = np.concatenate([memory.get("past", np.full(back, signal[0])), signal])
+    memory["past"] = line[signal.size :]
+    return np.interp(np.arange(signal.size) + (back - delay / step), np.arange(line.size), line)
 
 
-def first_order(signal, step, tau):
+def first_order(signal, step, tau, memory=None):
     """Solve tau x' + x = u exactly."""
+    memory = {} if memory is None else memory
     p = step / tau
     gone = -np.expm1(-p)
     ramp = 1.0 - gone / p if p > 1e-4 else 0.5 * p - p * p / 6.0
-    start = signal[0]
-    return start + lfilter([ramp, gone - ramp], [1.0, gone - 1.0], signal - start)
+    start, gone_by = memory.get("start", signal[0]), memory.get("filter", np.zeros(1))
+    away, gone_by = lfilter([ramp, gone - ramp], [1.0, gone - 1.0], signal - start, zi=gone_by)
+    memory.update(start=start, filter=gone_by)
+    return start + away
 
 
-def kelvin_voigt(signal, step, taus, compliances, relax=first_order):
+def kelvin_voigt(signal, step, taus, compliances, relax=first_order, memory=None):
     """Add a chain of Kelvin-Voigt units to the signal that loads them."""
-    units = zip(taus, compliances, strict=True)
-    return signal + sum(c * relax(signal, step, tau) for tau, c in units)
+    if memory is not None and not memory:
+        memory["units"] = [remembers(relax) for _ in taus]
+    units = zip(taus, compliances, memory["units"] if memory else [relax] * len(taus), strict=True)
+    return signal + sum(c * unit(signal, step, tau) for tau, c, unit in units)
 
 
 # ------------------------------------------------------------------------- equations of motion
@@ -227,17 +263,24 @@ def bouc_wen(h, du, limit, shape):
     return side * limit * (q * np.exp(-s) - np.expm1(-s))
 
 
+@lru_cache
+def _flow(w, c, base, step):
+    """Return what takes (x, v, u, u') to x and v a step later."""
+    law = np.zeros((4, 4))
+    law[0, 1] = law[2, 3] = 1.0
+    law[1] = [-w * w, -c, w * w, c * base]
+    return expm(law * step)[:2].copy()
+
+
 @jit
-def _advance(signal, x, h, flow, step, pull, forces):
-    """Advance from rest; ``flow`` maps (x, v, u, u') over a step, x in units of full scale."""
+def _advance(signal, state, flow, step, pull, forces):
+    """Advance x, v, z, h under a force and the last input, x in units of full scale."""
     cubic, friction, presliding, static, fading, hysteretic, width = forces
+    x, v, z, h, force, u = state
     out = np.empty(signal.size)
-    v = z = 0.0
-    out[0] = x
-    force = pull * (cubic * x * x * x + hysteretic * h / width)
-    for i in range(1, signal.size):
+    for i in range(signal.size):
         v -= 0.5 * step * force
-        u, rate, before = signal[i - 1], (signal[i] - signal[i - 1]) / step, x
+        rate, before = (signal[i] - u) / step, x
         x, v = (
             flow[0, 0] * x + flow[0, 1] * v + flow[0, 2] * u + flow[0, 3] * rate,
             flow[1, 0] * x + flow[1, 1] * v + flow[1, 2] * u + flow[1, 3] * rate,
@@ -248,8 +291,9 @@ def _advance(signal, x, h, flow, step, pull, forces):
         h = bouc_wen(h, x - before, width, 0.5)
         force = pull * (cubic * x * x * x + friction * z + hysteretic * h / width)
         v -= 0.5 * step * force
+        u = signal[i]
         out[i] = x
-    return out
+    return out, (x, v, z, h, force, u)
 
 
 def oscillate(
@@ -266,6 +310,7 @@ def oscillate(
     stribeck=1.0,
     hysteretic=0.0,
     width=1.0,
+    memory=None,
 ):
     """Solve the motion x of a mode that a signal u drives, with forces f beside its spring.
 
@@ -280,20 +325,31 @@ def oscillate(
     and half a kick after each step (Strang splitting), and is of second order in the step.
     """
     w = 2.0 * np.pi * frequency
-    c = 2.0 * damping * w
-    law = np.zeros((4, 4))  # of x, v, u, u'
-    law[0, 1] = law[2, 3] = 1.0
-    law[1] = [-w * w, -c, w * w, c * base]
-    flow = expm(law * step)[:2].copy()
+    flow = _flow(w, 2.0 * damping * w, base, step)
     scaled = np.ascontiguousarray(signal, dtype=float) / scale
+    forces = tuple(
+        map(float, (cubic, friction, presliding, static, stribeck * w, hysteretic, width))
+    )
+    if memory:
+        out, memory["state"] = _advance(scaled, memory["state"], flow, step, w * w, forces)
+        return scale * out
+    x, h = _equilibrium(scaled[0], cubic, hysteretic, width)
+    force = w * w * (cubic * x * x * x + hysteretic * h / width)
+    start = (x, 0.0, 0.0, h, force, scaled[0])
+    out, state = _advance(scaled[1:], start, flow, step, w * w, forces)
+    if memory is not None:
+        memory["state"] = state
+    return scale * np.concatenate([[x], out])
+
+
+def _equilibrium(u, cubic, hysteretic, width):
+    """Return where a mode rests under a drive, and the state of its hysteresis."""
 
     def excess(x):
         h = bouc_wen(0.0, x, width, 0.5)
-        return x + cubic * x**3 + hysteretic * h / width - scaled[0]
+        return x + cubic * x**3 + hysteretic * h / width - u
 
-    x = scaled[0]
+    x = u
     if cubic != 0.0 or hysteretic != 0.0:
         x = brentq(excess, -abs(x) - 1e-300, abs(x) + 1e-300, xtol=1e-300, rtol=1e-14)
-    h = bouc_wen(0.0, x, width, 0.5)
-    forces = (cubic, friction, presliding, static, stribeck * w, hysteretic, width)
-    return scale * _advance(scaled, x, h, flow, step, w * w, tuple(map(float, forces)))
+    return x, bouc_wen(0.0, x, width, 0.5)
