@@ -1,0 +1,103 @@
+r"""Damping of a mode that rings, by feedback of the position alone.
+
+Let the mode be :math:`G = g \omega^2 / (s^2 + \omega^2)`. With a feedthrough :math:`-d`, d above g,
+poles and zeros interlace,
+
+.. math:: G - d = -d \frac{s^2 + \rho \omega^2}{s^2 + \omega^2}, \qquad \rho = 1 - g / d,
+
+and integral feedback :math:`k / s` of its output moves the poles along an arc from
+:math:`\pm j \omega` to :math:`\pm j \sqrt\rho \omega`. Around the device itself that is the filter
+
+.. math:: D = \frac{k}{s + K}, \quad K = k d, \qquad s^3 + K s^2 + \omega^2 s + \rho K \omega^2 = 0
+
+for the poles. With :math:`s = \sqrt\rho\, \omega^2 / t` the equation becomes that of
+:math:`K' = \omega^2 / (K \sqrt\rho)`, so the damping ratio of the pair is the same for K and K',
+and largest where they meet, :math:`K = \omega \rho^{-1/4}`. There a pole :math:`-\Omega` stands
+beside a pair of frequency :math:`\Omega = \omega \rho^{1/4}`, and the sum of the poles is -K, so
+that the damping ratio of the pair is
+
+.. math:: \zeta = \tfrac12 \left(\rho^{-1/2} - 1\right), \qquad \rho = (1 + 2 \zeta)^{-2}
+
+One number is chosen, :math:`\zeta`, and all others follow from the mode.
+"""
+
+import math
+
+
+class IntegralResonantControl:
+    r"""Integral resonant control: :math:`D = k / (s + K)` of the reading, added to the drive.
+
+    It supposes that at its resonance the device lags by a quarter of a period, as a mass on a
+    spring that is read where it is driven: further lags, of an amplifier or of the sensor, turn
+    what damps into what excites. python-control tells whether a loop is stable, and by how much.
+    For small frequencies the gain of the damped device is :math:`(1 + 2 \zeta)^2` times that
+    without.
+
+    Parameters
+    ----------
+    mode : tuple of (float, float), operator or estimator
+        Frequency in Hz and static gain of the mode, response over drive, or what has them as
+        ``natural_frequency`` (rad/s) and ``gain``, such as a fitted
+        :class:`~skhyst.linear.SecondOrderMode`.
+    damping_ratio : float, default=0.5
+        :math:`\zeta` that the mode shall have. In a loop of proportional-integral control around a
+        mode without other lags, 0.5 has been found to leave the largest bandwidth.
+
+    References
+    ----------
+    S. S. Aphale, A. J. Fleming, S. O. R. Moheimani, "Integral resonant control of collocated smart
+    structures", Smart Mater. Struct. 16, 2007. In this form: A. J. Fleming, S. S. Aphale,
+    S. O. R. Moheimani, "A new method for robust damping and tracking control of scanning probe
+    microscope positioning stages", IEEE Trans. Nanotechnol. 9, 2010.
+
+    Examples
+    --------
+    >>> from skhyst.control import FeedforwardPI, IntegralResonantControl, simulate_loop
+    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.operators import Stepper
+    >>> mode = SecondOrderModeOperator(900.0, 0.01, gain=0.1)
+    >>> for damping in (None, IntegralResonantControl(mode)):
+    ...     stage = Stepper(mode.lowered(1e-4, mode.init(0.0)))
+    ...     controller = FeedforwardPI(4.0, 300.0, damping=damping)
+    ...     loop = simulate_loop(stage, controller, [1.0] * 2000, 1e-4)
+    ...     print(f"largest error at the end: {abs(loop.response[-200:] - 1.0).max():.0e}")
+    largest error at the end: 1e+01
+    largest error at the end: 3e-04
+    """
+
+    def __init__(self, mode, *, damping_ratio=0.5):
+        self.mode = mode
+        self.damping_ratio = damping_ratio
+
+    def section(self, dt):
+        """Return b0, b1, b2, a1, a2 of D at an interval, exact for readings that are held.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Raises
+        ------
+        ValueError
+            If the mode is not below half the sampling rate, or the damping ratio not above 0.
+        """
+        mode = getattr(self.mode, "operator_", self.mode)
+        if hasattr(mode, "natural_frequency"):
+            mode = mode.natural_frequency / (2.0 * math.pi), mode.gain
+        frequency, gain = map(float, mode)
+        if not (0.0 < frequency * dt < 0.5 and gain != 0.0 and math.isfinite(gain)):
+            raise ValueError(
+                "The 'mode' parameter of IntegralResonantControl must be a frequency below half "
+                f"the sampling rate, {0.5 / dt:g} Hz, and a gain. Got {(frequency, gain)!r} "
+                "instead."
+            )
+        if not 0.0 < self.damping_ratio < math.inf:
+            raise ValueError(
+                "The 'damping_ratio' parameter of IntegralResonantControl must be above 0. Got "
+                f"{self.damping_ratio!r} instead."
+            )
+        rho = (1.0 + 2.0 * self.damping_ratio) ** -2
+        rate = 2.0 * math.pi * frequency * rho**-0.25
+        settled = (1.0 - rho) / gain  # k / K = 1 / d
+        return (-settled * math.expm1(-rate * dt), 0.0, 0.0, -math.exp(-rate * dt), 0.0)

@@ -1,0 +1,141 @@
+"""Controllers: what their laws say, and what a notch and damping do to poles."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import freqz, sosfilt
+
+from skhyst.control import FeedforwardPI, IntegralResonantControl, simulate_loop
+from skhyst.datasets import inchworm_motor_stepper
+from skhyst.linear import GainOperator, SecondOrderMode, SecondOrderModeOperator
+from skhyst.operators import Stepper
+
+DT = 1e-3
+ROWS = np.random.default_rng(0).normal(size=(300, 3))
+DAMPING = IntegralResonantControl((60.0, 0.4), damping_ratio=0.3)
+
+
+class Ahead:
+    """A compensator that knows the device to be a gain of one half."""
+
+    def drive_for(self, reference, dt):
+        return 2.0 * reference
+
+
+def sections(controller, dt=DT):
+    """Return notch and damping of a controller, as SciPy has them."""
+    constants = controller.stepper(dt)._lowered.constants
+    return [np.array([[*section[:3], 1.0, *section[3:]]]) for section in constants[4:]]
+
+
+@pytest.mark.parametrize("compensator", [None, Ahead()])
+def test_the_step_is_the_sum_of_filters_by_scipy(compensator):
+    controller = FeedforwardPI(
+        0.7, 30.0, compensator=compensator, notch=(80.0, 0.05), damping=DAMPING
+    )
+    notch, damping = sections(controller)
+    reference, reading, ahead = ROWS.T
+    error = reference - reading
+    expected = sosfilt(notch, 0.7 * error + 30.0 * DT * np.cumsum(error))
+    expected += sosfilt(damping, reading if compensator is None else -error)
+    expected += 0.0 if compensator is None else ahead
+    stepper = controller.stepper(DT)
+    again = stepper.copy()
+    drive = [stepper.step(row) for row in ROWS]
+    np.testing.assert_allclose(drive, expected, rtol=0.0, atol=1e-12 * np.ptp(expected))
+    np.testing.assert_array_equal(again.run(ROWS), drive)
+
+
+@pytest.mark.parametrize("notch", [None, (80.0, 0.05)])
+@pytest.mark.parametrize("damping", [None, DAMPING])
+def test_at_rest_the_drive_stays(notch, damping):
+    controller = FeedforwardPI(0.7, 30.0, notch=notch, damping=damping)
+    stepper = controller.stepper(DT, reference=1.5, drive=-0.4)
+    np.testing.assert_allclose(stepper.run(np.full((50, 2), 1.5)), -0.4, rtol=0.0, atol=1e-13)
+
+
+def test_feedforward_alone_where_the_device_is_known():
+    """Damping adds nothing to it, and the reading is compared with the reference of its instant."""
+    gain = GainOperator(0.5)
+    reference = np.cumsum(ROWS[:, 0])
+    controller = FeedforwardPI(0.7, 30.0, compensator=Ahead(), damping=DAMPING)
+    loop = simulate_loop(Stepper(gain.lowered(DT, gain.init(0.0))), controller, reference, DT)
+    np.testing.assert_allclose(loop.response, reference, rtol=0.0, atol=1e-13 * np.ptp(reference))
+
+
+def test_the_notch_takes_a_mode_away():
+    """A mode behind it has the response of a critically damped one, at its frequency exactly."""
+    notch, _ = sections(FeedforwardPI(1.0, 0.0, notch=(80.0, 0.05)))
+    _, h = freqz(notch[0, :3], notch[0, 3:], worN=[0.0, 80.0, 499.999], fs=1.0 / DT)
+    np.testing.assert_allclose(np.abs(h), [1.0, 0.05, 1.0], rtol=1e-4)
+    assert abs(np.angle(h[1])) < 1e-9
+
+
+def test_a_fitted_mode_declares_notch_and_damping():
+    u = ROWS.ravel()
+    y, _ = SecondOrderModeOperator(500.0, 0.03, gain=0.2).run(u, DT)
+    model = SecondOrderMode(dt=DT).fit(u[:, None], y)
+    found = sections(FeedforwardPI(1.0, 0.0, notch=model, damping=IntegralResonantControl(model)))
+    frequency = 500.0 / (2.0 * math.pi)
+    own = IntegralResonantControl((frequency, 0.2))
+    told = sections(FeedforwardPI(1.0, 0.0, notch=(frequency, 0.03), damping=own))
+    np.testing.assert_allclose(found, told, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("gain", [0.3, -2.0])
+def test_a_damped_mode_has_the_damping_that_is_asked_for(damping_ratio, gain):
+    """Poles of the mode and its controller, sampled so fast that it makes no difference."""
+    w, dt = 900.0, 1e-7
+    control = IntegralResonantControl((w / (2.0 * math.pi), gain), damping_ratio=damping_ratio)
+    b0, _, _, a1, _ = control.section(dt)
+    rate = -math.log(-a1) / dt
+    k = b0 / (1.0 + a1) * rate
+    # (s^2 + w^2) (s + K) = g w^2 k, with K and k read off the section
+    poles = np.roots([1.0, rate, w * w, rate * w * w - gain * w * w * k])
+    pair = poles[np.argsort(np.abs(poles.imag))[-2:]]
+    assert (poles.real < 0.0).all()
+    np.testing.assert_allclose(-pair.real / np.abs(pair), damping_ratio, rtol=1e-5)
+    # and no other rate gives more
+    for other in (0.9 * rate, 1.1 * rate):
+        roots = np.roots([1.0, other, w * w, other * (w * w - gain * w * w * k / rate)])
+        pair = roots[np.argsort(np.abs(roots.imag))[-2:]]
+        assert (-pair.real / np.abs(pair)).max() < damping_ratio
+
+
+def test_damping_stops_the_ringing_of_the_simulated_motor():
+    """A step of the reference rings without it; the motor shares nothing with the controller."""
+    damping = IntegralResonantControl((138.8, 0.2657 / 2.312))  # um/V
+    reference = np.r_[0.0, np.full(1500, 0.2)]
+    left = {}
+    for name, own in {"damped": damping, "alone": None}.items():
+        controller = FeedforwardPI(3.5, 400.0, damping=own)
+        loop = simulate_loop(inchworm_motor_stepper(), controller, reference, 1e-4)
+        left[name] = np.abs(loop.response[-300:] - 0.2).max()
+    assert left["damped"] < 1e-4 < 0.05 < left["alone"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kp": np.nan}, "'kp' parameter of FeedforwardPI"),
+        ({"notch": (500.0, 0.1)}, "below half the sampling rate, 500 Hz"),
+        ({"notch": (50.0, -0.1)}, "'notch' parameter"),
+        ({"damping": IntegralResonantControl((600.0, 1.0))}, "'mode' parameter"),
+        ({"damping": IntegralResonantControl((60.0, 0.0))}, "'mode' parameter"),
+        ({"damping": IntegralResonantControl((60.0, 1.0), damping_ratio=0.0)}, "'damping_ratio'"),
+    ],
+)
+def test_bad_parameters_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        FeedforwardPI(**{"kp": 1.0, "ki": 1.0} | options).stepper(DT)
+
+
+@pytest.mark.parametrize("row", [(1.0, np.nan), (1.0,), 1.0])
+def test_a_wrong_row_leaves_the_controller_as_it_is(row):
+    stepper = FeedforwardPI(0.7, 30.0).stepper(DT)
+    before = stepper.state
+    with pytest.raises(ValueError, match="finite rows of 2 numbers"):
+        stepper.step(row)
+    np.testing.assert_array_equal(stepper.state, before)
