@@ -131,15 +131,16 @@ class FeedforwardPI:
         self.damping = damping
         self.drive_limits = drive_limits
 
-    def stepper(self, dt, reference=0.0, drive=0.0):
+    def stepper(self, dt, reference=0.0, u0=0.0):
         """Return the controller as a device that is fed rows, from rest.
 
         Parameters
         ----------
         dt : float
             Sampling interval in s.
-        reference, drive : float, default=0.0
-            At which the device rests before; with a compensator the drive is the compensator's.
+        reference, u0 : float, default=0.0
+            Response and drive at which the device rests before; with a compensator the drive counts
+            from that of the compensator.
 
         Returns
         -------
@@ -164,17 +165,14 @@ class FeedforwardPI:
         damping = _NOTHING if self.damping is None else self.damping.section(dt)
         constants = (self.kp, self.ki * dt, low, high, notch, damping)
         state = np.zeros(5)
-        if self.compensator is not None:
-            return Stepper(LoweredRow(following_step, constants, state, 3))
-        b0, b1, b2, a1, a2 = damping
-        settled = reference * (b0 + b1 + b2) / (1.0 + a1 + a2)
-        state[0] = drive - settled
-        if self.notch is not None:
-            state[1:3] = _settled(notch, state[0])
-        state[3:] = _settled(damping, reference)
-        return Stepper(LoweredRow(feedback_step, constants, state, 2))
+        follows = self.compensator is not None
+        settled, state[3:] = _settled(damping, 0.0 if follows else reference)
+        state[0] = u0 - settled
+        _, state[1:3] = _settled(notch, state[0])
+        step = following_step if follows else feedback_step
+        return Stepper(LoweredRow(step, constants, state, 3 if follows else 2))
 
-    def controlling(self, reference, dt):
+    def controlling(self, reference, dt, u0=None):
         """Return a function of the number of a sample and of its reading: the drive until the next.
 
         Parameters
@@ -183,13 +181,16 @@ class FeedforwardPI:
             Units of the response.
         dt : float
             Sampling interval in s.
+        u0 : float, default=None
+            Drive under which the device rests; by default the first of the compensator, or zero.
         """
-        step = self.stepper(dt, reference[0]).step
         # what is read is the response at the sample before
         due = np.concatenate([reference[:1], reference[:-1]])
         if self.compensator is None:
+            step = self.stepper(dt, reference[0], u0 or 0.0).step
             return lambda k, reading: step((due[k], reading))
         ahead = self.compensator.drive_for(reference, dt)
+        step = self.stepper(dt, reference[0], 0.0 if u0 is None else u0 - ahead[0]).step
         return lambda k, reading: step((due[k], reading, ahead[k]))
 
 
@@ -226,8 +227,8 @@ def notch_section(frequency, damping_ratio, dt):
 
 
 def _settled(section, x):
-    """Return the state of a section that has settled at an input."""
+    """Return output and state of a section that has settled at an input."""
     b0, b1, b2, a1, a2 = section
     y = x * (b0 + b1 + b2) / (1.0 + a1 + a2)
     last = b2 * x - a2 * y
-    return b1 * x - a1 * y + last, last
+    return y, (b1 * x - a1 * y + last, last)

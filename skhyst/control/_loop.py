@@ -22,7 +22,16 @@ class Loop(NamedTuple):
 
 
 def simulate_loop(
-    device, controller, reference, dt, *, noise=0.0, resolution=0.0, delay=0, random_state=None
+    device,
+    controller,
+    reference,
+    dt,
+    *,
+    u0=None,
+    noise=0.0,
+    resolution=0.0,
+    delay=0,
+    random_state=None,
 ):
     """Close a loop around a device and run it along a reference.
 
@@ -32,11 +41,14 @@ def simulate_loop(
         With ``step(u) -> y``, such as a :class:`~skhyst.operators.Stepper`; it goes on from the
         state that it is in.
     controller : object
-        With ``controlling(reference, dt)``, as :class:`FeedforwardPI` has.
+        With ``controlling(reference, dt, u0)``, as :class:`FeedforwardPI` has.
     reference : array-like of shape (n_samples,)
         Units of the response.
     dt : float
         Sampling interval in s.
+    u0 : float, default=None
+        Drive under which the device rests at the first reference; by default that of the
+        controller's feed-forward, or zero.
     noise : float, default=0.0
         Standard deviation of the sensor's noise, units of the response.
     resolution : float, default=0.0
@@ -69,7 +81,7 @@ def simulate_loop(
             )
     if not 0.0 < dt < math.inf:
         raise ValueError(f"The 'dt' parameter of simulate_loop must be above 0. Got {dt!r}.")
-    n, control = len(reference), controller.controlling(reference, dt)
+    n, control = len(reference), controller.controlling(reference, dt, u0)
     errors = noise * check_random_state(random_state).standard_normal(n)
     drive, response, reading = np.empty((3, n))
     y = None

@@ -51,7 +51,7 @@ def test_the_step_is_the_sum_of_filters_by_scipy(compensator):
 @pytest.mark.parametrize("damping", [None, DAMPING])
 def test_at_rest_the_drive_stays(notch, damping):
     controller = FeedforwardPI(0.7, 30.0, notch=notch, damping=damping)
-    stepper = controller.stepper(DT, reference=1.5, drive=-0.4)
+    stepper = controller.stepper(DT, reference=1.5, u0=-0.4)
     np.testing.assert_allclose(stepper.run(np.full((50, 2), 1.5)), -0.4, rtol=0.0, atol=1e-13)
 
 
@@ -62,6 +62,16 @@ def test_feedforward_alone_where_the_device_is_known():
     controller = FeedforwardPI(0.7, 30.0, compensator=Ahead(), damping=DAMPING)
     loop = simulate_loop(Stepper(gain.lowered(DT, gain.init(0.0))), controller, reference, DT)
     np.testing.assert_allclose(loop.response, reference, rtol=0.0, atol=1e-13 * np.ptp(reference))
+
+
+@pytest.mark.parametrize("compensator", [None, Ahead()])
+def test_a_loop_is_closed_without_a_bump(compensator):
+    """Around a device at rest, under a drive that feed-forward has wrong."""
+    gain = GainOperator(0.5, 0.3)
+    device = Stepper(gain.lowered(DT, gain.init(0.0)))
+    controller = FeedforwardPI(0.1, 30.0, compensator=compensator, damping=DAMPING)
+    loop = simulate_loop(device, controller, np.full(50, 1.0), DT, u0=1.4)
+    np.testing.assert_allclose(loop.drive, 1.4, rtol=0.0, atol=1e-13)
 
 
 def test_the_notch_takes_a_mode_away():
