@@ -254,7 +254,7 @@ def approach(motor, target, stroke):
     """Walk until the foot can reach the target; return where the runner is, and the steps."""
     steps, where = 0, motor.read()
     while target - where > 0.9 * stroke:
-        n_steps = max(1, int(0.98 * (target - where - 0.05 * stroke) / stroke))
+        n_steps = max(1, int(0.9 * (target - where - 0.05 * stroke) / stroke))
         motor.walk(n_steps)
         before, where = where, motor.read()
         stroke, steps = (where - before) / n_steps, steps + n_steps
