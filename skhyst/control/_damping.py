@@ -40,8 +40,9 @@ class IntegralResonantControl:
         ``natural_frequency`` (rad/s) and ``gain``, such as a fitted
         :class:`~skhyst.linear.SecondOrderMode`.
     damping_ratio : float, default=0.5
-        :math:`\zeta` that the mode shall have. In a loop of proportional-integral control around a
-        mode without other lags, 0.5 has been found to leave the largest bandwidth.
+        :math:`\zeta` that the mode shall have. In proportional-integral loops around a mode without
+        other lags, of those tried from 0.1 to 1.5, 0.5 has left the smallest peak of the
+        sensitivity, and a bandwidth within a hundredth of the largest.
 
     References
     ----------
