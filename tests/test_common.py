@@ -19,7 +19,7 @@ from skhyst._model_files import load_model, save_model
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
-from skhyst.control import InverseCompensator
+from skhyst.control import InverseCompensator, Monitor, Observer
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
 from skhyst.disturbance import Drift, Offset
@@ -65,6 +65,8 @@ EXAMPLES = {
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
     "InverseCompensator": lambda: InverseCompensator(Ridge(), method="learned"),
+    "Observer": lambda: Observer(FirstOrderLag()),
+    "Monitor": lambda: Monitor(Observer(FirstOrderLag())),
     "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
     "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
@@ -97,6 +99,8 @@ MEMORYLESS = {
     "SoftSaturation",
     "Offset",
     "InverseCompensator",  # of a regressor
+    "Observer",  # nothing is predicted from X alone
+    "Monitor",
 }
 
 MEMORY = {

@@ -1,0 +1,284 @@
+r"""Whether a device still is what was identified.
+
+As long as a device is what its model says, the innovations of an observer are noise. What else they
+have in common the fit has left in them, and will again: the autocovariance of the innovations of
+its records gives the filter that makes them white. Sensitivities are differences of observers of
+models with one parameter changed a little, filtered alike. What is decided from the two, and how
+often for nothing, is in :mod:`skhyst.control._local_tests`.
+"""
+
+from copy import copy
+from numbers import Integral, Real
+
+import numpy as np
+from scipy.signal import lfilter
+from sklearn.base import BaseEstimator, MetaEstimatorMixin
+from sklearn.utils.validation import check_is_fitted
+
+from .._sklearn import HasMethods, Interval, fit_context
+from ..base import read_data
+from ..operators import put_beside, take_apart
+from ._local_tests import LocalTests, whitening
+
+_STEP = 1e-6  # of a difference, relative: runs are exact to 1e-12, so rounding is as curvature is
+_AT_ONCE = 1 << 15  # samples
+
+
+class Monitor(MetaEstimatorMixin, BaseEstimator):
+    """Say when a device in service no longer is what was identified, and what has changed.
+
+    Parameters
+    ----------
+    observer : Observer
+        Of the model that was identified.
+    false_alarms : float, default=1e-6
+        Alarms a sample, on average, while nothing has changed.
+    block : int, default=64
+        Samples after which it is decided: about these and about the last 2, 4, 8, ... blocks, up
+        to as many samples as the fit has seen: beyond, the fit is the less certain of the two.
+    parameters : sequence of str, default=None
+        Names of the parameters that may change, as in ``params_`` of the model; by default all of
+        the driven part that the records of the fit tell something of.
+
+    Attributes
+    ----------
+    observer_ : Observer
+        The fitted observer.
+    parameters_ : list of str
+        Names of the parameters that are watched.
+    whitening_ : ndarray of shape (order + 1,)
+        Autoregressive filter that makes the innovations of the fit white.
+    drift_detected : bool
+        Whether the last :meth:`update` has brought an alarm.
+    suspect_ : tuple of str
+        What has changed, the most likely first, and behind it what cannot be told apart from it;
+        ``"gain"`` is all linear parameters by the same share. Empty before the first alarm; what
+        comes behind an alarm makes it sharper, until :meth:`reset`.
+    n_features_in_ : int
+
+    Notes
+    -----
+    The random walk of the observer takes a slow drift of the response, which is no change of a
+    parameter, and what is as slow in others.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.control import Monitor, Observer
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+    >>> rng = np.random.default_rng(0)
+    >>> u = rng.normal(size=6000)
+    >>> noise = 0.01 * rng.normal(size=6000)
+    >>> y = FirstOrderLagOperator(0.05).run(u, 0.01)[0] + noise
+    >>> monitor = Monitor(Observer(FirstOrderLag(dt=0.01))).fit(u[:, None], y)
+    >>> slower = FirstOrderLagOperator(0.055).run(u, 0.01)[0] - noise
+    >>> for k in range(3000):
+    ...     monitor.update(u[k], slower[k])
+    ...     if monitor.drift_detected:
+    ...         break
+    >>> k < 200, monitor.suspect_
+    (True, ('time_constant',))
+    """
+
+    _one_interval = False  # unless its model asks for one
+
+    _parameter_constraints = {
+        "observer": [HasMethods(["fit", "lowered"])],
+        "false_alarms": [Interval(Real, 0, 1, closed="neither")],
+        "block": [Interval(Integral, 1, None, closed="left")],
+        "parameters": ["array-like", None],
+    }
+
+    def __init__(self, observer, *, false_alarms=1e-6, block=64, parameters=None):
+        self.observer = observer
+        self.false_alarms = false_alarms
+        self.block = block
+        self.parameters = parameters
+
+    def __getstate__(self):
+        return {k: v for k, v in super().__getstate__().items() if k != "_columns"}  # compiled
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Fit the observer where it is not fitted, and learn what its innovations are like.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive; the index carries records and time. These are the records of the
+            fit: what they tell of the parameters is taken for what is known of them.
+        y : array-like of shape (n_samples,)
+            What the sensor reads.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If a parameter that is to be watched is none of the model's, or the records tell nothing
+            of any.
+        """
+        read_data(self, X, y, reset=True, dt=getattr(self.observer.model, "dt", 1.0))
+        self.observer_ = self.observer
+        if not hasattr(self.observer, "model_"):  # its model may be fitted: no clone
+            self.observer_ = copy(self.observer).fit(X, y)
+        self._changed, self.whitening_ = self._candidates(), np.ones(1)
+        read = list(self.observer_._rows(X, y))
+        self._n_read = read[0][0].shape[1]
+        records = [_Columns(self, dt, u[0]).run(rows) for rows, u, dt in read]
+        self.whitening_ = whitening([record[:, 0] for record in records])
+        white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
+        scales = np.sqrt(np.einsum("ki,ki->i", white, white))
+        told = scales > 0.0
+        if not told[1:].any():
+            raise ValueError("The records tell nothing of a parameter that Monitor may watch.")
+        self._changed = [
+            own for own, is_told in zip(self._changed, told[1:], strict=True) if is_told
+        ]
+        self.parameters_ = [name for name, *_ in self._changed]
+        white, dof = (white / scales)[:, told], len(white) - int(told.sum()) + 1
+        # innovations of unit variance, sensitivities of unit information
+        self._scales = scales[told] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
+        lengths = [self.block]
+        while 2 * lengths[-1] <= len(white):
+            lengths.append(2 * lengths[-1])
+        self._tests = LocalTests(white[:, 1:].T @ white[:, 1:], dof, self.false_alarms, lengths)
+        return self.reset()
+
+    def reset(self):
+        """Forget all samples: the next one is the first of a device at rest."""
+        self._tests.reset()
+        self._columns, self._rows = None, []
+        self._detected = False
+        return self
+
+    def update(self, u, y):
+        """Take the drive and the reading at the next sample.
+
+        Parameters
+        ----------
+        u : float, or array-like of shape (n_inputs,)
+        y : float
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite; nothing has changed then.
+        """
+        check_is_fitted(self)
+        row = np.append(u, y).astype(float)
+        if len(row) != self._n_read or not np.isfinite(row).all():
+            raise ValueError(
+                f"The drive and the reading must be {self._n_read} finite numbers in all. Got "
+                f"{row!r} instead."
+            )
+        if getattr(self, "_columns", None) is None:
+            self._columns, self._rows = _Columns(self, self.observer_._interval(None), u), []
+        self._rows.append(row)
+        self._detected = False
+        if len(self._rows) == self.block:
+            self._detected = bool(self._decide(self._columns, np.array(self._rows))[0])
+            self._rows = []
+
+    def alarms(self, X, y):
+        """Return the samples of records at which there is an alarm.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+        y : array-like of shape (n_samples,)
+            What the sensor reads. Each record begins at rest; what is left of it behind its last
+            whole block is not used. ``suspect_`` is that of the last record.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Of bool.
+        """
+        check_is_fitted(self)
+        found, n = [], max(_AT_ONCE // self.block, 1) * self.block
+        for rows, u, dt in self.observer_._rows(X, y):
+            self.reset()
+            columns, own = _Columns(self, dt, u[0]), np.zeros(len(rows), dtype=bool)
+            whole = len(rows) // self.block * self.block
+            for start in range(0, whole, n):
+                part = slice(start, min(start + n, whole))
+                own[part][self.block - 1 :: self.block] = self._decide(columns, rows[part])
+            found.append(own)
+        return np.concatenate(found)
+
+    @property
+    def drift_detected(self):
+        check_is_fitted(self)
+        return self._detected
+
+    @property
+    def suspect_(self):
+        check_is_fitted(self)
+        names, directions = list(self.parameters_), np.eye(len(self.parameters_))
+        gain = np.array([value * linear for _, value, linear, *_ in self._changed])
+        if np.count_nonzero(gain) > 1:
+            names.append("gain")
+            directions = np.vstack([directions, gain * self._scales[1:]])
+        return tuple(names[i] for i in self._tests.suspects(directions))
+
+    def _decide(self, columns, rows):
+        """Return whether there is an alarm at the end of each block of rows."""
+        white = (columns.run(rows) / self._scales).reshape(-1, self.block, len(self._scales))
+        sums = white[:, :, 1:].swapaxes(1, 2) @ white
+        return self._tests.decide(sums[:, :, 0], sums[:, :, 1:])
+
+    def _candidates(self):
+        """Return name, value, whether it is linear, step, and the operator a step off, of each."""
+        driven, beside = take_apart(self.observer_.model_.operator_)
+        values, entries = driven.pack(), driven.entries()
+        held = self.observer_.model_.held_parameters()
+        taken = driven.gauge_mask() | np.array([name in held for name, _ in entries])
+        if self.observer_.disturbance is not None:  # it takes what is constant, too
+            taken = taken | driven.constant_mask()
+        linear = driven.linear_mask() & ~driven.constant_mask()
+        wanted = [name for (name, _), own in zip(entries, taken, strict=True) if not own]
+        if self.parameters is not None:
+            unknown = set(self.parameters) - {name for name, _ in entries}
+            if unknown:
+                raise ValueError(
+                    f"The 'parameters' parameter of Monitor must be names out of {wanted}. "
+                    f"Got {sorted(unknown)} instead."
+                )
+            wanted = list(self.parameters)
+        found = []
+        for i, (name, spec) in enumerate(entries):
+            if name in wanted:
+                step = _STEP * (abs(values[i]) or self._uncertainty(name))
+                step = -step if values[i] + step > spec.upper else step
+                moved = values.copy()
+                moved[i] += step
+                other = put_beside(driven.unpack(moved), beside)
+                found.append((name, values[i], linear[i], moved[i] - values[i], other))
+        return found
+
+    def _uncertainty(self, name):
+        """Return the standard error of a parameter, 1 where there is none."""
+        std = self.observer_.model_.params_std_.get(name, 1.0)
+        return std if 0.0 < std < np.inf else 1.0
+
+
+class _Columns:
+    """White innovations of a record and their sensitivities, as the samples come."""
+
+    def __init__(self, monitor, dt, u0):
+        operators = [None, *(own for *_, own in monitor._changed)]
+        self.innovations = [monitor.observer_.following(dt, u0, own) for own in operators]
+        self.steps = np.array([step for *_, step, _ in monitor._changed])
+        self.whitening = monitor.whitening_
+        self.past = np.zeros((len(self.whitening) - 1, len(operators)))
+
+    def run(self, rows):
+        """Return innovations and sensitivities (n_samples, 1 + p) of the next rows."""
+        columns = np.column_stack([innovations(rows) for innovations in self.innovations])
+        columns[:, 1:] = (columns[:, :1] - columns[:, 1:]) / self.steps
+        if len(self.past):
+            columns, self.past = lfilter(self.whitening, 1.0, columns, axis=0, zi=self.past)
+        return columns

@@ -1,0 +1,307 @@
+"""What a device does, from its model and from what a sensor reads.
+
+The hysteresis of a model is driven by the drive, which is known, so that its state is known too.
+What is uncertain is linear: motion of the linear stages behind it that the drive does not explain,
+and an output that drifts. A Kalman filter estimates them, see :mod:`skhyst.control._kalman`.
+"""
+
+from numbers import Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, MetaEstimatorMixin
+from sklearn.utils.validation import check_is_fitted
+
+from .._sklearn import HasMethods, Interval, StrOptions, fit_context
+from ..base import ParametricModel, read_data
+from ..operators import Stepper
+from ._compensator import _fitted
+from ._kalman import LoweredObserver, most_likely, stationary, tail_of
+
+
+class Observer(MetaEstimatorMixin, BaseEstimator):
+    r"""Estimate the response of a device from its model and a noisy reading, sample by sample.
+
+    Parameters
+    ----------
+    model : estimator
+        A parametric model of skhyst or a cascade of them.
+    disturbance : {"random_walk", None}, default="random_walk"
+        What stands beside the response of the model: a random walk that takes what drifts.
+    noise_std : float, default=None
+        Standard deviation of the sensor's noise, units of the response.
+    drift_std : float, default=None
+        Standard deviation of what the random walk goes in a second, units of the response.
+    process_std : float, default=None
+        Standard deviation of the motion of the linear stages behind the hysteresis that the drive
+        does not explain, units of the response.
+
+    Attributes
+    ----------
+    model_ : estimator
+        The fitted model.
+    noise_std_, drift_std_, process_std_ : float
+        As given, or else those under which the residual of the records of the fit is most likely.
+    estimate, disturbance_estimate : float
+        Response at the last sample, without noise, and the part of it that has drifted.
+    innovation, innovation_std : float
+        Last reading less what was foretold of it, and how large that is usually.
+    state : ndarray
+        All that is remembered: a copy, which may be kept and assigned again.
+    n_features_in_ : int
+
+    Notes
+    -----
+    The hysteresis, and all in front of the last linear stages, follows the drive alone. What varies
+    less than ``n`` samples of a record can tell is not known: estimated variances are at least
+    that of the noise over ``n`` for the motion and over ``n**2`` for a sample's step of the walk.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.control import Observer
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.cumsum(rng.normal(size=2000)) / 10.0
+    >>> y, _ = FirstOrderLagOperator(0.05).run(u, 0.01)
+    >>> reading = y + 0.1 * rng.normal(size=2000)
+    >>> observer = Observer(FirstOrderLag(dt=0.01), drift_std=0.1).fit(u[:, None], reading)
+    >>> print(f"{observer.noise_std_:.2f}")
+    0.10
+    >>> for k in range(2000):  # a device that has shifted
+    ...     estimate = observer.update(u[k], reading[k] + 0.5)
+    >>> print(f"{estimate - y[-1]:.1f}")
+    0.5
+    """
+
+    _one_interval = False  # unless its model asks for one
+
+    _parameter_constraints = {
+        "model": [HasMethods(["fit", "predict"])],
+        "disturbance": [StrOptions({"random_walk"}), None],
+        "noise_std": [Interval(Real, 0, None, closed="neither"), None],
+        "drift_std": [Interval(Real, 0, None, closed="left"), None],
+        "process_std": [Interval(Real, 0, None, closed="left"), None],
+    }
+
+    def __init__(
+        self,
+        model,
+        *,
+        disturbance="random_walk",
+        noise_std=None,
+        drift_std=None,
+        process_std=None,
+    ):
+        self.model = model
+        self.disturbance = disturbance
+        self.noise_std = noise_std
+        self.drift_std = drift_std
+        self.process_std = process_std
+
+    def __getstate__(self):
+        return {k: v for k, v in super().__getstate__().items() if k != "_stream"}  # compiled
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Fit the model where it is not fitted, and estimate the variances that are not given.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            Column 0 is the drive; the index carries records and time.
+        y : array-like of shape (n_samples,)
+            What the sensor reads.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        TypeError
+            If the model is not a parametric model of skhyst.
+        """
+        slices, _, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
+        self.model_ = _fitted(self.model, X, y)
+        if not isinstance(self.model_, ParametricModel):
+            raise TypeError(
+                "The 'model' parameter of Observer must be a parametric model of skhyst. "
+                f"Got {self.model!r} instead."
+            )
+        left = response - self.model_.predict(X)
+        records = [(left[s.rows], s.dt) for s in slices]
+        rounding = (np.finfo(float).eps * np.abs(response).max()) ** 2 or np.finfo(float).tiny
+        tail = tail_of(self.model_.operator_)
+        variances = most_likely(tail, records, self._given(), rounding)
+        self.noise_std_, self.drift_std_, self.process_std_ = map(float, np.sqrt(variances))
+        self.reset()
+        return self
+
+    def filter(self, X, y):
+        """Return the estimates of the response in records, each from rest.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+        y : array-like of shape (n_samples,)
+            What the sensor reads; that of a sample and all before it is used for its estimate.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response.
+        """
+        return np.concatenate(
+            [self.stepper(dt, u[0]).run(rows) for rows, u, dt in self._rows(X, y)]
+        )
+
+    def innovations(self, X, y):
+        """Return each reading less what was foretold of it, (n_samples,), units of the response.
+
+        ``X`` and ``y`` are as for :meth:`filter`.
+        """
+        parts = [self.following(dt, u[0])(rows) for rows, u, dt in self._rows(X, y)]
+        return np.concatenate(parts)
+
+    def lowered(self, dt=None, u0=0.0):
+        """Return one step in plain arithmetic, as :func:`skhyst.export.to_c` writes it.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            Sampling interval in s; by default that of the records of the fit.
+        u0 : float or array-like of shape (n_inputs,), default=0.0
+            Drive at which the device rests before.
+
+        Returns
+        -------
+        Lowered
+            Its input is a row of the drive (and what else the model reads) and of the reading, its
+            output the estimate.
+        """
+        check_is_fitted(self)
+        return self._lowered(self._interval(dt), u0, self.model_.operator_)
+
+    def stepper(self, dt=None, u0=0.0):
+        """Return the observer as a device that is fed rows of drive and reading.
+
+        Parameters
+        ----------
+        dt, u0
+            As for :meth:`lowered`.
+
+        Returns
+        -------
+        Stepper
+            ``step([u, y]) -> estimate``, ``run(rows)``, ``state``, ``copy()``.
+        """
+        return Stepper(self.lowered(dt, u0))
+
+    def following(self, dt, u0, operator=None):
+        """Return a function of the next rows (n_samples, n_inputs) that returns their innovations.
+
+        Parameters
+        ----------
+        dt, u0
+            As for :meth:`lowered`.
+        operator : Operator, default=None
+            Another one of the same structure in the place of that of the model.
+        """
+        stepper = Stepper(self._lowered(dt, u0, operator or self.model_.operator_))
+        left = self._filter(dt).left
+        return lambda rows: (rows[:, -1] - stepper.run(rows)) / left
+
+    def reset(self):
+        """Forget all readings: the next sample is the first one of a device at rest."""
+        self._stream = None
+        return self
+
+    def update(self, u, y):
+        """Take the drive and the reading at the next sample, and return the estimate.
+
+        The first sample after the fit or a :meth:`reset` is that of a device at rest.
+
+        Parameters
+        ----------
+        u : float, or array-like of shape (n_inputs,)
+        y : float
+
+        Returns
+        -------
+        float
+            Units of the response.
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite, or the records of the fit have several intervals; nothing has
+            changed then.
+        """
+        check_is_fitted(self)
+        stream = getattr(self, "_stream", None) or self.stepper(None, u)
+        self.estimate = stream.step(np.append(u, y))
+        self._stream = stream
+        return self.estimate
+
+    @property
+    def state(self):
+        return self._streaming().state
+
+    @state.setter
+    def state(self, values):
+        self._streaming().state = values
+
+    @property
+    def innovation(self):
+        return float(self.state[-1 - self._n_states()])
+
+    @property
+    def innovation_std(self):
+        return float(np.sqrt(self._filter(self._interval(None)).variance))
+
+    @property
+    def disturbance_estimate(self):
+        return float(self.state[-2 - self._n_states()])
+
+    def _rows(self, X, y):
+        """Yield rows of the drive and the reading, the drive, and the interval of each record.
+
+        ``X`` and ``y`` are as for :meth:`filter`.
+        """
+        check_is_fitted(self)
+        dt = getattr(self.model_, "dt", 1.0)
+        slices, columns, y = read_data(self, X, y, reset=False, dt=dt)
+        signal = self.model_._signal(columns, slices)
+        for s in slices:
+            yield np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows], s.dt
+
+    def _streaming(self):
+        if getattr(self, "_stream", None) is None:
+            raise AttributeError("The Observer has seen no sample: call 'update' before.")
+        return self._stream
+
+    def _interval(self, dt):
+        intervals = {s.dt for s in self.model_.records_} if dt is None else {float(dt)}
+        if len(intervals) > 1:
+            raise ValueError(
+                "The 'dt' of Observer must be given: the records of the fit have the intervals "
+                f"{sorted(intervals)} s."
+            )
+        return intervals.pop()
+
+    def _lowered(self, dt, u0, operator):
+        u0 = float(u0) if np.ndim(u0) == 0 else np.asarray(u0, dtype=float)
+        model = operator.lowered(dt, operator.init(u0, self.model_._free_run_state()))
+        return LoweredObserver((model, self._filter(dt).lowered()))
+
+    def _given(self):
+        drift = 0.0 if self.disturbance is None else self.drift_std
+        given = (self.noise_std, drift, self.process_std)
+        return [None if value is None else value**2 for value in given]
+
+    def _n_states(self):
+        return len(self._filter(self._interval(None)).gain)
+
+    def _filter(self, dt):
+        variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
+        return stationary(tail_of(self.model_.operator_), dt, *variances)

@@ -1,0 +1,202 @@
+"""The monitor: how often it is wrong, how soon it is right, and what it names."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, sawtooth
+from scipy.stats import kstest
+
+from skhyst.compose import Cascade
+from skhyst.control import Monitor, Observer
+from skhyst.control._local_tests import LocalTests, whitening
+from skhyst.control._monitor import _Columns
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+)
+from skhyst.operators import SeriesOperator
+
+DT, PERIOD, NOISE = 1e-3, 200, 0.02
+WEIGHTS, FREQUENCY, DAMPING = np.array([1.0, 0.4, 0.3]), 2.0 * np.pi * 60.0, 0.03
+
+
+def drive(n, rng):
+    """Return triangles of 5 Hz whose amplitude changes."""
+    periods = np.arange(n) / PERIOD
+    sizes = rng.uniform(2.0, 6.0, int(periods[-1]) + 2)
+    wave = sawtooth(2.0 * np.pi * (periods + 0.25), 0.5)
+    return np.interp(periods, np.arange(len(sizes)), sizes) * wave
+
+
+def respond(u, weights=WEIGHTS, frequency=FREQUENCY, damping=DAMPING):
+    plays = PrandtlIshlinskiiOperator(np.arange(3.0), np.asarray(weights))
+    stages = plays, SecondOrderModeOperator(frequency, damping)
+    return SeriesOperator(("plays", "mode"), stages).run(u, DT)[0]
+
+
+def service(n, rng, start=0, **changed):
+    """Return the drive and the reading of a device that is another one from a sample on."""
+    u = drive(n, rng)
+    noise = NOISE * rng.normal(size=n)
+    return u, np.r_[respond(u)[:start], respond(u, **changed)[start:]] + noise
+
+
+@pytest.fixture(scope="module")
+def monitor():
+    u, y = service(20000, np.random.default_rng(0))
+    steps = [
+        ("plays", PrandtlIshlinskii(thresholds=np.arange(3.0))),
+        ("mode", SecondOrderMode()),
+    ]
+    return Monitor(Observer(Cascade(steps, dt=DT)), false_alarms=1e-4).fit(u[:, None], y)
+
+
+def test_false_alarms(monitor):
+    """A hundred are expected, and fewer only where several lengths tell at once."""
+    u, y = service(1_000_000, np.random.default_rng(1))
+    assert 50 <= monitor.alarms(u[:, None], y).sum() <= 200
+
+
+def test_the_statistic_is_chi_square_whatever_the_directions():
+    """Two of three sensitivities are the same: two degrees of freedom are seen."""
+    rng = np.random.default_rng(0)
+    psi = rng.normal(size=(2000, 50, 3))
+    psi[:, :, 2] = psi[:, :, 1]
+    mixed = rng.normal(size=(3, 3))
+    psi = psi @ mixed
+    known = np.eye(3)
+    information = psi.swapaxes(1, 2) @ psi
+    change = rng.normal(size=(2000, 3))  # of the device, as uncertain as the fit is
+    noise = rng.normal(size=(2000, 50)) + np.einsum("kip,kp->ki", psi, change)
+    scores = np.einsum("kip,ki->kp", psi, noise)
+    tests = LocalTests(known, 10**6, 0.5, [1])
+    statistic, rank = tests._statistics(scores, information)
+    assert (rank == 2).all()
+    assert kstest(statistic, "chi2", args=(2,)).pvalue > 1e-3
+
+
+def test_limits_share_the_rate():
+    """Each length has the same part of the hits a sample."""
+    lengths = 10 * 2 ** np.arange(4)
+    tests = LocalTests(np.eye(2), 10**8, 1e-3, lengths)
+    np.testing.assert_allclose(np.exp(-tests.limits[:, 2] / 2.0) / lengths, 1e-3 / 4.0, rtol=1e-5)
+
+
+def test_colour_that_the_fit_has_left_is_no_change():
+    rng = np.random.default_rng(2)
+
+    def recorded(n):
+        u = drive(n, rng)
+        noise = lfilter([1.0], [1.0, -0.9], NOISE * rng.normal(size=n))
+        return u[:, None], FirstOrderLagOperator(0.05).run(u, DT)[0] + noise
+
+    white = {"disturbance": None, "process_std": 0.0}
+    observer = Observer(FirstOrderLag(dt=DT), **white)
+    monitor = Monitor(observer, false_alarms=1e-3).fit(*recorded(20000))
+    assert monitor.whitening_[1] == pytest.approx(-0.9, abs=0.02)
+    assert 50 <= monitor.alarms(*recorded(100_000)).sum() <= 200
+
+
+def test_whitening_finds_the_filter():
+    noise = lfilter([1.0], [1.0, -1.2, 0.5], np.random.default_rng(0).normal(size=(3, 5000)))
+    np.testing.assert_allclose(whitening(list(noise)), [1.0, -1.2, 0.5], atol=0.03)
+    assert len(whitening([np.random.default_rng(0).normal(size=5000)])) == 1
+
+
+def test_sensitivities_are_tangents(monitor):
+    """Of an observer without noise of its own, the innovations are what the free run leaves."""
+    u, y = service(2000, np.random.default_rng(3))
+    model = monitor.observer_.model_
+    plain = Observer(model, disturbance=None, process_std=0.0)
+    own = Monitor(plain).fit(u[:, None], y)
+    own.whitening_ = np.ones(1)
+    found = _Columns(own, DT, u[0]).run(np.column_stack([u, y]))
+    np.testing.assert_allclose(found[:, 0], y - model.predict(u[:, None]), atol=1e-12)
+    _, tangents = model.operator_.linearize(u, np.empty((len(u), 0)), DT)
+    names = [name for name, _ in model.operator_.entries()]
+    expected = tangents[:, [names.index(name) for name in own.parameters_]]
+    error = np.abs(found[:, 1:] - expected).max(axis=0) / np.abs(expected).max(axis=0)
+    assert error.max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("changed", "name"),
+    [
+        ({"weights": 0.98 * WEIGHTS}, "gain"),
+        ({"weights": WEIGHTS * [1.03, 1.0, 1.0]}, "plays__weights[0]"),
+        ({"weights": WEIGHTS * [1.0, 1.0, 1.1]}, "plays__weights[2]"),
+        ({"frequency": 1.01 * FREQUENCY}, "mode__natural_frequency"),
+        ({"damping": 1.2 * DAMPING}, "mode__damping_ratio"),
+    ],
+)
+def test_a_change_is_found_and_named(monitor, changed, name):
+    u, y = service(14 * PERIOD, np.random.default_rng(4), 4 * PERIOD, **changed)
+    found = np.flatnonzero(monitor.alarms(u[:, None], y))
+    assert found[0] >= 4 * PERIOD
+    assert monitor.suspect_[0] == name
+
+
+def test_what_looks_alike_is_told_together():
+    """Under a slow drive a lag and a damped mode are both a delay."""
+    rng = np.random.default_rng(5)
+
+    def recorded(n, time_constant=2e-3):
+        u = 3.0 * np.sin(2.0 * np.pi * 2.0 * DT * np.arange(n))
+        y = FirstOrderLagOperator(time_constant).run(u, DT)[0]
+        return u[:, None], y + 1e-3 * rng.normal(size=n)
+
+    u = rng.normal(size=20000)
+    mode = SecondOrderModeOperator(1000.0, 0.5)
+    stages = FirstOrderLagOperator(2e-3), mode
+    series = SeriesOperator(("lag", "mode"), stages)
+    y = series.run(u, DT)[0] + 1e-3 * rng.normal(size=len(u))
+    model = Cascade([("lag", FirstOrderLag()), ("mode", SecondOrderMode())], dt=DT)
+    monitor = Monitor(Observer(model)).fit(u[:, None], y)
+    u, y = recorded(4000, 2.1e-3)
+    monitor.alarms(u, mode.run(y, DT)[0])
+    assert {"lag__time_constant", "mode__damping_ratio"} <= set(monitor.suspect_)
+
+
+def test_samples_one_by_one(monitor):
+    u, y = service(1500, np.random.default_rng(6), 700, frequency=1.02 * FREQUENCY)
+    expected = monitor.alarms(u[:, None], y)
+    suspect = monitor.suspect_
+    assert suspect
+    monitor.reset()
+    assert monitor.suspect_ == ()
+    found = []
+    for row in zip(u, y, strict=True):
+        monitor.update(*row)
+        found.append(monitor.drift_detected)
+    np.testing.assert_array_equal(found, expected)
+    assert monitor.suspect_ == suspect
+    again = pickle.loads(pickle.dumps(monitor))
+    assert again.suspect_ == suspect
+    np.testing.assert_array_equal(again.alarms(u[:, None], y), expected)
+
+
+def test_what_is_refused_changes_nothing(monitor):
+    u, y = service(130, np.random.default_rng(7))
+    expected = monitor.alarms(u[:, None], y)
+    monitor.reset()
+    for k in range(130):
+        for row in ((np.nan, y[k]), (u[k], np.inf), ([u[k], 0.0], y[k])):
+            with pytest.raises(ValueError, match="must be 2 finite numbers"):
+                monitor.update(*row)
+        monitor.update(u[k], y[k])
+        assert monitor.drift_detected == expected[k]
+
+
+def test_parameters_to_watch(monitor):
+    u, y = service(20000, np.random.default_rng(0))
+    names = ["mode__natural_frequency", "mode__damping_ratio"]
+    some = Monitor(monitor.observer_, parameters=names).fit(u[:, None], y)
+    assert some.parameters_ == names
+    with pytest.raises(ValueError, match=r"'parameters' parameter of Monitor .* Got \['gain'\]"):
+        Monitor(monitor.observer_, parameters=["gain"]).fit(u[:, None], y)
+    with pytest.raises(ValueError, match="tell nothing"):
+        Monitor(monitor.observer_).fit(0.0 * u[:, None], y)

@@ -1,0 +1,212 @@
+"""The observer: what theory says of Kalman filters."""
+
+import pickle
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from sklearn.linear_model import Ridge
+from sklearn.utils.validation import NotFittedError
+
+from skhyst.compose import Cascade
+from skhyst.control import Observer
+from skhyst.export import to_c
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+)
+
+DT, N = 1e-3, 8000
+PLAYS = PrandtlIshlinskiiOperator(np.arange(3.0), np.array([1.0, 0.4, 0.3]))
+MODE, LAG = SecondOrderModeOperator(400.0, 0.05), FirstOrderLagOperator(4e-3)
+NOISE, DRIFT, PROCESS = 0.05, 0.3, 0.1
+
+
+def stds(observer):
+    return observer.noise_std_, observer.drift_std_, observer.process_std_
+
+
+@pytest.fixture(scope="module")
+def data():
+    """A device that is the model, with a random walk, unknown motion, and noise."""
+    rng = np.random.default_rng(0)
+    u = 3.0 * np.sin(np.cumsum(rng.normal(0.05, 0.05, N)))
+    true, _ = LAG.run(MODE.run(PLAYS.run(u, DT)[0], DT)[0], DT)
+    stray = LAG.run(MODE.run(np.repeat(rng.normal(size=N), 1), DT)[0], DT)[0]
+    true = true + PROCESS * stray / stray.std() + DRIFT * np.sqrt(DT) * rng.normal(size=N).cumsum()
+    return u[:, None], true, true + NOISE * rng.normal(size=N)
+
+
+@pytest.fixture(scope="module")
+def observer(data):
+    u, _, reading = data
+    steps = [
+        ("plays", PrandtlIshlinskii(thresholds=np.arange(3.0))),
+        ("mode", SecondOrderMode()),
+        ("lag", FirstOrderLag()),
+    ]
+    return Observer(Cascade(steps, dt=DT).fit(u, reading)).fit(u, reading)
+
+
+def recursion(operator, variances, u, reading):
+    """Return the estimates of a plain Kalman filter of all linear states, with all covariances."""
+    plays, *linear = operator.stages
+    v, _ = plays.run(u, DT)
+    (a1, p1, q1, c1, _), (a2, p2, q2, c2, _) = (stage.discrete(DT) for stage in linear)
+    n1, n = len(p1), len(p1) + len(p2) + 1
+    f, before, now = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    f[:n1, :n1], before[:n1], now[:n1] = a1, p1, q1
+    # the second stage sees the output of the first before and now
+    f[n1:-1, :n1] = np.outer(p2, c1) + np.outer(q2, c1 @ a1)
+    f[n1:-1, n1:-1], f[-1, -1] = a2, 1.0
+    before[n1:-1], now[n1:-1] = q2 * (c1 @ p1), q2 * (c1 @ q1)
+    h, g = np.r_[np.zeros(n1), c2, 1.0], before + now
+    noise, drift, process = variances
+    x1 = linear[0].init(v[0])[0]
+    x = np.r_[x1, linear[1].init(c1 @ x1)[0], 0.0]
+    # the motion's variance, of unit input, by the sum of its impulse response
+    response, size = g.copy(), 0.0
+    for _ in range(20000):
+        size, response = size + (h @ response) ** 2, f @ response
+    q = process / size * np.outer(g, g)
+    q[-1, -1] += drift * DT
+    p, estimates = q.copy(), np.empty(len(u))
+    for _ in range(20000):  # until it is stationary
+        k = p @ h / (h @ p @ h + noise)
+        p = f @ (p - np.outer(k, h @ p)) @ f.T + q
+    last = v[0]
+    for i in range(len(u)):
+        x = f @ x + before * last + now * v[i]
+        last = v[i]
+        x = x + k * (reading[i] - operator.stages[-1].intercept - h @ x)
+        estimates[i] = operator.stages[-1].intercept + h @ x
+    return estimates, h @ p @ h + noise
+
+
+def test_it_is_the_kalman_filter_of_all_linear_states(observer, data):
+    u, _, reading = data
+    operator, own = observer.model_.operator_, [std**2 for std in stds(observer)]
+    expected, variance = recursion(operator, own, u[:1000, 0], reading[:1000])
+    found = observer.filter(u[:1000], reading[:1000])
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.ptp(reading))
+    for values in zip(u[:3, 0], reading, strict=False):
+        observer.update(*values)
+    assert observer.innovation_std == pytest.approx(np.sqrt(variance), rel=1e-9)
+    observer.reset()
+
+
+def test_the_variances_are_those_of_the_device(observer):
+    np.testing.assert_allclose(stds(observer), (NOISE, DRIFT, PROCESS), rtol=0.15)
+
+
+def test_innovations_are_white(observer, data):
+    u, _, reading = data
+    e = observer.innovations(u, reading)
+    correlations = [e[lag:] @ e[:-lag] / (e @ e) for lag in range(1, 21)]
+    # chi-square of 20 degrees of freedom, one in a thousand
+    assert N * np.square(correlations).sum() < 45.3
+
+
+def test_the_estimate_is_better_than_model_and_reading(observer, data):
+    u, true, reading = data
+    error = np.std(observer.filter(u, reading) - true)
+    assert error < 0.7 * NOISE
+    assert error < 0.5 * np.std(observer.model_.predict(u) - true)
+
+
+def test_samples_one_by_one(observer, data):
+    u, _, reading = data
+    expected = observer.filter(u[:300], reading[:300])
+    innovations = observer.innovations(u[:300], reading[:300])
+    found = [observer.update(*row) for row in zip(u[:200, 0], reading, strict=False)]
+    np.testing.assert_allclose(found, expected[:200], rtol=1e-12)
+    assert observer.innovation == pytest.approx(innovations[199])
+    state = observer.state
+    for _ in range(2):  # and again from there
+        observer.state = state
+        later = [observer.update(*row) for row in zip(u[200:300, 0], reading[200:], strict=False)]
+        np.testing.assert_allclose(later, expected[200:], rtol=1e-12)
+    observer.reset()
+    assert observer.update(u[0, 0], reading[0]) == expected[0]
+
+
+def test_what_is_refused_changes_nothing(observer, data):
+    u, _, reading = data
+    observer.reset()
+    with pytest.raises(ValueError, match="finite"):
+        observer.update(np.nan, 0.0)
+    with pytest.raises(AttributeError, match="has seen no sample"):
+        observer.state  # noqa: B018
+    expected = observer.update(u[0, 0], reading[0])
+    state = observer.state
+    for row in ((0.0, np.nan), (np.inf, 0.0)):
+        with pytest.raises(ValueError, match="finite"):
+            observer.update(*row)
+        np.testing.assert_array_equal(observer.state, state)
+    assert observer.estimate == expected
+
+
+def test_an_offset_goes_to_the_walk(observer, data):
+    u, true, reading = data
+    observer.reset()
+    for row in zip(u[:, 0], true + 7.0, strict=True):
+        observer.update(*row)
+    observer_of_same = Observer(observer.model_).fit(u, reading)
+    for row in zip(u[:, 0], true, strict=True):
+        observer_of_same.update(*row)
+    shift = observer.disturbance_estimate - observer_of_same.disturbance_estimate
+    assert shift == pytest.approx(7.0, abs=0.01)
+    observer.reset()
+
+
+def test_without_noise_of_its_own_it_is_the_free_run(observer, data):
+    u, _, reading = data
+    alone = Observer(observer.model_, disturbance=None, process_std=0.0).fit(u, reading)
+    np.testing.assert_allclose(alone.filter(u, reading), alone.model_.predict(u), atol=1e-12)
+    left = reading - alone.model_.predict(u)
+    assert alone.noise_std_ == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
+
+
+def test_given_variances_are_kept(observer, data):
+    given = Observer(observer.model_, noise_std=0.2, drift_std=0.1, process_std=0.3).fit(
+        data[0], data[2]
+    )
+    np.testing.assert_allclose(stds(given), (0.2, 0.1, 0.3))
+
+
+def test_a_perfect_recording():
+    u = np.sin(0.1 * np.arange(400))
+    y, _ = LAG.run(u, DT)
+    observer = Observer(FirstOrderLag(dt=DT)).fit(u[:, None], y)
+    assert 0.0 < observer.noise_std_ < 1e-6
+    np.testing.assert_allclose(observer.filter(u[:, None], y), y, atol=1e-6)
+
+
+def test_pickled_in_service(observer, data):
+    u, _, reading = data
+    observer.update(u[0, 0], reading[0])
+    again = pickle.loads(pickle.dumps(observer))
+    np.testing.assert_array_equal(
+        again.filter(u[:50], reading[:50]), observer.filter(u[:50], reading[:50])
+    )
+    observer.reset()
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no compiler")
+def test_it_is_written_as_c(observer, tmp_path):
+    to_c(observer.lowered(), tmp_path, "observer", dt=DT)
+    command = ["cc", "-std=c99", "-Wall", "-Werror", "-o", "program", "observer_test.c"]
+    subprocess.run([*command, "observer.c", "-lm"], cwd=tmp_path, check=True)
+    assert subprocess.run("./program", cwd=tmp_path).returncode == 0
+
+
+def test_wrong_models(data):
+    u, _, reading = data
+    with pytest.raises(TypeError, match="'model' parameter of Observer must be a parametric model"):
+        Observer(Ridge()).fit(u, reading)
+    with pytest.raises(NotFittedError):
+        Observer(FirstOrderLag()).update(0.0, 0.0)
