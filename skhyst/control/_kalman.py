@@ -54,16 +54,36 @@ def correction_step(r, c, s):
     return corrected
 
 
+@dataclass(frozen=True)
 class LoweredObserver(LoweredParts):
     """The estimate of a response, from a row of the drive and the reading, which comes last.
 
-    The parts are the step of a model and that of the filter of what it leaves.
+    Parameters
+    ----------
+    parts : tuple of two Lowered
+        The step of a model and that of the filter of what it leaves.
+    variance : float
+        Of the innovations.
     """
+
+    variance: float
 
     @property
     def n_inputs(self):
         """Columns of the input that are read."""
         return (self.parts[0].n_inputs or 1) + 1
+
+    def read(self, s):
+        """Return the walk, the last innovation and its standard deviation out of a state."""
+        n = len(self.parts[1].constants[1])
+        return s[-2 - n], s[-1 - n], np.sqrt(self.variance)
+
+    def innovating(self, s):
+        """Return a function of the next rows that returns their innovations, and changes ``s``."""
+        run = self.streaming(s)
+        _, gain, output = self.parts[1].constants
+        left = 1.0 - output @ gain  # of an innovation, beside what goes to the estimate
+        return lambda rows: (rows[:, -1] - run(rows)) / left
 
     def _joined(self, functions):
         model, correction = functions
@@ -85,11 +105,6 @@ class Filter:
     output: np.ndarray
     variance: float
 
-    @property
-    def left(self):
-        """Part of an innovation that is not taken into the estimate."""
-        return 1.0 - self.output @ self.gain
-
     def lowered(self):
         """Return the step from what a free run leaves to the part of it that is no noise."""
         constants = self.transition, self.gain, self.output
@@ -98,7 +113,13 @@ class Filter:
     def innovations(self, left):
         """Return the innovations of a record that a free run has left (n_samples,)."""
         step = self.lowered()
-        return (left - step.streaming(step.state.copy())(left)) / self.left
+        corrected = step.streaming(step.state.copy())(left)
+        return (left - corrected) / (1.0 - self.output @ self.gain)
+
+
+def stages_of(driven):
+    """Return the stages of a series, or the operator as the only one."""
+    return driven.stages if isinstance(driven, SeriesOperator) else (driven,)
 
 
 def tail_of(operator):
@@ -107,9 +128,8 @@ def tail_of(operator):
     A stage whose motion has hysteresis within it counts as the mode that it is without.
     """
     driven, _ = take_apart(operator)
-    stages = driven.stages if isinstance(driven, SeriesOperator) else (driven,)
     tail = []
-    for stage in reversed(stages):
+    for stage in reversed(stages_of(driven)):
         if not _is_linear(stage):
             mode = None if stage.at_once else stage.linear_mode()
             return [mode, *tail] if mode else tail
@@ -129,7 +149,7 @@ def stationary(tail, dt, noise, drift, process):
         Variances of the noise, of the way of the random walk in a second, and of the motion of the
         stages, in units of the response squared.
     """
-    a, b, c = _driven(tail, dt)
+    a, b, c, _ = driven_by_noise(tail, dt)
     n = len(b)
     transition, output = block_diag(a, 1.0), np.append(c, 1.0)
     moved = np.zeros((n + 1, n + 1))
@@ -161,7 +181,7 @@ def most_likely(tail, records, given, smallest):
     """
     n, dt = sum(len(left) for left, _ in records), records[0][1]
     given = list(given)
-    if not len(_driven(tail, dt)[1]):
+    if not len(driven_by_noise(tail, dt)[1]):
         given[2] = 0.0
     free = [i for i, value in enumerate(given) if value is None]
 
@@ -204,10 +224,11 @@ def _is_linear(stage):
     return all(hasattr(part, "discrete") for part in (stage, *getattr(stage, "stages", ())))
 
 
-def _driven(tail, dt):
+def driven_by_noise(tail, dt):
     """Return A (n, n), B and C (n,) of stages in series whose input is held for an interval.
 
-    B is scaled so that white noise as the input makes the output vary by one. Stages that never
+    B is scaled so that white noise as the input makes the output vary by one; last is the standard
+    deviation that the input itself has then. Stages that never
     come to rest are left out: their state is that of the random walk.
     """
     matrices = [stage.discrete(dt) for stage in tail]
@@ -224,6 +245,7 @@ def _driven(tail, dt):
     step = np.concatenate([np.empty((0, n + 1)), *rows])
     a, b, c = step[:, :n], step[:, n], before[:n]
     if n == 0 or np.abs(np.linalg.eigvals(a)).max() >= 1.0:
-        return np.empty((0, 0)), np.empty(0), np.empty(0)
+        return np.empty((0, 0)), np.empty(0), np.empty(0), 0.0
     size = c @ solve_discrete_lyapunov(a, np.outer(b, b)) @ c
-    return a, b / np.sqrt(size) if size > 0.0 else 0.0 * b, c
+    scale = 1.0 / np.sqrt(size) if size > 0.0 else 0.0
+    return a, scale * b, c, scale

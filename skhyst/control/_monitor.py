@@ -4,7 +4,8 @@ As long as a device is what its model says, the innovations of an observer are n
 have in common the fit has left in them, and will again: the autocovariance of the innovations of
 its records gives the filter that makes them white. Sensitivities are differences of observers of
 models with one parameter changed a little, filtered alike. What is decided from the two, and how
-often for nothing, is in :mod:`skhyst.control._local_tests`.
+often for nothing, is in :mod:`skhyst.control._local_tests`; what it was that has changed, in
+:mod:`skhyst.control._suspects`.
 """
 
 from copy import copy
@@ -19,8 +20,10 @@ from .._sklearn import HasMethods, Interval, fit_context
 from ..base import read_data
 from ..operators import put_beside, take_apart
 from ._local_tests import LocalTests, whitening
+from ._suspects import suspects
 
-_STEP = 1e-6  # of a difference, relative: runs are exact to 1e-12, so rounding is as curvature is
+_EXACT = 1e-12  # of the response: rounding of runs
+_STEP = np.sqrt(_EXACT)  # of a difference, relative: rounding is as curvature is
 _AT_ONCE = 1 << 15  # samples
 
 
@@ -131,27 +134,35 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self.whitening_ = whitening([record[:, 0] for record in records])
         white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
-        told = scales > 0.0
+        steps = np.array([step for *_, step, _ in self._changed])
+        size = np.sqrt(sum(rows[:, -1] @ rows[:, -1] for rows, *_ in read))
+        told = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
+        if len(white) < self.block + len(scales):
+            raise ValueError(
+                f"Monitor needs records of {self.block + len(scales)} samples or more in all. Got "
+                f"{len(white)} instead."
+            )
         if not told[1:].any():
             raise ValueError("The records tell nothing of a parameter that Monitor may watch.")
         self._changed = [
             own for own, is_told in zip(self._changed, told[1:], strict=True) if is_told
         ]
         self.parameters_ = [name for name, *_ in self._changed]
-        white, dof = (white / scales)[:, told], len(white) - int(told.sum()) + 1
+        dof, self._n_kept = len(white) - len(self._changed), len(white)
         # innovations of unit variance, sensitivities of unit information
         self._scales = scales[told] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
-        lengths = [self.block]
-        while 2 * lengths[-1] <= len(white):
-            lengths.append(2 * lengths[-1])
-        self._tests = LocalTests(white[:, 1:].T @ white[:, 1:], dof, self.false_alarms, lengths)
+        white = white[:, told] / self._scales
+        # the fit as the innovations see it, which have other weights than the residual
+        self._shift = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+        sums = self._sums(white[: len(white) // self.block * self.block])
+        self._tests = LocalTests(*sums, dof, self.false_alarms, self.block)
         return self.reset()
 
     def reset(self):
         """Forget all samples: the next one is the first of a device at rest."""
         self._tests.reset()
         self._columns, self._rows = None, []
-        self._detected = False
+        self._detected, self._evidence = False, None
         return self
 
     def update(self, u, y):
@@ -217,18 +228,63 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     @property
     def suspect_(self):
         check_is_fitted(self)
+        if self._evidence is None:
+            return ()
         names, directions = list(self.parameters_), np.eye(len(self.parameters_))
-        gain = np.array([value * linear for _, value, linear, *_ in self._changed])
-        if np.count_nonzero(gain) > 1:
+        values, linear = (np.array(part) for part in list(zip(*self._changed, strict=True))[1:3])
+        if np.count_nonzero(values * linear) > 1:
             names.append("gain")
-            directions = np.vstack([directions, gain * self._scales[1:]])
-        return tuple(names[i] for i in self._tests.suspects(directions))
+            directions, values = np.vstack([directions, values * linear]), np.append(values, 1.0)
+        # the information of the fit is that of scaled parameters, of a diagonal of ones
+        scaled = directions * self._scales[1:] / self._scales[0]
+        units = 1.0 / np.sqrt(np.einsum("mp,pq,mq->m", scaled, self._tests.known, scaled))
+        left = self._left_by(directions)
+        return tuple(names[i] for i in suspects(left, units, values))
+
+    def _left_by(self, directions):
+        """Return the sum of squares that changes along directions leave, for :func:`suspects`."""
+        state, dt, rows = self._evidence
+        columns = _Columns(self, dt, rows[0, :-1], state)
+        known = columns.run(rows)[:, 1:] / self._scales[1:] @ self._shift
+        driven, beside = take_apart(self.observer_.model_.operator_)
+        names = [name for name, _ in driven.entries()]
+        places = [names.index(name) for name in self.parameters_]
+
+        def left(i, change):
+            values = driven.pack()
+            values[places] += change * directions[i]
+            try:
+                other = put_beside(driven.unpack(values), beside)
+                lowered = self.observer_.lowered(dt, columns.u0, other)
+            except ValueError:  # no such device
+                return np.inf
+            e = lowered.innovating(state.copy())(rows)
+            white = lfilter(self.whitening_, 1.0, e) / self._scales[0] - known
+            total = white @ white
+            return total if np.isfinite(total) else np.inf
+
+        return left
 
     def _decide(self, columns, rows):
         """Return whether there is an alarm at the end of each block of rows."""
-        white = (columns.run(rows) / self._scales).reshape(-1, self.block, len(self._scales))
-        sums = white[:, :, 1:].swapaxes(1, 2) @ white
-        return self._tests.decide(sums[:, :, 0], sums[:, :, 1:])
+        before = columns.states[0].copy()
+        found = self._tests.decide(*self._sums(columns.run(rows) / self._scales))
+        if self._evidence is not None:
+            state, dt, own = self._evidence
+            if len(own) < self._n_kept:
+                self._evidence = state, dt, np.concatenate([own, rows])[: self._n_kept]
+        elif found.any():
+            first = int(np.argmax(found)) * self.block
+            columns.lowered.innovating(before)(rows[:first])
+            self._evidence = before, columns.dt, rows[first:][: self._n_kept]
+        return found
+
+    def _sums(self, white):
+        """Return the scores (n_blocks, p) and the information (n_blocks, p, p) of blocks."""
+        white = white.reshape(-1, self.block, len(self._scales))
+        psi = white[:, :, 1:]
+        left = white[:, :, :1] - psi @ self._shift[:, None]
+        return (psi.swapaxes(1, 2) @ left)[:, :, 0], psi.swapaxes(1, 2) @ psi
 
     def _candidates(self):
         """Return name, value, whether it is linear, step, and the operator a step off, of each."""
@@ -268,9 +324,13 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 class _Columns:
     """White innovations of a record and their sensitivities, as the samples come."""
 
-    def __init__(self, monitor, dt, u0):
-        operators = [None, *(own for *_, own in monitor._changed)]
-        self.innovations = [monitor.observer_.following(dt, u0, own) for own in operators]
+    def __init__(self, monitor, dt, u0, state=None):
+        observer, operators = monitor.observer_, [None, *(own for *_, own in monitor._changed)]
+        self.dt, self.u0 = dt, u0 if len(np.ravel(u0)) > 1 else float(np.ravel(u0)[0])
+        own = [observer.lowered(dt, self.u0, operator) for operator in operators]
+        self.lowered = own[0]
+        self.states = [(part.state if state is None else state).copy() for part in own]
+        self.innovations = [part.innovating(s) for part, s in zip(own, self.states, strict=True)]
         self.steps = np.array([step for *_, step, _ in monitor._changed])
         self.whitening = monitor.whitening_
         self.past = np.zeros((len(self.whitening) - 1, len(operators)))

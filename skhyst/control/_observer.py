@@ -13,9 +13,17 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import ParametricModel, read_data
-from ..operators import Stepper
+from ..operators import LoweredSeries, SeriesOperator, Stepper, SumOperator, take_apart
 from ._compensator import _fitted
-from ._kalman import LoweredObserver, most_likely, stationary, tail_of
+from ._kalman import (
+    LoweredObserver,
+    driven_by_noise,
+    most_likely,
+    stages_of,
+    stationary,
+    tail_of,
+)
+from ._unscented import Unscented
 
 
 class Observer(MetaEstimatorMixin, BaseEstimator):
@@ -34,6 +42,12 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     process_std : float, default=None
         Standard deviation of the motion of the linear stages behind the hysteresis that the drive
         does not explain, units of the response.
+
+    method : {"auto", "linear", "unscented"}, default="auto"
+        The stationary Kalman filter, in which motion with hysteresis within it counts as the linear
+        mode that it is without; or the unscented one, which carries the uncertainty of that motion
+        through its own step: some 100 us a sample, and nothing that is written as C. By default
+        the latter where there is such a motion.
 
     Attributes
     ----------
@@ -81,6 +95,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         "noise_std": [Interval(Real, 0, None, closed="neither"), None],
         "drift_std": [Interval(Real, 0, None, closed="left"), None],
         "process_std": [Interval(Real, 0, None, closed="left"), None],
+        "method": [StrOptions({"auto", "linear", "unscented"})],
     }
 
     def __init__(
@@ -91,12 +106,14 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         noise_std=None,
         drift_std=None,
         process_std=None,
+        method="auto",
     ):
         self.model = model
         self.disturbance = disturbance
         self.noise_std = noise_std
         self.drift_std = drift_std
         self.process_std = process_std
+        self.method = method
 
     def __getstate__(self):
         return {k: v for k, v in super().__getstate__().items() if k != "_stream"}  # compiled
@@ -160,10 +177,13 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
         ``X`` and ``y`` are as for :meth:`filter`.
         """
-        parts = [self.following(dt, u[0])(rows) for rows, u, dt in self._rows(X, y)]
+        parts = []
+        for rows, u, dt in self._rows(X, y):
+            lowered = self.lowered(dt, u[0])
+            parts.append(lowered.innovating(lowered.state.copy())(rows))
         return np.concatenate(parts)
 
-    def lowered(self, dt=None, u0=0.0):
+    def lowered(self, dt=None, u0=0.0, operator=None):
         """Return one step in plain arithmetic, as :func:`skhyst.export.to_c` writes it.
 
         Parameters
@@ -172,6 +192,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             Sampling interval in s; by default that of the records of the fit.
         u0 : float or array-like of shape (n_inputs,), default=0.0
             Drive at which the device rests before.
+        operator : Operator, default=None
+            One of the same structure in the place of that of the model.
 
         Returns
         -------
@@ -180,7 +202,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             output the estimate.
         """
         check_is_fitted(self)
-        return self._lowered(self._interval(dt), u0, self.model_.operator_)
+        operator = self.model_.operator_ if operator is None else operator
+        return self._lowered(self._interval(dt), u0, operator)
 
     def stepper(self, dt=None, u0=0.0):
         """Return the observer as a device that is fed rows of drive and reading.
@@ -196,20 +219,6 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             ``step([u, y]) -> estimate``, ``run(rows)``, ``state``, ``copy()``.
         """
         return Stepper(self.lowered(dt, u0))
-
-    def following(self, dt, u0, operator=None):
-        """Return a function of the next rows (n_samples, n_inputs) that returns their innovations.
-
-        Parameters
-        ----------
-        dt, u0
-            As for :meth:`lowered`.
-        operator : Operator, default=None
-            Another one of the same structure in the place of that of the model.
-        """
-        stepper = Stepper(self._lowered(dt, u0, operator or self.model_.operator_))
-        left = self._filter(dt).left
-        return lambda rows: (rows[:, -1] - stepper.run(rows)) / left
 
     def reset(self):
         """Forget all readings: the next sample is the first one of a device at rest."""
@@ -238,30 +247,37 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             changed then.
         """
         check_is_fitted(self)
-        stream = getattr(self, "_stream", None) or self.stepper(None, u)
+        lowered, stream = getattr(self, "_stream", None) or (None, None)
+        if stream is None:
+            lowered = self.lowered(None, u)
+            stream = Stepper(lowered)
         self.estimate = stream.step(np.append(u, y))
-        self._stream = stream
+        self._stream = lowered, stream
         return self.estimate
 
     @property
     def state(self):
-        return self._streaming().state
+        return self._streaming()[1].state
 
     @state.setter
     def state(self, values):
-        self._streaming().state = values
-
-    @property
-    def innovation(self):
-        return float(self.state[-1 - self._n_states()])
-
-    @property
-    def innovation_std(self):
-        return float(np.sqrt(self._filter(self._interval(None)).variance))
+        self._streaming()[1].state = values
 
     @property
     def disturbance_estimate(self):
-        return float(self.state[-2 - self._n_states()])
+        return self._told()[0]
+
+    @property
+    def innovation(self):
+        return self._told()[1]
+
+    @property
+    def innovation_std(self):
+        return self._told()[2]
+
+    def _told(self):
+        lowered, stream = self._streaming()
+        return [float(value) for value in lowered.read(stream.state)]
 
     def _rows(self, X, y):
         """Yield rows of the drive and the reading, the drive, and the interval of each record.
@@ -291,17 +307,31 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     def _lowered(self, dt, u0, operator):
         u0 = float(u0) if np.ndim(u0) == 0 else np.asarray(u0, dtype=float)
-        model = operator.lowered(dt, operator.init(u0, self.model_._free_run_state()))
-        return LoweredObserver((model, self._filter(dt).lowered()))
+        driven, beside = take_apart(operator)
+        tail, state = tail_of(operator), self.model_._free_run_state()
+        variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
+        in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
+        if not tail or self.method == "linear" or (self.method == "auto" and not in_motion):
+            law = stationary(tail, dt, *variances)
+            model = operator.lowered(dt, operator.init(u0, state))
+            return LoweredObserver((model, law.lowered()), law.variance)
+        whole = SeriesOperator(tuple("" for _ in stages_of(driven)), stages_of(driven))
+        steps = [
+            s.lowered(dt, own) for s, own in zip(whole.stages, whole.init(u0, state), strict=True)
+        ]
+        front, core = steps[: -len(tail)], steps[-len(tail) :]
+        others = SumOperator(tuple("" for _ in beside), beside)
+        spread = self.process_std_ * driven_by_noise(tail, dt)[3]
+        return Unscented(
+            LoweredSeries(tuple(front)),
+            LoweredSeries(tuple(core)),
+            others.lowered(dt, others.init(u0)),
+            spread,
+            variances[1] * dt,
+            variances[0],
+        )
 
     def _given(self):
         drift = 0.0 if self.disturbance is None else self.drift_std
         given = (self.noise_std, drift, self.process_std)
         return [None if value is None else value**2 for value in given]
-
-    def _n_states(self):
-        return len(self._filter(self._interval(None)).gain)
-
-    def _filter(self, dt):
-        variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
-        return stationary(tail_of(self.model_.operator_), dt, *variances)

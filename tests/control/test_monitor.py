@@ -5,11 +5,11 @@ import pickle
 import numpy as np
 import pytest
 from scipy.signal import lfilter, sawtooth
-from scipy.stats import kstest
+from scipy.stats import chi2, kstest
 
 from skhyst.compose import Cascade
 from skhyst.control import Monitor, Observer
-from skhyst.control._local_tests import LocalTests, whitening
+from skhyst.control._local_tests import LocalTests, statistics, whitening
 from skhyst.control._monitor import _Columns
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
@@ -66,24 +66,41 @@ def test_the_statistic_is_chi_square_whatever_the_directions():
     rng = np.random.default_rng(0)
     psi = rng.normal(size=(2000, 50, 3))
     psi[:, :, 2] = psi[:, :, 1]
-    mixed = rng.normal(size=(3, 3))
-    psi = psi @ mixed
-    known = np.eye(3)
-    information = psi.swapaxes(1, 2) @ psi
-    change = rng.normal(size=(2000, 3))  # of the device, as uncertain as the fit is
-    noise = rng.normal(size=(2000, 50)) + np.einsum("kip,kp->ki", psi, change)
+    psi = psi @ rng.normal(size=(3, 3))
+    noise = rng.normal(size=(2000, 50))
     scores = np.einsum("kip,ki->kp", psi, noise)
-    tests = LocalTests(known, 10**6, 0.5, [1])
-    statistic, rank = tests._statistics(scores, information)
+    statistic, rank = statistics(scores, psi.swapaxes(1, 2) @ psi)
     assert (rank == 2).all()
     assert kstest(statistic, "chi2", args=(2,)).pvalue > 1e-3
 
 
+def test_what_the_fit_does_not_know_is_no_change():
+    """A device is anywhere within the uncertainty of the fit: the level is as it was."""
+    rng = np.random.default_rng(1)
+    n, level = 4000, 0.05
+    fit = rng.normal(size=(8, 25, 2))
+    known = fit.swapaxes(1, 2) @ fit
+    tests = LocalTests(np.zeros((8, 2)), known, 10**8, level / 25.0, 25)
+    tests.limits = np.array([[np.inf, chi2.isf(level, 1), chi2.isf(level, 2)]])
+    factor = np.linalg.cholesky(np.linalg.inv(known.sum(axis=0)))
+    found = 0
+    for _ in range(n):
+        psi = rng.normal(size=(200, 2))
+        e = psi @ factor @ rng.normal(size=2) + rng.normal(size=200)
+        found += tests.decide((psi.T @ e)[None], (psi.T @ psi)[None])[0]
+    assert abs(found / n - level) < 4.0 * np.sqrt(level / n)
+
+
 def test_limits_share_the_rate():
     """Each length has the same part of the hits a sample."""
+    information = np.tile(np.eye(2), (8, 1, 1))
+    scores = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] * 2)
+    limits = LocalTests(scores, information, 10**8, 1e-3, 10).limits
     lengths = 10 * 2 ** np.arange(4)
-    tests = LocalTests(np.eye(2), 10**8, 1e-3, lengths)
-    np.testing.assert_allclose(np.exp(-tests.limits[:, 2] / 2.0) / lengths, 1e-3 / 4.0, rtol=1e-5)
+    np.testing.assert_allclose(np.exp(-limits[:, 2] / 2.0) / lengths, 1e-3 / 4.0, rtol=1e-5)
+    # sums that vary nine times as much as noise does ask for as much more
+    wide = LocalTests(3.0 * scores, information, 10**8, 1e-3, 10).limits
+    assert wide[0, 2] > 4.0 * limits[0, 2]
 
 
 def test_colour_that_the_fit_has_left_is_no_change():
@@ -144,20 +161,16 @@ def test_what_looks_alike_is_told_together():
     """Under a slow drive a lag and a damped mode are both a delay."""
     rng = np.random.default_rng(5)
 
-    def recorded(n, time_constant=2e-3):
-        u = 3.0 * np.sin(2.0 * np.pi * 2.0 * DT * np.arange(n))
-        y = FirstOrderLagOperator(time_constant).run(u, DT)[0]
-        return u[:, None], y + 1e-3 * rng.normal(size=n)
+    def respond(u, time_constant=2e-3):
+        stages = FirstOrderLagOperator(time_constant), SecondOrderModeOperator(1000.0, 0.5)
+        y, _ = SeriesOperator(("lag", "mode"), stages).run(u, DT)
+        return y + 5e-3 * rng.normal(size=len(u))
 
     u = rng.normal(size=20000)
-    mode = SecondOrderModeOperator(1000.0, 0.5)
-    stages = FirstOrderLagOperator(2e-3), mode
-    series = SeriesOperator(("lag", "mode"), stages)
-    y = series.run(u, DT)[0] + 1e-3 * rng.normal(size=len(u))
     model = Cascade([("lag", FirstOrderLag()), ("mode", SecondOrderMode())], dt=DT)
-    monitor = Monitor(Observer(model)).fit(u[:, None], y)
-    u, y = recorded(4000, 2.1e-3)
-    monitor.alarms(u, mode.run(y, DT)[0])
+    monitor = Monitor(Observer(model)).fit(u[:, None], respond(u))
+    u = 3.0 * np.sin(4.0 * np.pi * DT * np.arange(4000)) ** 2
+    monitor.alarms(u[:, None], respond(u, 2.1e-3))
     assert {"lag__time_constant", "mode__damping_ratio"} <= set(monitor.suspect_)
 
 
@@ -199,4 +212,4 @@ def test_parameters_to_watch(monitor):
     with pytest.raises(ValueError, match=r"'parameters' parameter of Monitor .* Got \['gain'\]"):
         Monitor(monitor.observer_, parameters=["gain"]).fit(u[:, None], y)
     with pytest.raises(ValueError, match="tell nothing"):
-        Monitor(monitor.observer_).fit(0.0 * u[:, None], y)
+        Monitor(monitor.observer_, parameters=names).fit(0.0 * u[:, None], y)

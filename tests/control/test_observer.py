@@ -12,7 +12,12 @@ from sklearn.utils.validation import NotFittedError
 from skhyst.compose import Cascade
 from skhyst.control import Observer
 from skhyst.export import to_c
-from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import (
+    BoucWenStage,
+    BoucWenStageOperator,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -210,3 +215,38 @@ def test_wrong_models(data):
         Observer(Ridge()).fit(u, reading)
     with pytest.raises(NotFittedError):
         Observer(FirstOrderLag()).update(0.0, 0.0)
+
+
+def test_unscented_is_kalman_where_all_is_linear():
+    """Once the covariance is stationary; with the hold that noise has in the other filter."""
+    rng = np.random.default_rng(1)
+    u = rng.normal(size=(2000, 1))
+    mode = SecondOrderModeOperator(300.0, 0.1, hold="zoh")
+    reading = mode.run(u[:, 0] + 0.1 * rng.normal(size=len(u)), DT)[0] + 0.1 * rng.normal(size=2000)
+    model = SecondOrderMode(hold="zoh", dt=DT).fit(u, reading)
+    given = {"noise_std": 0.1, "drift_std": 1.0, "process_std": 0.1}
+    observers = [
+        Observer(model, method=method, **given).fit(u, reading)
+        for method in ("unscented", "linear")
+    ]
+    found, expected = (own.filter(u, reading)[1500:] for own in observers)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    found, expected = (own.innovations(u, reading)[1500:] for own in observers)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    with pytest.raises(NotImplementedError, match="linear"):
+        to_c(observers[0].lowered(), "nowhere", "observer", dt=DT)
+
+
+def test_hysteresis_in_the_motion():
+    """What else drives the motion is told from the reading better than by a linear mode."""
+    rng = np.random.default_rng(2)
+    stage = BoucWenStageOperator(300.0, 0.05, 1.0, 0.5, n_substeps=2)
+    u = 2.0 * np.sin(np.cumsum(rng.normal(0.1, 0.1, 1500)))
+    true, _ = stage.run(u + 0.3 * rng.normal(size=len(u)), DT)
+    reading = true + 0.05 * rng.normal(size=len(u))
+    model = BoucWenStage(n_substeps=2, dt=DT).fit_from(stage, u[:, None], reading)
+    errors = {}
+    for method in ("auto", "linear"):
+        observer = Observer(model, method=method, drift_std=0.0).fit(u[:, None], reading)
+        errors[method] = np.std(observer.filter(u[:, None], reading) - true)
+    assert errors["auto"] < errors["linear"] < np.std(model.predict(u[:, None]) - true)

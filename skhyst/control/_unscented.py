@@ -1,0 +1,128 @@
+r"""The unscented Kalman filter of motion with hysteresis within it.
+
+Where the hysteresis follows the motion, its state is as uncertain as the motion is. Mean and
+covariance of all that a step remembers are carried through the step itself, by points that have
+them: with the columns :math:`l_i` of a root of the covariance, of :math:`m` dimensions with that of
+the input,
+
+.. math:: \bar s, \quad \bar s \pm \sqrt{m + \kappa}\, l_i, \qquad \kappa = \max(3 - m, 0)
+
+of the weights :math:`\kappa / (m + \kappa)` and :math:`1 / 2 (m + \kappa)` (S. J. Julier, J. K.
+Uhlmann, "A new extension of the Kalman filter to nonlinear systems", SPIE 3068, 1997; they take
+:math:`3 - m` for normal variables: below zero it may make a variance negative). What has no
+variance stays as the step leaves it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..operators import Lowered, as_constant
+
+_NOTHING = 1e-14  # of the largest variance: rounding
+
+
+@dataclass(frozen=True)
+class Unscented(Lowered):
+    """The estimate of a response, from a row of the drive and the reading, which comes last.
+
+    Parameters
+    ----------
+    front, core, beside : Lowered
+        What the drive goes through before the motion; the motion and what is behind it; what stands
+        beside the response.
+    spread : float
+        Standard deviation of what else drives the motion, units of its input.
+    walk, noise : float
+        Variances of a sample's step of the random walk and of the reading.
+    """
+
+    front: Lowered
+    core: Lowered
+    beside: Lowered
+    spread: float
+    walk: float
+    noise: float
+
+    @property
+    def n_inputs(self):
+        """Columns of the input that are read."""
+        return (self.front.n_inputs or 1) + 1
+
+    @cached_property
+    def state(self):
+        """State of the parts and of the walk, covariance, innovation and its standard deviation."""
+        n = len(self.core.state) + 1
+        others = np.zeros(1 + n * n + 2)
+        own = self.front.state, self.beside.state, self.core.state, others
+        return as_constant(np.concatenate(own))
+
+    def read(self, s):
+        """Return the walk, the last innovation and its standard deviation out of a state."""
+        n = len(self.core.state) + 1
+        return s[-3 - n * n], s[-2], s[-1]
+
+    def bound(self, s, binding):
+        raise NotImplementedError(
+            "An unscented filter is no step in plain arithmetic: take method='linear'."
+        )
+
+    def stepping(self, s):
+        step = self._stepping(s)
+        return lambda row: step(row)[0]
+
+    def streaming(self, s):
+        step = self._stepping(s)
+        return lambda rows: np.array([step(row)[0] for row in rows])
+
+    def innovating(self, s):
+        """Return a function of the next rows that returns their innovations, and changes ``s``."""
+        step = self._stepping(s)
+        return lambda rows: np.array([step(row)[1] for row in rows])
+
+    def _stepping(self, s):
+        n = len(self.core.state) + 1
+        ends = np.cumsum([len(self.front.state), len(self.beside.state), n, n * n])
+        front, beside, mean, covariance, last = np.split(s, ends)
+        covariance = covariance.reshape(n, n)
+        front, beside = self.front.stepping(front), self.beside.stepping(beside)
+        rooms = np.zeros((2 * (n + 1) + 1, n - 1))
+        cores = [self.core.stepping(room) for room in rooms]
+        is_signal = self.front.n_inputs is None
+
+        def step(row):
+            drive = front(row[0] if is_signal else row)
+            offset = beside(drive)
+            values, vectors = np.linalg.eigh(covariance)
+            seen = values > _NOTHING * values[-1]
+            m = int(seen.sum()) + 1
+            kappa = max(3.0 - m, 0.0)
+            points, inputs = np.zeros((2 * m + 1, n)), np.zeros(2 * m + 1)
+            sides = np.sqrt((m + kappa) * values[seen])[:, None] * vectors[:, seen].T
+            points[1:m], points[m + 1 : -1] = sides, -sides
+            inputs[m], inputs[-1] = np.sqrt(m + kappa) * self.spread * np.array([1.0, -1.0])
+            weights = np.full(2 * m + 1, 0.5 / (m + kappa))
+            weights[0] = kappa / (m + kappa)
+            points += mean
+            rooms[: len(points)] = points[:, :-1]
+            y = points[:, -1] + offset
+            y += [core(drive + more) for core, more in zip(cores, inputs, strict=False)]
+            points[:, :-1] = rooms[: len(points)]
+            middle, y_middle = weights @ points, weights @ y
+            points -= middle
+            y -= y_middle
+            spread = points.T @ (weights[:, None] * points)
+            spread[-1, -1] += self.walk
+            together = points.T @ (weights * y)
+            together[-1] += self.walk
+            own = weights @ y**2 + self.walk
+            variance = own + self.noise
+            innovation = row[-1] - y_middle
+            gain = together / variance
+            mean[:] = middle + gain * innovation
+            covariance[:] = spread - variance * np.outer(gain, gain)
+            last[:] = innovation, np.sqrt(variance)
+            return float(y_middle + own / variance * innovation), innovation
+
+        return step
