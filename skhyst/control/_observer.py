@@ -308,7 +308,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     def _lowered(self, dt, u0, operator):
         u0 = float(u0) if np.ndim(u0) == 0 else np.asarray(u0, dtype=float)
         driven, beside = take_apart(operator)
-        tail, state = tail_of(operator), self.model_._free_run_state()
+        # the filter is that of the model, whatever operator it runs beside
+        tail, state = tail_of(self.model_.operator_), self.model_._free_run_state()
         variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
         in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
         if not tail or self.method == "linear" or (self.method == "auto" and not in_motion):
