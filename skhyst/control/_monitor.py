@@ -137,24 +137,20 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         steps = np.array([step for *_, step, _ in self._changed])
         size = np.sqrt(sum(rows[:, -1] @ rows[:, -1] for rows, *_ in read))
         told = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
-        if len(white) < self.block + len(scales):
-            raise ValueError(
-                f"Monitor needs records of {self.block + len(scales)} samples or more in all. Got "
-                f"{len(white)} instead."
-            )
         if not told[1:].any():
             raise ValueError("The records tell nothing of a parameter that Monitor may watch.")
         self._changed = [
             own for own, is_told in zip(self._changed, told[1:], strict=True) if is_told
         ]
         self.parameters_ = [name for name, *_ in self._changed]
-        dof, self._n_kept = len(white) - len(self._changed), len(white)
+        dof, self._n_kept = max(len(white) - len(self._changed), 1), len(white)
         # innovations of unit variance, sensitivities of unit information
         self._scales = scales[told] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
         white = white[:, told] / self._scales
         # the fit as the innovations see it, which have other weights than the residual
         self._shift = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
-        sums = self._sums(white[: len(white) // self.block * self.block])
+        size = min(self.block, len(white))
+        sums = self._sums(white[: len(white) // size * size], size)
         self._tests = LocalTests(*sums, dof, self.false_alarms, self.block)
         return self.reset()
 
@@ -268,7 +264,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     def _decide(self, columns, rows):
         """Return whether there is an alarm at the end of each block of rows."""
         before = columns.states[0].copy()
-        found = self._tests.decide(*self._sums(columns.run(rows) / self._scales))
+        found = self._tests.decide(*self._sums(columns.run(rows) / self._scales, self.block))
         if self._evidence is not None:
             state, dt, own = self._evidence
             if len(own) < self._n_kept:
@@ -279,9 +275,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             self._evidence = before, columns.dt, rows[first:][: self._n_kept]
         return found
 
-    def _sums(self, white):
+    def _sums(self, white, size):
         """Return the scores (n_blocks, p) and the information (n_blocks, p, p) of blocks."""
-        white = white.reshape(-1, self.block, len(self._scales))
+        white = white.reshape(-1, size, len(self._scales))
         psi = white[:, :, 1:]
         left = white[:, :, :1] - psi @ self._shift[:, None]
         return (psi.swapaxes(1, 2) @ left)[:, :, 0], psi.swapaxes(1, 2) @ psi
