@@ -6,6 +6,9 @@ from ._scanning_stage import (
     make_scanning_stage,
     scanning_stage_stepper,
 )
+from ._catalogue import signals_within
+from ._inchworm_motor import make_inchworm_motor, walking_drive
+from ._scanning_stage import load_scanning_stage_parameters, make_scanning_stage
 from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
 from ._signals_random import band_limited_noise, multisine
 from ._stepping import DeviceStepper
@@ -24,6 +27,7 @@ __all__ = [
     "make_tanh_recording",
     "multisine",
     "scanning_stage_stepper",
+    "signals_within",
     "sine",
     "steps",
     "swept_sine",

@@ -11,6 +11,7 @@ from skhyst.datasets import (
     decaying_sine,
     first_order_reversal_curves,
     multisine,
+    signals_within,
     sine,
     steps,
     swept_sine,
@@ -244,3 +245,46 @@ def test_reversal_curves_turn_where_they_should(n_curves, amplitude, share, both
 def test_refusals(call, parameter):
     with pytest.raises(ValueError, match=rf"The '{parameter}' parameter of \w+ must be .* Got "):
         call()
+
+
+@given(
+    low=st.floats(-100.0, 100.0),
+    span=st.floats(1e-3, 1e3),
+    n=st.integers(64, 700),
+    slowness=st.floats(0.0, 3.5),
+)
+@settings(max_examples=15, deadline=None)
+def test_the_catalogue_keeps_the_limits(low, span, n, slowness):
+    fastest = 20.0 * span / (n * DT) / np.exp(slowness)
+    limits = (low, low + span)
+    for u in signals_within(limits, n * DT, DT, rate_limit=fastest).values():
+        assert len(u) == n
+        assert u.min() >= limits[0]
+        assert u.max() <= limits[1]
+        assert np.abs(np.diff(u)).max() <= fastest * DT * (1.0 + 1e-6)
+
+
+def test_the_catalogue_has_every_form_over_the_whole_range():
+    signals = signals_within((0.0, 10.0), 2.0, DT)
+    forms = ("sine", "triangle", "ever", "decaying", "multisine", "sweep", "steps", "reversal")
+    for form in forms:
+        own = [u for name, u in signals.items() if form in name]
+        assert max(np.ptp(u) for u in own) > 8.0, form
+        assert min(np.ptp(u) for u in own) < 4.0, form
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"drive_limits": (1.0, 1.0)}, "drive_limits"),
+        ({"drive_limits": (0.0, np.inf)}, "drive_limits"),
+        ({"drive_limits": (0.0, 1.0, 2.0)}, "drive_limits"),
+        ({"duration": 63 * DT}, "duration"),
+        ({"rate_limit": -1.0}, "rate_limit"),
+        ({"rate_limit": 0.1}, "rate_limit"),
+    ],
+)
+def test_the_catalogue_refuses(options, name):
+    options = {"drive_limits": (0.0, 1.0), "duration": 1.0, "dt": DT} | options
+    with pytest.raises(ValueError, match=f"The '{name}' parameter of signals_within"):
+        signals_within(**options)

@@ -1,0 +1,118 @@
+"""The test signals of the package within the limits of an amplifier, to choose from."""
+
+import numpy as np
+
+from . import _checks as check
+from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
+from ._signals_random import multisine
+
+_FACTOR = 3  # between neighbours of the grid, in frequency as in amplitude
+_PERIODS = 2  # of the slowest: the second shows what returns
+_FASTEST = 10  # samples of a period, at least: the drive is a straight line between them
+_STEPS = 4  # of the slowest programme
+_FEWEST = 64  # samples, in which each of the signals has its form
+
+
+def signals_within(drive_limits, duration, dt, *, rate_limit=None):
+    r"""Sines, triangles, sweeps, multisines, steps and reversal curves that an amplifier can give.
+
+    Each form comes over the whole range of the drive and over a third of it: in its middle and at
+    either end. Periodic ones come at frequencies from two periods in the duration to ten samples in
+    a period, a factor of three apart. What is too steep is made smaller about its middle until it
+    keeps the rate; what then is a ninth of the range or less is left out.
+
+    Parameters
+    ----------
+    drive_limits : (float, float)
+        Lowest and highest value, units of the drive.
+    duration, dt : float
+        Duration of each signal and sampling interval in s, 64 samples at least.
+    rate_limit : float or None, default=None
+        Largest slope, units of the drive over s. None: any.
+
+    Returns
+    -------
+    dict of str to ndarray of shape (n_samples,)
+        What each signal is, and its values.
+
+    Raises
+    ------
+    ValueError
+        If the limits are not in order, or no signal keeps the rate.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import signals_within
+    >>> signals = signals_within((0.0, 100.0), duration=2.0, dt=1e-3, rate_limit=2000.0)
+    >>> len(signals), next(iter(signals))
+    (115, 'sine of 1 Hz from 0 to 100')
+    """
+    function = "signals_within"
+    dt = check.interval(function, dt)
+    duration = check.scalar(function, "duration", duration, positive=True)
+    n = check.whole(duration / dt)
+    if n < _FEWEST:
+        check.refuse(function, "duration", f"at least {_FEWEST} intervals of {dt:g} s", duration)
+    limits = check.number(function, "drive_limits", drive_limits, size=2)
+    if np.ndim(drive_limits) != 1 or not limits[0] < limits[1]:
+        check.refuse(function, "drive_limits", "two numbers, the lower one first", drive_limits)
+    rate = np.inf
+    if rate_limit is not None:
+        rate = check.scalar(function, "rate_limit", rate_limit, positive=True)
+    middle, half = limits.mean(), 0.5 * np.ptp(limits)
+    small = half / _FACTOR
+    places = [(middle, half)] + [(c, small) for c in (middle, limits[0] + small, limits[1] - small)]
+    found, digits = {}, 3 - int(np.floor(np.log10(half)))
+    for name, shape in _shapes(n, dt, 2.0 * half / rate).items():
+        steepest = np.abs(np.diff(shape)).max() / dt
+        for center, size in places:
+            size = min(size, rate / steepest)
+            if size <= half / _FACTOR**2:
+                continue
+            drive = np.clip(center + size * shape, *limits)  # rounding
+            ends = np.round([drive.min(), drive.max()], digits) + 0.0  # no minus zero
+            found[f"{name} from {ends[0]:.4g} to {ends[1]:.4g}"] = drive
+    if not found:
+        least = 4.0 * _PERIODS * half / _FACTOR**2 / (n * dt)  # of the slowest triangle
+        expected = f"at least {least:.3g} for signals of {duration:g} s"
+        check.refuse(function, "rate_limit", expected, rate_limit)
+    return found
+
+
+def _shapes(n, dt, rise):
+    """Return the forms, about zero, of unit size, (n,).
+
+    ``rise`` is the time in s that the rate limit asks for from one end of the range to the other.
+    """
+    slowest = _PERIODS / (n * dt)
+    octaves = np.log(n / (_PERIODS * _FASTEST)) / np.log(_FACTOR)
+    found = {}
+    for power in range(1 + int(octaves)):
+        cycles = _PERIODS * _FACTOR**power
+        f = cycles / (n * dt)
+        at, heights = f"of {f:.3g} Hz", np.linspace(1.0, 1.0 / _FACTOR, cycles)
+        found[f"sine {at}"] = sine(1.0, f, n_cycles=cycles, dt=dt)
+        found[f"triangle {at}"] = triangle(1.0, f, n_cycles=cycles, dt=dt)
+        found[f"ever smaller triangles {at}"] = triangle(heights, f, dt=dt)
+        decay = {"decay": _FACTOR / (n * dt), "duration": n * dt, "dt": dt}
+        found[f"decaying sine {at}"] = decaying_sine(1.0, f, **decay)
+        lines = {"band": (0.5 * slowest, f), "amplitude": np.reciprocal, "random_state": 0}
+        found[f"multisine up to {f:.3g} Hz"] = multisine(n, dt=dt, **lines)
+        if power:
+            sweep = {"duration": n * dt, "dt": dt, "spacing": "logarithmic"}
+            found[f"sweep from {slowest:.3g} to {f:.3g} Hz"] = swept_sine(slowest, f, **sweep)
+    rise = max(rise, 0.5 * _FASTEST * dt)
+    for count in (_STEPS * _FACTOR**power for power in range(_FACTOR)):
+        hold = n * dt / count
+        if 2.0 * rise < hold:
+            # the golden ratio spreads levels evenly, with large and small ways between them
+            levels = 2.0 * (np.arange(1, count) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0) - 1.0
+            levels = [0.0, *levels, 0.0]  # what edges take longer is cut off
+            found[f"steps every {hold:.3g} s"] = steps(levels, hold=hold, rise_time=rise, dt=dt)
+    for count in (_FACTOR, _FACTOR**2):
+        way = 2.0 * count + 3.0  # from rest, and there and back for each curve
+        if way * count < n:  # samples on the shortest branch
+            curves = first_order_reversal_curves(1.0, count, rate=way / (n * dt), dt=dt)
+            found[f"{count} reversal curves"] = curves
+    found = {name: frame["drive"].to_numpy()[:n] for name, frame in found.items()}
+    return {name: u / np.abs(u).max() for name, u in found.items()}
