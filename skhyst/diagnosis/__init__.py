@@ -3,6 +3,7 @@
 from ._data_quality import data_quality
 from ._effects import EFFECTS, Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence
+from ._next_experiment import Experiment, next_experiment
 from ._noise_model import NoiseModel
 from ._pictures import Picture
 from ._report import Report
@@ -13,11 +14,13 @@ __all__ = [
     "Effect",
     "EffectSearchCV",
     "Evidence",
+    "Experiment",
     "NoiseModel",
     "Picture",
     "Report",
     "data_quality",
     "effect_names",
+    "next_experiment",
     "register_effect",
     "unregister_effect",
 ]

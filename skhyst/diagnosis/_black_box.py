@@ -31,7 +31,7 @@ def declare(estimator, X, columns, y, slices, cv, random_state, reference=None):
             "The 'estimator' parameter of EffectSearchCV must respond to a drive: declare a Sum of "
             f"such a model and the disturbance. Got {estimator!r} instead."
         )
-    if isinstance(estimator, ParametricModel) and _comes_apart(estimator):
+    if _comes_apart(estimator):
         read_data(estimator, X, y, reset=True, dt=estimator.dt)
         if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):
             # the names of columns are not known to a step of a composition
@@ -41,9 +41,9 @@ def declare(estimator, X, columns, y, slices, cv, random_state, reference=None):
 
 
 def _comes_apart(estimator):
-    """Whether a search can put effects into a parametric model."""
+    """Whether a search can put effects into an estimator."""
     if not isinstance(estimator, ScheduledParameters):
-        return True
+        return isinstance(estimator, ParametricModel)
     return estimator.degree == 1 and estimator.by != 0
 
 
@@ -134,7 +134,7 @@ class BlackBox(Declared):
 
     def effects(self, effects):
         """Return the effects without those that act on the drive before the black box."""
-        return [replace(e, variants=partial(_behind, e.variants)) for e in effects]
+        return [_placed_behind(effect) for effect in effects]
 
     def begin(self, records, folds):
         self._folds = folds
@@ -230,6 +230,11 @@ def _of_columns(estimator, other):
     return estimator
 
 
+def _placed_behind(effect):
+    """Return an effect without the variants that act on the drive."""
+    return replace(effect, variants=partial(_behind, effect.variants))
+
+
 def _behind(variants):
     """Return the variants that do not act on the drive."""
     return [v for v in variants() if hasattr(v, "trees") or v.series_rank > 0]
@@ -250,6 +255,11 @@ def _seeded(estimator, random_state):
 
 def drive_of(driver, X, columns, slices):
     """Return what drives the stages behind a fitted ``driver``, see :meth:`Declared.driver`."""
-    if isinstance(driver, ParametricModel) and _comes_apart(driver):
+    if _comes_apart(driver):
         return columns[:, 0]
     return np.ravel(driver.predict(X)).astype(float)
+
+
+def effect_of(driver, effect):
+    """Return an effect as it applies behind a fitted ``driver``."""
+    return effect if _comes_apart(driver) else _placed_behind(effect)

@@ -264,6 +264,11 @@ def next_steps(claims, not_it, location, verdict, faults, alpha):
             f"Record longer, and more of what is held out worst{', ' * bool(location)}"
             f"{looks(location)}: there the other records say too little."
         )
+    if verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
+        steps.append(
+            "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
+            "command line, proposes the drive within your limits that tells most of this."
+        )
     if faults:
         steps.append("Mend the faults of the recording listed under Data, and search again.")
     return steps

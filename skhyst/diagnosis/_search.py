@@ -354,7 +354,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
         del self._inputs, self._reference
-        self._structure = base.structure
+        self._structure, self._records = base.structure, tuple(records)
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}

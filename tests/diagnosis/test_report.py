@@ -279,14 +279,16 @@ def test_what_to_measure_next():
         return next_steps(claims, not_it, location, verdict, faults, 0.01)
 
     assert steps() == []
-    assert steps([claim]) == ["To tell lag from delay: Sweep."]
+    told, proposal = steps([claim])
+    assert told == "To tell lag from delay: Sweep."
+    assert "skhyst next" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
     (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
     assert step.startswith("creep would make the error 10 % smaller")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
-    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 4
+    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 5
 
 
 def test_held_out_data_are_reported(search, recording):

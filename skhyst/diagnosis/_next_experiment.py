@@ -1,0 +1,135 @@
+"""What to record next: the drive from which a search would learn most, as a file."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from sklearn.utils.validation import check_is_fitted
+
+from ..datasets import signals_within
+from ..optimize import RecordData
+from ..records import record_slices, stack_records
+from ._black_box import drive_of
+from ._open_questions import question_of
+from ._reference import column_of
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A drive to record next.
+
+    Attributes
+    ----------
+    drive : Series of shape (n_samples,)
+        Units of the drive; the index is the time in s. The device rests at the first value before.
+    signal : str
+        What the drive is.
+    reason : str
+        What it is good for, with numbers: one sentence, and another where something is assumed.
+    expected_gain : float
+        Information in nats, see :func:`next_experiment`.
+    """
+
+    drive: pd.Series
+    signal: str
+    reason: str
+    expected_gain: float
+
+    def save(self, path):
+        """Write time and drive as a CSV file.
+
+        Raises
+        ------
+        FileExistsError
+            If there is such a file: none is overwritten.
+        """
+        self.drive.to_csv(path, mode="x")
+
+
+def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None):
+    """Propose the drive that tells most of what a search has left open.
+
+    Where claims are ambiguous, it tells them from their rivals. Otherwise, where the verdict is not
+    ``"noise"``, it tells the model from those with one of the effects that came nearest to a claim,
+    and else it makes intervals of parameters narrower. It is the best of the signals of
+    :func:`skhyst.datasets.signals_within`, predicted by the models and weighed against the noise.
+
+    Parameters
+    ----------
+    search : EffectSearchCV
+        Fitted.
+    drive_limits : (float, float)
+        Lowest and highest drive, its units. Beyond what was recorded the models extrapolate.
+    rate_limit : float or None, default=None
+        Largest slope, units of the drive over s. None: any.
+    duration, dt : float or None, default=None
+        Duration and sampling interval in s. None: those of the longest record of the search.
+
+    Returns
+    -------
+    Experiment
+        Its ``expected_gain`` is the information in nats: about the differences of the models, or
+        about the parameters.
+
+    Raises
+    ------
+    NotFittedError
+        If the search is not fitted.
+    ValueError
+        If limits, rate, duration and interval do not go together.
+
+    Notes
+    -----
+    Further columns of X are taken to stay at their means, and a loop, where there was one, to be
+    open. Search the new record together with the old ones, with ``cv="auto"`` or staggered blocks:
+    where folds are whole records, one that is unlike all others is foretold badly by any model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets import sine
+    >>> from skhyst.diagnosis import EffectSearchCV, next_experiment
+    >>> from skhyst.linear import Gain
+    >>> X = sine(1.0, 2.0, n_cycles=4, dt=5e-3)
+    >>> u = X["drive"].to_numpy()
+    >>> y = np.interp(np.arange(len(u)) - 2.0, np.arange(len(u)), u)  # two samples late
+    >>> y += 0.02 * np.random.default_rng(0).normal(size=len(u))
+    >>> search = EffectSearchCV(Gain(), effects=["delay", "lag"]).fit(X, y)
+    >>> search.effects_, search.history_["ambiguous_with"].tolist()
+    (['delay'], [('lag',)])
+    >>> next_experiment(search, (-1.0, 1.0), rate_limit=100.0).signal
+    'triangle of 9 Hz from -1 to 1'
+    """
+    check_is_fitted(search)
+    longest = max(search.records_, key=lambda s: s.n_samples * s.dt)
+    dt = longest.dt if dt is None else dt
+    duration = longest.n_samples * longest.dt if duration is None else duration
+    signals = signals_within(drive_limits, duration, dt, rate_limit=rate_limit)
+    question = question_of(search)
+    answers = {name: question.ask(_record(search, u, dt)) for name, u in signals.items()}
+    name = max(answers, key=lambda own: question.worth(answers[own]))
+    drive = signals[name]
+    time = pd.Index(dt * np.arange(len(drive)), name="time")
+    reason = question.told(answers[name], len(drive))
+    if search._records[0].auxiliary is not None:
+        reason += " Further columns are taken to stay at their means."
+    gain = float(question.worth(answers[name])[-1])
+    return Experiment(
+        pd.Series(drive, time, name="drive"), name, f"{name[0].upper()}{name[1:]}: {reason}", gain
+    )
+
+
+def _record(search, drive, dt):
+    """Return a record of the drive as the stages of the search's models are driven."""
+    names = getattr(search, "feature_names_in_", None)
+    auxiliary = search._records[0].auxiliary
+    columns = drive[:, None]
+    if auxiliary is not None:
+        means = np.concatenate([r.auxiliary for r in search._records]).mean(axis=0)
+        auxiliary = np.tile(means, (len(drive), 1))
+        columns = np.concatenate([columns, auxiliary], axis=1)
+    if names is not None and search.reference is not None:
+        names = np.delete(names, column_of(search))
+    X = stack_records([pd.DataFrame(columns, columns=names)], dt=dt)
+    u = drive_of(search._driver, X if names is not None else columns, columns, record_slices(X))
+    return RecordData(u, np.zeros(len(u)), dt, auxiliary=auxiliary)

@@ -1,0 +1,244 @@
+r"""What a search has left open, and what a new record would tell of it.
+
+Each question that a search leaves open is a contrast: two models that the data do not tell apart.
+Where a claim is ambiguous, they are the augmented model and the one with the rival in the place of
+the claimed effect, refitted to all data. Where the verdict is not noise, they are the model as it
+is and the model with one of the effects that were nearest to a claim.
+
+**How far models differ.** On a new record with the drive :math:`u` their predictions differ by
+:math:`\delta`. A model that is wrong will take up a part of that by changing its parameters by
+:math:`\theta`, as far as the old data, with the Gram matrix :math:`M = J^T J` of its sensitivities,
+let it. What is left, over the variance of the noise, is the noncentrality that T-optimality [1]_
+makes large, here for two records and to first order:
+
+.. math:: \lambda = \sigma^{-2} \min_\theta \|\delta + J_u \theta\|^2 + \theta^T M \theta
+   = \sigma^{-2} \bigl(\delta^T \delta
+     - \delta^T J_u (M + J_u^T J_u)^{-1} J_u^T \delta\bigr) .
+
+Either model may be the right one. The search finds the wrong one out where its error grows by
+``min_improvement``, :math:`m`: where :math:`\lambda` is more than :math:`(1 - m)^{-2} - 1` times
+the number of all samples. A model that contains the other one, as that of a resonance does that of
+a lag, follows it and is never found out. Of an effect all variants count that fit as well as its
+best; what is told is told of each.
+
+**Gain.** Of a coefficient of :math:`\delta` with unit variance a record tells
+:math:`\frac{1}{2} \ln (1 + \lambda)` nats, on average over which of the two is right. The best
+signal finds most of the wrong models out, and of those that find as many, it tells the most nats.
+
+**Nothing open.** Then the record is for the parameters with the widest intervals over their values,
+or, where something is unexplained by whatever effect, for all: what tells most of these is what the
+recording has excited least. The gain is the difference of :math:`\frac{1}{2} \ln \det` of their
+covariance without and with it (D-optimality for a subset [2]_), all from the same matrices.
+
+References
+----------
+.. [1] A. C. Atkinson, V. V. Fedorov, "The design of experiments for discriminating between two
+   rival models", Biometrika 62 (1975).
+.. [2] A. C. Atkinson, A. N. Donev, R. D. Tobias, "Optimum Experimental Designs, with SAS" (2007),
+   chapter 10.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ._black_box import effect_of
+from ._candidates import Candidate, predicted, refitted
+from ._constants import FACTOR, NEGLIGIBLE
+from ._effects import EFFECTS
+from ._plausibility import is_plausible
+from ._report_text import listed, number
+
+
+class Fitted:
+    """A model, and what the data say of its parameters.
+
+    Parameters
+    ----------
+    tree : Tree
+        Fitted to the records.
+    records : sequence of RecordData
+    """
+
+    def __init__(self, tree, records):
+        problem = tree.problem(records)
+        blocks = problem.evaluate(problem.x0)
+        self.gram = problem.total(blocks)[:-1, :-1]
+        # what stands beside goes on as it was in the last record
+        self._beside = problem.coefficients(blocks)[-1:]
+        self._tree = replace(tree, histories=())  # of a new record, which begins at rest
+
+    def problem(self, record):
+        """Return the least-squares problem of a new record."""
+        return self._tree.problem([record])
+
+    def predict(self, record):
+        """Return the response to a new record, (n_samples,)."""
+        problem = self.problem(record)
+        return problem.outputs(problem.operator, problem.disturbances, self._beside)[0]
+
+    def misses(self, y, record):
+        """Return the sum of squares of what it leaves of y, refitted to that and the old data."""
+        problem = self.problem(replace(record, y=y))
+        total = problem.total(problem.evaluate(problem.x0))
+        if not np.isfinite(total).all():  # it tells nothing that can be counted on
+            return 0.0
+        taken = total[:-1, -1] @ _inverse(self.gram + total[:-1, :-1]) @ total[:-1, -1]
+        return max(total[-1, -1] - taken, 0.0)
+
+
+def _inverse(gram):
+    """Return the inverse of a Gram matrix, large where it tells nothing."""
+    diagonal = np.diag(gram)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = gram * np.outer(scale, scale)
+    return np.linalg.inv(scaled + 1e-10 * np.eye(len(gram))) * np.outer(scale, scale)
+
+
+# ------------------------------------------------------------------------- what is asked
+
+
+def question_of(search):
+    """Return what a fitted search has left open: an object that is asked what a record tells.
+
+    ``ask(record)`` returns an answer, ``worth(answer)`` a tuple that is larger for better ones and
+    ends with the nats, ``told(answer, n_samples)`` the answer in words.
+    """
+    pairs = list(_rivals(search)) or list(_near_claims(search))
+    return Contrasts(search, pairs) if pairs else Intervals(search)
+
+
+def _rivals(search):
+    """Yield each claim and a rival, and the models with either."""
+    tree = search._structure
+    for row in search.history_.itertuples():
+        start = tree.without(row.effect) if row.ambiguous_with else tree
+        own = _with_effect(row.effect, start, search) if row.ambiguous_with else []
+        for name in row.ambiguous_with:
+            rivals = _with_effect(name, start, search)
+            if rivals:
+                yield row.effect, name, ([Fitted(tree, search._records), *own], rivals)
+
+
+def _near_claims(search):
+    """Yield the effects that were nearest to a claim, each against none, and the models."""
+    if search.verdict_ == "noise" or search.ranking_.empty:
+        return
+    tree = search._structure
+    table = search.ranking_.sort_values(["error_after", "screen"], ascending=[True, False])
+    table = table[(table["round"] == table["round"].max()) & ~table["effect"].isin(tree.effects)]
+    least = 1.0 - (1.0 - search.min_improvement) ** 2  # of the power, to be contested
+    for name in table["effect"][table["screen"] > least][:FACTOR]:
+        more = _with_effect(name, tree, search)
+        if more:
+            yield name, "none", (more, [Fitted(tree, search._records)])
+
+
+def _with_effect(name, tree, search):
+    """Return the variants of one more effect that fit as well as the best, that one first."""
+    if name not in EFFECTS or name in tree.effects:
+        return []
+    effect, records = effect_of(search._driver, EFFECTS[name]), list(search._records)
+    without = refitted(Candidate((), tree, np.inf, np.inf, 0, np.empty(0)), tree, records)
+    starts = sorted(predicted(effect, tree, records), key=lambda c: c.promise)[: FACTOR**2]
+    fits = [refitted(c, c.structure, records, FACTOR**3) for c in starts]
+    fits = [c for c in fits if is_plausible(effect.plausible, c, without, records, search.alpha)]
+    fits.sort(key=lambda c: c.cost)
+    factor = (1.0 - search.min_improvement) ** 2
+    return [Fitted(c.structure, records) for c in fits if factor * c.cost <= fits[0].cost]
+
+
+class Contrasts:
+    """Pairs that the data do not tell apart: (name, name, (models, models))."""
+
+    def __init__(self, search, pairs):
+        self._pairs = pairs
+        self._variance = _noise(search) ** 2
+        self._n_old = len(search.response_)
+        self._share = (1.0 - search.min_improvement) ** -2 - 1.0
+
+    def ask(self, record):
+        """Return the noncentrality of each pair where either is right, and whether it is enough."""
+        found = []
+        for _, _, sides in self._pairs:
+            y = [models[0].predict(record) for models in sides]
+            wrong = zip(y, sides[::-1], strict=True)
+            found.append([min(m.misses(own, record) for m in models) for own, models in wrong])
+        found = np.array(found) / self._variance
+        return found, found > self._share * (self._n_old + len(record.u))
+
+    def worth(self, answer):
+        """Return how often a wrong model is found out, and the mean nats."""
+        found, enough = answer
+        return np.count_nonzero(enough), 0.25 * np.log1p(found).sum()
+
+    def told(self, answer, n_samples):
+        """Say what is told apart, and by how much."""
+        forms = {2: "{0} from {1}", 1: "{0} from {1} if it is {2}", 0: "{0} from {1}"}
+        told = {False: [], True: []}
+        for (*names, _), own, enough in zip(self._pairs, *answer, strict=True):
+            count = np.count_nonzero(enough)
+            shown = own[enough].min() if count else own.max()
+            form = forms[count].format(*names, names[int(np.argmax(own))])
+            size = number(np.sqrt(shown / n_samples), 2)
+            told[count > 0].append(f"{form} ({size} times the noise)")
+        parts = [f"it tells {listed(told[True])}"] if told[True] else []
+        parts += [f"it hardly tells {listed(told[False])}"] if told[False] else []
+        return f"{', but '.join(parts)}: RMS of what a refit leaves of their difference."
+
+
+class Intervals:
+    """The parameters whose intervals are wide over their values."""
+
+    def __init__(self, search):
+        tree = search._structure
+        problem = tree.problem(search._records)
+        self._model, self._variance = Fitted(tree, search._records), _noise(search) ** 2
+        x, self._names = problem.x0, problem.names
+        # at a bound there is no interval
+        self._inner = np.flatnonzero((x > problem.lower) & (x < problem.upper))
+        covariance = self._covariance(self._model.gram)
+        # logarithms are relative; what may be zero, of either sign, is no measure of itself
+        signed = ~problem.log & (problem.lower < 0.0) & (problem.upper > 0.0)
+        values = np.where(problem.log, 1.0, np.abs(x))[self._inner]
+        known = (values > np.sqrt(np.diag(covariance))) | ~signed[self._inner]
+        self._values = np.where(known & (values > 0.0), values, np.inf)
+        order = np.argsort(-self._widths(covariance))
+        self._widest = order[: min(FACTOR, np.count_nonzero(np.isfinite(self._values)))]
+        self._is_open = search.verdict_ != "noise"
+        self._asked = order if self._is_open else self._widest
+
+    def _covariance(self, gram):
+        return self._variance * _inverse(gram[np.ix_(self._inner, self._inner)])
+
+    def _widths(self, covariance):
+        return np.sqrt(np.diag(covariance)) / self._values
+
+    def ask(self, record):
+        """Return the covariance of the parameters without and with a record."""
+        problem = self._model.problem(record)
+        new = problem.total(problem.evaluate(problem.x0))[:-1, :-1]
+        new = new if np.isfinite(new).all() else np.zeros_like(new)
+        return [self._covariance(gram) for gram in (self._model.gram, self._model.gram + new)]
+
+    def worth(self, answer):
+        """Return the nats."""
+        asked = np.ix_(self._asked, self._asked)
+        before, after = (np.linalg.slogdet(covariance[asked])[1] for covariance in answer)
+        return (0.5 * (before - after),)
+
+    def told(self, answer, n_samples):
+        """Say which intervals become narrower, and by how much."""
+        lead = "no effect comes near a claim" if self._is_open else "nothing is ambiguous"
+        if not len(self._widest):
+            return f"{lead}, and no parameter has an interval."
+        before, after = (100.0 * self._widths(own)[self._widest] for own in answer)
+        narrower = listed(
+            f"{self._names[self._inner[i]]} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
+            for i, a, b in zip(self._widest, before, after, strict=True)
+        )
+        return f"{lead}, and it makes the widest intervals narrower, of {narrower}."
+
+
+def _noise(search):
+    return max(search.noise_floor_, NEGLIGIBLE * np.ptp(search.response_))
