@@ -23,7 +23,7 @@ from ._model_files import load_model, save_model
 from .base import ParametricModel
 from .compose import Cascade, snake_case
 from .control import InverseCompensator
-from .diagnosis import EFFECTS, EffectSearchCV, Report, effect_names
+from .diagnosis import EFFECTS, EffectSearchCV, Report, effect_names, next_experiment
 from .discovery import all_estimators
 from .exceptions import ReachWarning
 from .export import to_c
@@ -76,6 +76,7 @@ def _parser():
     parser.add_argument("--version", action="version", version=f"skhyst {__version__}")
     commands = parser.add_subparsers(dest="subcommand", required=True, metavar="command")
     _add_diagnose(commands)
+    _add_next(commands)
     _add_compensate(commands)
     _add_export(commands)
     demo = commands.add_parser("demo", help="hide an effect in a simulated actuator, then find it")
@@ -95,6 +96,40 @@ def _parser():
 
 def _add_diagnose(commands):
     parser = commands.add_parser("diagnose", help="search a recording for missing effects")
+    _add_search(parser)
+    parser.set_defaults(run=_diagnose)
+
+
+def _add_next(commands):
+    about = "search a recording, and write the drive to record next"
+    parser = commands.add_parser("next", help=about)
+    _add_search(parser)
+    add = parser.add_argument
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
+    limits = "of the drive, in its units"
+    add("--limits", type=float, nargs=2, required=True, metavar=("LOW", "HIGH"), help=limits)
+    add("--rate", type=float, metavar="R", help="largest slope, units of the drive over s")
+    longest = "default: as the longest record"
+    add("--duration", type=float, metavar="S", help=f"length in s ({longest})")
+    add("--dt", type=float, metavar="S", help=f"sampling interval ({longest})")
+    parser.set_defaults(run=_next)
+
+
+def _next(options):
+    if options.output.exists():  # a search takes its time
+        raise FileExistsError(f"{options.output} is there already: it is not overwritten.")
+    if not options.limits[0] < options.limits[1]:
+        raise ValueError(f"The limits must be LOW HIGH. Got {options.limits} instead.")
+    _prepare([options.output])
+    search = _diagnose(options)
+    asked = options.limits, options.rate, options.duration, options.dt
+    experiment = next_experiment(search, *asked)
+    experiment.save(options.output)
+    print(f"record next: {experiment.reason}")
+    print(f"written: {options.output}")
+
+
+def _add_search(parser):
     add = parser.add_argument
     add("file", type=Path, help="recording: csv, txt, mat, npy, npz, json, hdf5, parquet, tdms")
     add("--drive", required=True, metavar="COL", help="column or variable of the drive")
@@ -125,7 +160,6 @@ def _add_diagnose(commands):
     add("--save", type=Path, metavar="FILE", help="augmented model, .skops or .joblib")
     add("--json", type=Path, metavar="FILE", help="numbers")
     add("--quiet", action="store_true", help="no progress")
-    parser.set_defaults(run=_diagnose)
 
 
 def _add_model(parser):
@@ -228,6 +262,7 @@ def _diagnose(options):
     more["reference"] = None if options.reference is None else X.shape[1] - 1
     search = _search(model, options, **more).fit(X, y)
     _conclude(search, options, held_out)
+    return search
 
 
 def _search(model, options, **more):

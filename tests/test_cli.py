@@ -17,7 +17,7 @@ from skhyst._model_files import save_model
 from skhyst.cli import main, parse_model
 from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
-from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.exceptions import ReachWarning
 from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
@@ -54,6 +54,26 @@ def files(folder, report):
     """Options that write all files to a folder."""
     names = {"--json": "out.json", "--report": report, "--save": "model.joblib"}
     return [part for option, name in names.items() for part in (option, str(folder / name))]
+
+
+def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys):
+    path = tmp_path / "new" / "drive.csv"
+    more = ["-o", str(path), "--limits", "-40", "40", "--rate", "2000", "--duration", "0.3"]
+    command = ["next", *arguments(recording, *more)[1:]]
+    assert main(command) == 0
+    table = pd.read_csv(path)
+    X, y = read_records(recording, drive="volt", response="um", time="t")
+    experiment = next_experiment(searched(X, y), (-40.0, 40.0), 2000.0, 0.3)
+    np.testing.assert_allclose(table["drive"], experiment.drive)
+    np.testing.assert_allclose(table["time"], experiment.drive.index)
+    assert f"record next: {experiment.reason}" in capsys.readouterr().out
+    assert main(command) == 1
+    assert "not overwritten" in capsys.readouterr().err
+    path.unlink()
+    command[command.index("--limits") + 1] = "50"
+    assert main(command) == 1
+    assert "LOW HIGH" in capsys.readouterr().err
+    assert not path.exists()
 
 
 def test_diagnose_equals_python(recording, tmp_path, capsys):
