@@ -194,7 +194,7 @@ def measured(rng, clean, noise_std, condition):
     return y
 
 
-def record_in(habit, effect, declared, seed, *, noise=0.002):
+def record_in(habit, effect, declared, seed, *, noise=0.002, drive=None):
     """Draw a plant, and record it as a laboratory does.
 
     Parameters
@@ -203,6 +203,8 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
         Of `HABITS`.
     effect, declared, seed, noise
         As of `make_recording`.
+    drive : ndarray of shape (n_samples,), optional
+        In place of that of the first held-out record; effects depend on its length alone.
 
     Returns
     -------
@@ -226,6 +228,8 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
         sine = [np.sin(2 * np.pi * np.arange(u.size) / condition.period) for u in setting.drives]
         tops = [np.abs(u).max() for u in setting.drives]
         setting = replace(setting, drives=tuple(a * u for a, u in zip(tops, sine, strict=True)))
+    if drive is not None:
+        setting = _with_drive(setting, np.resize(setting.drives[N_TRAIN], len(drive)))
     put = partial(put_in, names=names, plant=plant, setting=setting, laws=HABITS[habit].laws)
     if HABITS[habit].unequal and len(names) > 1:
         found = _unequal(rng, put, noise)
@@ -233,6 +237,8 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
         found = put(rng)[0]
     if condition.feedback:
         setting = _closed(seed, plant, found, setting, noise, condition)
+    if drive is not None:  # of which effects, when they are drawn, know the length alone
+        setting = _with_drive(setting, drive)
     here = partial(read, condition=condition)
     clean = respond(plant, found, setting, here)
     kept = _kept(setting, condition)
@@ -256,6 +262,13 @@ def record_in(habit, effect, declared, seed, *, noise=0.002):
     }
     fitted = [records[i] for i in kept]
     return recorded(fitted, records[N_TRAIN:], setting, noise_std, truth)
+
+
+def _with_drive(setting, drive):
+    """Return the setting with another drive in the first held-out record."""
+    drives, lengths = list(setting.drives), list(setting.lengths)
+    drives[N_TRAIN], lengths[N_TRAIN] = drive, len(drive)
+    return replace(setting, drives=tuple(drives), lengths=tuple(lengths))
 
 
 def _unequal(rng, put, noise):
