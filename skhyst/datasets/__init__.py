@@ -1,14 +1,12 @@
 """Test signals, published parameters, and the recordings that they generate."""
 
+from ._catalogue import signals_within
 from ._inchworm_motor import inchworm_motor_stepper, make_inchworm_motor, walking_drive
 from ._scanning_stage import (
     load_scanning_stage_parameters,
     make_scanning_stage,
     scanning_stage_stepper,
 )
-from ._catalogue import signals_within
-from ._inchworm_motor import make_inchworm_motor, walking_drive
-from ._scanning_stage import load_scanning_stage_parameters, make_scanning_stage
 from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
 from ._signals_random import band_limited_noise, multisine
 from ._stepping import DeviceStepper
