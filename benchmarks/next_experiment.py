@@ -154,7 +154,7 @@ def summary(rows, first_seed):
             f"names that were not told apart, on average: {names['first']:.2f} at first, "
             f"{names['proposed']:.2f} with the proposed record, {names['random']:.2f} with a random"
         )
-        sure = ~counted["reason"].str.contains("hardly")
+        sure = ~counted["reason"].str.contains("hardly|if it is")
         lines.append(
             f"where the proposal says that it tells all apart: {proposed[sure].sum()} of "
             f"{sure.sum()}, random {drawn[sure].sum()}"
