@@ -479,7 +479,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         elif np.ndim(u0) == 0:  # the amplitude of the record may stand behind the columns
             u0 = np.full(self.n_features_in_ + 1, float(u0))
         state = operator.init(u0, initial_state or self._free_run_state())
-        return Stepper(operator.lowered(dt, state))
+        return Stepper(operator.lowered(dt, state), dt)
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"

@@ -284,7 +284,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             (history,) = self._rest(np.array([[rules.row[place] for place, _ in places]]))
         own = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
-        return Stepper(lowered_lags(self._plain_step(), *own, call, name))
+        return Stepper(lowered_lags(self._plain_step(), *own, call, name), self.records_[0].dt)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

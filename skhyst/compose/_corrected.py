@@ -253,10 +253,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         effects = with_params(informed(self.effects_, self), records_=self.records_)
         second = effects.stepper(dt, row, initial_state, schedule=schedule).lowered
         if second.n_inputs is None:
-            return Stepper(LoweredSeries((first, second)))
+            return Stepper(LoweredSeries((first, second)), dt)
         if first.n_inputs is None:
             first = LoweredColumn((first,), 0, 0.0)
-        return Stepper(LoweredColumnSeries((first, second)))
+        return Stepper(LoweredColumnSeries((first, second)), dt)
 
 
 def _stretches(fold):

@@ -34,6 +34,7 @@ from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
 from ..records import chosen_interval
+from ..static import SaturationOperator
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # part of a step below which nothing is gained
@@ -403,7 +404,9 @@ class _Backwards:
             state = inverse.init(v[0])
             lowered.append(inverse.lowered(self.dt, state))
             v = inverse.run(v, self.dt)[0]
-        return Stepper(LoweredSeries(tuple(lowered)))
+        if self.limits != (-np.inf, np.inf):
+            lowered.append(SaturationOperator(*self.limits).lowered(self.dt, None))
+        return Stepper(LoweredSeries(tuple(lowered)), self.dt)
 
 
 def _fitted(model, X, y):

@@ -170,7 +170,7 @@ class FeedforwardPI:
         state[0] = u0 - settled
         _, state[1:3] = _settled(notch, state[0])
         step = following_step if follows else feedback_step
-        return Stepper(LoweredRow(step, constants, state, 3 if follows else 2))
+        return Stepper(LoweredRow(step, constants, state, 3 if follows else 2), dt)
 
     def controlling(self, reference, dt, u0=None):
         """Return a function of the number of a sample and of its reading: the drive until the next.

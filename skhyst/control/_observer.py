@@ -218,7 +218,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Stepper
             ``step([u, y]) -> estimate``, ``run(rows)``, ``state``, ``copy()``.
         """
-        return Stepper(self.lowered(dt, u0))
+        return Stepper(self.lowered(dt, u0), self._interval(dt))
 
     def reset(self):
         """Forget all readings: the next sample is the first one of a device at rest."""

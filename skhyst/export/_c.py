@@ -7,10 +7,8 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
 from ..operators import Stepper
-from ..records import chosen_interval
 from ._fixed import Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
@@ -119,7 +117,7 @@ def to_c(
     dtype="float64",
     *,
     dt=None,
-    initial_state="rest",
+    initial_state=None,
     u0=0.0,
     drive=None,
     input_unit=None,
@@ -145,8 +143,8 @@ def to_c(
         ``float``; ``"int32"`` in integers alone, for machines without floating point.
     dt : float, optional
         Sampling interval in s; that of the records of the fit by default. Needed for an operator.
-    initial_state : {"rest", "zero"}, default="rest"
-        State before the first sample.
+    initial_state : {"rest", "zero"}, default=None
+        State before the first sample; by default that of ``predict``, of an operator that of rest.
     u0 : float or array-like of shape (n_inputs,), default=0.0
         Input at which the device rests, in units of the drive.
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
@@ -200,7 +198,9 @@ def to_c(
             f"The 'dtype' parameter of to_c must be one of {sorted((*DIALECTS, 'int32'))}. Got "
             f"{dtype!r} instead."
         )
-    what, lowered, dt = _lowered(model, dt, initial_state, u0)
+    what = type(model).__name__
+    stepper, dt = _stepper(model, dt, initial_state, u0)
+    lowered = stepper.lowered
     n_inputs = lowered.n_inputs or 1
     step, double = model_step(lowered), DIALECTS["float64"]
     common = {
@@ -210,15 +210,15 @@ def to_c(
         "n_inputs": n_inputs,
         "one": "" if lowered.n_inputs else "[0]",
         "n_states": max(len(lowered.state), 1),
-        "digest": hashlib.sha256(_program(step, lowered).encode()).hexdigest(),
+        "digest": hashlib.sha256(_program(step, stepper.state).encode()).hexdigest(),
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
         drive = _inputs(drive, n_inputs)
-        texts = _in_integers(lowered, common, drive, units)
+        texts = _in_integers(stepper, common, drive, units)
     else:
         drive = _test_drive(u0, n_inputs) if drive is None else _inputs(drive, n_inputs)
-        texts = _in_reals(step, lowered, common, drive, dtype)
+        texts = _in_reals(step, stepper, common, drive, dtype)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
@@ -226,19 +226,18 @@ def to_c(
     return [folder / file for file in texts]
 
 
-def _lowered(model, dt, initial_state, u0):
-    """Return a model's name, its step and the sampling interval."""
-    what = type(model).__name__
-    if hasattr(model, "bound"):
-        return what, model, dt
+def _stepper(model, dt, initial_state, u0):
+    """Return a model as a stepper, and the sampling interval; None where nobody knows it."""
     if hasattr(model, "stepper"):
-        check_is_fitted(model)
-        if hasattr(model, "records_"):
-            dt = chosen_interval(model.records_, dt, "to_c")
-        return what, model.stepper(dt, u0, initial_state).lowered, dt
-    if dt is None:
-        raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
-    return what, model.lowered(dt, model.init(u0, initial_state)), dt
+        more = {} if initial_state is None else {"initial_state": initial_state}
+        model = model.stepper(dt, *([u0] if np.any(u0) else []), **more)
+    elif hasattr(model, "init"):
+        if dt is None:
+            raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
+        model = model.lowered(dt, model.init(u0, initial_state or "rest"))
+    if not isinstance(model, Stepper):
+        model = Stepper(model)
+    return model, model.dt if dt is None else dt
 
 
 def _units(drive, *units):
@@ -253,23 +252,23 @@ def _units(drive, *units):
     return units
 
 
-def _program(step, lowered):
+def _program(step, state):
     """Return all that is computed, whatever its name is."""
     dialect = DIALECTS["float64"]
     printer = Printer("", dialect)
     printer.function(step)
     tables = (text for _, text in printer.tables.values())
-    return "\n".join((*tables, *printer.texts, _listed(lowered.state, dialect.literal)))
+    return "\n".join((*tables, *printer.texts, _listed(state, dialect.literal)))
 
 
 def _listed(values, literal):
     return ", ".join(map(literal, values)) or "0"
 
 
-def _answers(lowered, drive):
+def _answers(stepper, drive):
     """Return the response of the Python model."""
-    stepper = Stepper(lowered)
-    return np.array([stepper.step(u if lowered.n_inputs else u[0]) for u in drive])
+    device, row = stepper.copy(), stepper.lowered.n_inputs
+    return np.array([device.step(u if row else u[0]) for u in drive])
 
 
 def _texts(common, printer, inputs, outputs):
@@ -296,12 +295,12 @@ def _reserve(printer):
     return printer
 
 
-def _in_reals(step, lowered, common, drive, dtype):
+def _in_reals(step, stepper, common, drive, dtype):
     dialect = DIALECTS[dtype]
     printer = _reserve(Printer(common["name"], dialect))
     call = f"{printer.function(step)}({', '.join(step.args(['u', 'state->s']))})"
     drive = drive.astype(dialect.number).astype(float)
-    outputs = _answers(lowered, drive)
+    outputs = _answers(stepper, drive)
     inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(common["n_inputs"])]
     check = " || ".join(f"!isfinite({u})" for u in inputs)
     unused = "" if step.taken[1] else "    (void)state;\n"
@@ -310,7 +309,7 @@ def _in_reals(step, lowered, common, drive, dtype):
         "inner": dialect.type,
         "units": "Input and output are in the units of the model's drive and response.",
         "caution": "Returns NAN, and leaves the state as it is, if the input is not finite.",
-        "first": _listed(lowered.state, dialect.literal),
+        "first": _listed(stepper.state, dialect.literal),
         "body": f"{unused}    if ({check}) {{\n        return NAN;\n    }}\n    return {call};\n",
         "tolerance": TOLERANCES[dtype],
         "measure": "the range",
@@ -319,14 +318,14 @@ def _in_reals(step, lowered, common, drive, dtype):
     return _texts(common, printer, [_listed(row, dialect.literal) for row in drive], outputs)
 
 
-def _in_integers(lowered, common, drive, units):
-    step = model_step(lowered, with_numbers=True)
+def _in_integers(stepper, common, drive, units):
+    step = model_step(stepper.lowered, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
     drive = counts * units[0]
     printer = _reserve(
-        FixedPrinter(common["name"], Fixed(), ranges=Ranges(step, lowered.state, drive))
+        FixedPrinter(common["name"], Fixed(), ranges=Ranges(step, stepper.state, drive))
     )
-    body, first = boundary(printer, step, lowered, counts, units)
+    body, first = boundary(printer, step, stepper, counts, units)
     common |= _INTEGERS | {
         "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
         "   units of the model's drive and response.",
@@ -334,7 +333,7 @@ def _in_integers(lowered, common, drive, units):
         "first": first,
         "body": body,
     }
-    outputs = _answers(lowered, drive) / units[1]
+    outputs = _answers(stepper, drive) / units[1]
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
 
 

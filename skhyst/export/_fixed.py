@@ -287,26 +287,27 @@ class FixedText(FunctionText):
         return self._helper("pow", *texts, fa, fb, f), ATOM
 
 
-def boundary(printer, model, lowered, counts, units):
+def boundary(printer, model, stepper, counts, units):
     """Return the body of the public step, and the first state.
 
     Parameters
     ----------
     printer : FixedPrinter
     model : Slice
-    lowered : Lowered
+    stepper : Stepper
     counts : ndarray of shape (n_samples, n_inputs)
         The drive in units of the input.
     units : tuple of float
         Drive and response that the integer 1 stands for.
     """
-    ranges, row = printer.ranges, lowered.n_inputs is not None
+    ranges, n_inputs = printer.ranges, stepper.lowered.n_inputs
+    row, state = n_inputs is not None, stepper.state
     limit = min(_BEYOND * int(max(np.abs(counts).max(), 1)), 2**31 - 1)
     f, unit = digits(ranges.of(None, "u")), digits(units[0], _EXACT)
     product, least, most = (printer.helper(op, "real") for op in ("product", "min", "max"))
     inputs = [
         f"{product}({least}({most}({u}, {-limit}), {limit}), {scaled(units[0], unit)}, {unit - f})"
-        for u in ([f"u[{k}]" for k in range(lowered.n_inputs)] if row else ["u"])
+        for u in ([f"u[{k}]" for k in range(n_inputs)] if row else ["u"])
     ]
     lines = [f"const int64_t x{f'[{len(inputs)}]' if row else ''} = "]
     lines[0] += f"{{{', '.join(inputs)}}};" if row else f"{inputs[0]};"
@@ -319,5 +320,5 @@ def boundary(printer, model, lowered, counts, units):
     first = []
     for step, (*_, own) in ((k, s.args) for k, s in enumerate(model.body) if isinstance(s, Call)):
         begin, f = own.offset.value, digits(ranges.of(step, "s"))
-        first += [scaled(x, f) for x in lowered.state[begin : begin + own.shape[0]]]
+        first += [scaled(x, f) for x in state[begin : begin + own.shape[0]]]
     return "".join(f"    {line}\n" for line in lines), ", ".join(first) or "0"

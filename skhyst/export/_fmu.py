@@ -55,7 +55,7 @@ def to_fmu(
     version="3.0",
     *,
     dt=None,
-    initial_state="rest",
+    initial_state=None,
     u0=0.0,
     input_unit=None,
     output_unit=None,
@@ -77,8 +77,8 @@ def to_fmu(
         Of the Functional Mock-up Interface (FMI).
     dt : float, optional
         Sampling interval in s; that of the records of the fit by default. Needed for an operator.
-    initial_state : {"rest", "zero"}, default="rest"
-        State before the first sample.
+    initial_state : {"rest", "zero"}, default=None
+        State before the first sample; by default that of ``predict``, of an operator that of rest.
     u0 : float or array-like of shape (n_inputs,), default=0.0
         Input at which the device rests, in units of the drive, and with which the FMU begins.
     input_unit, output_unit : str, optional

@@ -9,6 +9,14 @@ from ._values import signature
 def model_step(lowered, with_numbers=False):
     """Return the step of a :class:`~skhyst.operators.Lowered` as a :class:`Slice`.
 
+    See :func:`composed`.
+    """
+    return sliced(composed(lowered, with_numbers))
+
+
+def composed(lowered, with_numbers=False):
+    """Return the step of a :class:`~skhyst.operators.Lowered` as a :class:`Function`.
+
     Its arguments are the input, a number or an array, and the state. Constants are arguments of
     the functions of its parts, so that parts of one kind share them; under ``with_numbers`` each
     part has its own, without what its constants rule out.
@@ -37,7 +45,7 @@ def model_step(lowered, with_numbers=False):
     y = lowered.bound(range(len(lowered.state)), binding)(u)
     body.append(Return((y,)))
     params, writes = (u, state), frozenset({"s"})
-    return sliced(Function("model", params, tuple(body), variable("", "real"), kinds, writes))
+    return Function("model", params, tuple(body), variable("", "real"), kinds, writes)
 
 
 def _constant(value, k):

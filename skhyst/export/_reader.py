@@ -100,8 +100,12 @@ class _Reader(Values):
         body, writes = (*self._head, *self._block), frozenset(self._writes)
         self.function = Function(definition.name, params, body, result, self._kinds, writes)
 
-    def _function(self, python, *signatures):
-        return read(python, *signatures, with_numbers=self._with_numbers)
+    def _function(self, function, *signatures):
+        if hasattr(function, "lowered"):
+            from ._model import composed  # which reads the steps of its parts with this module
+
+            return composed(function.lowered, self._with_numbers)
+        return read(function, *signatures, with_numbers=self._with_numbers)
 
     @staticmethod
     def _elements(name, definition):

@@ -165,6 +165,14 @@ class Array:
             return replace(self, shape=sizes[len(indices) :], offset=place)
         return Expression("load", (self, place), self.kind)
 
+    def part(self, rows):
+        """Return some of the rows, which lie one behind the other."""
+        start, stop, step = rows.indices(self.shape[0])
+        if step != 1:
+            raise Outside("a part of an array that leaves numbers out")
+        offset = self.offset + start * math.prod(self.shape[1:]) if start else self.offset
+        return replace(self, shape=(max(stop - start, 0), *self.shape[1:]), offset=offset)
+
     def __getitem__(self, index):
         """Return ``array[..., k]``, as compositions read a column of their input."""
         return self.at([constant(index[-1])])

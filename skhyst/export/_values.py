@@ -33,6 +33,7 @@ MATH = frozenset(
     """.split()  # noqa: SIM905
 )
 ROUNDED = frozenset(("ceil", "floor", "trunc"))  # these return integers
+_TESTS = ("isfinite", "isinf", "isnan")
 _BUILTINS = {f.__name__: f for f in (abs, float, int, max, min)}
 _OPERATORS = {
     ast.Add: "+",
@@ -92,8 +93,8 @@ class Values(ABC):
         self._n_writing = 0  # calls so far that write to arrays
 
     @abstractmethod
-    def _function(self, python, *signatures):
-        """Return another function, for such arguments."""
+    def _function(self, function, *signatures):
+        """Return another function, or what holds a composition, for such arguments."""
 
     def _refuse(self, what):
         line = getattr(self._at, "lineno", "?")
@@ -219,17 +220,18 @@ class Values(ABC):
 
     def _subscript(self, node):
         value = self._value(node.value)
-        if isinstance(value, Array):
-            indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-            return value.at([self._number(index) for index in indices])
-        if not isinstance(value, tuple):
+        if not isinstance(value, (Array, tuple)):
             self._refuse("an element of this")
         if isinstance(node.slice, ast.Slice):
             ends = node.slice.lower, node.slice.upper, node.slice.step
             numbers = [None if end is None else self._number(end).value for end in ends]
             if any(n is None and end is not None for n, end in zip(numbers, ends, strict=True)):
-                self._refuse("a part of a tuple whose ends are not known")
-            return value[slice(*numbers)]
+                self._refuse("a part whose ends are not known")
+            part = slice(*numbers)
+            return value.part(part) if isinstance(value, Array) else value[part]
+        if isinstance(value, Array):
+            indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+            return value.at([self._number(index) for index in indices])
         index = self._number(node.slice)
         if index.value is not None:
             if not -len(value) <= index.value < len(value):
@@ -294,8 +296,12 @@ class Values(ABC):
         name = getattr(function, "__name__", None)
         if hasattr(function, "py_func"):
             return self._call_function(function.py_func, args)
+        if hasattr(function, "lowered"):
+            return self._call_function(function, (args[0], args[-1]))
         if _BUILTINS.get(name) is function:
             return self._builtin(name, [self._as_number(arg) for arg in args])
+        if getattr(math, str(name), None) is function and name in _TESTS:
+            return self._tested(name, converted(self._as_number(*args), "real"))
         if getattr(math, str(name), None) is function:
             reals = tuple(converted(self._as_number(arg), "real") for arg in args)
             if name in MATH:
@@ -303,6 +309,14 @@ class Values(ABC):
             if name in ROUNDED:
                 return Expression("cast", (Expression(f"math.{name}", reals, "real"),), "int")
         self._refuse(f"a call of {ast.unparse(node.func)!r}")
+
+    @staticmethod
+    def _tested(name, x):
+        """Return a condition on a number, without a function."""
+        if name == "isnan":
+            return compared("!=", x, x)
+        size = Expression("abs", (x,), "real")
+        return compared("==" if name == "isinf" else "<", size, constant(math.inf))
 
     def _builtin(self, name, args):
         kind = joined(*(x.kind for x in args), "int")

@@ -370,7 +370,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         dt = self.operator_.dt if dt is None else float(dt)
         u0 = np.array(np.broadcast_to(np.asarray(u0, dtype=float), (self.n_features_in_,)))
         state = self.operator_.init(u0, initial_state or self.initial_state)
-        return Stepper(self.operator_.lowered(dt, state))
+        return Stepper(self.operator_.lowered(dt, state), dt)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -464,7 +464,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        return Stepper(lowered_regressor(self, self.n_features_in_))
+        return Stepper(lowered_regressor(self, self.n_features_in_), dt)
 
 
 def _location_and_scale(values):

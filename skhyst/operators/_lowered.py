@@ -316,9 +316,13 @@ class Stepper:
     ----------
     lowered : Lowered
         Operator at its sampling interval, with the state to begin from.
+    dt : float, default=None
+        That interval in s, where it is known.
 
     Attributes
     ----------
+    dt : float or None
+        Sampling interval in s, where it is known.
     state : ndarray of shape (n_states,)
         All that is remembered: a copy, which may be kept and assigned again.
     lowered : Lowered
@@ -338,10 +342,13 @@ class Stepper:
     (0.5, array([3.5, 0.5]))
     """
 
-    def __init__(self, lowered):
-        self.lowered = lowered
-        self._state = np.array(lowered.state)
-        self._step = lowered.stepping(self._state)
+    def __init__(self, lowered, dt=None):
+        self.lowered, self.dt = lowered, dt
+        self._begin(lowered.state)
+
+    def _begin(self, state):
+        self._state = np.array(state)
+        self._step = self.lowered.stepping(self._state)
 
     @property
     def state(self):
@@ -411,6 +418,6 @@ class Stepper:
 
     def copy(self):
         """Return another one in the same state, which goes its own way."""
-        other = Stepper(self.lowered)
+        other = Stepper(self.lowered, self.dt)
         other.state = self._state
         return other

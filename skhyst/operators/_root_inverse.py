@@ -175,18 +175,29 @@ class _LoweredRoot(Lowered):
     constants: tuple
     state: np.ndarray
 
-    def stepping(self, s):
-        root = _plain(lambda u, c, own: self.forward.stepping(own)(u))
-        return lambda y: root(y, self.constants, s)
+    def bound(self, s, binding):
+        return binding(_plain(_Composed(self.forward)), self.constants, s)
 
     def streaming(self, s):
         root = self.stepping(s)
         return lambda y: np.array([root(value) for value in y])
 
 
+@dataclass(frozen=True)
+class _Composed:
+    """Several steps in the place of one, without constants of their own."""
+
+    lowered: Lowered
+
+    def __call__(self, u, c, s):
+        return self.lowered.stepping(s)(u)
+
+
 def _plain(law):
     """Return the root of a step that is not compiled."""
-    return FunctionType(root_step.__code__, {**root_step.__globals__, "step": law})
+    root = FunctionType(root_step.__code__, {**root_step.__globals__, "step": law})
+    root.py_func = root
+    return root
 
 
 def inverse_of(operator, low=-math.inf, high=math.inf):
