@@ -198,10 +198,10 @@ def _compensate(options):
     ).fit(X, reference)  # the model is fitted: nothing is learned from the reference
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ReachWarning)
-        drive = compensator.predict(X)
-        residual = np.abs(compensator.residual(X)).max()
+        drive, residual = compensator.predict(X, return_residual=True)
     span = np.ptp(reference) / 100.0 or 1.0
-    print(f"largest residual of the model: {residual:.4g} ({residual / span:.3g} % of the range)")
+    worst = np.abs(residual).max()
+    print(f"largest residual of the model: {worst:.4g} ({worst / span:.3g} % of the range)")
     for message in dict.fromkeys(str(warning.message) for warning in caught):
         print(message)
     table = pd.DataFrame({"drive": drive}, X.index).reset_index()

@@ -1,11 +1,11 @@
 r"""The drive under which a device follows a reference: its model backwards.
 
 Stage by stage, from the last to the first, each output that is wanted becomes the input that gives
-it: by the stage's own inverse, by the root of each sample, or, for linear dynamics, by stable
-inversion over the whole record (see :func:`skhyst.operators.inverse_of`). A stage whose motion has
-hysteresis within it is undone as the linear mode that it is without.
+it: by the stage's own inverse, by the root of each sample, or, for dynamics, by stable inversion,
+over a whole record or with a preview of the reference (see :func:`skhyst.operators.inverse_of`).
 
-What is left is worked off by iteration. With the approximate inverse :math:`I` and a response
+What is left is worked off by iteration. With an approximate inverse :math:`I`, in which a stage
+whose motion has hysteresis within it is the linear mode that it is without, and a response
 :math:`y` to the drive :math:`u`,
 
 .. math:: u \leftarrow u + s \, (I[r] - I[y]), \qquad 0 < s \le 1
@@ -32,6 +32,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
+from ..linear import DelayOperator
 from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
 from ..records import chosen_interval
 from ..static import SaturationOperator
@@ -91,7 +92,16 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     >>> compensator = InverseCompensator(model).fit(u[:, None], y)
     >>> reference = 4.0 * np.sin(20.0 * time) ** 2 * (time > 0.02)
     >>> drive = compensator.predict(reference[:, None])
-    >>> bool(np.abs(compensator.residual(reference[:, None])).max() < 1e-6)
+    >>> drive, residual = compensator.predict(reference[:, None], return_residual=True)
+    >>> bool(np.abs(residual).max() < 1e-6)
+    True
+
+    The same, sample by sample, from a reference that is known some samples ahead:
+
+    >>> ahead = compensator.preview()
+    >>> stepper = compensator.stepper()
+    >>> late = stepper.run(reference)
+    >>> bool(np.abs(late[ahead:] - drive[:-ahead])[:-ahead].max() < 1e-6)
     True
     """
 
@@ -152,7 +162,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 )
         return self
 
-    def predict(self, X):
+    def predict(self, X, return_residual=False):
         """Return the drive under which the response follows a reference.
 
         A record begins at rest at its first value. Where dynamics are inverted the drive moves
@@ -163,34 +173,29 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Column 0 is the reference, in units of the response, in the place of the drive; the
             index carries records and time.
+        return_residual : bool, default=False
+            Whether to return what is left of the error, too.
 
         Returns
         -------
-        ndarray of shape (n_samples,)
-            Drive.
+        drive : ndarray of shape (n_samples,)
+        residual : ndarray of shape (n_samples,)
+            The model's response to the drive, less the reference. Only where it is asked for.
+
+        Raises
+        ------
+        ValueError
+            If the reference is not finite, a stage has no stable inverse, or the residual of a
+            learned inverse is asked for.
         """
-        slices, references = self._references(X)
+        slices, references = self._known(X) if return_residual else self._references(X)
         if self.method == "learned":
             drive = self.model_.predict(_indexed(references, X))
             return self._limited(np.ravel(drive).astype(float))
-        parts = [self._compensated(references[s.rows], s.dt)[0] for s in slices]
-        return self._limited(np.concatenate(parts))
-
-    def residual(self, X):
-        """Return the model's response to the drive of :meth:`predict`, less the reference.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            As for :meth:`predict`.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Units of the response.
-        """
-        slices, references = self._known(X)
-        return np.concatenate([self._compensated(references[s.rows], s.dt)[1] for s in slices])
+        parts = [self._compensated(references[s.rows], s.dt) for s in slices]
+        drive, residual = (np.concatenate(part) for part in zip(*parts, strict=True))
+        drive = self._limited(drive)
+        return (drive, residual) if return_residual else drive
 
     def refine(self, X, measure, n_trials=6):
         """Return a drive that is learned on the device, trial by trial.
@@ -225,12 +230,32 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
         drive = self._limited(self._compensated(reference, slices[0].dt)[0])
         wanted = self._filtered(reference, slices[0].dt)
-        aim = plant.invert(wanted)
-        drive, self.errors_ = self._improved(drive, aim, wanted, plant, measured, n_trials, 0.0)
+        drive, self.errors_ = self._improved(drive, wanted, plant, measured, n_trials, 0.0)
         return drive
 
-    def stepper(self, dt=None, reference=0.0):
+    def preview(self, dt=None):
+        r"""Return how many samples ahead the :meth:`stepper` is fed the reference by default.
+
+        What comes later changes the drive by a part ``tol`` at the most. Dynamics with a zero z
+        outside the unit circle need :math:`\log(1/tol) / \log|z|` samples: 16 for a ``tol`` of 1e-9
+        and the zero near -3.73 of a mass that is sampled fast. A delay needs its own length.
+
+        Parameters
+        ----------
+        dt : float, default=None
+            As for :meth:`stepper`.
+
+        Returns
+        -------
+        int
+        """
+        return self._backwards(dt).streamed(0.0, self._part_left_out())[1]
+
+    def stepper(self, dt=None, reference=0.0, preview=None):
         """Return the compensator as a device that is fed the reference sample by sample.
+
+        It is fed the reference some samples ahead: the drive that it returns is for that many
+        samples before. The bandwidth plays no part, and nothing is left to iteration.
 
         Parameters
         ----------
@@ -238,16 +263,19 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             Sampling interval in s; by default that of the records of the fit.
         reference : float, default=0.0
             At which the device rests before.
+        preview : int, default=None
+            Samples ahead; by default those of :meth:`preview`. With fewer the error grows, by the
+            size of the zeros outside the unit circle for each.
 
         Raises
         ------
         NotImplementedError
-            If a stage can only be undone with a look ahead, as linear dynamics.
+            If a stage can only be undone over a whole record.
+        ValueError
+            If the preview is shorter than a delay in the model, or a stage has no stable inverse.
         """
-        check_is_fitted(self)
-        dt = chosen_interval(self.model_.records_, dt, "InverseCompensator.stepper")
-        plant = _Backwards(self.model_.operator_, dt, self._limits())
-        return plant.stepper(float(reference))
+        plant = self._backwards(dt)
+        return plant.stepper(float(reference), self._part_left_out(), preview)
 
     def drive_for(self, reference, dt):
         """Return the drive (n_samples,) for one record of a reference (n_samples,), dt in s."""
@@ -256,6 +284,17 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         X = np.zeros((len(index), self.n_features_in_))
         X[:, 0] = reference
         return self.predict(pd.DataFrame(X, index, names))
+
+    def _backwards(self, dt):
+        check_is_fitted(self)
+        if self.method == "learned":
+            raise NotImplementedError("An inverse that was learned is not stepped.")
+        dt = chosen_interval(self.model_.records_, dt, "InverseCompensator.stepper")
+        return _Backwards(self.model_.operator_, dt, self._limits())
+
+    def _part_left_out(self):
+        """Return what of a reference that comes late may be left out, rounding at the least."""
+        return min(max(self.tol, np.finfo(float).eps), 1.0)
 
     def _references(self, X):
         check_is_fitted(self)
@@ -296,15 +335,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = _Backwards(self.model_.operator_, dt, self._limits())
         wanted = self._filtered(reference, dt)
         enough = self.tol * np.ptp(wanted)
-        aim = plant.invert(wanted)
+        drive = np.clip(plant.invert(wanted), *self._limits())
         plant.warn(wanted, max(enough, 1e-6 * np.ptp(wanted)))
-        drive = np.clip(aim, *self._limits())
-        drive, _ = self._improved(drive, aim, wanted, plant, plant.run, self.max_iter, enough)
+        drive, _ = self._improved(drive, wanted, plant, plant.run, self.max_iter, enough)
         return drive, plant.run(drive) - reference
 
-    def _improved(self, drive, aim, wanted, plant, measure, n_trials, enough):
+    def _improved(self, drive, wanted, plant, measure, n_trials, enough):
         """Return a drive with a smaller error, and the errors on the way."""
-        drives, changes, errors, best, part = [], [], [], 0, 1.0
+        drives, changes, errors, best, part, aim = [], [], [], 0, 1.0, None
         for trial in range(n_trials):
             y = measure(drive)
             drives.append(drive)
@@ -316,7 +354,9 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 part *= 0.5
             if errors[-1] <= enough or part < _SMALLEST:
                 break
-            changes.append(aim - plant.invert(self._filtered(y, plant.dt)))
+            if aim is None:
+                aim = plant.invert(wanted, by_modes=True)
+            changes.append(aim - plant.invert(self._filtered(y, plant.dt), by_modes=True))
             step = changes[best] + _combined(drives, changes, best)
             drive = np.clip(drives[best] + part * step, *self._limits())
         return drives[best] if drives else drive, errors
@@ -365,18 +405,22 @@ class _Backwards:
     def _disturbed(self, n):
         return sum((d.run(np.zeros(n), self.dt)[0] for d in self.beside), np.zeros(n))
 
-    def _inverses(self):
-        """Yield the stages with their names and inverses, the last one first."""
+    def _inverses(self, by_modes=False):
+        """Yield the stages with their names and inverses, the last one first.
+
+        With ``by_modes`` motion is undone as the linear mode that it is without hysteresis, which
+        is bounded whatever comes, noise too.
+        """
         for i in reversed(range(len(self.stages))):
             stage = self.stages[i]
-            mode = None if stage.at_once else stage.linear_mode()
+            mode = stage.linear_mode() if by_modes and not stage.at_once else None
             limits = self.limits if i == 0 else (-np.inf, np.inf)
             yield self.names[i], stage, mode.inverse() if mode else inverse_of(stage, *limits)
 
-    def invert(self, wanted):
+    def invert(self, wanted, by_modes=False):
         """Return a drive for a response, and keep where a stage falls short the most."""
         v, self.missed = wanted - self._disturbed(len(wanted)), (0.0, "", 0.0)
-        for name, stage, inverse in self._inverses():
+        for name, stage, inverse in self._inverses(by_modes):
             found, _ = inverse.run(v, self.dt)
             if inverse.causal:  # what looks ahead is short where a record begins
                 short = np.abs(stage.run(found, self.dt, stage.init(found[0]))[0] - v)
@@ -397,13 +441,32 @@ class _Backwards:
                 stacklevel=5,
             )
 
-    def stepper(self, reference):
-        """Return the inverse as a stepper, from rest."""
-        lowered, v = [], np.array([reference]) - self._disturbed(1)
+    def streamed(self, reference, tol):
+        """Return the steps of the inverses, from rest, and by how many samples they are late."""
+        lowered, late, v = [], 0, np.array([reference]) - self._disturbed(1)
         for _, _, inverse in self._inverses():
-            state = inverse.init(v[0])
-            lowered.append(inverse.lowered(self.dt, state))
+            own, samples = inverse.ahead(self.dt, v[0], tol)
+            lowered.append(own)
+            late += samples
             v = inverse.run(v, self.dt)[0]
+        return lowered, late
+
+    def stepper(self, reference, tol, preview):
+        """Return the inverse as a stepper, from rest, that is late by a preview."""
+        lowered, late = self.streamed(reference, tol)
+        if preview is not None:
+            for exponent in range(-15, 1):  # of the part that is left out: the least that it can be
+                lowered, late = self.streamed(reference, 10.0**exponent)
+                if late <= preview:
+                    break
+            else:
+                raise ValueError(
+                    f"The 'preview' parameter of InverseCompensator.stepper must be {late} samples "
+                    f"at the least: the model's dynamics need them. Got {preview!r} instead."
+                )
+            if late < preview:
+                spare = DelayOperator(float(preview - late))
+                lowered.insert(0, spare.lowered(1.0, spare.init(reference)))
         if self.limits != (-np.inf, np.inf):
             lowered.append(SaturationOperator(*self.limits).lowered(self.dt, None))
         return Stepper(LoweredSeries(tuple(lowered)), self.dt)

@@ -34,7 +34,7 @@ import numpy as np
 from .._documentation import inherit_documentation
 from .._jit import bind, jit
 from ..linear import SecondOrderModeOperator
-from ..operators import LoweredStep, Operator, as_signal
+from ..operators import LoweredStep, Operator, WindowInverseOperator, as_signal
 
 REACH, SPEED, Q, P, F, B, SLOPE_B, OWN = range(8)  # columns of a law's derivatives
 FREE = 5  # first parameter's column in a sample's Jacobian, behind the state and both drives
@@ -339,6 +339,10 @@ class OscillatorOperator(Operator):
         }
         own = self._fed_back(s, feedback * (self.intercept - origin))
         return dataclasses.replace(self, **(both | own))
+
+    def inverse(self):
+        """Return the operator from the response to the drive, which looks ahead."""
+        return WindowInverseOperator(self)
 
     @cached_property
     def _mode(self):

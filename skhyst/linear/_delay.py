@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._jit import jit
 from ..base import ParametricModel
 from ..operators import LoweredStep, Operator, parameter
-from ._interpolation import cubic_weights
+from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._time_shift import TimeShiftOperator
 
@@ -42,24 +41,6 @@ def _delayed(signal, past, delay):
         sum(w * part for w, part in zip(own, parts, strict=True))
         for own in cubic_weights(back - delay)
     )
-
-
-@jit
-def delay_step(u, c, s):
-    """Return the drive some samples before; ``c`` are the weights of four samples.
-
-    ``s`` is the place of the next sample, then the samples so far, the first of the four the
-    oldest of them.
-    """
-    n = s.size - 1
-    at = int(s[0])
-    s[1 + at] = u
-    at = (at + 1) % n
-    s[0] = at
-    y = 0.0
-    for k in range(4):
-        y += c[k] * s[1 + (at + k) % n]
-    return y
 
 
 @dataclass(frozen=True)

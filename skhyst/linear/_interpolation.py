@@ -4,6 +4,24 @@ from .._jit import jit
 
 
 @jit
+def delay_step(u, c, s):
+    """Return the signal some samples before; ``c`` are the weights of four samples.
+
+    ``s`` is the place of the next sample, then the samples so far, the first of the four the
+    oldest of them.
+    """
+    n = s.size - 1
+    at = int(s[0])
+    s[1 + at] = u
+    at = (at + 1) % n
+    s[0] = at
+    y = 0.0
+    for k in range(4):
+        y += c[k] * s[1 + (at + k) % n]
+    return y
+
+
+@jit
 def cubic_weights(s):
     """Return the weights of four samples, at 0 to 3, for the value and the slope at ``s``."""
     values = (

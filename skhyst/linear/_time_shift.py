@@ -5,6 +5,7 @@ The response of a hysteresis to a drive that is a straight line from sample to s
 at the samples and is nearly straight in between: a polynomial would round its corners.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +13,8 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import Operator, parameter
-from ._interpolation import cubic_weights
+from ..operators import LoweredStep, Operator, parameter
+from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 
 
@@ -54,7 +55,7 @@ class TimeShiftOperator(Operator):
     """``y(t) = u(t - shift - skew t)``, t from the record's start; the output looks ahead.
 
     It does so by the shift and by two samples. Where a signal ends, its last value stands: a part
-    of it does not know what comes. A constant shift of an interval or more can be stepped.
+    of it does not know what comes. A constant shift is stepped with a preview.
     """
 
     shift: float = parameter(unit="s")
@@ -84,6 +85,17 @@ class TimeShiftOperator(Operator):
         """Return the shift that undoes this one."""
         rate = 1.0 - self.skew
         return replace(self, shift=-self.shift / rate, skew=-self.skew / rate)
+
+    def ahead(self, dt, u0, tol=1e-9):
+        """Return one step that is fed the input some samples ahead, and their number."""
+        if self.skew:
+            return super().ahead(dt, u0, tol)
+        samples = max(math.floor(-self.shift / dt) + 2, 0)
+        late = samples + self.shift / dt
+        back = max(math.ceil(late) + 1, 3)
+        weights = _line_weights if self.between == "line" else cubic_weights
+        ring = np.full(back + 1, u0, dtype=float)
+        return LoweredStep(delay_step, weights(back - late)[0], [0.0, *ring]), samples
 
     def _late(self, time):
         return self.shift + self.skew * time

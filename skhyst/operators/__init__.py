@@ -49,6 +49,7 @@ from ._state_space import (
     state_space_step,
     state_space_tangents,
 )
+from ._window_inverse import WindowInverseOperator
 
 __all__ = [
     "FrozenOperator",
@@ -71,6 +72,7 @@ __all__ = [
     "Stepper",
     "SumOperator",
     "Superposition",
+    "WindowInverseOperator",
     "WrappedOperator",
     "as_constant",
     "as_signal",

@@ -276,6 +276,16 @@ class SeriesOperator(_Composition):
     def lowered(self, dt, state):
         return LoweredSeries(self._lowered(dt, state))
 
+    def ahead(self, dt, u0, tol=1e-9):
+        """Return the stages' steps and the sum of their samples; see the base."""
+        lowered, samples = [], 0
+        for stage in self.stages:
+            own, later = stage.ahead(dt, u0, tol)
+            lowered.append(own)
+            samples += later
+            u0 = stage.run(np.array([u0]), dt)[0][0]
+        return LoweredSeries(tuple(lowered)), samples
+
     def inverse(self):
         """Return the series of the inverses, last stage first."""
         return SeriesOperator(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))

@@ -1,4 +1,4 @@
-r"""Stable inversion of linear dynamics over whole records.
+r"""Stable inversion of linear dynamics, over whole records or with a preview.
 
 A discrete system ``w[k+1] = A w[k] + B u[k]``, ``y[k] = C w[k] + D u[k]`` is solved for its input:
 
@@ -12,13 +12,19 @@ forwards, those of zeros outside run backwards, from a rest behind the record, w
 move before the response has to (S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output
 tracking", IEEE Trans. Automatic Control 41(7), 1996). The response then follows exactly where it
 rests for a while at the start of a record: a few samples for zeros that sampling has made.
+
+What comes matters the less the later it is: k samples ahead by the k-th power of the zeros'
+inverses. So a preview of ``log(1/tol) / log |zero|`` samples leaves out the part ``tol``.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import schur, solve_sylvester
 
+from .._jit import jit
+from ._lowered import LoweredStep
 from ._protocol import as_signal
 from ._root_inverse import InverseOperator
 from ._state_space import state_space_run
@@ -58,19 +64,83 @@ class InverseLinearOperator(InverseOperator):
     def run(self, u, dt, state=None):
         """Return the drive that gives a response (n_samples,) from rest to rest; see the base."""
         y = as_signal(np.asarray(u, dtype=float) - self.operator.intercept)
+        direct, late, forth, back = self._parts(dt)
+        y = np.append(y[late:], np.full(late, y[-1]))
+        p = _driven(*forth, y, shifted=True)
+        return direct * y + p + _driven(*back, y[::-1], shifted=False)[::-1], None
+
+    def ahead(self, dt, u0, tol=1e-9):
+        """Return one step that is fed the response some samples ahead, and their number.
+
+        See :meth:`Operator.ahead`. The part that runs backwards becomes a sum over what comes,
+        behind which the response rests (Q. Zou, S. Devasia, "Preview-based stable-inversion for
+        output tracking of linear systems", J. Dyn. Syst. Meas. Control 121(4), 1999).
+        """
+        direct, late, (a, b, c), (back, given, read) = self._parts(dt)
+        length = math.ceil(-math.log(tol) / self.decay(dt)) if len(back) else 0
+        weights = np.zeros(length + 1)
+        for k in range(length):
+            weights[k] = read @ given
+            given = back @ given
+        if len(back):
+            weights[-1] = read @ np.linalg.solve(np.eye(len(back)) - back, given)
+        weights[0] += direct
+        y = u0 - self.operator.intercept
+        x = np.linalg.solve(np.eye(len(b)) - a, b) * y
+        constants = weights, a, b, c, self.operator.intercept
+        state = [0.0, *np.full(length + 1, y), *x, *x]
+        return LoweredStep(preview_step, constants, state), length + late
+
+    def decay(self, dt):
+        """Return the rate, per sample, at which the drive forgets what comes, or infinity."""
+        *_, (back, _, _) = self._parts(dt)
+        return -math.log(np.abs(np.linalg.eigvals(back)).max()) if len(back) else math.inf
+
+    def _parts(self, dt):
+        """Return what makes the drive: a factor, samples ahead, and a part each way, (a, b, c).
+
+        The drive is ``factor y[k] + p[k] + q[k]`` with ``p[k] = c x[k]``, ``x[k+1] = a x[k] +
+        b y[k]``, and ``q[k] = c z[k]``, ``z[k] = a z[k+1] + b y[k]``, y being read ahead.
+        """
         ad, b0, b1, c, d = self.operator.discrete(dt)
         b, c, d = b0 + ad @ b1, c, d + c @ b1  # of states that need one sample of the input
-        ahead = 0
+        late = 0
         while abs(d) <= _NOTHING * max(np.abs(c) @ np.abs(b), abs(d)):
-            if ahead == len(b):
+            if late == len(b):
                 raise ValueError("A linear operator whose response is constant has no inverse.")
-            c, d, ahead = c @ ad, c @ b, ahead + 1
-        y = np.append(y[ahead:], np.full(ahead, y[-1]))
-        return _both_ways(ad - np.outer(b, c) / d, b / d, -c / d, 1.0 / d, y), None
+            c, d, late = c @ ad, c @ b, late + 1
+        return 1.0 / d, late, *_both_ways(ad - np.outer(b, c) / d, b / d, -c / d)
 
 
-def _both_ways(a, b, c, d, y):
-    """Return ``c x + d y`` for the bounded solution of ``x[k+1] = a x[k] + b y[k]``."""
+@jit
+def preview_step(u, c, s):
+    """Return the drive for a response ``u`` some samples later.
+
+    ``c`` is (weights of the oldest response to the latest, a, b, c of the part that runs forwards,
+    intercept). ``s`` is the place of the oldest response, responses, state of that part, and room.
+    """
+    weights, a, b, output, intercept = c
+    length, n = weights.size, b.size
+    at = int(s[0])
+    s[1 + at] = u - intercept
+    at = (at + 1) % length
+    s[0] = at
+    y = 0.0
+    for k in range(length):
+        y += weights[k] * s[1 + (at + k) % length]
+    for i in range(n):
+        y += output[i] * s[1 + length + i]
+        value = b[i] * s[1 + at]
+        for j in range(n):
+            value += a[i, j] * s[1 + length + j]
+        s[1 + length + n + i] = value
+    for i in range(n):
+        s[1 + length + i] = s[1 + length + n + i]
+    return y
+
+
+def _both_ways(a, b, c):
+    """Return the parts, each way, of the bounded ``c x`` with ``x[k+1] = a x[k] + b y[k]``."""
     sizes = np.abs(np.linalg.eigvals(a))
     if np.any(np.abs(sizes - 1.0) < _NEAR):
         raise ValueError(
@@ -81,10 +151,9 @@ def _both_ways(a, b, c, d, y):
     # x = z [p + s q, q]: with this s the equation of p is free of q, as that of q is of p
     s = solve_sylvester(t[:n, :n], -t[n:, n:], -t[:n, n:]) if 0 < n < len(b) else t[:n, n:]
     g, h = z.T @ b, c @ z
-    p = _driven(t[:n, :n], g[:n] - s @ g[n:], h[:n], y, shifted=True)
     back = np.linalg.inv(t[n:, n:])
-    q = _driven(back, -back @ g[n:], h[n:] + h[:n] @ s, y[::-1], shifted=False)[::-1]
-    return d * y + p + q
+    forth = t[:n, :n], g[:n] - s @ g[n:], h[:n]
+    return forth, (back, -back @ g[n:], h[n:] + h[:n] @ s)
 
 
 def _driven(a, b, c, y, shifted):

@@ -290,6 +290,31 @@ class Operator(ABC):
         why = "it gives no step ('lowered')" if self.causal else "it looks ahead"
         raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
 
+    def ahead(self, dt: float, u0: float, tol: float = 1e-9):
+        """Return one step that is fed the input some samples ahead, and their number.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        u0 : float
+            Input at which the device rests before.
+        tol : float, default=1e-9
+            Part of what comes later that may be left out, where all of it matters.
+
+        Returns
+        -------
+        lowered : Lowered
+        samples : int
+            By which the output lags behind the input; 0 where the operator does not look ahead.
+
+        Raises
+        ------
+        NotImplementedError
+            If no finite number of samples is enough.
+        """
+        return self.lowered(dt, self.init(u0)), 0
+
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
         """Advance by one sample: return the new state and the output."""
         y, state = self.run(np.array([u], dtype=float), dt, state)
