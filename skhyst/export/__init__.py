@@ -1,6 +1,7 @@
-"""Models as programs in other languages."""
+"""Models as programs in other languages and systems of other packages."""
 
 from ._c import to_c
+from ._control import to_control
 from ._fmu import to_fmu
 
-__all__ = ["to_c", "to_fmu"]
+__all__ = ["to_c", "to_control", "to_fmu"]

@@ -212,6 +212,6 @@ class WindowInverseOperator(InverseOperator):
         s[1 : 1 + p], s[1 + p : 1 + 2 * p] = drive, u0
         first = 1 + 6 * p + n
         s[first : first + n] = forward.state
-        law = bind(window_step, bind(answers, forward.step))
+        law = bind(window_step, bind(answers, forward.step, allocates=False), allocates=False)
         bend = np.append(np.zeros(p - 3), [1.0, -2.0, 1.0])
         return LoweredStep(law, (bend, 1.0 / abs(mode.gain), *forward.constants), s), p - 1

@@ -84,9 +84,8 @@ def test_modes_side_by_side_are_one_system():
     np.testing.assert_allclose(both.run(drive, DT)[0], REFERENCE, rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["restoring force", "upper end stop"])
-def test_forces_within_the_motion_are_undone(name):
-    operator, dt = OPERATORS[name], 0.1 * DT
+def test_forces_within_the_motion_are_undone():
+    operator, dt = OPERATORS["upper end stop"], 0.1 * DT
     drive, _ = operator.inverse().run(3.0 * REFERENCE, dt)
     y, _ = operator.run(drive, dt, operator.init(drive[0]))
     np.testing.assert_allclose(y, 3.0 * REFERENCE, rtol=0.0, atol=1e-8 * np.ptp(REFERENCE))

@@ -1,0 +1,157 @@
+"""Models as systems of python-control, in discrete time: the steps that are streamed."""
+
+from functools import reduce
+from operator import add, mul
+
+import numpy as np
+
+from ..operators import FrozenOperator, SeriesOperator, Stepper, SumOperator, take_apart
+from ._c import _stepper
+
+_ROUNDING = 1e-9  # relative: by which a step that is linear may miss its matrices
+_CHANGE = 2.0**-10  # of a state and of the input: places in a memory, whole numbers, stay
+
+
+def to_control(model, dt=None, *, u0=0.0, initial_state=None):
+    """Return a model as a system of python-control, in discrete time.
+
+    What is linear, a cascade of linear stages and delays too, becomes a ``control.StateSpace``:
+    from drive to response, both counted from their rest. All else becomes what ``control.nlsys``
+    makes of its step, in the units of the model. Systems of both kinds can be interconnected.
+
+    Parameters
+    ----------
+    model : estimator, Operator, Lowered or Stepper
+        A fitted model, or what it is made of; what has a ``stepper`` of its own.
+    dt : float, optional
+        Sampling interval in s; that of the records of the fit by default. Needed for an operator.
+    u0 : float or array-like of shape (n_inputs,), default=0.0
+        Input at which the device rests, in units of the drive, for what is not linear.
+    initial_state : {"rest", "zero"}, default=None
+        State before the first sample; by default that of ``predict``, of an operator that of rest.
+
+    Returns
+    -------
+    control.StateSpace or control.NonlinearIOSystem
+        Its state is that of the stepper less the one before the first sample, so that a simulation
+        that is given no state begins there.
+
+    Raises
+    ------
+    ImportError
+        If the package ``control`` is not installed.
+    ValueError
+        If the interval is missing.
+    NotImplementedError
+        If the model looks ahead.
+
+    Notes
+    -----
+    Disturbances and intercepts are no part of a linear system. Its response to a sampled drive is
+    that of the model; :meth:`~skhyst.linear.TransferFunction.to_control` returns systems in
+    continuous time.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from skhyst.export import to_control
+    >>> from skhyst.linear import DelayOperator, SecondOrderModeOperator
+    >>> from skhyst.operators import SeriesOperator
+    >>> stages = DelayOperator(2e-4), SecondOrderModeOperator(300.0, 0.5)
+    >>> stage = to_control(SeriesOperator(("delay", "mode"), stages), dt=1e-4)
+    >>> integral = control.ss([[1.0]], [[1.0]], [[20.0 * 1e-4]], [[0.0]], 1e-4)
+    >>> loop = control.frd(integral * stage, np.geomspace(1.0, 3e3, 500), smooth=True)
+    >>> gain_margin, phase_margin, *_ = control.margin(loop)
+    >>> print(f"{gain_margin:.0f}, {phase_margin:.0f} degrees")
+    14, 86 degrees
+    """
+    try:
+        import control
+    except ImportError as error:
+        raise ImportError(
+            "to_control needs the package 'control'. "
+            'Install it with: python -m pip install "skhyst[control]"'
+        ) from error
+    if hasattr(model, "init") and dt is None:
+        raise ValueError("The 'dt' parameter of to_control must be given, in s, for an operator.")
+    stepper, dt = _stepper(model, dt, initial_state, u0)
+    operator = model if hasattr(model, "init") else getattr(model, "operator_", None)
+    system = None if operator is None else _linear(take_apart(operator)[0], dt, control)
+    return _stepped(stepper, dt, control) if system is None else system
+
+
+def _linear(operator, dt, control):
+    """Return the state space of an operator; None if it is not linear or has none."""
+    if not operator.signal_linear:
+        return None
+    if isinstance(operator, FrozenOperator):
+        return _linear(operator.operator, dt, control)
+    if isinstance(operator, SeriesOperator | SumOperator):
+        parts = [_linear(stage, dt, control) for stage in operator.stages]
+        if any(part is None for part in parts):
+            return None
+        join, none = (add, 0.0) if isinstance(operator, SumOperator) else (mul, 1.0)
+        return reduce(join, parts[::-1], control.ss([], [], [], [[none]], dt))
+    if not hasattr(operator, "discrete"):
+        return _by_its_step(operator, dt, control)
+    a, b0, b1, c, d = operator.discrete(dt)  # of x; that of x - b1 u needs the present input alone
+    return control.ss(a, (b0 + a @ b1)[:, None], c[None], [[d + c @ b1]], dt)
+
+
+def _by_its_step(operator, dt, control):
+    """Return the state space that a step is, or its answer to a pulse where that ends; or None."""
+    n_inputs = getattr(operator, "n_inputs", 1)
+    lowered = operator.lowered(dt, operator.init(np.zeros(n_inputs) if n_inputs > 1 else 0.0))
+    n = len(lowered.state)
+    u = np.random.default_rng(0).normal(size=(2 * n + 2, n_inputs))
+    u = u if lowered.n_inputs else u[:, 0]
+
+    def answer(u):
+        return Stepper(lowered).run(u) - Stepper(lowered).run(0.0 * u)
+
+    def moved(change):
+        s = lowered.state + change[:n]
+        y = lowered.stepping(s)(change[n:] if lowered.n_inputs else float(change[n]))
+        return np.append(s - lowered.state, y)
+
+    changes = _CHANGE * np.eye(n + n_inputs)
+    still = moved(0.0 * changes[0])
+    matrix = np.stack([moved(change) - still for change in changes], axis=1) / _CHANGE
+    read = np.flatnonzero(np.any(matrix[:, :n], axis=0))  # all else is room
+    inputs = np.arange(n, n + n_inputs)
+    blocks = (matrix[np.ix_(i, j)] for i in (read, [n]) for j in (read, inputs))
+    system, expected = control.ss(*blocks, dt), answer(u)
+    found = control.forced_response(system, dt * np.arange(len(u)), u.T).outputs
+    if np.allclose(found, expected, rtol=0.0, atol=_ROUNDING * np.ptp(expected)):
+        return system
+    # Places in a memory are part of the state, so the step is linear in nothing but the input. At
+    # first a memory may have another rule, until it is full.
+    if lowered.n_inputs:
+        return None
+    pulse = answer(np.eye(1, 3 * n + 3, k=n + 1)[0])[n + 1 :]
+    if np.any(pulse[n + 1 :]):
+        return None
+    n = np.flatnonzero(pulse)[-1]
+    return control.ss(np.eye(n, k=-1), np.eye(n, 1), pulse[None, 1 : n + 1], [pulse[:1]], dt)
+
+
+def _stepped(stepper, dt, control):
+    """Return the nonlinear system that a step is."""
+    lowered, rest = stepper.lowered, stepper.state
+    s = rest.copy()
+    step = lowered.stepping(s)
+
+    def after(x, u):
+        s[:] = rest + x
+        y = step(u if lowered.n_inputs else float(u[0]))
+        return s - rest, y
+
+    return control.nlsys(
+        lambda t, x, u, params: after(x, u)[0],
+        lambda t, x, u, params: np.array([after(x, u)[1]]),
+        inputs=lowered.n_inputs or 1,
+        outputs=1,
+        states=len(rest),
+        dt=dt,
+    )
