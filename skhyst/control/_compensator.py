@@ -436,7 +436,7 @@ class _Backwards:
         if size * np.ptp(wanted) > enough:
             warnings.warn(
                 f"The stage '{name}' does not give {value:g}, which is asked of it: the reference "
-                "is out of its reach, or its law is not monotone.",
+                "is out of its reach, its law is not monotone, or its inverse is not stable.",
                 ReachWarning,
                 stacklevel=5,
             )

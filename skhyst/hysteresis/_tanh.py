@@ -6,8 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._jit import jit
 from ..base import ParametricModel
-from ..operators import OneStateOperator, parameter
+from ..operators import (
+    InverseOperator,
+    LoweredStep,
+    OneStateOperator,
+    RootInverseOperator,
+    parameter,
+)
 from ._common import largest_drive
 
 
@@ -65,6 +72,94 @@ class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
 
     carries_scale = True
     rank = 10
+
+    def inverse(self):
+        """Return the inverse, which looks ahead where the rate lowers the response."""
+        return RootInverseOperator(self) if self.alpha >= 0.0 else TanhInverseOperator(self)
+
+
+@jit
+def drive_before(u, y, c):
+    """Return the drive before the one that gives ``y``; c is (slope of the rate, k0, ...)."""
+    slope, k0, beta, gamma, intercept = c[0], c[1], c[2], c[3], c[4]
+    return u + (y - (intercept + k0 * u + beta * math.tanh(gamma * u))) / slope
+
+
+@jit
+def drives_before(y, c, u):
+    """Write the drives that give the responses ``y`` (n,) to ``u``, of which the last is there."""
+    for k in range(u.size - 1, 0, -1):
+        u[k - 1] = drive_before(u[k], y[k], c)
+
+
+@jit
+def inverse_step(y, c, s):
+    """Return the drive some samples before ``y``.
+
+    ``c`` is that of :func:`drive_before` and a slope of the curve; ``s`` is the place of the next
+    response, and the responses so far.
+    """
+    n = s.size - 1
+    at = int(s[0])
+    s[1 + at] = y
+    s[0] = (at + 1) % n
+    u = (y - c[4]) / c[5]
+    for k in range(n):
+        u = drive_before(u, s[1 + (at + n - k) % n], c)
+    return u
+
+
+@dataclass(frozen=True)
+class TanhInverseOperator(InverseOperator):
+    """From the response of the tanh model, where the rate lowers it, to its drive.
+
+    With ``a = -alpha / dt`` and the curve ``f(u) = k0 u + beta tanh(gamma u) + intercept`` the
+    response is ``y[k] = f(u[k]) - a (u[k] - u[k-1])``. Solved for ``u[k]``, errors grow by
+    ``a / (a - f')`` a sample. Solved for the drive before,
+
+        u[k-1] = u[k] + (y[k] - f(u[k])) / a,
+
+    they fall by ``1 - f' / a`` towards the beginning, where f' is below 2 a. So a record is run
+    backwards, from a rest behind it, and a stream is fed the response ahead. At long intervals,
+    where f' is larger, the root of each sample takes its place.
+    """
+
+    causal = False
+
+    def init(self, u0, initial_state="rest"):
+        """Return nothing: a record is inverted as a whole; see the base."""
+        return None
+
+    def _backwards(self, dt):
+        """Return the constants of a run backwards, and by how much it shrinks errors a sample."""
+        o = self.operator
+        slope, steepest = -o.alpha / dt, o.k0 + max(o.beta * o.gamma, 0.0)
+        flattest = o.k0 + min(o.beta * o.gamma, 0.0)
+        kept = max(abs(1.0 - flattest / slope), abs(1.0 - steepest / slope))
+        values = slope, o.k0, o.beta, o.gamma, o.intercept, 0.5 * (flattest + steepest)
+        return tuple(map(float, values)), kept
+
+    def run(self, u, dt, state=None):
+        """Return the drive that gives a response (n_samples,); see the base."""
+        c, kept = self._backwards(dt)
+        if not kept < 1.0:
+            return RootInverseOperator(self.operator).run(u, dt)[0], None
+        y = np.append(u, np.full(_samples(kept, np.finfo(float).eps), u[-1]))
+        drive = np.full(len(y), (y[-1] - c[4]) / c[5])
+        drives_before(y, c, drive)
+        return drive[: len(u)], None
+
+    def ahead(self, dt, u0, tol=1e-9):
+        """Return one step that is fed the response some samples ahead, and their number."""
+        c, kept = self._backwards(dt)
+        if not kept < 1.0:
+            return RootInverseOperator(self.operator).ahead(dt, u0)
+        samples = _samples(kept, tol)
+        return LoweredStep(inverse_step, c, [0.0, *np.full(samples, u0)]), samples
+
+
+def _samples(kept, tol):
+    return max(math.ceil(math.log(tol) / math.log(kept)), 1) if kept > 0.0 else 1
 
 
 _BENDS = np.geomspace(0.5, 500.0, 7)  # starts: gamma times the largest drive

@@ -18,15 +18,17 @@ from skhyst.hysteresis import (
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
     RateDependentPrandtlIshlinskiiOperator,
+    TanhHysteresisOperator,
 )
 from skhyst.linear import (
     DelayOperator,
     FirstOrderLagOperator,
     Gain,
+    GainOperator,
     SecondOrderModeOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, Stepper
+from skhyst.operators import SeriesOperator, Stepper, SumOperator
 from skhyst.static import SaturationOperator
 
 DT, N = 1e-3, 1200
@@ -179,6 +181,7 @@ DEVICES = {
     "a zero-order hold": dataclasses.replace(MODE, damping_ratio=0.4, hold="zoh"),
     "a lag": FirstOrderLagOperator(0.01),
     "friction": FRICTION,
+    "the rate lowers the response": TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1),
 }
 
 
@@ -208,6 +211,14 @@ def test_the_error_falls_exponentially_with_the_preview():
     np.testing.assert_allclose(drive[:-200], whole[:-400], atol=1e-9 * np.ptp(whole))
     with pytest.raises(ValueError, match=r"'preview' .* must be \d samples at the least"):
         compensator(DEVICES["a delay within"]).stepper(DT, preview=2)
+
+
+def test_an_inverse_that_is_not_stable_is_named():
+    """Where the rate lowers the response, what comes later determines the drive."""
+    parts = TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3), GainOperator(0.2)
+    device = SumOperator(("tanh", "gain"), parts)
+    with pytest.warns(ReachWarning, match=r"stage 'SumOperator' does not give .* is not stable"):
+        compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
 
 def test_what_needs_a_whole_record_is_not_stepped():

@@ -93,6 +93,16 @@ def test_forces_within_the_motion_are_undone():
     assert np.abs(alone - 3.0 * REFERENCE).max() > 0.1 * np.ptp(REFERENCE)
 
 
+@pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.1])
+def test_a_response_that_falls_with_the_rate_is_undone(dt):
+    """Backwards in time where the interval is short, else by roots."""
+    operator, wanted = OPERATORS["tanh"], 3.0 * REFERENCE
+    drive, _ = operator.inverse().run(wanted, dt)
+    y, _ = operator.run(drive, dt, operator.init(drive[0]))
+    # the drive has moved before a record that rests for a short time begins
+    np.testing.assert_allclose(y[1:], wanted[1:], rtol=0.0, atol=1e-11 * np.ptp(wanted))
+
+
 @pytest.mark.parametrize("shift", [-0.0263, -0.0563, 0.0137, 0.0537])
 @pytest.mark.parametrize("between", ["curve", "line"])
 def test_a_shift_is_stepped_from_a_preview(shift, between):
