@@ -272,8 +272,19 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         NotImplementedError
             If a stage can only be undone over a whole record.
         ValueError
-            If the preview is shorter than a delay in the model, or a stage has no stable inverse.
+            If the preview is no whole number or shorter than a delay in the model, the reference is
+            not finite, or a stage has no stable inverse.
         """
+        if not np.isfinite(reference):
+            raise ValueError(
+                "The 'reference' parameter of InverseCompensator.stepper must be finite. Got "
+                f"{reference!r} instead."
+            )
+        if preview is not None and not (isinstance(preview, Integral) and preview >= 0):
+            raise ValueError(
+                "The 'preview' parameter of InverseCompensator.stepper must be a number of "
+                f"samples. Got {preview!r} instead."
+            )
         plant = self._backwards(dt)
         return plant.stepper(float(reference), self._part_left_out(), preview)
 

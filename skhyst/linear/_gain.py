@@ -41,6 +41,7 @@ class GainOperator(Operator):
 
     def inverse(self):
         """Return the gain that undoes this one."""
+        self._require("gain", self.gain != 0.0, "not be 0 to have an inverse")
         return GainOperator(1.0 / self.gain, -self.intercept / self.gain)
 
     def linearize(self, u, du, dt, initial_state="rest"):

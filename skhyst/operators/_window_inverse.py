@@ -32,7 +32,7 @@ from ._root_inverse import InverseOperator, RootInverseOperator
 _ENOUGH = 1e-11  # error, relative to the largest response so far
 _DIFFERENCE = 1e-7  # of the drive that answers the largest response: some roots of rounding
 _TRIALS, _HALVES = 12, 10  # of Newton's method; of a step of it
-_LONGEST = 64  # samples of a window: of zeros within a third of the unit circle 1e-8 is left
+_LONGEST = 64  # samples of a window: of what its end has wrong a zero at 4/3 leaves 1e-8
 
 
 def step(u, c, s):

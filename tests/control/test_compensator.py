@@ -251,10 +251,23 @@ def test_bad_options_are_refused(options, message):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_broken_references_are_refused(bad):
-    reference = smooth(2.0)
+    reference, found = smooth(2.0), compensator(MODE)
     reference[40] = bad
     with pytest.raises(ValueError, match=r"NaN|infinity"):
-        compensator(PLAYS).predict(reference[:, None])
+        found.predict(reference[:, None])
+    with pytest.raises(ValueError, match=r"'reference' .* must be finite"):
+        found.stepper(DT, bad)
+    stepper = found.stepper(DT)
+    before = stepper.state
+    with pytest.raises(ValueError, match="finite"):
+        stepper.step(bad)
+    np.testing.assert_array_equal(stepper.state, before)
+
+
+@pytest.mark.parametrize("bad", [-1, 2.5])
+def test_a_preview_is_a_number_of_samples(bad):
+    with pytest.raises(ValueError, match=r"'preview' .* number of samples"):
+        compensator(MODE).stepper(DT, preview=bad)
 
 
 def test_a_response_that_ignores_a_constant_drive_is_refused():
@@ -263,6 +276,8 @@ def test_a_response_that_ignores_a_constant_drive_is_refused():
     )
     with pytest.raises(ValueError, match="no stable inverse"):
         compensator(washout).predict(smooth(2.0)[:, None])
+    with pytest.raises(ValueError, match="no stable inverse"):
+        compensator(washout).stepper(DT)
 
 
 def test_records_of_any_interval_are_inverted_at_their_own():

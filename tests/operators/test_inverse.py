@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from operator_cases import DT, OPERATORS
 
+from skhyst.hysteresis import FrictionStageOperator
 from skhyst.linear import (
     GainOperator,
     SecondOrderModeOperator,
@@ -158,5 +159,9 @@ def test_a_response_without_a_static_gain_is_refused(zeros):
 
 
 def test_a_gain_of_zero_has_no_inverse():
-    with pytest.raises((ValueError, ZeroDivisionError)):
+    with pytest.raises(ValueError, match=r"'gain' .* must not be 0"):
         GainOperator(0.0).inverse()
+    with pytest.raises(ValueError, match="has no inverse"):
+        FrictionStageOperator(90.0, 0.1, 0.3, 0.8, 3.0, 8.0, gain=0.0).inverse().run(REFERENCE, DT)
+    with pytest.raises(ValueError, match="sum of nothing"):
+        OPERATORS["empty sum"].inverse()
