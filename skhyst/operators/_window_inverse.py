@@ -64,6 +64,14 @@ def answers(c, u, r, e, x, z, first):
 
 
 @jit
+def take(values, to):
+    """Write values to the beginning of an array."""
+    for i in range(values.size):
+        to[i] = values[i]
+    return 0.0
+
+
+@jit
 def solve(m, e, d):
     """Solve ``m d = e`` for ``m`` (p * p,), with one diagonal above the main one; both change."""
     p = d.size
@@ -129,15 +137,13 @@ def window_step(y, c, s):
             u[j] = kept
             for i in range(max(j - 1, 0), p - 1):
                 m[i * p + j] = (e[i] - left[i]) / h
-        for i in range(p):
-            left[i] = e[i]
+        take(e, left)
         solve(m, left, d)
         part, found = 1.0, worst
         for _half in range(_HALVES):
             for i in range(p):
                 trial[i] = u[i] + part * d[i]
-            for i in range(n):
-                other[i] = x[i]
+            take(x[:n], other)
             found = step(c[2:], trial, r, left, other, z, 0)
             if found < worst:
                 break
@@ -145,11 +151,9 @@ def window_step(y, c, s):
         if not found < worst:
             break
         worst = found
-        for i in range(p):
-            u[i] = trial[i]
-            e[i] = left[i]
-        for i in range((p + 1) * n):
-            x[i] = other[i]
+        take(trial, u)
+        take(left, e)
+        take(other, x)
     return u[0]
 
 
