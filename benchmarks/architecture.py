@@ -34,7 +34,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("diagnosis",),
     ("control",),
     ("export",),
-    ("__main__", "_demo", "_model_files", "cli", "discovery"),
+    ("__main__", "_demo", "_export_command", "_model_files", "cli", "discovery"),
 )
 # underscored, and there for every package
 SHARED = ("skhyst._documentation", "skhyst._jit", "skhyst._sklearn")

@@ -12,6 +12,8 @@ import zipfile
 from pathlib import Path
 
 import joblib
+from sklearn.exceptions import NotFittedError
+from sklearn.utils.validation import check_is_fitted
 
 
 def save_model(model, path):
@@ -39,11 +41,17 @@ def load_model(path, trust=False):
         raise
     except Exception as error:  # of a broken file anything may come
         raise ValueError(f"{path} is broken: no model can be read from it ({error!r}).") from error
-    if not hasattr(model, "operator_"):
-        raise ValueError(
-            f"{path} holds {type(model).__name__}, not a fitted parametric model of skhyst."
-        )
+    if not (hasattr(model, "stepper") and _is_fitted(model)):
+        raise ValueError(f"{path} holds {type(model).__name__}, not a fitted model of skhyst.")
     return model
+
+
+def _is_fitted(model):
+    try:
+        check_is_fitted(model)
+    except (NotFittedError, TypeError):  # TypeError: no estimator, which is not fitted
+        return not hasattr(model, "fit")
+    return True
 
 
 class _Refused(ValueError):

@@ -19,6 +19,7 @@ import pandas as pd
 
 from . import __version__
 from ._demo import make_demo_recording
+from ._export_command import add_export
 from ._model_files import load_model, save_model
 from .base import ParametricModel
 from .compose import Cascade, snake_case
@@ -26,7 +27,6 @@ from .control import InverseCompensator
 from .diagnosis import EFFECTS, EffectSearchCV, Report, effect_names, next_experiment
 from .discovery import all_estimators
 from .exceptions import ReachWarning
-from .export import to_c
 from .records import read_records, record_slices
 
 __all__ = ["main", "parse_model"]
@@ -78,7 +78,7 @@ def _parser():
     _add_diagnose(commands)
     _add_next(commands)
     _add_compensate(commands)
-    _add_export(commands)
+    _add_model(add_export(commands))
     demo = commands.add_parser("demo", help="hide an effect in a simulated actuator, then find it")
     add = demo.add_argument
     add("--output", type=Path, default=Path("skhyst_demo"), help="folder for the files")
@@ -208,35 +208,6 @@ def _compensate(options):
     single = table["record"].nunique() == 1
     table.drop(columns="record" if single else []).to_csv(options.output, index=False)
     print(f"written: {options.output}")
-
-
-def _add_export(commands):
-    parser = commands.add_parser("export", help="a fitted model as a C99 program")
-    _add_model(parser)
-    add = parser.add_argument
-    add("--c", type=Path, required=True, metavar="DIR", help="folder for the C files")
-    add("--name", help="how files and functions are called (default: as the model's file)")
-    add("--dtype", choices=("float64", "float32", "int32"), default="float64")
-    add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
-    add("--initial-state", choices=("rest", "zero"), default="rest")
-    add("--u0", type=float, default=0.0, help="drive at which the device rests (default: 0)")
-    add("--drive", type=Path, metavar="FILE", help="drive of the test program; int32 needs it")
-    column = "column of the drive (default: the second); repeat it for a model of several inputs"
-    add("--column", action="append", metavar="COL", help=column)
-    add("--input-unit", type=float, help="for int32: the drive that the integer 1 stands for")
-    add("--output-unit", type=float, help="for int32: the response that the integer 1 stands for")
-    parser.set_defaults(run=_export)
-
-
-def _export(options):
-    passed = ("dtype", "dt", "initial_state", "u0", "input_unit", "output_unit")
-    more = {name: getattr(options, name) for name in passed}
-    model = load_model(options.model, options.trust)
-    if options.drive:
-        first, *others = options.column or [1]
-        more["drive"] = read_records(options.drive, drive=first, auxiliary=others)[0].to_numpy()
-    for path in to_c(model, options.c, options.name or options.model.stem, **more):
-        print(f"written: {path}")
 
 
 def _diagnose(options):

@@ -5,6 +5,7 @@ import json
 import pickle
 import subprocess
 import sys
+from zipfile import ZipFile
 
 import joblib
 import numpy as np
@@ -19,7 +20,7 @@ from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.exceptions import ReachWarning
-from skhyst.export import to_c
+from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.records import read_records
 
@@ -289,9 +290,72 @@ def test_export_equals_python(model, model_file, reference, tmp_path):
         same |= {"dt": 0.01} if "--dt" in more else {}
         same |= {"drive": drive} if "--drive" in more else {}
         more += ["--output-unit", "1e-3"] if "--drive" in more else []
-        assert main(["export", str(model_file), "--c", str(tmp_path / "c"), *more]) == 0
+        call = ["export", str(model_file), "--c", str(tmp_path / "c"), *more]
+        assert main([*call, "--force"]) == 0
         for path in to_c(model, tmp_path / "python", "stage", **same):
             assert (tmp_path / "c" / path.name).read_text() == path.read_text()
+
+
+def test_an_fmu_equals_python(model, model_file, tmp_path, capsys):
+    out = tmp_path / "new" / "unit.fmu"
+    call = ["export", str(model_file), "--fmu", str(out), "--input-unit", "V", "--u0", "0.5"]
+    assert main([*call, "--fmi-version", "2.0"]) == 0
+    printed = capsys.readouterr().out
+    assert ("no finding" if importlib.util.find_spec("fmpy") else "skhyst[fmi]") in printed
+    same = to_fmu(model, tmp_path / "unit.fmu", "2.0", input_unit="V", u0=0.5)
+    names = ("modelDescription.xml", "sources/unit.c", "sources/unit_fmu.c")
+    assert all(ZipFile(out).read(name) == ZipFile(same).read(name) for name in names)
+
+
+def test_without_fmpy_a_unit_is_written_and_says_what_is_missing(
+    model_file, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "fmpy.validation", None)
+    assert main(["export", str(model_file), "--fmu", str(tmp_path / "unit.fmu")]) == 0
+    assert "skhyst[fmi]" in capsys.readouterr().out
+    assert (tmp_path / "unit.fmu").exists()
+
+
+def test_a_compensator_is_exported(model, tmp_path):
+    pytest.importorskip("skops.io")
+    X = np.linspace(0.0, 1.0, 4)[:, None]
+    compensator = InverseCompensator(model, drive_limits=(-1.0, 2.0)).fit(X, X[:, 0])
+    save_model(compensator, tmp_path / "inverse.skops")
+    assert main(["export", str(tmp_path / "inverse.skops"), "--c", str(tmp_path / "c")]) == 0
+    for path in to_c(compensator, tmp_path, "inverse"):
+        assert (tmp_path / "c" / path.name).read_text() == path.read_text()
+
+
+def test_what_is_there_is_kept(model_file, tmp_path, capsys):
+    for out, file in ((["--c", tmp_path], "stage.h"), (["--fmu", tmp_path / "a.fmu"], "a.fmu")):
+        (tmp_path / file).write_text("mine")
+        call = ["export", str(model_file), *map(str, out)]
+        assert main(call) == 1
+        assert f"{file}: add --force" in capsys.readouterr().err
+        assert (tmp_path / file).read_text() == "mine"
+        assert not (tmp_path / "stage.c").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--fmu", "unit.fmu", "--dtype", "float32"], "--dtype is not an option of --fmu"),
+        (["--c", "folder", "--fmi-version", "2.0"], "--fmi-version is not an option of --c"),
+        (["--fmu", "unit.zip"], r"must end in .fmu"),
+        (["--c", "folder", "--input-unit", "V"], "could not convert string to float: 'V'"),
+    ],
+)
+def test_options_of_export_are_checked(model_file, tmp_path, capsys, monkeypatch, more, message):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", str(model_file), *more]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_export_writes_one_of_both(model_file, tmp_path, capsys):
+    both = ["--c", str(tmp_path), "--fmu", str(tmp_path / "unit.fmu")]
+    for more in ([], both):
+        with pytest.raises(SystemExit, match="2"):
+            main(["export", str(model_file), *more])
 
 
 class Trap:
