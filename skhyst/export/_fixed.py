@@ -14,7 +14,7 @@ import numpy as np
 from ._fixed_functions import CONSTANTS, FUNCTIONS
 from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
 from ._slice import called
-from ._tree import COMPARISONS, Array, Call, constant
+from ._tree import COMPARISONS, Array, Call, If, compared, constant
 
 _BITS = 62  # of a number, its sign aside; one is left for a sum
 _MARGIN = 12  # bits that a number may grow by beyond what was seen
@@ -37,11 +37,16 @@ def digits(largest, bits=_BITS - _MARGIN):
     return bits - (math.frexp(largest)[1] if largest else 1)
 
 
+def is_within(value, f):
+    """Say whether a constant is among the numbers of ``f`` digits."""
+    return math.isfinite(value) and (not value or math.frexp(value)[1] + f < _BITS)
+
+
 def scaled(value, f, is_limit=False):
     """Return a constant as it is written; a limit may be beyond all numbers."""
-    if math.isfinite(value) and (not value or math.frexp(value)[1] + f < _BITS):
+    if is_within(value, f):
         return str(round(math.ldexp(value, f)))
-    if not is_limit or math.isnan(value):
+    if math.isnan(value) or not (is_limit or math.isinf(value)):
         raise ValueError(f"The constant {value!r} has no form in integers.")
     return str(_MOST if value > 0.0 else -_MOST)
 
@@ -80,7 +85,7 @@ class FixedPrinter(Printer):
 
 def table_digits(array):
     """Return the binary digits of a constant array."""
-    return digits(max(map(abs, array.values), default=0.0), _EXACT)
+    return digits(max((abs(x) for x in array.values if math.isfinite(x)), default=0.0), _EXACT)
 
 
 class FixedText(FunctionText):
@@ -92,8 +97,8 @@ class FixedText(FunctionText):
     part : Slice
     step : int or None
         The step of the model that it belongs to, see :class:`Ranges`.
-    arrays : tuple of int
-        Digits of the arrays among the arguments.
+    arrays : tuple of (int, bool)
+        Of the arrays among the arguments: digits, and whether one of their numbers may be infinite.
     """
 
     def __init__(self, printer, part, step=None, arrays=()):
@@ -115,12 +120,32 @@ class FixedText(FunctionText):
             )
         return digits(largest)
 
-    def _array_digits(self, array, step):
+    def _array(self, array, step):
+        """Return the digits of an array, and whether one of its numbers may be infinite."""
+        ranges = self._printer.ranges
         if array.values is not None:
-            return table_digits(array) if array.kind == "real" else 0
+            endless = any(map(math.isinf, array.values))
+            return table_digits(array) if array.kind == "real" else 0, endless
         if self._step is None:
-            return digits(self._printer.ranges.of(step if array.name == "s" else None, array.name))
-        return self._arrays[array.name] if array.name in self._arrays else self._digits(array.name)
+            key = (step if array.name == "s" else None, array.name)
+            return digits(ranges.of(*key)), ranges.may_be_infinite(*key)
+        if array.name in self._arrays:
+            return self._arrays[array.name]
+        return self._digits(array.name), self._may_be_infinite(array.name)
+
+    def _may_be_infinite(self, *key, part=None):
+        return self._printer.ranges.may_be_infinite(self._step, part or self._part, *key)
+
+    def _endless(self, x):
+        """Say whether a number may be infinite."""
+        match x.op:
+            case "name":
+                return self._may_be_infinite(*x.args)
+            case "load":
+                return self._array(x.args[0], None)[1]
+            case "call":
+                return self._may_be_infinite(0, part=called(x))
+        return self._may_be_infinite(id(x))
 
     def _own(self, x):
         """Return the digits that a number has by itself; None for constants, which fit to any."""
@@ -130,9 +155,7 @@ class FixedText(FunctionText):
             case "name":
                 return self._digits(*x.args)
             case "load":
-                return self._array_digits(x.args[0], None)
-            case "cast":
-                return 0
+                return self._array(x.args[0], None)[0]
             case "call":
                 return self._digits(0, part=called(x))
         return self._digits(id(x))
@@ -143,6 +166,14 @@ class FixedText(FunctionText):
         return min((f for f in own if f is not None), default=digits(1.0))
 
     # texts
+
+    def _statement(self, statement, path):
+        known = self._decided(statement.test) if isinstance(statement, If) else None
+        if known is None:
+            return super()._statement(statement, path)
+        part = "body" if known else "orelse"
+        pad = len(path) * "    "
+        return f"{pad}{self._braced(statement, path, part)}\n" if getattr(statement, part) else ""
 
     def _put(self, x, place):
         return self._fitted(x, self._digits(place))[0] if x.kind == "real" else self._text(x)
@@ -175,7 +206,7 @@ class FixedText(FunctionText):
         texts, arrays = [], []
         for arg, param in zip(part.args(args), part.args(part.function.params), strict=True):
             if isinstance(arg, Array):
-                arrays.append(self._array_digits(arg, step))
+                arrays.append(self._array(arg, step))
                 texts.append(self._text(arg))
             elif arg.kind == "real":
                 f = self._digits(*param.args, part=part, step=step)
@@ -215,8 +246,10 @@ class FixedText(FunctionText):
         text, binding = self._fitted(x, f, is_limit)
         return text if binding >= least else f"({text})"
 
-    def _moved(self, text, binding, own, f):
-        """Return a number of some digits with others."""
+    def _moved(self, text, binding, own, f, endless=False):
+        """Return a number of some digits with others; ``endless``: it may be infinite."""
+        if endless and own != f:
+            return self._helper("kept", text, own, f), ATOM
         if own > f:
             return self._helper("shift", text, own - f), ATOM
         if own < f:
@@ -230,11 +263,12 @@ class FixedText(FunctionText):
         op, args = x.op, x.args
         match op:
             case "name" | "load":
-                return self._moved(super()._bound(x)[0], ATOM, self._own(x), f)
+                return self._moved(super()._bound(x)[0], ATOM, self._own(x), f, self._endless(x))
             case "cast":
                 return self._moved(f"(int64_t){self._tight(args[0], ATOM)}", UNARY, 0, f)
             case "call":
-                return self._moved(self._called(called(x), args[1:]), ATOM, self._own(x), f)
+                text = self._called(called(x), args[1:])
+                return self._moved(text, ATOM, self._own(x), f, self._endless(x))
             case "+" | "-":
                 own = self._common(*args, x)
                 texts = self._bracketed(args[0], own, 5), self._bracketed(args[1], own, 6)
@@ -245,13 +279,16 @@ class FixedText(FunctionText):
                 return self._product("*", args[0], args[0], f)
             case "neg":
                 return f"-{self._bracketed(args[0], f, ATOM)}", UNARY
+            case "choice" if (known := self._decided(args[0])) is not None:
+                return self._fitted(args[1 if known else 2], f)
             case "choice":
                 a, b = (self._bracketed(y, f, CHOICE + 1) for y in args[1:])
                 return f"{self._tight(args[0], CHOICE + 1)} ? {a} : {b}", CHOICE
             case "min" | "max" | "abs" | "math.fabs":
                 own = self._common(*args)
                 texts = [self._fitted(y, own, True)[0] for y in args]
-                return self._moved(self._helper(op[-3:], *texts), ATOM, own, f)
+                text = self._helper(op[-3:], *texts)
+                return self._moved(text, ATOM, own, f, self._endless(x))
             case "math.sqrt":
                 return self._power(args[0], constant(0.5), f)
             case "**" | "math.pow":
@@ -268,6 +305,24 @@ class FixedText(FunctionText):
             f"{name!r} in '{self._part.function.name}' has no form in "
             "integers: the 'dtype' must be 'float32' or 'float64'."
         )
+
+    def _decided(self, test):
+        """Return what a test gives that compares with what is beyond all numbers, else None."""
+        if test.op in ("and", "or"):
+            sides = [self._decided(side) for side in test.args]
+            end = test.op == "or"
+            return end if end in sides else None if None in sides else not end
+        if test.op == "not":
+            of = self._decided(*test.args)
+            return None if of is None else not of
+        numbers = [x for x in test.args if x.value is None] if test.op in COMPARISONS else []
+        if len(numbers) != 1 or test.args[0].kind != "real":
+            return None
+        (known,) = (float(x.value) for x in test.args if x.value is not None)
+        beyond = not (math.isnan(known) or is_within(known, self._common(*numbers)))
+        if not beyond or (math.isinf(known) and self._endless(*numbers)):
+            return None
+        return compared(test.op, *(constant(0.0) if x in numbers else x for x in test.args)).value
 
     def _product(self, op, a, b, f):
         """Return the product or quotient of two numbers."""

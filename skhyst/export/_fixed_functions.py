@@ -95,6 +95,14 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
     return a * ((int64_t)1 << (f - fa));
 }}
 """,
+    "kept": """\
+/* as moved; what stands for infinity stays */
+static int64_t {n}(int64_t a, int32_t fa, int32_t f)
+{{
+    const int64_t most = (int64_t)1 << 62;
+    return a >= most || a <= -most ? a : {moved}(a, fa, f);
+}}
+""",
     "exp": """\
 /* e^a = 2^k e^r with |r| at most ln(2) / 2 and a series for e^r */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)

@@ -1,4 +1,9 @@
-"""Runs what has been read, to see how large its numbers become."""
+"""Runs what has been read, to see how large its numbers become.
+
+A branch that no sample leads to is tried, on a copy of what there is, wherever it is passed by: its
+numbers are taken for as large as they would be there. Such a trial may fail, and then the branch
+has no sizes.
+"""
 
 import math
 import operator
@@ -7,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from ._slice import called
-from ._tree import Array, Assign, Call, For, If, Jump, Listed, Store, While
+from ._tree import COMPARISONS, Array, Assign, Call, For, If, Jump, Listed, Return, Store, While
 
 _OPERATORS = {
     "+": operator.add,
@@ -30,6 +35,10 @@ _OPERATORS = {
     "==": operator.eq,
     "!=": operator.ne,
 }
+# what is done with an infinite number, but for arithmetic
+_OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
+_LONGEST_TRIAL = 1000  # turns of a loop, which may have no end where it would not begin
+_FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
 _CASTS = {"bool": bool, "int": int, "real": float}
 
 
@@ -48,7 +57,8 @@ class Ranges:
     """
 
     def __init__(self, model, state, drive):
-        self._largest = {}
+        self._seen, self._tried, self._infinite, self._led = {}, {}, set(), set()
+        self._sizes = self._seen
         state = np.array(state, dtype=float)
         row = isinstance(model.function.params[0], Array)
         with np.errstate(all="ignore"):
@@ -57,12 +67,34 @@ class Ranges:
                 self._call(model, model.args([u if row else float(u[0]), state]), None)
 
     def of(self, step, *key):
-        """Return the largest size, None where no sample led there."""
-        return self._largest.get((step, *key))
+        """Return the largest size, None where no sample and no trial led there."""
+        return self._seen.get((step, *key), self._tried.get((step, *key)))
+
+    def may_be_infinite(self, step, *key):
+        """Say whether a number was seen that is."""
+        return (step, *key) in self._infinite
 
     def _note(self, key, *values):
+        if any(map(math.isinf, values)):
+            self._infinite.add(key)
         sizes = [abs(float(v)) for v in values if math.isfinite(v)]
-        self._largest[key] = max([self._largest.get(key, 0.0), *sizes])
+        self._sizes[key] = max([self._sizes.get(key, 0.0), *sizes])
+
+    def _try(self, work, env, place):
+        """Do some work on a copy, unless a sample has led to that place."""
+        if place in self._led:
+            return
+        before, self._sizes = self._sizes, self._tried
+        try:
+            work({k: x.copy() if isinstance(x, np.ndarray) else x for k, x in env.items()})
+        except _FAILED:
+            pass
+        finally:
+            self._sizes = before
+
+    def _lead(self, place):
+        if self._sizes is self._seen:
+            self._led.add(place)
 
     def _call(self, part, args, step):
         params = part.args(part.function.params)
@@ -79,12 +111,12 @@ class Ranges:
     def _block(self, body, env, frame):
         """Run statements; return what they return, or the word of a jump."""
         for k, statement in enumerate(body):
-            end = self._run(statement, env, frame, k)
+            end = self._run(statement, env, frame, k, body[k + 1 :])
             if end is not None:
                 return end
         return None
 
-    def _run(self, statement, env, frame, k):
+    def _run(self, statement, env, frame, k, rest):
         match statement:
             case Assign(target, value):
                 self._set(target, self._value(value, env, frame), env, frame)
@@ -112,7 +144,13 @@ class Ranges:
             case Jump(word):
                 return word
             case If(test, body, orelse):
-                chosen = body if self._value(test, env, frame) else orelse
+                held = bool(self._value(test, env, frame))
+                chosen, other = (body, orelse) if held else (orelse, body)
+                self._lead((frame, id(statement), held))
+                if chosen and isinstance(chosen[-1], (Return, Jump)):
+                    other = (*other, *rest)
+                place = (frame, id(statement), not held)
+                self._try(lambda copy: self._block(other, copy, frame), env, place)
                 return self._block(chosen, env, frame)
             case For(name, start, stop, step, body):
                 bounds = (self._value(x, env, frame) for x in (start, stop))
@@ -125,7 +163,9 @@ class Ranges:
         return None
 
     def _loop(self, turns, body, env, frame):
-        for turn in turns:
+        for k, turn in enumerate(turns):
+            if self._sizes is self._tried and k == _LONGEST_TRIAL:
+                break
             env.update(turn)
             end = self._block(body, env, frame)
             if end == "break":
@@ -167,15 +207,33 @@ class Ranges:
                 return self._call(part, self._args(part, args[1:], env, frame), frame[0])[0]
             case "and" | "or":
                 first = self._value(args[0], env, frame)
-                return first if first == (op == "or") else self._value(args[1], env, frame)
+                done = first == (op == "or")
+                second = self._either(x, 1, env, frame, tried=done)
+                return first if done else second
             case "choice":
-                return self._value(args[2 - bool(self._value(args[0], env, frame))], env, frame)
+                held = bool(self._value(args[0], env, frame))
+                self._either(x, 1 + held, env, frame, tried=True)
+                return self._either(x, 2 - held, env, frame)
             case "cast":
                 return _CASTS[x.kind](self._value(args[0], env, frame))
         values = [self._value(arg, env, frame) for arg in args]
+        real = self._sizes is self._seen
+        if real and op not in _OF_INFINITY and any(map(math.isinf, values)):
+            raise ValueError(
+                f"'{frame[1].function.name}' computes with an infinite number, which has no form "
+                "in integers."
+            )
         if op.startswith("math."):
             return getattr(math, op[5:])(*values)
         return _OPERATORS[op](*values)
+
+    def _either(self, x, which, env, frame, tried=False):
+        """Return an operand that counts, or try one that does not."""
+        place = (frame, id(x), which)
+        if tried:
+            return self._try(lambda copy: self._value(x.args[which], copy, frame), env, place)
+        self._lead(place)
+        return self._value(x.args[which], env, frame)
 
 
 @cache

@@ -289,6 +289,8 @@ class _Reader(Values):
             self._refuse("a range of numbers that are not integers, or of an unknown step")
         if name in self._env:
             self._refuse(f"the loop over {name!r}, which is a variable already,")
+        if None not in (start.value, stop.value) and not range(start.value, stop.value, step.value):
+            return
         c_name = self._c_name(name)
         end = node.iter.args[min(len(bounds), 2) - 1]
         if stop.value is None and not (isinstance(end, ast.Name) and end.id in self._once):

@@ -114,6 +114,12 @@ def _folded(op, a, b):
     whole = a.kind == b.kind == "int" or op in COMPARISONS
     if op in _FOLDED and whole and None not in (a.value, b.value):
         return constant(_FOLDED[op](a.value, b.value))
+    if op in ("+", "-") and "real" in (a.kind, b.kind):  # whatever is added to infinity
+        endless = [x.value is not None and math.isinf(x.value) for x in (a, b)]
+        if endless == [True, False]:
+            return a
+        if endless == [False, True]:
+            return b if op == "+" else constant(-b.value)
     return None
 
 

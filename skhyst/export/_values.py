@@ -323,7 +323,9 @@ class Values(ABC):
         if name in ("min", "max") and len(args) > 1:
             first, *others = (converted(x, kind) for x in args)
             for x in others:
-                first = Expression(name, (first, x), kind)
+                known = None not in (first.value, x.value)
+                folded = constant(_BUILTINS[name](first.value, x.value)) if known else None
+                first = folded or Expression(name, (first, x), kind)
             return first
         if len(args) == 1 and name == "abs":
             return Expression("abs", (converted(args[0], kind),), kind)

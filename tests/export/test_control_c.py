@@ -1,0 +1,80 @@
+"""Compensators and whatever else is stepped are exported as models are."""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from operator_cases import DT, OPERATORS, make_drive
+
+from skhyst.control import InverseCompensator
+from skhyst.export import to_c
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.operators import inverse_of
+from skhyst.static import SaturationOperator
+
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined")
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+# one of each way to invert: in closed form, by the root of a step, and of a composition
+INVERTED = ("plays", "curve", "tanh", "Dahl friction", "Duhem", "creep, logarithmic", "sum", "held")
+BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
+
+
+def error_of(folder, name):
+    """Run the test program and return the error that it tells."""
+    command = ["cc", *FLAGS, f"{name}.c", f"{name}_test.c", "-o", name, "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    done = subprocess.run(folder / name, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return float(re.search(r": (\S+) of", done.stdout)[1])
+
+
+@pytest.mark.parametrize("case", INVERTED)
+def test_inverses_answer_as_in_python(tmp_path, case):
+    operator, u = OPERATORS[case], make_drive()
+    y, _ = operator.run(u, DT, operator.init(u[0]))
+    inverse = inverse_of(operator)
+    for dtype, bar in BARS.items():
+        units = {"input_unit": 2.0**-20 * np.ptp(y), "output_unit": 2.0**-20 * np.ptp(u)}
+        more = units if dtype == "int32" else {}
+        to_c(inverse, tmp_path, dtype, dtype, dt=DT, u0=y[0], drive=y, **more)
+        assert error_of(tmp_path, dtype) <= bar
+
+
+def fitted():
+    u = make_drive()[:, None]
+    y = OPERATORS["plays"].run(u[:, 0], DT)[0]
+    thresholds = np.array([0.0, 0.21, 0.43])
+    model = PrandtlIshlinskii(thresholds=thresholds, dt=DT).fit(u, y)
+    return InverseCompensator(model, drive_limits=(-0.1, 0.6)).fit(u, y), y
+
+
+def test_a_compensator_keeps_its_limits(tmp_path):
+    compensator, y = fitted()
+    header, *_ = to_c(compensator, tmp_path, "inverse", drive=y, u0=y[0])
+    assert f"#define inverse_DT {DT}" in header.read_text()
+    assert "InverseCompensator" in header.read_text()
+    assert error_of(tmp_path, "inverse") <= BARS["float64"]
+    drive = compensator.stepper(None, y[0]).run(y)
+    assert (drive.min(), drive.max()) == (-0.1, 0.6)
+
+
+def test_a_stepper_is_exported_as_it_stands(tmp_path):
+    compensator, y = fitted()
+    stepper = compensator.stepper()
+    stepper.run(y[:30])
+    expected = stepper.copy().run(y[30:])
+    _, _, test = to_c(stepper, tmp_path, "late", drive=y[30:])
+    assert error_of(tmp_path, "late") <= BARS["float64"]
+    written = re.findall(r"[-\d.e]+", test.read_text().partition("late_outputs[N_SAMPLES]")[2])
+    np.testing.assert_allclose([float(x) for x in written[: len(expected)]], expected, atol=1e-12)
+    assert stepper.state.tolist() == pytest.approx(stepper.copy().state.tolist())
+
+
+def test_what_rounding_makes_of_a_flat_part_is_allowed(tmp_path):
+    """Where every input gives the same, which one is found hangs on the last digit."""
+    flat = inverse_of(SaturationOperator(upper=0.413))
+    y = np.minimum(make_drive(), 0.413)
+    to_c(flat, tmp_path, "flat", "float32", dt=DT, u0=y[0], drive=y)
+    assert error_of(tmp_path, "flat") > BARS["float32"]
