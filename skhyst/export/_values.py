@@ -361,6 +361,8 @@ def _chosen(test, a, b):
     if isinstance(a, tuple):
         return tuple(_chosen(test, x, y) for x, y in zip(a, b, strict=True))
     kind = joined(a.kind, b.kind)
+    if a == b and a.value is not None:
+        return a
     return Expression("choice", (test, converted(a, kind), converted(b, kind)), kind)
 
 

@@ -18,7 +18,10 @@ from skhyst.hysteresis import (
 from skhyst.linear import FirstOrderLag
 from skhyst.operators import LoweredColumn, LoweredProduct, LoweredStep
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+)
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 

@@ -14,7 +14,10 @@ from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.operators import inverse_of
 from skhyst.static import SaturationOperator
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsanitize=address,undefined")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+)
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 # one of each way to invert: in closed form, by the root of a step, and of a composition
 INVERTED = ("plays", "curve", "tanh", "Dahl friction", "Duhem", "creep, logarithmic", "sum", "held")
