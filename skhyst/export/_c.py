@@ -123,7 +123,7 @@ def to_c(
     input_unit=None,
     output_unit=None,
 ):
-    """Write a model as a C99 program, which answers sample by sample as the model does.
+    """Write what is stepped as a C99 program, which answers sample by sample as it does.
 
     Three files are made: the header ``name.h`` with ``name_state``, ``name_init`` and
     ``name_step``, the source ``name.c``, and the test program ``name_test.c``, which returns 0
@@ -132,8 +132,10 @@ def to_c(
 
     Parameters
     ----------
-    model : estimator, Operator or Lowered
-        A fitted model, or what it is made of.
+    model : object with ``stepper``, Stepper, Operator or Lowered
+        A fitted model, a compensator, a controller, ...; a stepper in its present state; or what
+        these are made of. ``stepper(dt, u0, initial_state=...)`` is called with what is given here,
+        of the last two with what is not the default.
     folder : str or Path
         Made where it is missing.
     name : str
@@ -146,12 +148,12 @@ def to_c(
     initial_state : {"rest", "zero"}, default=None
         State before the first sample; by default that of ``predict``, of an operator that of rest.
     u0 : float or array-like of shape (n_inputs,), default=0.0
-        Input at which the device rests, in units of the drive.
+        Input at which the device rests: a drive, or the reference of a compensator.
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
         Input of the test program, units of the drive; further columns are not used. By default two
         sines that decay, of amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to
         hold 4096 times what this drive makes of them, and larger input than 16 times its largest is
-        held there. It must lead through all of the law.
+        held there. It should lead through all of the law.
     input_unit, output_unit : float, optional
         For ``"int32"``, the drive (the same for all inputs) and the response that the integer 1
         stands for.
@@ -164,11 +166,12 @@ def to_c(
     Raises
     ------
     NotImplementedError
-        If the model's output depends on later input.
+        If the output depends on later input.
+    TypeError
+        If nothing here can be stepped, or not by plain arithmetic.
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
-        line; see :class:`~skhyst.operators.Lowered`. If there are no integers for it, or the drive
-        does not lead through all of it.
+        line; see :class:`~skhyst.operators.Lowered`. If there are no integers for it.
 
     Notes
     -----
@@ -237,8 +240,13 @@ def _stepper(model, dt, initial_state, u0):
         if dt is None:
             raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
         model = model.lowered(dt, model.init(u0, initial_state or "rest"))
-    if not isinstance(model, Stepper):
+    if hasattr(model, "bound"):
         model = Stepper(model)
+    if not isinstance(model, Stepper):
+        raise TypeError(
+            "The 'model' parameter of to_c must be a fitted model, or have a 'stepper' that "
+            f"is a Stepper, or an operator. Got {model!r} instead."
+        )
     return model, model.dt if dt is None else dt
 
 

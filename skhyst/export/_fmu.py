@@ -60,7 +60,7 @@ def to_fmu(
     input_unit=None,
     output_unit=None,
 ):
-    """Write a model as a functional mock-up unit (FMU) for co-simulation.
+    """Write what is stepped as a functional mock-up unit (FMU) for co-simulation.
 
     The FMU holds the C99 program of :func:`to_c` in double precision, and, where there is a C
     compiler, a library for the platform it is written on. Its state can be read, set and
@@ -68,8 +68,8 @@ def to_fmu(
 
     Parameters
     ----------
-    model : estimator, Operator or Lowered
-        A fitted model, or what it is made of.
+    model : object with ``stepper``, Stepper, Operator or Lowered
+        As for :func:`to_c`.
     path : str or Path
         File to write, ``name.fmu``; its folder is made where it is missing. The name without the
         ending is that of the model: letters, digits and underscores.
@@ -91,10 +91,8 @@ def to_fmu(
 
     Raises
     ------
-    NotImplementedError
-        If the model's output depends on later input.
-    ValueError
-        If the model's law cannot be written in C; see :func:`to_c`.
+    NotImplementedError, TypeError, ValueError
+        As :func:`to_c`.
 
     Notes
     -----

@@ -301,6 +301,11 @@ def test_options_are_checked(tmp_path, options, message):
         to_c(BacklashOperator(0.2), tmp_path, **{"name": "gear", "dt": 1.0} | options)
 
 
+def test_what_cannot_be_stepped_is_refused(tmp_path):
+    with pytest.raises(TypeError, match="'model' parameter of to_c"):
+        to_c("gear", tmp_path, "gear", dt=1.0)
+
+
 def test_a_drive_has_the_columns_of_the_program(tmp_path):
     drive = np.arange(12.0).reshape(4, 3)
     rows = LoweredStep(sum_of_row, (2.0,), ())

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from operator_cases import DT, OPERATORS, make_drive
 from skhyst.control import InverseCompensator
 from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.operators import inverse_of
+from skhyst.operators import LoweredStep, Stepper, inverse_of
 from skhyst.static import SaturationOperator
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
@@ -73,6 +74,38 @@ def test_a_stepper_is_exported_as_it_stands(tmp_path):
     written = re.findall(r"[-\d.e]+", test.read_text().partition("late_outputs[N_SAMPLES]")[2])
     np.testing.assert_allclose([float(x) for x in written[: len(expected)]], expected, atol=1e-12)
     assert stepper.state.tolist() == pytest.approx(stepper.copy().state.tolist())
+
+
+def integral(u, c, s):
+    """Return the drive for a row of reference and reading."""
+    s[0] += c[0] * (u[0] - u[1])
+    return s[0]
+
+
+integral.py_func = integral
+
+
+@dataclass(frozen=True)
+class Rows(LoweredStep):
+    """A step that takes a row."""
+
+    n_inputs = 2
+
+
+class Integral:
+    """A controller of one's own."""
+
+    def stepper(self, dt, reference=0.0):
+        """Return what is fed rows of reference and reading."""
+        return Stepper(Rows(integral, (3.0 * dt,), (reference,)))
+
+
+def test_a_controller_of_ones_own_is_fed_rows(tmp_path):
+    header, *_ = to_c(Integral(), tmp_path, "own", dt=DT, u0=0.5)
+    text = header.read_text()
+    assert "own_step(own_state *state, const double *u)" in text
+    assert f"#define own_DT {DT}" in text
+    assert error_of(tmp_path, "own") <= BARS["float64"]
 
 
 def test_what_rounding_makes_of_a_flat_part_is_allowed(tmp_path):
