@@ -279,11 +279,8 @@ class FixedText(FunctionText):
                 return self._product("*", args[0], args[0], f)
             case "neg":
                 return f"-{self._bracketed(args[0], f, ATOM)}", UNARY
-            case "choice" if (known := self._decided(args[0])) is not None:
-                return self._fitted(args[1 if known else 2], f)
             case "choice":
-                a, b = (self._bracketed(y, f, CHOICE + 1) for y in args[1:])
-                return f"{self._tight(args[0], CHOICE + 1)} ? {a} : {b}", CHOICE
+                return self._choice(*args, f)
             case "min" | "max" | "abs" | "math.fabs":
                 own = self._common(*args)
                 texts = [self._fitted(y, own, True)[0] for y in args]
@@ -305,6 +302,13 @@ class FixedText(FunctionText):
             f"{name!r} in '{self._part.function.name}' has no form in "
             "integers: the 'dtype' must be 'float32' or 'float64'."
         )
+
+    def _choice(self, test, a, b, f):
+        known = self._decided(test)
+        if known is not None:
+            return self._fitted(a if known else b, f)
+        a, b = (self._bracketed(y, f, CHOICE + 1) for y in (a, b))
+        return f"{self._tight(test, CHOICE + 1)} ? {a} : {b}", CHOICE
 
     def _decided(self, test):
         """Return what a test gives that compares with what is beyond all numbers, else None."""

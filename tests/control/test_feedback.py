@@ -25,7 +25,7 @@ class Ahead:
 
 def sections(controller, dt=DT):
     """Return notch and damping of a controller, as SciPy has them."""
-    constants = controller.stepper(dt)._lowered.constants
+    constants = controller.stepper(dt).lowered.constants
     return [np.array([[*section[:3], 1.0, *section[3:]]]) for section in constants[4:]]
 
 

@@ -3,7 +3,6 @@
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", 
 )
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 # one of each way to invert: in closed form, by the root of a step, and of a composition
-INVERTED = ("plays", "curve", "tanh", "Dahl friction", "Duhem", "creep, logarithmic", "sum", "held")
+INVERTED = ("plays", "curve", "Dahl friction", "Duhem", "creep, logarithmic", "sum", "held")
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 
 
@@ -85,19 +84,12 @@ def integral(u, c, s):
 integral.py_func = integral
 
 
-@dataclass(frozen=True)
-class Rows(LoweredStep):
-    """A step that takes a row."""
-
-    n_inputs = 2
-
-
 class Integral:
     """A controller of one's own."""
 
     def stepper(self, dt, reference=0.0):
         """Return what is fed rows of reference and reading."""
-        return Stepper(Rows(integral, (3.0 * dt,), (reference,)))
+        return Stepper(LoweredStep(integral, (3.0 * dt,), (reference,), 2))
 
 
 def test_a_controller_of_ones_own_is_fed_rows(tmp_path):
