@@ -11,8 +11,8 @@ claimed.
 import numpy as np
 from scipy.stats import norm
 
-from ._constants import FEW_TURNS, FLAT, HARD, NOTICEABLE, REPEATS
-from ._periods import near_period, turns, visible_turns
+from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
+from ._periods import near_period, turns
 
 
 def is_plausible(margin, candidate, before, records, alpha):
@@ -171,8 +171,6 @@ def has_own_lines(operator, motion, records):
 def _are_no_harmonics(frequencies, record):
     n = len(record.u)
     period = near_period(record.drive)
-    if not period and visible_turns(record.drive) <= FEW_TURNS:
-        period = n  # a loop or two
     if not period:
         return True
     harmonics = frequencies * period * record.dt

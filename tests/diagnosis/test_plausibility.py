@@ -6,13 +6,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from skhyst.diagnosis import EFFECTS
+from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.diagnosis._candidates import Candidate, refitted
 from skhyst.diagnosis._edits import Insert
 from skhyst.diagnosis._periods import near_period
 from skhyst.diagnosis._plausibility import goes_on, is_plausible, varies_in_rate
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
+from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -122,3 +123,20 @@ def test_rate_dependence_needs_more_than_one_rate():
     assert told(sine, np.sin(2 * np.pi * t / 140.0))
     assert told(np.sin(2 * np.pi * (t / 200.0) ** 1.5))
     assert told(np.cumsum(np.random.default_rng(0).normal(size=2000)))
+
+
+def test_a_hum_in_a_loop_and_a_half_is_named():
+    """However few the turns of the drive: its lines are told from it by what stands beside."""
+    time = np.arange(1500) * 1e-3
+    drive = -5.0 * np.cos(3.0 * np.pi * time / time[-1])
+    model = PrandtlIshlinskiiOperator(np.linspace(0.0, 4.0, 20), np.full(20, 0.05))
+    rng = np.random.default_rng(0)
+    hum = 0.02 * np.sin(2.0 * np.pi * 50.0 * time)
+    response = model.run(drive, 1e-3)[0] + hum + 0.005 * rng.standard_normal(time.size)
+    search = EffectSearchCV(
+        PrandtlIshlinskii(20, dt=1e-3),
+        effects=["resonance", "periodic_disturbance", "initial_state"],
+        random_state=0,
+    )
+    search.fit(drive[:, None], response)
+    assert search.effects_ == ["periodic_disturbance"]
