@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy.stats import ks_2samp
+from scipy.stats import ks_2samp, kstest
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold
 
@@ -82,7 +82,10 @@ def test_a_population_alone_comes_close(kind):
         "gain": (0.0, 5.0),
         "intercept": (-1.0, 1.0),
     }
-    method = kind(population=30, max_iterations=150, project=False, polish=False, bounds=bounds)
+    options = {"renewal": "walk"} if kind is ModifiedCuckooSearch else {}  # the accurate one
+    method = kind(
+        population=30, max_iterations=150, project=False, polish=False, bounds=bounds, **options
+    )
     data = record()
     result = identify([START], [data], method=method)
     assert result.error < 0.05 * np.std(data.y)
@@ -237,6 +240,53 @@ def test_flights_are_those_of_levy(cuckoos):
 def test_a_coordinate_is_discovered_with_its_probability(cuckoos):
     nests, _, discovered = cuckoos
     assert np.mean(discovered != nests) == pytest.approx(0.3, abs=0.005)
+
+
+@pytest.mark.parametrize("discovery", [0.3, 1.0])
+def test_a_discovered_nest_is_left_for_a_new_one(discovery):
+    """Step 5 of the tanh paper: anywhere in the box, whatever its cost; the best stays."""
+    seen = []
+
+    def rising(candidates):  # the first is the best, and whoever comes later is worse
+        seen.append(candidates.copy())
+        return np.arange(len(candidates)) + 1e6 * len(seen)
+
+    n = 20_000
+    method = CuckooSearch(
+        population=n, max_iterations=2, renewal="random", discovery=discovery, step=0.0
+    )
+    method._search(rising, np.full(3, -1.0), np.full(3, 1.0), np.random.default_rng(0))
+    before, _, new, after, _ = seen  # without a step a flight ends where it began
+    left = (after != before).all(axis=1)
+    np.testing.assert_array_equal(after[left], new)
+    np.testing.assert_array_equal(after[~left], before[~left])
+    assert not left[0]
+    assert left[1:].mean() == pytest.approx(discovery, abs=0.01)
+    assert kstest(new.ravel(), "uniform", args=(-1.0, 2.0)).pvalue > 1e-3
+
+
+def test_a_new_nest_is_judged_by_its_own_cost():
+    """It gives way to what is better than it, if worse than the nest that was left for it."""
+    seen = []
+
+    class Staged(CuckooSearch):
+        def _schedule(self, progress):  # all nests are new after the first flight, none later
+            return float(progress < 0.5), float(progress < 0.9)
+
+    def costs(candidates):  # at first, flown, new, flown
+        seen.append(candidates.copy())
+        return np.full(len(candidates), [0.0, 1.0, 2.0, 1.0, 9.0, 9.0, 9.0][len(seen) - 1])
+
+    method = Staged(population=10, max_iterations=3, renewal="random")
+    method._search(costs, np.full(2, -1.0), np.full(2, 1.0), np.random.default_rng(0))
+    np.testing.assert_array_equal(seen[5][1:], seen[3][1:])
+
+
+def test_renewals_are_two():
+    assert ModifiedCuckooSearch().renewal == "random"
+    assert CuckooSearch().renewal == "walk"
+    with pytest.raises(ValueError, match="'renewal' parameter of CuckooSearch must be"):
+        CuckooSearch(renewal="none")
 
 
 def test_methods_are_values():
