@@ -19,6 +19,7 @@ from itertools import pairwise
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+from scipy.signal import cont2discrete
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from skhyst.autoregressive import NARXRegressor
@@ -141,6 +142,17 @@ print(f"{TARGET - start:.3f} um are left for the foot")
 # :math:`k_i = \zeta \omega / g`, a loop of 1.5 Hz. Integral resonant control damps it, and ten
 # times that is safe. A compensator has to know what the foot has been through: it has come to its
 # lowest voltage by walking.
+#
+# The paper has :math:`k_p = 10` and :math:`k_i = 145.836`, and no units. As V/um and V/(um s), on
+# the published motor (15), such a loop diverges at slow rates and rings on at fast ones:
+
+for rate in (1e3, 1e4, 5e4, 1e5):
+    moved, past, _ = cont2discrete(([6.664, 0.2657e6], [3.04, 58.0, 2.312e6]), 1.0 / rate)
+    feedback = np.polymul(moved.ravel(), [10.0 + 145.836 / rate, -10.0])
+    poles = np.roots(np.polyadd(np.polymul(past, [1.0, -1.0]), feedback))
+    ringing = rate * np.log(poles[np.argmax(poles.imag)])
+    hertz, ratio_there = ringing.imag / (2.0 * np.pi), -ringing.real / np.abs(ringing)
+    print(f"gains as printed at {rate:6.0f} Hz: {hertz:.0f} Hz, damping ratio {ratio_there:7.4f}")
 
 
 class Foot:

@@ -44,9 +44,9 @@ def load_scanning_stage_parameters():
     Notes
     -----
     What the thesis calls stiffness k_i and damping c_i is the other way round. The static gain of
-    (4.1) is 0.0243: in um/V, 80 V make a stroke of about 3.5 um, which fits the piezo element
-    (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and a_1 multiply the same
-    signal, and only their sum can be identified.
+    (4.1) is 0.0243: in um/V, 80 V make a stroke of 3.42 um once creep has settled, which fits the
+    piezo element (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and a_1
+    multiply the same signal, and only their sum can be identified.
 
     References
     ----------

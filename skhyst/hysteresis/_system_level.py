@@ -283,9 +283,10 @@ class SystemLevelHysteresis(ParametricModel):
     Notes
     -----
     In terms of the paper, ``slope = d_o + Delta d (1 - gamma)``, ``curvature = Delta d gamma /
-    V_c`` and ``decay = 1 / V_c``. Its identified values have ``V_c`` 250 times the largest
-    distance: then gamma and V_c appear only as their ratio, which stands in the curvature, and
-    the standard error of ``decay`` shows how much is known of V_c alone.
+    V_c`` and ``decay = 1 / V_c``. Where ``V_c`` is far beyond the largest distance, as there, gamma
+    and V_c appear only as their ratio, which stands in the curvature, and the standard error of
+    ``decay`` shows how much is known of V_c alone. The response is that of the drive's own sample,
+    without the delay of (22).
 
     The only memory is the last turning point, and any reversal of the drive is one, however small:
     use the drive as it was commanded, not a noisy reading of it.
