@@ -78,7 +78,14 @@ print(f"hysteresis found to {np.sqrt(np.mean(error**2)):.2f} nm rms, {error.max(
 # One step ahead (8) is excellent, and would be for any model: in 0.1 ms the hysteresis changes by
 # less than a nanometre. In the free run the same network drifts off: what decides is the
 # difference of two neighbouring voltages, a thousandth of either, and the errors of 35,000 steps
-# add up. Whitening (``scaling="whiten"``) brings out the difference, but the steps remain.
+# add up. Whitening (``scaling="whiten"``) brings out the difference, but the steps remain. With the
+# output weights fitted to the free run (``objective="simulation"``) the printed inputs, at the
+# printed step, follow the recording (12) within a nanometre.
+#
+# That is this recording. At 1 and 10 Hz the voltage takes steps that it does not take at these
+# voltages in (12), and the same network is far off: a model of these inputs may follow (12) and
+# know nothing of other rates, so that (12) alone cannot tell what it does there. What is
+# missing is not a better fit but the knowledge that the motor's hysteresis has no rate.
 
 
 def free_run(model, drive, target=None):
@@ -90,14 +97,20 @@ def free_run(model, drive, target=None):
     return model.predict(drive[:, None]), ahead
 
 
-for scaling in ("standard", "whiten"):
-    network = SCNRegressor(25, scaling=scaling, tolerance=1e-6, random_state=0)
-    printed = NARXRegressor(network, initial_output=0.0).fit(u[:, None], h)
+other_rates = [record(sine(3.0, f, n_cycles=int(3 * f), dt=DT), 1) for f in (1.0, 10.0)]
+print("(8) as printed, largest errors in nm: one step ahead, free run, free run at 1 and 10 Hz")
+for scaling, objective in (
+    ("standard", "one_step"),
+    ("whiten", "one_step"),
+    ("whiten", "simulation"),
+):
+    network = SCNRegressor(80, scaling=scaling, tolerance=1e-6, random_state=0)
+    printed = NARXRegressor(network, objective=objective, initial_output=0.0).fit(u[:, None], h)
     run, ahead = free_run(printed, u, h)
-    print(
-        f"(8) as printed, {scaling:8s} one step ahead {ahead:5.2f} nm, "
-        f"free run {1e3 * np.abs(run - h_true).max():6.1f} nm"
-    )
+    errors = [1e3 * np.abs(run - h_true).max()]
+    for drive, _, _, hysteresis, _ in other_rates:
+        errors.append(1e3 * np.abs(free_run(printed, drive)[0] - hysteresis).max())
+    print(f"{scaling:9s}{objective:11s}{ahead:8.2f}" + "".join(f"{e:8.1f}" for e in errors))
 
 # %%
 # The path in place of time

@@ -1,5 +1,6 @@
 """NARX model around any regressor of scikit-learn."""
 
+from functools import partial
 from inspect import signature
 
 import numpy as np
@@ -9,9 +10,11 @@ from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from .._sklearn import HasMethods
+from .._sklearn import HasMethods, StrOptions
+from ..base import one_thread
 from ._base import AutoregressiveRegressor
 from ._extract import extract_step
+from ._output_weights import fit_output_weights
 from ._steps import LinearStep
 
 _COMPARED = 64  # rows on which the compiled form must agree with the estimator
@@ -31,6 +34,11 @@ class NARXRegressor(AutoregressiveRegressor):
     estimator : estimator, default=None
         Any regressor or pipeline, of which a clone is fitted; by default linear regression of the
         standardised signals (ARX).
+    objective : {"one_step", "simulation"}, default="one_step"
+        The error that is made small: one step ahead, or of the free run. For the latter the weights
+        that enter linearly, all of a linear model, those of the output of a network, are fitted
+        again from those one step ahead, by Gauss-Newton steps with exact derivatives and without a
+        penalty; the inner weights of a network stay.
 
     Attributes
     ----------
@@ -41,6 +49,17 @@ class NARXRegressor(AutoregressiveRegressor):
         regressors only.
     compiled_ : bool
         Whether the free run is a compiled loop.
+    output_weights_ : ndarray of shape (n_weights + 1,)
+        Weights of the output and constant, fitted to the free run; with that objective only. What
+        predicts has these, ``estimator_`` those one step ahead.
+    n_evaluations_ : int
+        Runs over all records that the fit took, 0 one step ahead.
+
+    Raises
+    ------
+    ValueError
+        If ``objective`` is ``"simulation"`` and the estimator is none of linear models,
+        ``MLPRegressor`` and ``SCNRegressor``, also behind scalers.
 
     See Also
     --------
@@ -88,6 +107,7 @@ class NARXRegressor(AutoregressiveRegressor):
 
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"]), None],
+        "objective": [StrOptions({"one_step", "simulation"})],
         **AutoregressiveRegressor._parameter_constraints,
     }
 
@@ -97,12 +117,14 @@ class NARXRegressor(AutoregressiveRegressor):
         *,
         input_lags=(0, 1),
         output_lags=(1,),
+        objective="one_step",
         initial_output="rest",
         dt=1.0,
     ):
         self.estimator = estimator
         self.input_lags = input_lags
         self.output_lags = output_lags
+        self.objective = objective
         self.initial_output = initial_output
         self.dt = dt
 
@@ -113,10 +135,25 @@ class NARXRegressor(AutoregressiveRegressor):
         rows = np.linspace(0, len(Z) - 1, min(_COMPARED, len(Z))).astype(int)
         self._step = extract_step(self.estimator_, self._lags, [Z[rows]], self.estimator_.predict)
         self.compiled_ = self._step is not None
-        for name in ("coef_", "intercept_"):  # of an earlier fit
+        for name in ("coef_", "intercept_", "output_weights_"):  # of an earlier fit
             self.__dict__.pop(name, None)
+        self.n_evaluations_ = 0
+        if self.objective == "simulation":
+            self._fit_free_run(X, y, records)
         if isinstance(self._step, LinearStep):
             self.coef_, self.intercept_ = self._step.weights, self._step.intercept
+
+    def _fit_free_run(self, X, y, records):
+        if self._step is None or self._step.output_weights is None:
+            raise ValueError(
+                "The 'objective' parameter of NARXRegressor must be 'one_step' where 'estimator' "
+                "is no linear model, MLPRegressor or SCNRegressor; NARMAXRegressor fits "
+                f"polynomials. Got 'simulation' with {type(self.estimator_).__name__} instead."
+            )
+        starts = partial(self.starting_values, X, records, y)
+        with one_thread():
+            self.n_evaluations_ = fit_output_weights(self, starts)
+        self.output_weights_ = self._step.output_weights
 
     def _one_step(self, Z):
         if self._step is not None:

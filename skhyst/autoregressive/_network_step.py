@@ -5,9 +5,10 @@ one sample in plain arithmetic, which needs no arrays of its own and can be writ
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.special import expit
 
 from .._jit import jit
 from ._runs import Lags, clipped
@@ -152,6 +153,19 @@ def network(x, at, c):
     return y
 
 
+def _with_slopes(kind, values):
+    """Return the outputs of units, and their derivatives; see ``ACTIVATIONS``."""
+    if kind == 0:
+        return values, np.ones_like(values)
+    if kind == 1:
+        return np.maximum(values, 0.0), (values > 0.0).astype(float)
+    if kind == 2:
+        out = expit(values)
+        return out, out * (1.0 - out)
+    out = np.tanh(values)
+    return out, 1.0 - out**2
+
+
 class _NodesStep(Step):
     """Base of both, whose constants are their fields; a subclass gives ``_law``."""
 
@@ -160,6 +174,13 @@ class _NodesStep(Step):
 
     def plain_law(self):
         return self._law, self._constants()
+
+    @property
+    def output_weights(self):
+        return self.last
+
+    def with_output_weights(self, weights):
+        return replace(self, last=np.array(weights, dtype=float))
 
 
 @dataclass(frozen=True)
@@ -182,6 +203,21 @@ class NetworkStep(_NodesStep):
     @property
     def room(self):
         return 2 * self.weights.shape[2]
+
+    def output_columns(self, Z):
+        widths, layers = self.widths, []
+        values = Z @ self.first + self.offsets
+        for layer, width in enumerate(widths):
+            if layer:
+                matrix = self.weights[layer - 1, : widths[layer - 1], :width]
+                values = layers[-1][0] @ matrix + self.biases[layer - 1, :width]
+            layers.append(_with_slopes(self.kind, values))
+        back = self.last[:-1]
+        for layer in range(len(widths) - 1, -1, -1):
+            back = back * layers[layer][1]
+            if layer:
+                back = back @ self.weights[layer - 1, : widths[layer - 1], : widths[layer]].T
+        return np.column_stack([layers[-1][0], np.ones(len(Z))]), back @ self.first.T
 
     @classmethod
     def from_layers(cls, lags, matrices, biases, activation):
@@ -270,3 +306,11 @@ class GaussianStep(_NodesStep):
     @property
     def room(self):
         return self.scaling.shape[1]
+
+    def output_columns(self, Z):
+        places = Z @ self.scaling
+        away = [place[:, None] - row for place, row in zip(places.T, self.centers, strict=True)]
+        nodes = np.exp(self.rates * sum(np.square(part) for part in away))
+        parts = 2.0 * nodes * self.rates * self.last[:-1]
+        back = np.column_stack([np.sum(parts * part, axis=1) for part in away])
+        return np.column_stack([nodes, np.ones(len(Z))]), back @ self.scaling.T

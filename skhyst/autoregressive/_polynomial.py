@@ -351,6 +351,7 @@ class PolynomialStep:
     """A sum of products of signals, see ``_steps``."""
 
     room = 0
+    output_weights = None
 
     lags: Lags
     terms: np.ndarray

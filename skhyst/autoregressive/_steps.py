@@ -8,7 +8,7 @@ Each model has ``rows(Z)``, the next outputs for rows of lagged signals, ``run(s
 free run over one record, and ``plain_law()``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class Step:
     """
 
     room = 0  # numbers behind the signals that the plain law uses
+    output_weights = None  # (n_weights,): what enters the output linearly, if there is such
 
     def _constants(self):
         """Return what the loop knows of the model."""
@@ -56,6 +57,17 @@ class Step:
 
     def plain_law(self):
         """Return the law in plain arithmetic, see :mod:`skhyst.operators`, and its constants."""
+        raise NotImplementedError
+
+    def with_output_weights(self, weights):
+        """Return the same model with other output weights."""
+        raise NotImplementedError
+
+    def output_columns(self, Z):
+        """Return what the output weights multiply, (n, n_weights), for rows of lagged signals.
+
+        With it comes the derivative of the output by each signal, (n, n_signals).
+        """
         raise NotImplementedError
 
     def run(self, start, bound):
@@ -106,3 +118,13 @@ class LinearStep(Step):
 
     def plain_law(self):
         return linear, self._constants()
+
+    @property
+    def output_weights(self):
+        return np.append(self.weights, self.intercept)
+
+    def with_output_weights(self, weights):
+        return replace(self, weights=weights[:-1].copy(), intercept=float(weights[-1]))
+
+    def output_columns(self, Z):
+        return np.column_stack([Z, np.ones(len(Z))]), np.tile(self.weights, (len(Z), 1))

@@ -59,12 +59,57 @@ def improve(problem, search, n_terms):
     return state.subset, state.theta, state.search, fits.n_evaluations
 
 
-class _Fits:
+class Descent:
+    """Damped Gauss-Newton steps on a problem, whose runs are counted."""
+
+    def __init__(self, problem):
+        self.problem = problem
+        self.n_evaluations = 0
+
+    def descend(self, subset, theta, pull, budget, tolerance):
+        """Take damped Gauss-Newton steps from ``theta``; return the end and whether it is best."""
+        factor = self._condensed(subset, theta, pull)
+        if not np.isfinite(factor).all():
+            return theta, False
+        last, damping, growth, k = self.n_evaluations + budget - 1, 1e-6, 2.0, len(theta)
+        scale = sum(float(start.measured @ start.measured) for start in self.problem.starts)
+        while self.n_evaluations < last:
+            r, target = factor[:k, :k], factor[:k, -1]
+            cost = float(np.sum(factor[:, -1] ** 2))
+            weights = np.sqrt(damping) * np.linalg.norm(r, axis=0)
+            matrix = np.concatenate([r, np.diag(np.where(weights > 0.0, weights, 1.0))])
+            norms = np.linalg.norm(matrix, axis=0)
+            padded = np.append(target, np.zeros(k))
+            step = np.linalg.lstsq(matrix / norms, padded, rcond=None)[0] / norms
+            predicted = float(np.sum(target**2) - np.sum((target - r @ step) ** 2))
+            if not predicted > tolerance * cost + 1e-28 * scale:
+                return theta, True
+            trial = self._condensed(subset, theta + step, pull)
+            gain = cost - float(np.sum(trial[:, -1] ** 2))
+            if np.isfinite(trial).all() and gain > 0.0:
+                ratio = gain / predicted
+                damping = max(damping * max(0.2, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-14)
+                growth = 2.0
+                theta, factor = theta + step, trial
+            else:
+                damping, growth = damping * growth, growth * 2.0
+                if damping > 1e12:
+                    return theta, True
+        return theta, False
+
+    def _condensed(self, subset, theta, pull):
+        """Return the condensed Jacobian and error of all records."""
+        self.n_evaluations += 1
+        blocks, _ = self.problem.blocks(subset, theta, pull)
+        return condense(np.column_stack(block) for block in blocks)
+
+
+class _Fits(Descent):
     """Fits of subsets, and what each leads to; parameters as in :func:`improve`."""
 
     def __init__(self, problem, criterion, n_terms):
-        self.problem, self.criterion, self.n_terms = problem, criterion, n_terms
-        self.n_evaluations = 0
+        super().__init__(problem)
+        self.criterion, self.n_terms = criterion, n_terms
 
     def begin(self, search):
         """Yield states to begin from: one, unless its run has left the data."""
@@ -124,41 +169,6 @@ class _Fits:
         theta = np.array(self.problem.unknowns(np.asarray(coefficients, dtype=float)))
         if not pull and self.problem.lost(subset, coefficients):
             for step in _PULLS:
-                theta, _ = self._descend(subset, theta, step, _FEW, _ROUGH)
+                theta, _ = self.descend(subset, theta, step, _FEW, _ROUGH)
         budget = _FEW if pull else _FEW * 2 if rough else _EVALUATIONS
-        return self._descend(subset, theta, pull, budget, _ROUGH if rough else _TOLERANCE)
-
-    def _descend(self, subset, theta, pull, budget, tolerance):
-        """Take damped Gauss-Newton steps from ``theta``; return as :meth:`_solve`."""
-        factor = self._condensed(subset, theta, pull)
-        last, damping, growth, k = self.n_evaluations + budget - 1, 1e-6, 2.0, len(theta)
-        scale = sum(float(start.measured @ start.measured) for start in self.problem.starts)
-        while self.n_evaluations < last:
-            r, target = factor[:k, :k], factor[:k, -1]
-            cost = float(np.sum(factor[:, -1] ** 2))
-            weights = np.sqrt(damping) * np.linalg.norm(r, axis=0)
-            matrix = np.concatenate([r, np.diag(np.where(weights > 0.0, weights, 1.0))])
-            norms = np.linalg.norm(matrix, axis=0)
-            padded = np.append(target, np.zeros(k))
-            step = np.linalg.lstsq(matrix / norms, padded, rcond=None)[0] / norms
-            predicted = float(np.sum(target**2) - np.sum((target - r @ step) ** 2))
-            if not predicted > tolerance * cost + 1e-28 * scale:
-                return theta, True
-            trial = self._condensed(subset, theta + step, pull)
-            gain = cost - float(np.sum(trial[:, -1] ** 2))
-            if np.isfinite(trial).all() and gain > 0.0:
-                ratio = gain / predicted
-                damping = max(damping * max(0.2, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-14)
-                growth = 2.0
-                theta, factor = theta + step, trial
-            else:
-                damping, growth = damping * growth, growth * 2.0
-                if damping > 1e12:
-                    return theta, True
-        return theta, False
-
-    def _condensed(self, subset, theta, pull):
-        """Return the condensed Jacobian and error of all records."""
-        self.n_evaluations += 1
-        blocks, _ = self.problem.blocks(subset, theta, pull)
-        return condense(np.column_stack(block) for block in blocks)
+        return self.descend(subset, theta, pull, budget, _ROUGH if rough else _TOLERANCE)

@@ -321,7 +321,8 @@ MEMORY = {
 
 
 @parametrize_with_checks(
-    [NARXRegressor(KNeighborsRegressor(1))], expected_failed_checks=lambda estimator: MEMORY
+    [NARXRegressor(KNeighborsRegressor(1)), NARXRegressor(objective="simulation")],
+    expected_failed_checks=lambda estimator: MEMORY,
 )
-def test_scikit_learn_in_lock_step(estimator, check):
+def test_scikit_learn_beyond_the_default(estimator, check):
     check(estimator)
