@@ -25,7 +25,7 @@ __all__ = [
     "split_in_time",
 ]
 
-BESIDE = Path(__file__).resolve().parents[1] / "../shared/data"
+BESIDE = Path(__file__).resolve().parents[2] / "shared/data"
 SHARED = Path(os.environ.get("SKHYST_DATA", BESIDE))
 FSM_RATE = 6400.0  # Hz
 SILVERBOX_PARTS = {

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 from measured_recordings import CASES
-from recordings import SHARED
 
 pytest.importorskip("matplotlib", reason="the examples draw")
 
@@ -63,8 +62,12 @@ def test_recording_that_is_absent(tmp_path):
     assert "SKHYST_DATA" in printed
 
 
-@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: f"recordings/{path.stem}")
+def needs(path):
+    """Return the argument of a test of an example, which needs its recording."""
+    mark = pytest.mark.needs_recordings(recording(path), named=True)
+    return pytest.param(path, marks=mark, id=f"recordings/{path.stem}")
+
+
+@pytest.mark.parametrize("path", [needs(path) for path in RECORDINGS])
 def test_example_of_a_recording_runs(path, tmp_path):
-    if "SKHYST_DATA" not in os.environ or not (SHARED / recording(path)).exists():
-        pytest.skip("SKHYST_DATA names no folder that holds the recording")
     run(path, tmp_path)

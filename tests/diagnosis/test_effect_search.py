@@ -6,7 +6,6 @@ import subprocess
 import sys
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 
 import joblib
@@ -14,6 +13,7 @@ import numpy as np
 import plants
 import pytest
 from plants import make_recording
+from recordings import load_piezo_afm
 from sklearn.base import clone
 
 from skhyst.base import ParametricModel
@@ -31,14 +31,13 @@ from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import BlockedTimeSeriesSplit
 from skhyst.operators import parameter
-from skhyst.records import read_records, stack_records
+from skhyst.records import stack_records
 from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator
 
 # of those that are a stage of their own, or beside the model
 EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
 SEED = 9000
 DECLARED = ("prandtl_ishlinskii", "cascade")
-PIEZO = Path(__file__).parents[2] / "../shared/data/piezo_afm/SG_data_triangle_sin_raw.mat"
 
 
 def declared_model(name):
@@ -378,16 +377,16 @@ def test_a_users_own_effect_is_found():
 # ---------------------------------------------------------------------------- a measured recording
 
 
-@pytest.mark.skipif(not PIEZO.exists(), reason=f"{PIEZO.resolve()} is absent")
+@pytest.mark.needs_recordings("piezo_afm")
 def test_measured_piezo_scanner_lacks_a_curve():
-    X, y = read_records(PIEZO, drive="V", response="SG[0]", sampling_rate=1.0)
-    n, span = int(0.6 * len(y)), np.ptp(y.to_numpy())
-    search = search_of().fit(X[:n], y[:n])
+    X, y, X_test, y_test = load_piezo_afm()
+    span = np.ptp(np.concatenate([y, y_test]))
+    search = search_of().fit(X, y)
     pair = {"asymmetry", "static_nonlinearity"}
     first = search.history_.iloc[0]
     assert first["effect"] in pair
-    assert search.held_out_error(X[n:], y[n:], declared=True) >= 0.02 * span
-    assert search.held_out_error(X[n:], y[n:]) <= 0.008 * span
+    assert search.held_out_error(X_test, y_test, declared=True) >= 0.02 * span
+    assert search.held_out_error(X_test, y_test) <= 0.008 * span
 
 
 # ------------------------------------------------------------------------------------ going back

@@ -2,13 +2,13 @@
 
 import dataclasses
 from itertools import groupby
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recordings import SHARED
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
 from scipy.optimize import brentq
@@ -228,9 +228,6 @@ def test_tangents(seed):
     check_operator(operator, np.cumsum(rng.normal(size=60)), 1.0)
 
 
-LOOPS = Path(__file__).parents[3] / "shared" / "data" / "bh_loops"
-
-
 def plant(seed, n=1200):
     """Loops of three amplitudes; return field, clean and noisy response, noise and parameters."""
     rng = np.random.default_rng(seed)
@@ -287,10 +284,9 @@ def test_units_of_the_data(assert_unit_free):
 
 
 def measured(folder, name):
-    if not LOOPS.is_dir():
-        pytest.skip("the recordings are not beside the project")
-    fields = loadmat(LOOPS / folder / f"H_{name}.mat")["HmeasT"]
-    return fields, loadmat(LOOPS / folder / f"B_{name}.mat")["BmeasT"]
+    loops = SHARED / "bh_loops" / folder
+    fields = loadmat(loops / f"H_{name}.mat")["HmeasT"]
+    return fields, loadmat(loops / f"B_{name}.mat")["BmeasT"]
 
 
 def twice(fields, flux, columns):
@@ -304,6 +300,7 @@ def twice(fields, flux, columns):
     )
 
 
+@pytest.mark.needs_recordings("bh_loops")
 @pytest.mark.parametrize(
     ("folder", "name", "held_out", "limit"),
     [

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recordings import SHARED, load_piezo_fsm
+from recordings import load_piezo_fsm
 from scipy import signal
 from scipy.stats import chi2
 
@@ -460,7 +460,7 @@ def test_records_are_checked():
 # ------------------------------------------------------------------------------- a measured plant
 
 
-@pytest.mark.skipif(not (SHARED / "piezo_fsm").is_dir(), reason=f"no piezo_fsm in {SHARED}")
+@pytest.mark.needs_recordings("piezo_fsm")
 def test_a_measured_mirror_grows_softer():
     """Three piezo stacks: the first resonance falls with amplitude, far beyond its errors."""
     found = {}

@@ -1,18 +1,13 @@
 """Recordings as their authors published them, one call each; skipped where they are absent."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from recordings import SHARED as DATA
 
 from skhyst.exceptions import RecordError
 from skhyst.records import iter_records, read_records, record_slices, resample_records
 
-DATA = (Path(__file__).parents[2] / "../shared/data").resolve()
-
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"the measured recordings are not in {DATA}"
-)
+pytestmark = pytest.mark.needs_recordings
 
 AFM = "piezo_afm/SG_data_triangle_sin_raw.mat"
 DAMPER = "friction_damper/dataset-1_0.5Hz20lbtension.json"
