@@ -2,10 +2,10 @@
 
     python benchmarks/compensation.py [--trials 6] [--seed 0]
 
-The cascade of the thesis is identified from recordings of the stage, noise on, and inverted. Each
-line is a reference, a sine that begins and ends at rest: the root mean square error over its range
-with the gain of the slowest triangle alone, with the compensator, and after trials on the stage,
-beside the noise of its sensor. The stage shares no code with the models.
+The cascade of Steinbusch (2020) is identified from recordings of the stage, noise on, and inverted.
+Each line is a reference, a sine that begins and ends at rest: the root mean square error over its
+range with the gain of the slowest triangle alone, with the compensator, and after trials on the
+stage, beside the noise of its sensor. The stage shares no code with the models.
 """
 
 import argparse

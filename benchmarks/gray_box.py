@@ -1,4 +1,4 @@
-"""The experiments of the gray-box paper: who identifies the stage best, at which sampling.
+"""The experiments of Ahmed and Yan (2021): who identifies the stage best, at which sampling.
 
     python benchmarks/gray_box.py [--stages piezo outside] [--rates 1000 5000 20000] [--seeds 3]
 

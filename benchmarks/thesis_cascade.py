@@ -1,4 +1,4 @@
-"""The identification of the thesis on Prandtl-Ishlinskii cascades, done again on its stage.
+"""The identification of Steinbusch (2020), done again on the stage of that thesis.
 
     python benchmarks/thesis_cascade.py [--iterations 600] [--candidates 25] [--seed 0]
 

@@ -7,8 +7,10 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+sys.path.insert(0, os.path.abspath("."))
 sys.path.insert(0, os.path.abspath(os.path.join("..", "benchmarks")))
 
+from citations import add_keys, read_references
 from recordings import SHARED
 
 project = "skhyst"
@@ -22,7 +24,9 @@ extensions = [
     "sphinx.ext.mathjax",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
+    "sphinxcontrib.bibtex",
 ]
+bibtex_bibfiles = ["references.bib"]
 exclude_patterns = ["_build", "auto_examples/**/*.ipynb"]
 templates_path = ["_templates"]
 default_role = "literal"
@@ -77,5 +81,19 @@ def _drop_guide_links(app, what, name, obj, options, lines):
         lines[:] = [line for line in lines if not line.startswith("Read more in the :ref:")]
 
 
+REFERENCES = read_references()
+
+
+def _link_citations(app, what, name, obj, options, lines):
+    """Add the keys of the bibliography to the citations of a docstring."""
+    lines[:] = add_keys("\n".join(lines), REFERENCES).split("\n")
+
+
+def _link_citations_of_page(app, docname, source):
+    source[0] = add_keys(source[0], REFERENCES)
+
+
 def setup(app):
     app.connect("autodoc-process-docstring", _drop_guide_links)
+    app.connect("autodoc-process-docstring", _link_citations)
+    app.connect("source-read", _link_citations_of_page)

@@ -2,9 +2,8 @@
 A gray-box network for a nano-stage
 ===================================
 
-"Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage: a
-gray box neural network based approach" trains a network whose weights are physical parameters, and
-sets it against a particle swarm and against black-box networks. Here the three are trained on the
+In Ahmed and Yan, *IEEE Access*, 2021, a network whose weights are physical parameters is trained,
+and set against a particle swarm and against black-box networks. Here the three are trained on the
 same simulated records and asked for one that they have not seen.
 
 The example is shortened to a few seconds. The whole table, with the paper's budgets, is printed by

@@ -2,10 +2,11 @@
 The inchworm motor in closed loop
 =================================
 
-The paper on the inchworm motor (S. Han, Y. Xu, J. Yu, X. Yang) ends with positions: under a learned
-hysteresis compensator and proportional-integral control the motor settles within 1 nm of targets
-1 um and 2 mm away. Here the motor is simulated. It walks until one foot can reach the target, and
-that foot goes there under control.
+The paper on the inchworm motor, Han et al., *An Identification Method for Dynamic Systems with SCNs
+Hysteresis Compensator*, undated, ends with positions: under a learned hysteresis compensator and
+proportional-integral control the motor settles within 1 nm of targets 1 um and 2 mm away. Here the
+motor is simulated. It walks until one foot can reach the target, and that foot goes there under
+control.
 """
 
 # %%

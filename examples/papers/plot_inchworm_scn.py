@@ -2,12 +2,11 @@
 Stochastic configuration networks as hysteresis model and compensator
 =====================================================================
 
-"An identification method for dynamic systems with SCNs hysteresis compensator: application to the
-inchworm piezo motor" (S. Han, Y. Xu, J. Yu, X. Yang) models hysteresis by a stochastic
-configuration network of three inputs, (8): the voltage, the voltage before, and the hysteresis
-before. The error is said to stay within 2 nm. Here the motor is simulated, the network is
-judged in the free run, in which it sees its own past and no measurement, and so is the compensator
-that is made of it.
+In Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
+undated, the authors model hysteresis by a stochastic configuration network of three inputs, (8):
+the voltage, the voltage before, and the hysteresis before. The error is said to stay within 2 nm.
+Here the motor is simulated, the network is judged in the free run, in which it sees its own past
+and no measurement, and so is the compensator that is made of it.
 """
 
 # %%

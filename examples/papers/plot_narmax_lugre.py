@@ -2,11 +2,11 @@
 A stage with LuGre friction, identified as itself and as a restoring force
 ==========================================================================
 
-"NARMAX approach for micro positioning stage piezoelectric actuator hysteresis identification"
-(O. Amor, A. Kaddouri, R. Abdessemed) simulates a stage with LuGre friction, equations (1) to (4),
-and identifies it as a polynomial restoring force with bilinear hysteresis, (6) to (8). Here both
-models are identified from the same simulated records and asked for a record that they have not
-seen, and so are polynomial NARMAX models (5), whose terms the data choose.
+In Amor, Kaddouri and Abdessemed, *International Journal of Power Electronics and Drive Systems*,
+2023, the authors simulate a stage with LuGre friction, equations (1) to (4), and identify it as a
+polynomial restoring force with bilinear hysteresis, (6) to (8). Here both models are identified
+from the same simulated records and asked for a record that they have not seen, and so are
+polynomial NARMAX models (5), whose terms the data choose.
 """
 
 # %%

@@ -2,10 +2,11 @@
 A cascade for a high-speed scanning stage
 =========================================
 
-A thesis on piezo scanning stages (A. Steinbusch, TU Eindhoven, 2020) describes a stage by three
-models in series: rate-independent hysteresis (Prandtl-Ishlinskii), a spring-damper model for what
-moves slowly, and the vibration of the stage. The vibration is measured first, at a small voltage at
-which there is hardly any hysteresis, and held; the rest is identified by differential evolution.
+A thesis, Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed
+Piezo Scanning Stages*, 2020, describes a stage by three models in series: rate-independent
+hysteresis (Prandtl-Ishlinskii), a spring-damper model for what moves slowly, and the vibration of
+the stage. The vibration is measured first, at a small voltage at which there is hardly any
+hysteresis, and held; the rest is identified by differential evolution.
 
 Here the stage is simulated with the parameters that the thesis prints, and identified again.
 """

@@ -2,11 +2,12 @@
 The hyperbolic tangent model and its cuckoos
 ============================================
 
-The tanh paper (Smart Mater. Struct. 32, 2023, 015013) identifies a model of a piezo actuator,
+In Xie et al., *Smart Materials and Structures*, 2023, the authors identify a model of a piezo
+actuator,
 
 .. math:: z = k_0 u + \\alpha \\dot u + \\beta \\tanh(\\gamma u)
 
-with a modified cuckoo search, and makes its parameters straight lines of the voltage. Here its
+with a modified cuckoo search, and make its parameters straight lines of the voltage. Here its
 tables are computed again, its search stands beside others on the same objective, and its model
 beside others on a plant that has hysteresis.
 """

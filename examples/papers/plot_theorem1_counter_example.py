@@ -2,10 +2,9 @@
 Drive and gradient do not determine hysteresis: a counter-example
 =================================================================
 
-Theorem 1 of "Modeling and identification of rate dependent hysteresis in piezoelectric actuated
-nano-stage: a gray box neural network based approach" says that the drive and its generalised
-gradient determine the response of a hysteresis, so that a static network of the two can learn it.
-That is true for one steady loop. Here are two loops for which it is not.
+Theorem 1 of Ahmed and Yan, *IEEE Access*, 2021, says that the drive and its generalised gradient
+determine the response of a hysteresis, so that a static network of the two can learn it. That is
+true for one steady loop. Here are two loops for which it is not.
 """
 
 # %%

@@ -4,8 +4,9 @@ An oscillator with hysteresis in its equation of motion
 
 A mass on a spring, and beside the spring an element with a memory: the Bouc-Wen oscillator, whose
 resonance shifts and broadens with the force. This recording is *simulated*, 750 samples a second,
-by the program of the benchmark of J.-P. Noel and M. Schoukens, with noise in the part that is
-searched. Many have tried it, so there are figures to compare with.
+by the program of the benchmark of Noël and Schoukens, *Workshop on Nonlinear System Identification
+Benchmarks*, 2016, with noise in the part that is searched. Many have tried it, so there are figures
+to compare with.
 
 Data of forgi86/dynonet on GitHub, MIT licence.
 """

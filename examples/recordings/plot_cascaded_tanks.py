@@ -6,8 +6,7 @@ A pump fills the upper of two tanks, which empties into the lower one. The level
 is recorded every 4 s, 1024 samples for the search and 1024 that are held out. Water leaves a tank
 faster the fuller it is, but not in proportion, and both tanks overflow in the larger peaks.
 
-Data of M. Schoukens and J.-P. Noel, "Three benchmarks addressing open challenges in nonlinear
-system identification", IFAC-PapersOnLine 50, 2017; free to use with that citation.
+Data of Schoukens and Noël, *IFAC-PapersOnLine*, 2017; free to use with that citation.
 """
 
 # %%

@@ -7,8 +7,8 @@ machine tools. It was recorded twice along the same path, in closed loop at 1 kH
 disturb the second run, which is held out. Position and motor force are known: the model is to
 foretell the force that a motion takes.
 
-Data of A. Janot, M. Gautier and M. Brunot, "Data set and reference models of EMPS", Workshop on
-Nonlinear System Identification Benchmarks, 2019; free to use with that citation.
+Data of Janot, Gautier and Brunot, *Workshop on Nonlinear System Identification Benchmarks*, 2019;
+free to use with that citation.
 """
 
 # %%

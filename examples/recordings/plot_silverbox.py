@@ -6,8 +6,7 @@ The silverbox is an electronic circuit that obeys the equation of a mass on a sp
 stiffer with the displacement (Duffing), sampled at 610.35 Hz. Ten realisations of a multisine, one
 after the other, are used here: a part of the first for the search, the last tenth held out.
 
-Data of T. Wigren and J. Schoukens, "Three free data sets for development and benchmarking in
-nonlinear system identification", European Control Conference, 2013; free to use with that citation.
+Data of Wigren and Schoukens, *European Control Conference*, 2013; free to use with that citation.
 """
 
 # %%

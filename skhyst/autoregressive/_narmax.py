@@ -98,12 +98,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
     References
     ----------
-    S. Chen, S. A. Billings, W. Luo, "Orthogonal least squares methods and their application to
-    non-linear system identification", Int. J. Control 50 (1989).
-    J. Chen, Z. Chen, "Extended Bayesian information criteria for model selection with large model
-    spaces", Biometrika 95 (2008).
-    "NARMAX approach for micro positioning stage piezoelectric actuator hysteresis identification",
-    equation (5).
+    Chen, Billings and Luo, *International Journal of Control*, 1989. Chen and Chen, *Biometrika*,
+    2008. Amor, Kaddouri and Abdessemed, *International Journal of Power Electronics and Drive
+    Systems*, 2023, equation (5).
 
     Examples
     --------

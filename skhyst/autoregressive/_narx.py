@@ -86,9 +86,9 @@ class NARXRegressor(AutoregressiveRegressor):
 
     References
     ----------
-    Leontaritis and Billings, "Input-output parametric models for non-linear systems. Part I",
-    International Journal of Control 41, 1985; "Inchworm piezo stage, stochastic configuration
-    network", equation (8), where the lags are the defaults.
+    Leontaritis and Billings, *International Journal of Control*, 1985. Han et al., *An
+    Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*, undated, equation
+    (8), where the lags are the defaults.
 
     Examples
     --------

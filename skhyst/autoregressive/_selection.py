@@ -5,10 +5,10 @@ to the triangular factor ``R`` of :math:`[\Phi, y]`. Every subset of the columns
 solution and the same sum of squares in ``R`` as in the data, so the search costs the same for a
 thousand samples as for a million, and squares no condition number as normal equations do.
 
-The search starts with forward orthogonal regression (Chen, Billings and Luo, Int. J. Control 50,
-1989): the column that explains most of what is left is taken, and all others are made orthogonal to
-it. Greedy steps may pick a column that stands for two others, so the result is then refined by
-single removals, additions and exchanges for as long as the criterion falls.
+The search starts with forward orthogonal regression (Chen, Billings and Luo, *International Journal
+of Control*, 1989): the column that explains most of what is left is taken, and all others are made
+orthogonal to it. Greedy steps may pick a column that stands for two others, so the result is then
+refined by single removals, additions and exchanges for as long as the criterion falls.
 """
 
 from itertools import pairwise

@@ -9,8 +9,8 @@ residual :math:`r = y - E[p]`, of least
 .. math:: \|r - L d\|^2 + \lambda \|d\|^2
 
 where L is the derivative of E. For what stands beside f, d is nearly r, as in backfitting of
-additive models (Buja, Hastie and Tibshirani, Ann. Statist. 17, 1989); behind a low-pass, what it
-has removed is restored as far as the noise allows. A linear L shrinks the error of p by
+additive models (Buja, Hastie and Tibshirani, *Annals of Statistics*, 1989); behind a low-pass, what
+it has removed is restored as far as the noise allows. A linear L shrinks the error of p by
 :math:`\lambda / (|L|^2 + \lambda)` at each frequency, whatever the phase, where r itself as the
 change would let it grow if :math:`|1 - L| > 1`, as behind a resonance or a long delay.
 """
@@ -101,7 +101,7 @@ class Backfitting:
 
         Where f can nearly do what the effects do, turns lead on in ever the same directions by a
         little: the targets of a few turns are mixed such that the next would change them least
-        (Anderson, J. ACM 12, 1965).
+        (Anderson, *Journal of the ACM*, 1965).
 
         Parameters
         ----------

@@ -142,9 +142,10 @@ class ScheduledParameters(AroundModel):
     .. math:: p_i(s) = \sum_{k=0}^{d} c_{ik} s^k
 
     with s the half range of the drive in a record, or the value of a column of X, which is constant
-    in a record (tanh paper (22)-(26)). All coefficients are identified jointly from all records.
-    They are searched as the polynomial's Bernstein coefficients over the range of s, so that a
-    parameter keeps its bounds (non-negative weights, positive time constants) all over that range.
+    in a record (Xie et al. 2023, (22) to (26)). All coefficients are identified jointly from all
+    records. They are searched as the polynomial's Bernstein coefficients over the range of s, so
+    that a parameter keeps its bounds (non-negative weights, positive time constants) all over that
+    range.
 
     Parameters
     ----------
@@ -176,7 +177,7 @@ class ScheduledParameters(AroundModel):
 
     References
     ----------
-    Tanh paper on piezo actuators, (22)-(26).
+    Xie et al., *Smart Materials and Structures*, 2023, (22) to (26).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The inchworm motor of the paper on stochastic configuration networks, simulated."""
+"""The inchworm motor of Han et al. (undated), simulated."""
 
 import copy
 from functools import partial

@@ -1,4 +1,4 @@
-"""The scanning stage of the thesis on Prandtl-Ishlinskii cascades, simulated."""
+"""The scanning stage of Steinbusch (2020), simulated."""
 
 import warnings
 from functools import partial
@@ -43,15 +43,15 @@ def load_scanning_stage_parameters():
 
     Notes
     -----
-    What the thesis calls stiffness k_i and damping c_i is the other way round. The static gain of
-    (4.1) is 0.0243: in um/V, 80 V make a stroke of 3.42 um once creep has settled, which fits the
-    piezo element (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and a_1
-    multiply the same signal, and only their sum can be identified.
+    What Steinbusch (2020) calls stiffness k_i and damping c_i is the other way round. The static
+    gain of (4.1) is 0.0243: in um/V, 80 V make a stroke of 3.42 um once creep has settled, which
+    fits the piezo element (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and
+    a_1 multiply the same signal, and only their sum can be identified.
 
     References
     ----------
-    A. Steinbusch, Hysteresis and dynamics compensation for accurate positioning in high speed
-    piezo scanning stages, TU Eindhoven, 2020: Tables 4.2 and 4.3, (3.5) to (3.7), (4.1).
+    Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
+    Scanning Stages*, 2020, Tables 4.2 and 4.3, (3.5) to (3.7), (4.1).
 
     Examples
     --------

@@ -139,8 +139,9 @@ def swept_sine(
 
     References
     ----------
-    S. Han et al., see :func:`make_inchworm_motor`, (14): 0.1 to 800 Hz with
-    amplitude 5 V and phase pi/2, which needs ``dt`` below 0.625 ms.
+    Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
+    undated, (14): 0.1 to 800 Hz with amplitude 5 V and phase pi/2, which needs ``dt`` below 0.625
+    ms.
 
     Examples
     --------
@@ -197,7 +198,8 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
 
     References
     ----------
-    S. Han et al., see :func:`make_inchworm_motor`, (12): the defaults.
+    Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
+    undated, (12): the defaults.
 
     Examples
     --------
@@ -300,7 +302,7 @@ def first_order_reversal_curves(
 
     References
     ----------
-    I. D. Mayergoyz, *Mathematical Models of Hysteresis*, Springer, 1991, chapter 1.
+    Mayergoyz, *Mathematical Models of Hysteresis*, 1991, chapter 1.
 
     Examples
     --------

@@ -78,9 +78,8 @@ def multisine(
 
     References
     ----------
-    R. Pintelon and J. Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed.,
-    Wiley, 2012. T. P. Dobrowiecki and J. Schoukens, "Measuring a linear approximation to weakly
-    nonlinear MIMO systems", *Automatica* 43(10), 2007.
+    Pintelon and Schoukens, *System Identification*, 2012. Dobrowiecki and Schoukens, *Automatica*,
+    2007.
 
     Examples
     --------

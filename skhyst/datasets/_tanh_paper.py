@@ -1,4 +1,4 @@
-"""The 24 identified parameter sets of the tanh paper, Tables 2 to 4, and its drive (4)."""
+"""The 24 identified parameter sets of Xie et al. (2023), Tables 2 to 4, and the drive (4)."""
 
 import numpy as np
 import pandas as pd
@@ -42,7 +42,7 @@ def load_tanh_parameters():
 
     References
     ----------
-    Smart Mater. Struct. 32 (2023) 015013, Tables 2 to 4.
+    Xie et al., *Smart Materials and Structures*, 2023, Tables 2 to 4.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def make_tanh_recording(voltage=40, frequency=20.0, *, n_cycles=5, noise=0.0, ra
     Raises
     ------
     ValueError
-        If the paper has no such experiment.
+        If no such experiment was published.
 
     Examples
     --------

@@ -278,8 +278,7 @@ class TankChain(ParametricModel):
 
     References
     ----------
-    M. Schoukens, J. P. Noel, "Three benchmarks addressing open challenges in nonlinear system
-    identification", IFAC-PapersOnLine 50(1) (2017) 446-451: the cascaded tanks.
+    Schoukens and Noël, *IFAC-PapersOnLine*, 2017: the cascaded tanks.
 
     Examples
     --------

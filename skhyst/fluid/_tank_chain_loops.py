@@ -9,7 +9,7 @@ solved exactly: with ``k = h / tau`` and ``z = -k o'(w)`` the level moves by
     D = k (q - o(w)) (exp(z) - 1) / z,
 
 the exponential Rosenbrock-Euler method: of second order, stable for any h, exact for p = 1
-(Hochbruck and Ostermann, Acta Numerica 19, 2010, section 2.4). The mean outflow is what the balance
+(Hochbruck and Ostermann, *Acta Numerica*, 2010, section 2.4). The mean outflow is what the balance
 leaves, ``q - D / k``, so nothing is lost between the tanks. A level that would pass its ceiling c
 ends there; for the part of the substep in which it has, ``q - o(c)`` flows over.
 """

@@ -234,10 +234,10 @@ class BoucWen(ParametricModel):
         y = k u + g + c, \qquad
         g' = \alpha u' - \beta |u'| |g|^{n-1} g - \gamma u' |g|^n
 
-    (tanh paper (1)-(2), with the last exponent as in the original law). The drive is a straight
-    line between samples and the law is integrated exactly. For ``alpha > 0`` the hysteretic part
-    ``g`` goes ahead of the drive, as a friction force does; for ``alpha < 0`` it makes the
-    response lag behind the drive, as in a piezo.
+    (Xie et al. 2023, (1) and (2), with the last exponent as in the original law). The drive is a
+    straight line between samples and the law is integrated exactly. For ``alpha > 0`` the
+    hysteretic part ``g`` goes ahead of the drive, as a friction force does; for ``alpha < 0`` it
+    makes the response lag behind the drive, as in a piezo.
 
     It is identified as ``g = alpha z`` with the limit ``D`` of ``z`` (a drive) and the ratio ``r``,
     because ``k``, ``alpha`` and ``c`` are then linear and solved exactly, and the bounds
@@ -278,12 +278,11 @@ class BoucWen(ParametricModel):
 
     References
     ----------
-    Tanh paper, section 2.1, (1)-(2) as corrected in the list of errata. R. Bouc, "Forced vibration
-    of mechanical systems with hysteresis", 1967; Y.-K. Wen, "Method for random vibration of
-    hysteretic systems", J. Eng. Mech. Div. 102, 1976. Normalised form: F. Ikhouane and J. Rodellar,
-    "Systems with hysteresis", Wiley 2007. Asymmetry: C.-H. Wang and Y.-K. Wen, "Evaluation of
-    pre-Northridge low-rise steel buildings I: modeling", J. Struct. Eng. 126(10), 2000; compared
-    with others by J. Song and A. Der Kiureghian, J. Eng. Mech. 132(6), 2006.
+    Bouc, *Fourth Conference on Nonlinear Oscillations*, 1967. Wen, *Journal of the Engineering
+    Mechanics Division*, 1976. Xie et al., *Smart Materials and Structures*, 2023, section 2.1,
+    where (2) is misprinted. Normalised form: Ikhouane and Rodellar, *Systems with Hysteresis*,
+    2007. Asymmetry: Wang and Wen, *Journal of Structural Engineering*, 2000; compared with others
+    by Song and Der Kiureghian, *Journal of Engineering Mechanics*, 2006.
 
     Examples
     --------

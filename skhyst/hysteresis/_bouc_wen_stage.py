@@ -56,8 +56,8 @@ class BoucWenStageOperator(
 
     References
     ----------
-    Classes of the law by the signs of its coefficients: F. Ikhouane, J. Rodellar, "Systems with
-    Hysteresis", Wiley, 2007.
+    Classes of the law by the signs of its coefficients: Ikhouane and Rodellar, *Systems with
+    Hysteresis*, 2007.
 
     Examples
     --------
@@ -161,10 +161,9 @@ class BoucWenStage(OscillatorModel):
 
     References
     ----------
-    R. Bouc, "Forced vibration of mechanical systems with hysteresis", 1967; Y.-K. Wen, "Method for
-    random vibration of hysteretic systems", J. Eng. Mech. Div. 102, 1976. J.-P. Noel and
-    M. Schoukens, "Hysteretic benchmark with a dynamic nonlinearity", Workshop on Nonlinear System
-    Identification Benchmarks, 2016.
+    Bouc, *Fourth Conference on Nonlinear Oscillations*, 1967. Wen, *Journal of the Engineering
+    Mechanics Division*, 1976. Noël and Schoukens, *Workshop on Nonlinear System Identification
+    Benchmarks*, 2016.
 
     Examples
     --------

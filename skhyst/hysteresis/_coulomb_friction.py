@@ -209,8 +209,7 @@ class CoulombFriction(FrictionModel):
 
     References
     ----------
-    B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools and
-    compensation methods for the control of machines with friction", Automatica 30(7), 1994.
+    Armstrong-Hélouvry, Dupont and Canudas de Wit, *Automatica*, 1994.
 
     Examples
     --------

@@ -140,7 +140,7 @@ class Dahl(FrictionModel):
 
     References
     ----------
-    P. R. Dahl, "A solid friction model", The Aerospace Corporation, TOR-0158(3107-18)-1 (1968).
+    Dahl, *A Solid Friction Model*, 1968.
 
     Examples
     --------

@@ -286,8 +286,7 @@ class Duhem(ParametricModel):
 
     References
     ----------
-    B. D. Coleman, M. L. Hodgdon, "A constitutive relation for rate-independent hysteresis in
-    ferromagnetically soft materials", Int. J. Engineering Science 24(6), 1986.
+    Coleman and Hodgdon, *International Journal of Engineering Science*, 1986.
 
     Examples
     --------

@@ -286,8 +286,7 @@ class EndStops(OscillatorModel):
 
     References
     ----------
-    S. W. Shaw, P. J. Holmes, "A periodically forced piecewise linear oscillator", J. Sound and
-    Vibration 90(1), 1983.
+    Shaw and Holmes, *Journal of Sound and Vibration*, 1983.
 
     Examples
     --------

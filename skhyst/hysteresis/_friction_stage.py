@@ -5,10 +5,9 @@ In units of the drive, with ``v = q'`` and ``f = rho z``,
     q''/w^2 + 2 zeta q'/w + q + F = u,   F = f + (2 zeta_b / w) z',
     z' = v (1 - sgn(v) f / g(v)),        g(v) = Fs (c + (1 - c) exp(-(v / vs)^2))
 
-(C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, "A new model for control of systems with
-friction", IEEE Trans. Automatic Control 40(3), 1995). Along the way D of a substep h (see
-``_oscillator``) f decays towards ``sgn(D) g``: with the exponent ``a = rho |D| / g``,
-``E = exp(-a)``, ``phi = (1 - E) / a`` and ``psi = (1 - phi) / a``
+(Canudas de Wit et al., *IEEE Transactions on Automatic Control*, 1995). Along the way D of a
+substep h (see ``_oscillator``) f decays towards ``sgn(D) g``: with the exponent
+``a = rho |D| / g``, ``E = exp(-a)``, ``phi = (1 - E) / a`` and ``psi = (1 - phi) / a``
 
     f1 = E f0 + rho phi D,   mean f = phi f0 + rho psi D,   mean z' = (f1 - f0) / (rho h),
 
@@ -339,10 +338,8 @@ class FrictionStage(OscillatorModel):
 
     References
     ----------
-    O. Amor, A. Kaddouri, R. Abdessemed, "NARMAX approach for micro positioning stage piezoelectric
-    actuator hysteresis identification", (1) to (4); C. Canudas de Wit, H. Olsson, K. J. Astrom, P.
-    Lischinsky, "A new model for control of systems with friction", IEEE Trans. Automatic Control
-    40(3), 1995.
+    Amor, Kaddouri and Abdessemed, *International Journal of Power Electronics and Drive Systems*,
+    2023, (1) to (4). Canudas de Wit et al., *IEEE Transactions on Automatic Control*, 1995.
 
     Examples
     --------

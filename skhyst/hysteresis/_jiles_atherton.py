@@ -305,10 +305,8 @@ class JilesAtherton(ParametricModel):
 
     References
     ----------
-    D. C. Jiles, D. L. Atherton, "Theory of ferromagnetic hysteresis", J. Magn. Magn. Mater. 61
-    (1986) 48-60. D. C. Jiles, J. B. Thoelke, M. K. Devine, "Numerical determination of hysteresis
-    parameters for the modeling of magnetic properties using the theory of ferromagnetic
-    hysteresis", IEEE Trans. Magn. 28 (1992) 27-35.
+    Jiles and Atherton, *Journal of Magnetism and Magnetic Materials*, 1986. Jiles, Thoelke and
+    Devine, *IEEE Transactions on Magnetics*, 1992.
 
     Examples
     --------

@@ -192,9 +192,7 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
 
     References
     ----------
-    H. T. Banks, A. J. Kurdila, G. Webb, "Identification of hysteretic control influence operators
-    representing smart actuators, part I: formulation", Mathematical Problems in Engineering 3,
-    1997, equations (2) to (6).
+    Banks, Kurdila and Webb, *Mathematical Problems in Engineering*, 1997, equations (2) to (6).
 
     Examples
     --------

@@ -6,8 +6,8 @@ With ``w = sigma_0 z / F_s``, ``x_s = F_s / sigma_0`` and ``gamma = g / F_s`` th
 along the way ``l = |v| dt`` towards ``gamma sgn(v)``, over the length ``x_s gamma``, and
 ``x_s w'`` at the end is ``|v| (sgn(v) gamma - w) / gamma``.
 
-Equations (2) to (4) of the NARMAX-LuGre paper print the displacement where the velocity is meant:
-``dz/dt`` starts with ``v``, and the Stribeck curve is ``exp(-(v/v_s)^2)``.
+Equations (2) to (4) of Amor, Kaddouri and Abdessemed (2023) print the displacement where the
+velocity is meant: ``dz/dt`` starts with ``v``, and the Stribeck curve is ``exp(-(v/v_s)^2)``.
 """
 
 import math
@@ -181,8 +181,8 @@ class LuGre(FrictionModel):
 
     References
     ----------
-    C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, "A new model for control of systems
-    with friction", IEEE Trans. Automatic Control 40(3), 1995; NARMAX-LuGre paper, (1)-(4).
+    Canudas de Wit et al., *IEEE Transactions on Automatic Control*, 1995. Amor, Kaddouri and
+    Abdessemed, *International Journal of Power Electronics and Drive Systems*, 2023, (1) to (4).
 
     Examples
     --------

@@ -166,9 +166,8 @@ class MaxwellSlip(FrictionModel):
 
     References
     ----------
-    W. D. Iwan, "A distributed-element model for hysteresis and its steady-state dynamic response",
-    Journal of Applied Mechanics 33(4), 1966; F. Al-Bender, V. Lampaert, J. Swevers, "The
-    generalized Maxwell-slip model", IEEE Trans. Automatic Control 50(11), 2005.
+    Iwan, *Journal of Applied Mechanics*, 1966. Al-Bender, Lampaert and Swevers, *IEEE Transactions
+    on Automatic Control*, 2005.
 
     Examples
     --------

@@ -48,8 +48,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
 
     References
     ----------
-    K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities",
-    Eur. J. Control 9(4), 2003.
+    Kuhnen, *European Journal of Control*, 2003.
 
     Examples
     --------

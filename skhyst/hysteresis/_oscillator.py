@@ -13,9 +13,9 @@ oscillator moves exactly:
 
 F is the mean along the straight way from q0 to q1, on which f is known in closed form, so D is the
 root of a scalar equation that is solved exactly: this is the averaged vector field method in
-exponential form (G. R. W. Quispel, D. I. McLaren, J. Phys. A 41, 2008). It is of second order,
-exact where F = 0, and it inherits the energy balance: the work ``F D`` that goes into the
-hysteresis is what f stores and dissipates, at any substep.
+exponential form (Quispel and McLaren, *Journal of Physics A*, 2008). It is of second order, exact
+where F = 0, and it inherits the energy balance: the work ``F D`` that goes into the hysteresis is
+what f stores and dissipates, at any substep.
 
 A sample is a map of the state (q, p, f) and of the drive before and now. Its Jacobian, together
 with the derivatives by the parameters, is accumulated over the substeps (:func:`move_tangents`) and

@@ -33,12 +33,12 @@ class OscillatorModel(ParametricModel):
     *Balance of forces.* For a given law the hysteretic force follows from the measured displacement
     up to factors, and with it the equation of motion is linear in everything else. It is weighted
     with a modulating function, whose derivatives take the place of those of the response (Shinbrot,
-    Trans. ASME 79, 1957), and solved by least squares over a grid of laws.
+    *Transactions of the ASME*, 1957), and solved by least squares over a grid of laws.
 
     *Coupling.* The sum of squares of a free run has many minima, since the stage sticks and slips
     at moments of its own. A stage that a spring ties to the measured response does so less: it is
-    the same stage driven by ``u + feedback y``, so its parameters follow exactly (Abarbanel,
-    Creveling, Farsian, Kostuk, SIAM J. Appl. Dyn. Syst. 8, 2009).
+    the same stage driven by ``u + feedback y``, so its parameters follow exactly (Abarbanel et al.,
+    *SIAM Journal on Applied Dynamical Systems*, 2009).
 
     *Free run*, from all of these.
 

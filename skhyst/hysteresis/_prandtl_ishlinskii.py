@@ -2,12 +2,12 @@ r"""Prandtl-Ishlinskii model: a weighted sum of plays or of stops, with an exact
 
     y = c + sum_k w_k F_k[u - d],    F_k[v](t) = max(v(t) - r_k, min(v(t) + r_k, F_k[v](t-)))
 
-(thesis on Prandtl-Ishlinskii cascades, equations (3.1) to (3.5), where a_0 is the weight of the
-threshold zero here). In the stop form E_k[v] = v - F_k[v], springs that yield at r_k, take the
-place of the plays: that is a sum of plays with the gain sum_k w_k and the weights -w_k, and is
-evaluated as such, by its turning points (:func:`skhyst.operators.play_sum_run`). The first loading
-is a piecewise straight curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its
-mirror image: slopes 1 / s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
+(Steinbusch 2020, equations (3.1) to (3.5), where a_0 is the weight of the threshold zero here). In
+the stop form E_k[v] = v - F_k[v], springs that yield at r_k, take the place of the plays: that is a
+sum of plays with the gain sum_k w_k and the weights -w_k, and is evaluated as such, by its turning
+points (:func:`skhyst.operators.play_sum_run`). The first loading is a piecewise straight curve with
+the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes 1 / s_k,
+thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
 """
 
 import dataclasses
@@ -317,9 +317,10 @@ class PrandtlIshlinskii(PlayModel):
     .. math:: y = c + \sum_k w_k F_{r_k}[u - u_0], \quad
        F_r[u](t) = \max(u(t) - r, \min(u(t) + r, F_r[u](t^-)))
 
-    (thesis, (3.1)-(3.6)). With ``form="stop"``, stops :math:`E_r[v] = v - F_r[v]`, springs that
-    yield at r, take the place of the plays with a threshold above zero. The weights and the
-    intercept are solved exactly by (non-negative) least squares; no starting values are needed.
+    (Steinbusch 2020, (3.1) to (3.6)). With ``form="stop"``, stops :math:`E_r[v] = v - F_r[v]`,
+    springs that yield at r, take the place of the plays with a threshold above zero. The weights
+    and the intercept are solved exactly by (non-negative) least squares; no starting values are
+    needed.
 
     Parameters
     ----------
@@ -330,8 +331,8 @@ class PrandtlIshlinskii(PlayModel):
 
     References
     ----------
-    Thesis on high-speed scanning stages, section 3.2; K. Kuhnen, "Modeling, identification and
-    compensation of complex hysteretic nonlinearities", Eur. J. Control 9(4), 2003.
+    Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
+    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003.
 
     Examples
     --------

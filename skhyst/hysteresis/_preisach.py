@@ -203,8 +203,8 @@ class Preisach(RelayGridModel):
 
     References
     ----------
-    I. D. Mayergoyz, "Mathematical Models of Hysteresis and Their Applications", Elsevier 2003,
-    sections 1.2 (staircase, wiping-out, congruency) and 1.3 (Everett function, numerical form).
+    Mayergoyz, *Mathematical Models of Hysteresis and Their Applications*, 2003, sections 1.2
+    (staircase, wiping-out, congruency) and 1.3 (Everett function, numerical form).
 
     Examples
     --------

@@ -2,7 +2,7 @@ r"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the dr
 
     y = c + sum_k (w_k + s_k v) F_k[u],    F_k a play of the threshold r_k (1 + kappa v) + beta v
 
-with growing thresholds (Al Janaideh and Krejci 2013) or rate weights s_k (Ang, Khosla and Riviere
+with growing thresholds (Al Janaideh and Krejčí 2013) or rate weights s_k (Ang, Khosla and Riviere
 2007). The rate v is |u'|, or what a first-order low-pass makes of |u'| or of u', whose size is then
 taken. At a sample u' is that of the straight line that leads to it, and the low-pass is exact for
 that. Threshold and drive are straight lines between samples, so the ends of the slack are too, and
@@ -281,7 +281,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 class RateDependentInverseOperator(InverseOperator):
     """From the response of plays that follow the rate of the drive to a drive that gives it.
 
-    With the rates known, the inverse is exact (Al Janaideh and Krejci 2013). Here the rates are
+    With the rates known, the inverse is exact (Al Janaideh and Krejčí 2013). Here the rates are
     those of the drive that is sought, which is found by repetition, beginning with the inverse at
     rest, as long as the response comes closer. Repetition amplifies fast changes of the rate, as
     the root of each sample would, so the rates are smoothed over windows of time, ever smaller
@@ -324,7 +324,7 @@ class RateDependentInverseOperator(InverseOperator):
 class RateDependentPrandtlIshlinskii(PlayModel):
     r"""Prandtl-Ishlinskii model that depends on the rate of the drive.
 
-    With ``variant="threshold"`` (Al Janaideh and Krejci 2013) all thresholds but the one at zero
+    With ``variant="threshold"`` (Al Janaideh and Krejčí 2013) all thresholds but the one at zero
     grow with the rate v, and loops widen:
 
     .. math:: y = c + \sum_k w_k F_{r_k(t)}[u], \quad r_k(t) = r_k + \beta v(t)
@@ -370,13 +370,9 @@ class RateDependentPrandtlIshlinskii(PlayModel):
 
     References
     ----------
-    M. Al Janaideh and P. Krejci, "Inverse rate-dependent Prandtl-Ishlinskii model for feedforward
-    compensation of hysteresis in a piezomicropositioning actuator", IEEE/ASME Trans. Mechatronics
-    18(5), 2013. M. Al Janaideh, P. Krejci and G. A. Monteiro, "Inverse rate-dependent
-    Prandtl-Ishlinskii operators and applications", Applications of Mathematics 68, 2023, of
-    thresholds that are any functions of time. W. T. Ang, P. K. Khosla and C. N. Riviere,
-    "Feedforward controller with inverse rate-dependent model for piezoelectric actuators in
-    trajectory-tracking applications", IEEE/ASME Trans. Mechatronics 12(2), 2007.
+    Al Janaideh and Krejčí, *IEEE/ASME Transactions on Mechatronics*, 2013. Al Janaideh, Krejčí and
+    Monteiro, *Applications of Mathematics*, 2023, of thresholds that are any functions of time.
+    Ang, Khosla and Riviere, *IEEE/ASME Transactions on Mechatronics*, 2007.
 
     Examples
     --------

@@ -188,7 +188,7 @@ class SystemLevelOperator(Operator):
 
     @classmethod
     def from_paper(cls, delta_d, gamma, v_c, *, d_o=0.0, h_s=0.0, variant="integral"):
-        """Return the operator for the parameters of the paper.
+        """Return the operator for the parameters of Ahmed and Yan (2021).
 
         Parameters
         ----------
@@ -262,8 +262,9 @@ class SystemLevelHysteresis(ParametricModel):
     .. math:: d(s) = p + \kappa \frac{1 - e^{-\lambda s}}{\lambda}, \qquad s = |u - V_{shift}|
 
     where :math:`V_{shift}` is the drive at its last turning point. The response is
-    :math:`y = c + \int d(s)\, du`, the true integral of the paper's (15), or as printed in (21)
-    and (22), :math:`y = c + d(s)\, u + h_s \dot u`, with the causal backward difference as rate.
+    :math:`y = c + \int d(s)\, du`, the true integral of (15) of Ahmed and Yan (2021), or as printed
+    there in (21) and (22), :math:`y = c + d(s)\, u + h_s \dot u`, with the causal backward
+    difference as rate.
 
     Parameters
     ----------
@@ -282,21 +283,19 @@ class SystemLevelHysteresis(ParametricModel):
 
     Notes
     -----
-    In terms of the paper, ``slope = d_o + Delta d (1 - gamma)``, ``curvature = Delta d gamma /
-    V_c`` and ``decay = 1 / V_c``. Where ``V_c`` is far beyond the largest distance, as there, gamma
-    and V_c appear only as their ratio, which stands in the curvature, and the standard error of
-    ``decay`` shows how much is known of V_c alone. The response is that of the drive's own sample,
-    without the delay of (22).
+    In terms of Ahmed and Yan (2021), ``slope = d_o + Delta d (1 - gamma)``,
+    ``curvature = Delta d gamma / V_c`` and ``decay = 1 / V_c``. Where ``V_c`` is far beyond the
+    largest distance, as there, gamma and V_c appear only as their ratio, which stands in the
+    curvature, and the standard error of ``decay`` shows how much is known of V_c alone. The
+    response is that of the drive's own sample, without the delay of (22).
 
     The only memory is the last turning point, and any reversal of the drive is one, however small:
     use the drive as it was commanded, not a noisy reading of it.
 
     References
     ----------
-    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
-    a gray box neural network based approach", equations (15) to (22). M. Lallart et al.,
-    "System-level modeling of nonlinear hysteretic piezoelectric actuators in quasi-static
-    operations", Mech. Syst. Signal Process. 116 (2019) 985-996.
+    Ahmed and Yan, *IEEE Access*, 2021, equations (15) to (22). Lallart et al., *Mechanical Systems
+    and Signal Processing*, 2019.
 
     Examples
     --------

@@ -174,9 +174,9 @@ class TanhHysteresis(ParametricModel):
 
     .. math:: z = k_0 u + \alpha \dot u + \beta \tanh(\gamma u) + c
 
-    (equation (3) of the paper, plus a constant that is zero by default). The rate is the causal
-    backward difference ``(u[k] - u[k-1]) / dt``. The model has no rate-independent memory: its
-    loop closes only through ``alpha``, and has an area in proportion to the frequency.
+    (equation (3) of Xie et al. 2023, plus a constant that is zero by default). The rate is the
+    causal backward difference ``(u[k] - u[k-1]) / dt``. The model has no rate-independent memory:
+    its loop closes only through ``alpha``, and has an area in proportion to the frequency.
 
     Parameters
     ----------
@@ -197,16 +197,14 @@ class TanhHysteresis(ParametricModel):
 
     Notes
     -----
-    With a drive that is never negative and a large ``gamma``, as in the paper, the tangent is 1
+    With a drive that is never negative and a large ``gamma``, as published, the tangent is 1
     wherever the drive is not zero: ``beta`` is an offset and ``gamma`` cannot be known. The fit
     then keeps a ``gamma`` that is a step for every sample, says so in ``identifiability_``, and
     warns.
 
     References
     ----------
-    "Modeling and identification of nonlinear hysteresis behavior of piezoelectric actuators using
-    a computationally efficient phenomenological model and modified cuckoo search algorithm",
-    Smart Mater. Struct. 32 (2023) 015013, equation (3).
+    Xie et al., *Smart Materials and Structures*, 2023, equation (3).
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """What all pictures share: the import of matplotlib, colours, axes.
 
 The colours are told apart with any form of colour blindness and stand out on white and on black
-paper (after Okabe and Ito, "Color Universal Design", 2008, slightly lightened).
+paper (after Okabe and Ito, *Color Universal Design*, 2008, slightly lightened).
 """
 
 import importlib

@@ -152,9 +152,9 @@ def finite_runs(values, spans):
 def spectrum(values, spans, dt, max_segment=8192, per_decade=None):
     """Return the amplitude spectral density of a signal with gaps, averaged over its runs.
 
-    Welch's method (IEEE Transactions on Audio and Electroacoustics 15, 1967) with Hann windows,
-    every run weighted by its number of samples. A run that is shorter than the window is one
-    window, filled up with zeros to the same frequencies.
+    Welch's method (Welch, *IEEE Transactions on Audio and Electroacoustics*, 1967) with Hann
+    windows, every run weighted by its number of samples. A run that is shorter than the window is
+    one window, filled up with zeros to the same frequencies.
 
     Parameters
     ----------

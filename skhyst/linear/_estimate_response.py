@@ -8,8 +8,8 @@ of the windowed segments :math:`s = 1 \dots n`,
 
 is the least-squares solution of :math:`Y_s = U_s^T G`. Segments that overlap are correlated: they
 count as :math:`n' = n^2 / \sum_{s,t} \rho_{st}` independent ones, where :math:`\rho_{st}` is the
-squared correlation of the two windows where they lie (P. D. Welch, 1967). The residual's power,
-divided by :math:`n' - n_{inputs}`, is the noise in one of them. Periods are in ``_periodic``.
+squared correlation of the two windows where they lie (Welch 1967). The residual's power, divided by
+:math:`n' - n_{inputs}`, is the noise in one of them. Periods are in ``_periodic``.
 """
 
 from numbers import Integral, Real
@@ -134,12 +134,9 @@ def frequency_response(
 
     References
     ----------
-    .. [1] J. S. Bendat, A. G. Piersol, "Random Data: Analysis and Measurement Procedures", 4th ed.,
-       Wiley, 2010, ch. 6, 7, 9.
-    .. [2] R. Pintelon, J. Schoukens, "System Identification: A Frequency Domain Approach", 2nd ed.,
-       Wiley, 2012, ch. 2 to 4 (the robust method).
-    .. [3] P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra",
-       IEEE Transactions on Audio and Electroacoustics 15 (1967) 70-73.
+    .. [1] Bendat and Piersol, *Random Data*, 2010, ch. 6, 7, 9.
+    .. [2] Pintelon and Schoukens, *System Identification*, 2012, ch. 2 to 4 (the robust method).
+    .. [3] Welch, *IEEE Transactions on Audio and Electroacoustics*, 1967.
 
     Examples
     --------

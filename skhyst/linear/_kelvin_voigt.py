@@ -1,4 +1,4 @@
-"""Creep as a chain of Kelvin-Voigt units: thesis (3.7), with k_0 carried by the gain."""
+"""Creep as a chain of Kelvin-Voigt units: Steinbusch (2020), (3.7), k_0 carried by the gain."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -58,8 +58,9 @@ class KelvinVoigt(LinearModel):
 
     .. math:: G(s) = g\,\Bigl(1 + \sum_i \frac{c_i}{\tau_i s + 1}\Bigr)
 
-    This is (3.7) of the thesis with its names put right: there :math:`c_i` is a stiffness and
-    :math:`k_i` a damping; here ``compliances`` are relative to the prompt response.
+    This is (3.7) of Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in
+    High Speed Piezo Scanning Stages*, 2020, with its names put right: there :math:`c_i` is a
+    stiffness and :math:`k_i` a damping; here ``compliances`` are relative to the prompt response.
 
     **Which experiment.** The gain at rest, :math:`g\,(1 + \sum_i c_i)`, is what the drive has after
     all creep. Records whose drive never stops, however many their periods, do not show it: a unit

@@ -8,9 +8,9 @@ is exact. With ``h`` the interval,
     exp [[A h, B h, 0], [0, 0, 1], [0, 0, 0]] = [[Ad, G1, G2], [0, 1, 1], [0, 0, 1]]
 
 gives ``x[k] = Ad x[k-1] + (G1 - G2) u[k-1] + G2 u[k]`` for the first-order hold and
-``x[k] = Ad x[k-1] + G1 u[k-1]`` for the zero-order hold (Van Loan, IEEE Trans. Autom. Control
-23(3), 1978). Derivatives with respect to the parameters are taken by a complex step through the
-same formulas, which is exact to rounding (Al-Mohy and Higham, Numer. Algorithms 53, 2010).
+``x[k] = Ad x[k-1] + G1 u[k-1]`` for the zero-order hold (Van Loan, *IEEE Transactions on Automatic
+Control*, 1978). Derivatives with respect to the parameters are taken by a complex step through the
+same formulas, which is exact to rounding (Al-Mohy and Higham, *Numerical Algorithms*, 2010).
 """
 
 from abc import abstractmethod

@@ -5,7 +5,7 @@ With s a rate, the logarithm is a superposition of exponentials,
     ln(1 + t/tau0) = int_0^inf (1 - exp(-s t)) exp(-s tau0) ds / s.
 
 On the scale x = ln s the integrand is smooth and falls off at both ends, so that the trapezoidal
-rule converges exponentially (Trefethen and Weideman, SIAM Review 56, 2014): with rates a factor
+rule converges exponentially (Trefethen and Weideman, *SIAM Review*, 2014): with rates a factor
 exp(0.8) apart the relative error is 6e-5. The rates do not depend on the parameters, only the
 weights ``0.8 exp(-s tau0)`` do, and tau0 moves nothing but the output of the bank.
 """
@@ -192,10 +192,8 @@ class LogCreep(LinearModel):
 
     References
     ----------
-    T. Fett and G. Thun, "Determination of room-temperature tensile creep of PZT", *Journal of
-    Materials Science Letters* 17, 1998.
-    H. Jung and D.-G. Gweon, "Creep characteristics of piezoelectric actuators", *Review of
-    Scientific Instruments* 71(4), 2000.
+    Fett and Thun, *Journal of Materials Science Letters*, 1998. Jung and Gweon, *Review of
+    Scientific Instruments*, 2000.
 
     Examples
     --------

@@ -182,12 +182,10 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     References
     ----------
-    .. [1] B. Gustavsen, A. Semlyen, "Rational approximation of frequency domain responses by
-       vector fitting", IEEE Transactions on Power Delivery 14(3) (1999) 1052-1061.
-    .. [2] B. C. Moore, "Principal component analysis in linear systems", IEEE Transactions on
-       Automatic Control 26(1) (1981) 17-32.
-    .. [3] R. Pintelon, J. Schoukens, "System Identification: A Frequency Domain Approach", 2nd ed.,
-       Wiley, 2012, section 6.3 (records that are not periodic).
+    .. [1] Gustavsen and Semlyen, *IEEE Transactions on Power Delivery*, 1999.
+    .. [2] Moore, *IEEE Transactions on Automatic Control*, 1981.
+    .. [3] Pintelon and Schoukens, *System Identification*, 2012, section 6.3 (records that are not
+       periodic).
 
     Examples
     --------

@@ -75,12 +75,9 @@ class TransferFunction(ModesMixin, LinearModel):
 
     References
     ----------
-    .. [1] K. Steiglitz, L. E. McBride, "A technique for the identification of linear systems",
-       IEEE Transactions on Automatic Control 10 (1965) 461-464.
-    .. [2] B. Gustavsen, A. Semlyen, "Rational approximation of frequency domain responses by
-       vector fitting", IEEE Transactions on Power Delivery 14(3) (1999) 1052-1061.
-    .. [3] R. Pintelon, J. Schoukens, "System Identification: A Frequency Domain Approach", 2nd ed.,
-       Wiley, 2012, ch. 6, 9 and 11.
+    .. [1] Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965.
+    .. [2] Gustavsen and Semlyen, *IEEE Transactions on Power Delivery*, 1999.
+    .. [3] Pintelon and Schoukens, *System Identification*, 2012, ch. 6, 9 and 11.
 
     Examples
     --------

@@ -81,8 +81,8 @@ def nrmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
 
     References
     ----------
-    .. [1] S. Han et al., "An Identification Method for Dynamic Systems with SCNs Hysteresis
-       Compensator: Application to the Inchworm Piezo Motor", (11).
+    .. [1] Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis
+       Compensator*, undated, (11).
 
     Examples
     --------
@@ -119,7 +119,7 @@ def fit_percent(y_true, y_pred, *, sample_weight=None, multioutput="uniform_aver
 
     References
     ----------
-    .. [1] L. Ljung, "System Identification: Theory for the User", 2nd ed., Prentice Hall, 1999.
+    .. [1] Ljung, *System Identification*, 1999.
 
     Examples
     --------
@@ -160,10 +160,8 @@ def mape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
 
     References
     ----------
-    .. [1] X. Xie et al., "Modeling and identification of nonlinear hysteresis behavior of
-       piezoelectric actuators using a computationally efficient phenomenological model and
-       modified cuckoo search algorithm", Smart Mater. Struct. 32, 015013 (2023), (20).
-       There it is a fraction: 0.0276 in the paper is 2.76 here.
+    .. [1] Xie et al., *Smart Materials and Structures*, 2023, (20). There it is a fraction: 0.0276
+       there is 2.76 here.
 
     Examples
     --------
@@ -206,12 +204,12 @@ def smape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
 
     Notes
     -----
-    The paper prints the denominator without absolute values, which is the same for its responses
+    Xie et al. (2023) print the denominator without absolute values, which is the same for responses
     above zero; where the response changes its sign, terms would be negative or infinite.
 
     References
     ----------
-    .. [1] X. Xie et al., as for :func:`mape`, (21). There it is a fraction.
+    .. [1] Xie et al., *Smart Materials and Structures*, 2023, (21). There it is a fraction.
 
     Examples
     --------

@@ -9,9 +9,9 @@ place; and so on. The eigenvalues of the matrix are the zeros of the system. Tho
 circle, as sampling itself makes them of a mass, would let the input grow without bound. So the
 states are split by an ordered Schur form and a Sylvester equation: those of zeros inside run
 forwards, those of zeros outside run backwards, from a rest behind the record, which makes the drive
-move before the response has to (S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output
-tracking", IEEE Trans. Automatic Control 41(7), 1996). The response then follows exactly where it
-rests for a while at the start of a record: a few samples for zeros that sampling has made.
+move before the response has to (Devasia, Chen and Paden, *IEEE Transactions on Automatic Control*,
+1996). The response then follows exactly where it rests for a while at the start of a record: a few
+samples for zeros that sampling has made.
 
 What comes matters the less the later it is: k samples ahead by the k-th power of the zeros'
 inverses. So a preview of ``log(1/tol) / log |zero|`` samples leaves out the part ``tol``.
@@ -73,8 +73,8 @@ class InverseLinearOperator(InverseOperator):
         """Return one step that is fed the response some samples ahead, and their number.
 
         See :meth:`Operator.ahead`. The part that runs backwards becomes a sum over what comes,
-        behind which the response rests (Q. Zou, S. Devasia, "Preview-based stable-inversion for
-        output tracking of linear systems", J. Dyn. Syst. Meas. Control 121(4), 1999).
+        behind which the response rests (Zou and Devasia, *Journal of Dynamic Systems, Measurement,
+        and Control*, 1999).
         """
         direct, late, (a, b, c), (back, given, read) = self._parts(dt)
         length = math.ceil(-math.log(tol) / self.decay(dt)) if len(back) else 0

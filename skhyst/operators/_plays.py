@@ -434,7 +434,7 @@ def play_thresholds(drive, n_operators, spacing="grid", *, drive_offset=0.0):
     n_operators : int
         Number K of thresholds.
     spacing : {"grid", "quantile"}, default="grid"
-        ``"grid"``: ``r_k = span * k / K`` for ``k = 0 .. K - 1``; thesis, equation (3.6).
+        ``"grid"``: ``r_k = span * k / K`` for ``k = 0 .. K - 1``; Steinbusch (2020), (3.6).
         ``"quantile"``: between successive thresholds equally many passages, where every branch
         passes all thresholds below its half-span once; dense where many branches end. For branches
         of one span this is the grid.

@@ -2,17 +2,15 @@ r"""The inverse of motion with hysteresis inside: the drive over a window of wha
 
 Between samples the drive is a straight line, and a mass that is pushed along it answers at a sample
 with a sixth of what it answers one and with four times that in between: the zeros of a double
-integrator are those of ``z^2 + 4 z + 1``, -0.27 and -3.73 (K. J. Astrom, P. Hagander, J. Sternby,
-"Zeros of sampled systems", Automatica 20(1), 1984). A drive that were found sample by sample would
-grow by 3.73 from each to the next. With hysteresis inside that is no other, and nothing can be
-split by eigenvalues. So at each sample the drives of a whole window are found together, which give
-the response at all of its samples but the first; the place of that is taken by a drive that goes
-straight on at the end. The first drive is kept, and the window moves on. What the end has wrong
-dies out towards the beginning by the same 3.73 a sample (S. Devasia, D. Chen, B. Paden, "Nonlinear
-inversion-based output tracking", IEEE Trans. Automatic Control 41(7), 1996; for windows Q. Zou,
-S. Devasia, "Preview-based stable-inversion for output tracking of linear systems", J. Dyn. Syst.
-Meas. Control 121(4), 1999). The first sample is not asked for, but met, because the window before
-has asked for it.
+integrator are those of ``z^2 + 4 z + 1``, -0.27 and -3.73 (Åström, Hagander and Sternby,
+*Automatica*, 1984). A drive that were found sample by sample would grow by 3.73 from each to the
+next. With hysteresis inside that is no other, and nothing can be split by eigenvalues. So at each
+sample the drives of a whole window are found together, which give the response at all of its
+samples but the first; the place of that is taken by a drive that goes straight on at the end. The
+first drive is kept, and the window moves on. What the end has wrong dies out towards the beginning
+by the same 3.73 a sample (Devasia, Chen and Paden, *IEEE Transactions on Automatic Control*, 1996;
+for windows Zou and Devasia, *Journal of Dynamic Systems, Measurement, and Control*, 1999). The
+first sample is not asked for, but met, because the window before has asked for it.
 
 Newton's method finds the drives; all but the last are known from the window before. Derivatives are
 differences. A sample answers no later drive, so the matrix has one diagonal above the main one,

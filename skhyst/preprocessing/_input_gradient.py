@@ -22,9 +22,9 @@ class GeneralizedInputGradient(RecordTransformer):
     ----------
     method : {"backward", "forward"}, default="backward"
         ``"backward"``: ``(u[k] - u[k-1]) / dt``, causal; at a turning point this is the rate before
-        it. The first sample of a record has rate 0. ``"forward"``: ``(u[k+1] - u[k]) / dt`` as the
-        paper has it, with the rate before it at a turning point and at the last sample; it sees
-        one sample ahead.
+        it. The first sample of a record has rate 0. ``"forward"``: ``(u[k+1] - u[k]) / dt`` as
+        Ahmed and Yan (2021) have it, with the rate before it at a turning point and at the last
+        sample; it sees one sample ahead.
     include_drive : bool, default=True
         Whether the drive itself comes first.
     include_rate : bool, default=True
@@ -46,8 +46,7 @@ class GeneralizedInputGradient(RecordTransformer):
 
     References
     ----------
-    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
-    a gray box neural network based approach", equations (1) to (4).
+    Ahmed and Yan, *IEEE Access*, 2021, equations (1) to (4).
 
     Examples
     --------

@@ -85,10 +85,10 @@ class PlayOperators(_OperatorBasis):
 
     .. math:: F_r[u](t) = \max(u(t) - r, \min(u(t) + r, F_r[u](t^-)))
 
-    (thesis on Prandtl-Ishlinskii cascades, equations (3.2) to (3.6)). Each record starts with a
-    first loading from zero to its first value, where a play stands at
-    ``max(u - r, min(u + r, 0))``. A linear model behind it is a Prandtl-Ishlinskii model, any other
-    regressor a static map of hysteresis memory.
+    (Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
+    Scanning Stages*, 2020, equations (3.2) to (3.6)). Each record starts with a first loading from
+    zero to its first value, where a play stands at ``max(u - r, min(u + r, 0))``. A linear model
+    behind it is a Prandtl-Ishlinskii model, any other regressor a static map of hysteresis memory.
 
     Parameters
     ----------

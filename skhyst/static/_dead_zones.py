@@ -1,8 +1,8 @@
 r"""One-sided dead zones: ``y = v + sum_j w_j D_j(v)``.
 
 ``D_j(v) = max(v - t_j, 0)`` on the upper side, ``min(v - t_j, 0)`` on the lower one (Kuhnen 2003,
-section 4; thesis section 3.2). The operator of the estimator has weights and thresholds as
-parameters. The monotone one has the slopes instead: from one threshold to the next the curve is
+section 4; Steinbusch 2020, section 3.2). The operator of the estimator has weights and thresholds
+as parameters. The monotone one has the slopes instead: from one threshold to the next the curve is
 straight, and its slope is one plus the weights of the dead zones that are open. With positive
 slopes, which are simple bounds, it is strictly monotone and has an exact inverse.
 """
@@ -169,7 +169,9 @@ class DeadZones(StaticModel):
     .. math:: y = u + \sum_j w_j D_j(u)
 
     :math:`D_j(u) = \max(u - r_j, 0)` on the upper side, :math:`\min(u - r_j, 0)` on the lower one:
-    the part that makes a Prandtl-Ishlinskii model asymmetric (thesis section 3.2; Kuhnen 2003).
+    the part that makes a Prandtl-Ishlinskii model asymmetric (Steinbusch, *Hysteresis and Dynamics
+    Compensation for Accurate Positioning in High Speed Piezo Scanning Stages*, 2020, section 3.2;
+    Kuhnen, *European Journal of Control*, 2003).
 
     Parameters
     ----------

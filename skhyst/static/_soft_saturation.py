@@ -124,8 +124,8 @@ class SoftSaturation(SaturationModel):
 
     References
     ----------
-    .. [1] D. C. Jiles, D. L. Atherton, "Theory of ferromagnetic hysteresis", Journal of Magnetism
-       and Magnetic Materials 61 (1986) 48-60, on anhysteretic curves.
+    .. [1] Jiles and Atherton, *Journal of Magnetism and Magnetic Materials*, 1986, on anhysteretic
+       curves.
 
     Examples
     --------

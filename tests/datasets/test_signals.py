@@ -81,7 +81,7 @@ def test_programmes_are_continuous(stretches, unipolar, make):
 
 
 def test_sweep_by_its_formula():
-    """(14) of the inchworm paper, and the logarithmic sweep of SciPy."""
+    """(14) of Han et al. (undated), and the logarithmic sweep of SciPy."""
     u = values(swept_sine(0.1, 800.0, duration=3.0, amplitude=5.0, dt=1e-4, phase=0.5 * np.pi))
     time = 1e-4 * np.arange(30001)
     expected = 5 * np.sin(2 * np.pi * (0.1 * time + 0.5 * 799.9 / 3 * time**2) + 0.5 * np.pi)

@@ -1,4 +1,4 @@
-"""Certified numbers of the tanh paper: Table 7 follows from Tables 2 to 4."""
+"""Certified numbers of Xie et al. (2023): Table 7 follows from Tables 2 to 4."""
 
 import warnings
 

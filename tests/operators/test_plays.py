@@ -94,7 +94,7 @@ def test_every_threshold_is_moved(records, n_operators, spacing):
 @pytest.mark.parametrize(
     ("drive", "expected"),
     [
-        ([0.0, 8.0, 2.0, 8.0], [0.0, 2.0, 4.0, 6.0]),  # the grid of the thesis
+        ([0.0, 8.0, 2.0, 8.0], [0.0, 2.0, 4.0, 6.0]),  # the grid of Steinbusch (2020)
         ([100.0, 101.0, 99.0, 101.0], [0.0, 0.25, 0.5, 0.75]),  # far from zero: of its swing
         ([[0.0, 1.0], [0.0, -8.0, 0.0]], [0.0, 2.0, 4.0, 6.0]),  # the largest record's span
         ([0.0] * 9, [0.0, 0.25, 0.5, 0.75]),  # a drive that rests

@@ -202,7 +202,7 @@ def test_the_box_holds_the_starts_and_follows_the_unit():
 
 
 def test_schedules_of_the_modified_search():
-    """Tanh paper (9), (10) with p in [0, 1] and the step in [0.5, 2]."""
+    """Xie et al. (2023), (9) and (10), with p in [0, 1] and the step in [0.5, 2]."""
     schedule = ModifiedCuckooSearch()._schedule
     np.testing.assert_allclose(schedule(0.0), (1.0, 2.0))
     np.testing.assert_allclose(schedule(1.0), (np.exp(-5.0), 0.5))

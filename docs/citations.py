@@ -1,0 +1,60 @@
+"""How skhyst cites: ``Author and Author, *Journal*, year``, looked up in ``references.bib``.
+
+Three authors are named at the most, of more the first one "et al."; in asterisks stands the
+journal or the proceedings, and of what is a book of its own the title up to a colon. A text that
+names a work again says "Author (year)". So a docstring is readable in a terminal, and these pages
+add the way to the full entry.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+_ENTRY = re.compile(r"^@\w+\{(\w+),\n(.*?)^\}", re.MULTILINE | re.DOTALL)
+_FIELD = re.compile(r"^  (\w+) = \{(.*)\},$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a text says of an entry of the bibliography."""
+
+    key: str
+    authors: str
+    container: str
+    year: str
+
+    @property
+    def citation(self):
+        """The text that cites it."""
+        return f"{self.authors}, *{self.container}*, {self.year}"
+
+    @property
+    def pattern(self):
+        """The citation as a regular expression, wherever its lines break."""
+        return re.escape(self.citation).replace(r"\ ", r"\s+")
+
+
+def read_references(path=Path(__file__).parent / "references.bib"):
+    """Return the entries of the bibliography, one field a line, by their keys."""
+    found = {}
+    for key, body in _ENTRY.findall(Path(path).read_text(encoding="utf-8")):
+        fields = {name: re.sub(r"[{}]", "", value) for name, value in _FIELD.findall(body)}
+        title = fields["title"].split(":")[0]
+        container = fields.get("journal", fields.get("booktitle", title))
+        found[key] = Reference(key, _authors(fields["author"]), container, fields["year"])
+    return found
+
+
+def _authors(names):
+    """Return the family names of authors, as a text says them."""
+    family = [name.split(",")[0] for name in names.split(" and ")]
+    if len(family) > 3 or "others" in family:
+        return f"{family[0]} et al."
+    return " and ".join([", ".join(family[:-1]), family[-1]] if len(family) > 1 else family)
+
+
+def add_keys(text, references):
+    """Return a text with the keys of the bibliography behind its citations."""
+    for reference in references.values():
+        text = re.sub(f"({reference.pattern})", rf"\1 :cite:`{reference.key}`", text)
+    return text
