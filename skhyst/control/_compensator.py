@@ -11,12 +11,11 @@ whose motion has hysteresis within it is the linear mode that it is without, and
 .. math:: u \leftarrow u + s \, (I[r] - I[y]), \qquad 0 < s \le 1
 
 which leaves a drive alone where the response is the reference :math:`r`, whatever the inverse
-(iterative learning: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering operation of robots by
-learning", J. Robotic Systems 1(2), 1984). What the trials so far tell of how changes follow from
-drives is used too (D. G. Anderson, "Iterative procedures for nonlinear integral equations", J. ACM
-12(4), 1965). Each step starts from the best trial; where it has made the error larger, half of it
-is tried. On the model itself that makes the compensation as exact as the model is, and on the
-device as exact as its sensor.
+(iterative learning: Arimoto, Kawamura and Miyazaki, *Journal of Robotic Systems*, 1984). What the
+trials so far tell of how changes follow from drives is used too (Anderson, *Journal of the ACM*,
+1965). Each step starts from the best trial; where it has made the error larger, half of it is
+tried. On the model itself that makes the compensation as exact as the model is, and on the device
+as exact as its sensor.
 """
 
 import warnings

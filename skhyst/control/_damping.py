@@ -46,10 +46,8 @@ class IntegralResonantControl:
 
     References
     ----------
-    S. S. Aphale, A. J. Fleming, S. O. R. Moheimani, "Integral resonant control of collocated smart
-    structures", Smart Mater. Struct. 16, 2007. In this form: A. J. Fleming, S. S. Aphale,
-    S. O. R. Moheimani, "A new method for robust damping and tracking control of scanning probe
-    microscope positioning stages", IEEE Trans. Nanotechnol. 9, 2010.
+    Aphale, Fleming and Moheimani, *Smart Materials and Structures*, 2007. In this form: Fleming,
+    Aphale and Moheimani, *IEEE Transactions on Nanotechnology*, 2010.
 
     Examples
     --------

@@ -13,11 +13,9 @@ before a reading, from the algebraic Riccati equation,
 .. math:: e_k = y_k - \hat y_k - H F z_{k-1}, \qquad z_k = F z_{k-1} + K e_k, \qquad
    K = P H^T / S, \qquad S = H P H^T + R
 
-(R. E. Kalman, "A new approach to linear filtering and prediction problems", J. Basic Engineering
-82(1), 1960). The innovations :math:`e` of a right model are white, of the variance :math:`S`. So
-the variances are those under which the innovations of records are most likely (F. C. Schweppe,
-"Evaluation of likelihood functions for Gaussian signals", IEEE Trans. Information Theory 11(1),
-1965).
+(Kalman, *Journal of Basic Engineering*, 1960). The innovations :math:`e` of a right model are
+white, of the variance :math:`S`. So the variances are those under which the innovations of records
+are most likely (Schweppe, *IEEE Transactions on Information Theory*, 1965).
 """
 
 from dataclasses import dataclass

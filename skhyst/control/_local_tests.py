@@ -17,16 +17,15 @@ is distributed as chi-square where nothing has changed, whatever the drive and h
 sensitivities are, with as many degrees of freedom as directions of :math:`\delta` are seen; as F,
 since the variance comes from finitely many samples. A model that is not all of its device leaves
 innovations that go with the drive, whose sums vary more: where those of the fit do so significantly
-at a length, their mean T over its degrees of freedom scales the limits there (R. W. M. Wedderburn,
-"Quasi-likelihood functions", Biometrika 61(3), 1974).
+at a length, their mean T over its degrees of freedom scales the limits there (Wedderburn,
+*Biometrika*, 1974).
 
 Sums are taken over blocks of samples and over 2, 4, 8, ... of them, side by side. A test over
 :math:`n` samples comes once in :math:`n` samples, so that with :math:`J` lengths and the level
 :math:`\alpha n / J` of each there are :math:`\alpha` hits a sample, at the most: expectations add
 up, however much the sums depend on each other, and hits at the end of one block are one alarm.
 
-.. [1] Q. Zhang, M. Basseville, A. Benveniste, "Early warning of slight changes in systems",
-   Automatica 30(1), 1994.
+.. [1] Zhang, Basseville and Benveniste, *Automatica*, 1994.
 """
 
 import numpy as np
@@ -41,10 +40,9 @@ _LEVEL = 0.05  # at which sums of the fit vary more than noise does
 def whitening(series):
     """Return the autoregressive filter (order + 1,) that makes stretches of noise white.
 
-    Its coefficients follow from the autocovariance (G. U. Yule, "On a method of investigating
-    periodicities in disturbed series", Phil. Trans. Royal Society A 226, 1927). Of the orders up to
-    10 log10 n it has the one with the least criterion of G. Schwarz, "Estimating the dimension of a
-    model", Annals of Statistics 6(2), 1978.
+    Its coefficients follow from the autocovariance (Yule, *Philosophical Transactions of the Royal
+    Society A*, 1927). Of the orders up to 10 log10 n it has the one with the least criterion of
+    Schwarz, *Annals of Statistics*, 1978.
     """
     n = sum(map(len, series))
     orders = range(min(int(10.0 * np.log10(n)), min(map(len, series)) - 1) + 1)

@@ -8,9 +8,9 @@ uncertainty of the fit on, then the best one between its neighbours.
 
 The parameter :math:`i` that leaves the least :math:`R_i` is the first suspect. Where it is
 :math:`j`, both changed together leave less than :math:`j` alone by a chi-square variable of one
-degree of freedom (S. S. Wilks, "The large-sample distribution of the likelihood ratio", Annals of
-Mathematical Statistics 9(1), 1938), and :math:`i` alone leaves no less than both. So :math:`j` is
-ruled out where :math:`R_j - R_i` is more than that, and else told together with it.
+degree of freedom (Wilks, *Annals of Mathematical Statistics*, 1938), and :math:`i` alone leaves no
+less than both. So :math:`j` is ruled out where :math:`R_j - R_i` is more than that, and else told
+together with it.
 """
 
 import numpy as np

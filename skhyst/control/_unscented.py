@@ -7,10 +7,9 @@ the input,
 
 .. math:: \bar s, \quad \bar s \pm \sqrt{m + \kappa}\, l_i, \qquad \kappa = \max(3 - m, 0)
 
-of the weights :math:`\kappa / (m + \kappa)` and :math:`1 / 2 (m + \kappa)` (S. J. Julier, J. K.
-Uhlmann, "A new extension of the Kalman filter to nonlinear systems", SPIE 3068, 1997; they take
-:math:`3 - m` for normal variables: below zero it may make a variance negative). What has no
-variance stays as the step leaves it.
+of the weights :math:`\kappa / (m + \kappa)` and :math:`1 / 2 (m + \kappa)` (Julier and Uhlmann,
+*Proceedings of SPIE 3068*, 1997; they take :math:`3 - m` for normal variables: below zero it may
+make a variance negative). What has no variance stays as the step leaves it.
 """
 
 from dataclasses import dataclass
