@@ -36,9 +36,9 @@ class GrayBoxHysteresis(ParametricModel):
     Parameters
     ----------
     training : {"staged", "joint"}, default="staged"
-        ``"staged"``, as in the paper: the quasi-static sub-model from the slowest records, then the
-        dynamic one from all records, with the first held. ``"joint"``: after these two stages all
-        weights are trained together on all records.
+        ``"staged"``, as Ahmed and Yan (2021) do: the quasi-static sub-model from the slowest
+        records, then the dynamic one from all records, with the first held. ``"joint"``: after
+        these two stages all weights are trained together on all records.
     n_static_records : int or None, default=None
         How many records, the slowest ones, train the quasi-static sub-model: by the way that the
         drive travels in a second, over its range. None: those at most twice as fast as the slowest.
@@ -49,7 +49,7 @@ class GrayBoxHysteresis(ParametricModel):
     input_lags, output_lags : int, default=2
         Lags of the dynamic sub-model in samples.
     degree : {1, 2}, default=1
-        Highest degree of its products. The paper has 2; 1 is any linear dynamics of
+        Highest degree of its products. Ahmed and Yan (2021) have 2; 1 is any linear dynamics of
         ``output_lags`` poles behind the hysteresis.
     fit_intercept : bool, default=True
         Whether the response has a constant.
@@ -85,8 +85,7 @@ class GrayBoxHysteresis(ParametricModel):
 
     References
     ----------
-    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
-    a gray box neural network based approach", equations (15) to (22), (27) and (30) to (43).
+    Ahmed and Yan, *IEEE Access*, 2021, equations (15) to (22), (27) and (30) to (43).
 
     Examples
     --------

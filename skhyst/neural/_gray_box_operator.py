@@ -139,10 +139,10 @@ class GrayBoxOperator(Operator):
     .. math:: \Delta d_H(k), \ldots, \Delta d_H(k - n_f + 1), \quad y(k - 1) - d_H(k), \quad
         \Delta y(k - 1), \ldots, \Delta y(k - n_y + 1), \qquad \Delta s(k) = s(k) - s(k - 1)
 
-    and products may also have :math:`d_H(k)` less its constant as a factor. All of them
-    vanish at rest, so that the static response is that of :math:`d_H` alone. With ``degree=1`` and
-    two lags each, this is the quasi-static model followed by any linear dynamics of second order
-    of unit gain. With ``dynamics="printed"`` the signals are those of the paper,
+    and products may also have :math:`d_H(k)` less its constant as a factor. All of them vanish at
+    rest, so that the static response is that of :math:`d_H` alone. With ``degree=1`` and two lags
+    each, this is the quasi-static model followed by any linear dynamics of second order of unit
+    gain. With ``dynamics="printed"`` the signals are those of Ahmed and Yan (2021),
     :math:`u(k - 1), \ldots, u(k - n_f), y(k - 1), \ldots, y(k - n_y)`.
 
     Parameters

@@ -186,10 +186,9 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     References
     ----------
-    .. [1] D. Wang, M. Li, "Stochastic configuration networks: fundamentals and algorithms",
-       IEEE Transactions on Cybernetics 47(10), 3466-3479, 2017, Algorithms SC-I to SC-III.
-    .. [2] S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
-       hysteresis compensator: application to the inchworm piezo motor", (9), (10), (13).
+    .. [1] Wang and Li, *IEEE Transactions on Cybernetics*, 2017, Algorithms SC-I to SC-III.
+    .. [2] Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis
+       Compensator*, undated, (9), (10), (13).
 
     Examples
     --------
