@@ -3,7 +3,7 @@
 First the five parameters of a Bouc-Wen model, 2,000 samples, 0.5 % noise: every method on the same
 objective. Variable projection starts from the data; the population methods search all parameters
 in wide bounds, 50 candidates over 300 iterations, without a polish, as the papers do. Then the
-objective of the tanh paper (X. Xie et al., Smart Mater. Struct. 32, 015013, 2023): its published
+objective of Xie et al. (Smart Mater. Struct. 32, 015013, 2023): its published
 parameters at 40 V and 20 Hz, one cycle with 1 nm of noise, searched by a swarm and by the cuckoos
 of both renewals. Then a hard case: the hysteresis drives a resonance with a damping ratio of 0.01
 whose frequency may lie anywhere in three decades; random starts are added to those from the data.

@@ -1,4 +1,4 @@
-"""The training of the gray-box paper: Levenberg-Marquardt with a damping that moves by factors."""
+"""Levenberg-Marquardt with a damping that moves by factors, as Ahmed and Yan (2021) train."""
 
 from dataclasses import dataclass
 
@@ -41,10 +41,8 @@ class LevenbergMarquardt(Method):
 
     References
     ----------
-    M. T. Hagan, M. B. Menhaj, "Training feedforward networks with the Marquardt algorithm", IEEE
-    Trans. Neural Netw. 5 (1994). "Modeling and identification of rate dependent hysteresis in
-    piezoelectric actuated nano-stage: a gray box neural network based approach", (27) and (42),
-    where the sign of mu is wrong.
+    Hagan and Menhaj, *IEEE Transactions on Neural Networks*, 1994. Ahmed and Yan, *IEEE Access*,
+    2021, (27) and (42), where the sign of mu is wrong.
 
     Examples
     --------

@@ -131,8 +131,8 @@ def modal_start(poles, residues, n_poles):
     r"""Reduce a partial-fraction expansion of full rank to modes of rank one.
 
     The expansion is realised with as many copies of the poles as it has inputs or responses, and
-    reduced to ``n_poles`` states by balanced truncation (Moore, IEEE Trans. Autom. Control 26(1),
-    1981).
+    reduced to ``n_poles`` states by balanced truncation (Moore, *IEEE Transactions on Automatic
+    Control*, 1981).
 
     Parameters
     ----------

@@ -11,10 +11,10 @@ _PATIENCE = 3  # exchanges of whole blocks without progress
 def nonnegative_minimum(hessian, gradient, bounded=None):
     """Minimise ``0.5 x' H x + g' x`` subject to ``x >= 0``.
 
-    Block principal pivoting (Portugal, Judice and Vicente, Mathematics of Computation 63, 1994;
-    Kim and Park, SIAM J. Sci. Comput. 33, 2011): all unknowns on the wrong side change sides at
-    once. Where that makes no progress, only the last one does, which ends after a finite number of
-    exchanges. A few Cholesky factors suffice for thousands of unknowns.
+    Block principal pivoting (Portugal, Júdice and Vicente, *Mathematics of Computation*, 1994; Kim
+    and Park, *SIAM Journal on Scientific Computing*, 2011): all unknowns on the wrong side change
+    sides at once. Where that makes no progress, only the last one does, which ends after a finite
+    number of exchanges. A few Cholesky factors suffice for thousands of unknowns.
 
     Parameters
     ----------

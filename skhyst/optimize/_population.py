@@ -17,7 +17,7 @@ from ._variable_projection import (
 )
 
 _LEVY = 1.5  # exponent of the flights
-# Mantegna (Phys. Rev. E 49, 1994); tanh paper (8)
+# Mantegna, *Physical Review E*, 1994; Xie et al. (2023), (8)
 _SIGMA = (
     gamma(1.0 + _LEVY)
     * np.sin(0.5 * np.pi * _LEVY)
@@ -42,7 +42,7 @@ class PopulationMethod(Method):
         Budget of simulations of all records; the iterations alone limit them by default.
     project : bool, default=True
         Parameters that enter linearly are solved exactly for each candidate. Otherwise they are
-        searched like the others, as the papers do.
+        searched like the others, as Xie et al. (2023) do.
     polish : bool, default=True
         The best candidate is refined by variable projection.
     bounds : mapping of str to (float, float), optional
@@ -129,7 +129,9 @@ class _Objective:
 
 @dataclass(frozen=True, kw_only=True)
 class DifferentialEvolution(PopulationMethod):
-    """Differential evolution (Storn and Price, J. Global Optim. 11, 1997), SciPy's, in batches.
+    """Differential evolution, SciPy's, in batches.
+
+    See Storn and Price, *Journal of Global Optimization*, 1997.
 
     Parameters
     ----------
@@ -168,7 +170,9 @@ class DifferentialEvolution(PopulationMethod):
 
 @dataclass(frozen=True, kw_only=True)
 class ParticleSwarm(PopulationMethod):
-    """Particle swarm (Kennedy and Eberhart 1995) with the settings of the tanh paper, section 4.2.
+    """Particle swarm with the settings of Xie et al. (2023), section 4.2.
+
+    See Kennedy and Eberhart, *IEEE International Conference on Neural Networks*, 1995.
 
     Parameters
     ----------
@@ -248,6 +252,9 @@ class _Cuckoos(PopulationMethod):
 class CuckooSearch(_Cuckoos):
     r"""Cuckoo search (Yang and Deb 2009).
 
+    See Yang and Deb, *World Congress on Nature and Biologically Inspired Computing*, 2009, and
+    Xie et al., *Smart Materials and Structures*, 2023.
+
     In each iteration every nest flies, :math:`x + s\,u / |v|^{1/\beta}\,(x - x_{best})` with normal
     u and v, to where it is better than before; then nests are discovered.
 
@@ -288,7 +295,7 @@ class CuckooSearch(_Cuckoos):
 
 @dataclass(frozen=True, kw_only=True)
 class ModifiedCuckooSearch(_Cuckoos):
-    r"""Cuckoo search whose discovery and step fall while it runs.
+    r"""Cuckoo search whose discovery and step fall while it runs (Xie et al. 2023, (5) to (10)).
 
     .. math::
        p = p_{min} + (p_{max} - p_{min}) e^{-5 (t/T)^3}, \qquad

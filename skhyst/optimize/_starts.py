@@ -18,8 +18,8 @@ _FASTEST = 3.0  # rate of a pole that the sampling does not resolve, over the sa
 def pole_starts(records, n_poles):
     """Return candidate pole sets (rad/s) of a transfer function from input to response.
 
-    The iteration of Steiglitz and McBride (IEEE Trans. Autom. Control 10, 1965) at several
-    decimations, since the least squares of an oversampled signal sees noise only.
+    The iteration of Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965, at
+    several decimations, since the least squares of an oversampled signal sees noise only.
 
     Parameters
     ----------
@@ -96,8 +96,8 @@ def record_poles(records, n_poles):
     """Return poles (rad/s) that fit the transforms of records, of any number of inputs.
 
     The transform of a record of a sampled system obeys ``Y = sum_i N_i / D U_i + T / D`` exactly,
-    where T is a polynomial that its ends leave (Pintelon and Schoukens, System Identification, 2nd
-    ed., 2012, section 6.3): vector fitting finds D.
+    where T is a polynomial that its ends leave (Pintelon and Schoukens, *System Identification*,
+    2012, section 6.3): vector fitting finds D.
 
     Parameters
     ----------

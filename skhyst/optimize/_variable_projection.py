@@ -1,10 +1,11 @@
 r"""Separable least squares from normal equations.
 
-The parameters x = (theta, c) minimise ``|r(theta, c)|^2`` where r is affine in c. Golub and Pereyra
-(SIAM J. Numer. Anal. 10, 1973) eliminate c; with Kaufman's simplification (BIT 15, 1975) the step
-in theta equals that of a Gauss-Newton step in all of x, followed by the exact solution for c
-(Ruhe and Wedin, SIAM Review 22, 1980, algorithm 3). That is what is done here, damped as by
-Levenberg and Marquardt with Nielsen's update, within bounds that an active-set method keeps.
+The parameters x = (theta, c) minimise ``|r(theta, c)|^2`` where r is affine in c. Golub and
+Pereyra, *SIAM Journal on Numerical Analysis*, 1973, eliminate c; with the simplification of
+Kaufman, *BIT*, 1975, the step in theta equals that of a Gauss-Newton step in all of x, followed by
+the exact solution for c (Ruhe and Wedin, *SIAM Review*, 1980, algorithm 3). That is what is done
+here, damped as by Levenberg and Marquardt with the update of Nielsen, *Damping Parameter in
+Marquardt's Method*, 1999, within bounds that an active-set method keeps.
 
 Everything that an iteration needs, and that a fold of a cross-validation needs, stands in the Gram
 matrix of the columns ``[J, r]``, summed over stretches of the data. One pass over the
@@ -41,9 +42,10 @@ def bounded_step(hessian, gradient, lower, upper):
     """Minimise ``0.5 s' H s + g' s`` subject to ``lower <= s <= upper``, with ``s = 0`` feasible.
 
     A primal active-set method: along each unconstrained direction the step stops at the first
-    bound, which is then held; a bound is released when its multiplier has the wrong sign. It is
-    the method of Lawson and Hanson (1974, chapter 23) and of Stark and Parker (1995), written for
-    normal equations, because one pass over the data has already condensed it to these.
+    bound, which is then held; a bound is released when its multiplier has the wrong sign. It is the
+    method of Lawson and Hanson, *Solving Least Squares Problems*, 1974, chapter 23, and of Stark
+    and Parker, *Computational Statistics*, 1995, written for normal equations, because one pass
+    over the data has already condensed it to these.
 
     Parameters
     ----------

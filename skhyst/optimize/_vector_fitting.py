@@ -7,10 +7,11 @@ inputs and, for what a record's ends leave, 1.
 
 With poles a_k, the functions ``sigma(s) = d + sum_k c_k / (s - a_k)`` and ``sigma N_i / D`` with
 the same poles solve a linear least-squares problem; the zeros of sigma are the next poles
-(Gustavsen and Semlyen, IEEE Trans. Power Delivery 14(3), 1999; relaxed: Gustavsen, ibid. 21(3),
-2006). It is the iteration of Sanathanan and Koerner in a basis that stays well conditioned
-(Deschrijver et al., IEEE Microwave and Wireless Components Letters 18(6), 2008). Each block is
-condensed by a QR factorisation before they are put together.
+(Gustavsen and Semlyen, *IEEE Transactions on Power Delivery*, 1999; relaxed: Gustavsen, *IEEE
+Transactions on Power Delivery*, 2006). It is the iteration of Sanathanan and Koerner, *IEEE
+Transactions on Automatic Control*, 1963, in a basis that stays well conditioned (Deschrijver et
+al., *IEEE Microwave and Wireless Components Letters*, 2008). Each block is condensed by a QR
+factorisation before they are put together.
 """
 
 from dataclasses import dataclass
