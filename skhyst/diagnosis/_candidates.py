@@ -1,13 +1,14 @@
 """Candidates: the model so far with effects added, refitted in rounds of halving, and held out.
 
-Successive halving (Jamieson and Talwalkar, AISTATS 2016) spends about the same number of
-simulations on each rung. Every starting value is simulated once, and the step from there is
-predicted. The best one of each variant is refitted with three simulations, the variants of the best
-third of the effects with nine, and so on with three times as many until nine effects or fewer are
-left, three at least, so that it is seen what else explains the data. What counts is the sum of
-squares that the next step is predicted to reach: a candidate that begins far from its solution is
-not judged by where it begins. Those that still are what their name says are held out; of each
-effect the simplest that foretells as well as its best is refitted with 27, and held out again.
+Successive halving (Jamieson and Talwalkar, *International Conference on Artificial Intelligence and
+Statistics*, 2016) spends about the same number of simulations on each rung. Every starting value is
+simulated once, and the step from there is predicted. The best one of each variant is refitted with
+three simulations, the variants of the best third of the effects with nine, and so on with three
+times as many until nine effects or fewer are left, three at least, so that it is seen what else
+explains the data. What counts is the sum of squares that the next step is predicted to reach: a
+candidate that begins far from its solution is not judged by where it begins. Those that still are
+what their name says are held out; of each effect the simplest that foretells as well as its best is
+refitted with 27, and held out again.
 """
 
 from dataclasses import dataclass, replace
@@ -238,8 +239,8 @@ def foretold(problem, predictions, starts=None):
     """Return the residuals of records, NaN before their starts.
 
     What came before a record is estimated from the record itself. Of n samples and k values, the
-    error of a prediction is expected to be (n + k) / (n - k) times that of the fit, in squares (H.
-    Akaike, "Fitting autoregressive models for prediction", Ann. Inst. Statist. Math. 21, 1969).
+    error of a prediction is expected to be (n + k) / (n - k) times that of the fit, in squares
+    (Akaike, *Annals of the Institute of Statistical Mathematics*, 1969).
     """
     residuals = []
     for number, (record, prediction) in enumerate(zip(problem.records, predictions, strict=True)):

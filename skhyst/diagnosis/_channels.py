@@ -28,9 +28,8 @@ stretches before and behind, by Fisher's law.
 
 References
 ----------
-.. [1] C. W. J. Granger, "Investigating causal relations by econometric models and cross-spectral
-   methods", Econometrica 37 (1969).
-.. [2] C. A. Sims, "Money, income, and causality", American Economic Review 62 (1972).
+.. [1] Granger, *Econometrica*, 1969.
+.. [2] Sims, *American Economic Review*, 1972.
 """
 
 import numpy as np

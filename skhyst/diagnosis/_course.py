@@ -30,8 +30,7 @@ tells n / 2 frequencies apart; each one sought multiplies the p-value by that nu
 
 References
 ----------
-.. [1] P. Whittle, "Estimation and information in stationary time series", Arkiv foer Matematik 2
-   (1953).
+.. [1] Whittle, *Arkiv för Matematik*, 1953.
 """
 
 from dataclasses import replace

@@ -55,12 +55,10 @@ a model that only foretells badly from some fold is not one that lacks something
 
 References
 ----------
-.. [1] D. N. Politis, H. White, "Automatic block-length selection for the dependent bootstrap",
-   Econometric Reviews 23 (2004); corrected by A. Patton, D. N. Politis, H. White, 28 (2009).
-.. [2] H. R. Kuensch, "The jackknife and the bootstrap for general stationary observations",
-   Annals of Statistics 17 (1989).
-.. [3] N. K. Bakirov, G. J. Szekely, "Student's t-test for Gaussian scale mixtures", J. Mathematical
-   Sciences 139 (2006).
+.. [1] Politis and White, *Econometric Reviews*, 2004; corrected by Patton, Politis and White,
+   *Econometric Reviews*, 2009.
+.. [2] Künsch, *Annals of Statistics*, 1989.
+.. [3] Bakirov and Székely, *Journal of Mathematical Sciences*, 2006.
 """
 
 from dataclasses import dataclass

@@ -14,9 +14,8 @@ these: that is a line, or an oscillation, and so is structure.
 
 References
 ----------
-.. [1] P. Whittle, "Estimation and information in stationary time series", Arkiv foer Matematik 2
-   (1953).
-.. [2] G. Schwarz, "Estimating the dimension of a model", Annals of Statistics 6 (1978).
+.. [1] Whittle, *Arkiv för Matematik*, 1953.
+.. [2] Schwarz, *Annals of Statistics*, 1978.
 """
 
 from dataclasses import dataclass, replace

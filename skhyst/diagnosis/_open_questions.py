@@ -32,10 +32,8 @@ covariance without and with it (D-optimality for a subset [2]_), all from the sa
 
 References
 ----------
-.. [1] A. C. Atkinson, V. V. Fedorov, "The design of experiments for discriminating between two
-   rival models", Biometrika 62 (1975).
-.. [2] A. C. Atkinson, A. N. Donev, R. D. Tobias, "Optimum Experimental Designs, with SAS" (2007),
-   chapter 10.
+.. [1] Atkinson and Fedorov, *Biometrika*, 1975.
+.. [2] Atkinson, Donev and Tobias, *Optimum Experimental Designs, with SAS*, 2007, chapter 10.
 """
 
 from dataclasses import replace

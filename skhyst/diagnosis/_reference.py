@@ -23,11 +23,9 @@ reference does not explain.
 
 References
 ----------
-.. [1] T. Soederstroem, P. Stoica, "Instrumental Variable Methods for System Identification" (1983).
-.. [2] P. Young, A. Jakeman, "Refined instrumental variable methods of recursive time-series
-   analysis, part I", Int. J. Control 29 (1979).
-.. [3] P. Craven, G. Wahba, "Smoothing noisy data with spline functions", Numerische Mathematik 31
-   (1979).
+.. [1] Söderström and Stoica, *Instrumental Variable Methods for System Identification*, 1983.
+.. [2] Young and Jakeman, *International Journal of Control*, 1979.
+.. [3] Craven and Wahba, *Numerische Mathematik*, 1979.
 """
 
 from dataclasses import replace

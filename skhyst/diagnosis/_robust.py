@@ -7,8 +7,8 @@ Huber's weights of what a residual sticks out of its neighbours by,
 with a running median over seven samples and the scale s from the median absolute deviation about
 it, of the record or of the 32 samples around, whichever is larger. What is slow, and what moves as
 much nearby, is no outlier: it is what a search for structure looks for. Beyond twelve standard
-deviations the weight is zero. With c = 1.345 the efficiency is 95 % where all errors are normal (P.
-J. Huber, "Robust estimation of a location parameter", Ann. Math. Statist. 35, 1964).
+deviations the weight is zero. With c = 1.345 the efficiency is 95 % where all errors are normal
+(Huber, *Annals of Mathematical Statistics*, 1964).
 """
 
 import numpy as np
