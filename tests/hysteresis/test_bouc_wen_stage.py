@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from skhyst.hysteresis import BoucWenOperator, BoucWenStageOperator
-from skhyst.hysteresis._bouc_wen_stage_loops import branch, branch_tangents, follow
+from skhyst.hysteresis._bouc_wen_stage_loops import branch, branch_tangents, follow, sharpness
 
 W, ZETA, RHO, LEVEL = 60.0, 0.3, 4.0, 0.3
 STAGE = BoucWenStageOperator(W, ZETA, RHO, LEVEL, 0.3)
@@ -119,3 +119,19 @@ def test_derivative_by_an_exponent_of_one():
 def test_extreme_parameters_give_finite_values(level, rho, exponent):
     stage = BoucWenStageOperator(W, ZETA, rho, level, 0.3, exponent)
     assert np.isfinite(stage.run(walk(40), 0.02)[0]).all()
+
+
+@pytest.mark.parametrize("shape", [-0.5, 0.7])
+@pytest.mark.parametrize("exponent", [1.5, 3.0])
+def test_the_law_goes_on_beyond_its_limit(shape, exponent):
+    """At the limit ``(1 + shape)^(-1 / n)`` sigma is continuous; beyond it, the slope is zero."""
+    limit = (1.0 + shape) ** (-1.0 / exponent)
+    inside, outside = (sharpness(limit * part, shape, exponent)[0] for part in (1 - 1e-9, 1 + 1e-9))
+    assert outside == pytest.approx(inside, rel=1e-7)
+    for w in (0.5 * limit, -1.7 * limit):
+        values = np.array([w, shape, exponent])
+        _, *exact = sharpness(*values)
+        for k, derivative in enumerate(exact):
+            h = 1e-6 * np.eye(3)[k]
+            difference = (sharpness(*(values + h))[0] - sharpness(*(values - h))[0]) / 2e-6
+            assert derivative == pytest.approx(difference, abs=1e-7)

@@ -1,0 +1,208 @@
+"""What the small parts of the search decide by: a theorem each, on signals made for it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import lfilter
+
+from skhyst.diagnosis import _open_questions
+from skhyst.diagnosis._changes import _before, _differ
+from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor
+from skhyst.diagnosis._claim import Claim
+from skhyst.diagnosis._criterion import Criterion
+from skhyst.diagnosis._data_quality import _clipped
+from skhyst.diagnosis._location import locate
+from skhyst.diagnosis._noise import _settled, repeatability
+from skhyst.diagnosis._open_questions import Intervals
+from skhyst.diagnosis._periods import drive_period
+from skhyst.diagnosis._plausibility import stops
+from skhyst.diagnosis._rounds import Rounds
+from skhyst.diagnosis._tree import Tree
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.optimize import RecordData
+from skhyst.records import RecordSlice
+from skhyst.static import SoftSaturationOperator
+
+SIDE = 8
+
+
+@pytest.mark.parametrize("period", [2, 3, 4, 5, 17])
+def test_the_period_of_a_drive_is_its_shortest(period):
+    drive = np.random.default_rng(period).normal(size=period)
+    assert drive_period(np.tile(drive, 6)) == period
+
+
+def test_a_resting_record_does_not_hide_that_others_repeat():
+    rng = np.random.default_rng(0)
+    u = np.sin(np.linspace(0.0, 20.0, 400))
+    moving = [RecordData(u, u + 0.1 * rng.normal(size=400), 0.01) for _ in range(2)]
+    rest = RecordData(np.zeros(400), 0.1 * rng.normal(size=400), 0.01)
+    assert repeatability([rest]) is None
+    assert repeatability([rest, *moving]) == pytest.approx(repeatability(moving)) != 0.0
+
+
+@pytest.mark.parametrize("n", [13, 20, 24, 60])
+def test_a_cubic_drift_between_repetitions_is_no_noise(n):
+    time = np.linspace(-1.0, 2.0, n)
+    drift = 3.0 - time + 2.0 * time**3
+    assert _settled(drift)[0] < 1e-20 * (drift @ drift)
+
+
+def test_shares_of_octaves_are_those_of_the_power():
+    """Of two lines, one of twice the amplitude has four fifths."""
+    n, dt = 4000, 1e-3
+    time = dt * np.arange(n)
+    residual = np.sin(2 * np.pi * 20.0 * time) + 2.0 * np.sin(2 * np.pi * 300.0 * time)
+    table = locate([RecordSlice("a", slice(0, n), dt, 0.0, n)], np.sin(time), residual)
+    table = table[table["by"] == "frequency"]
+    shares = [
+        table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)
+    ]
+    np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
+
+
+def test_runs_at_the_top_of_a_wave_are_no_clipping():
+    """Of n readings in the step below, n + 2 sqrt(n) are within chance, times 1 + sqrt(2)."""
+    step, below = 0.1, 25
+    usual = (1.0 + np.sqrt(2.0)) * (below + 2.0 * np.sqrt(below))
+
+    def found(n_top):
+        top, low = np.full(n_top, 1.0), np.linspace(-1.0, 0.0, 200)
+        y = np.concatenate([low, np.full(below, 1.0 - step), top])
+        starts, lengths = np.array([0, 200, 200 + below]), np.array([1, below, n_top])
+        return [kind for kind, *_ in _clipped(y, starts, lengths, np.array([]), step)]
+
+    assert found(int(usual)) == []
+    assert found(int(usual) + 1) == ["clipped_range"]
+
+
+def test_rounding_leaves_something_beside_a_straight_line():
+    rows = np.arange(50, 150)
+    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).beside(rows) > 0.0).all()
+
+
+@pytest.mark.parametrize("lost", [0, 1, 5, 2 * SIDE])
+@pytest.mark.parametrize("way", [1, -1])
+def test_stretches_beside_a_row_do_not_see_across_it(lost, way):
+    """One side is rough: what is left across the row is far more than beside it."""
+    noise = np.random.default_rng(lost).normal(size=200)
+    noise[100:] *= 1e4
+    stretches = _Stretches(noise[::way], SIDE)
+    assert stretches.ratio(np.array([100]), lost) > 1e4
+
+
+def test_noise_of_the_response_hides_whether_it_follows():
+    """A slow device is told from the noise on its drive, unless its own noise is in the way."""
+    n = 1000
+    smooth = np.sin(0.065 * np.arange(n)) + 0.5 * np.sin(0.15 * np.arange(n))
+    slow = lfilter([0.05], [1.0, -0.95], smooth)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        u = smooth + 0.01 * rng.normal(size=n)
+        floor = noise_floor(u)
+        assert floor > 0.0
+        assert not _is_followed(u, slow, floor)
+        assert _is_followed(u, slow + 0.1 * rng.normal(size=n), floor)
+        assert _is_followed(u, lfilter([0.05], [1.0, -0.95], u), floor)
+
+
+def test_a_parameter_at_its_bound_has_no_interval():
+    """Weights of plays are not negative; those of a straight line but the first are zero."""
+    rng = np.random.default_rng(0)
+    u = np.cumsum(rng.normal(size=400)) / 5.0
+    model, records = PrandtlIshlinskii(4), [RecordData(u, 2.0 * u - 0.01 * np.cos(u), 0.01)]
+    tree = Tree.from_result(model, model._identify(records))
+    problem = tree.problem(records)
+    at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
+    assert 0 < np.count_nonzero(at_bound) < len(at_bound)
+    search = SimpleNamespace(
+        _structure=tree, _records=records, noise_floor_=0.01, response_=u, verdict_="noise"
+    )
+    np.testing.assert_array_equal(Intervals(search)._inner, np.flatnonzero(~at_bound))
+
+
+def test_without_a_covariance_errors_are_independent():
+    values = {"a": (1.0, 0.5), "b": (3.0, 0.1)}
+    claim = SimpleNamespace(result=SimpleNamespace(covariance=None), values=values)
+    np.testing.assert_allclose(Claim.covariance(claim, ["b", "a"]), np.diag([0.01, 0.25]))
+
+
+@pytest.mark.parametrize(("worse_by", "chosen"), [(1.02, 1), (1.2, 5)])
+def test_the_simplest_variant_is_kept_that_foretells_about_as_well(worse_by, chosen):
+    residual = np.random.default_rng(0).normal(size=400)
+
+    def variant(n_parameters, factor):
+        own = [factor * residual]
+        return SimpleNamespace(
+            n_parameters=n_parameters, error=factor, residuals=own, weights=None, explained=None
+        )
+
+    rounds = SimpleNamespace(criterion=Criterion(1e-300, 0.05))
+    variants = [variant(5, 1.0), variant(1, worse_by)]
+    assert Rounds._variant(rounds, variants).n_parameters == chosen
+
+
+def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
+    knee = SoftSaturationOperator(1.0, 3.0, 0.1)
+    before = np.linspace(-1.5, 1.5, 50)
+    record = RecordData(before, knee.run(before, 0.01)[0], 0.01)
+    undone = _before(record, knee)
+    np.testing.assert_allclose(undone.y, before, atol=1e-9)
+    slope = (knee.run(before + 1e-6, 0.01)[0] - knee.run(before - 1e-6, 0.01)[0]) / 2e-6
+    np.testing.assert_allclose(undone.weights, slope**2, atol=1e-6)
+    weighted = _before(replace(record, weights=2.0 * np.ones(50)), knee)
+    np.testing.assert_allclose(weighted.weights, 2.0 * undone.weights)
+
+
+def test_numbers_of_records_differ_by_parts_of_the_largest():
+    assert _differ([0.0, 1.0])
+    assert _differ([-1.0, 1.0, 1.0])
+    assert not _differ([1.0, 1.01])
+    assert not _differ([0.0, 0.0])
+    assert not _differ([3.0])
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "lower", "upper", "plausible"),
+    [
+        (10.0, -1.0, 0.5, True),  # motion goes from -1 to 1
+        (0.5, -1.0, 0.5, False),  # softer than the spring
+        (10.0, -1.5, 1.5, False),  # out of reach
+        (10.0, -0.01, 0.01, False),  # always touched
+    ],
+)
+def test_a_stop_is_stiff_reached_and_left(stiffness, lower, upper, plausible):
+    operator = SimpleNamespace(
+        stop_stiffness=stiffness, lower=lower, upper=upper, gain=2.0, intercept=0.3
+    )
+    motion = 0.3 + 2.0 * np.sin(np.linspace(0.0, 20.0, 500))
+    assert (stops(operator, motion, []) > 0.0) == plausible
+
+
+def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
+    ranking = pd.DataFrame(
+        [
+            (1, "lag", 0.5, 1.0),
+            (2, "creep", 0.5, 1.1),
+            (2, "delay", 0.5, 0.9),
+            (2, "drift", 0.0, 1),
+        ],
+        columns=["round", "effect", "screen", "error_after"],
+    )
+    search = SimpleNamespace(
+        verdict_="unexplained",
+        ranking_=ranking,
+        min_improvement=0.05,
+        _structure=SimpleNamespace(effects=("lag",)),
+        _records=[],
+    )
+    monkeypatch.setattr(_open_questions, "_with_effect", lambda name, tree, search: [name])
+    monkeypatch.setattr(_open_questions, "Fitted", lambda tree, records: "as it is")
+    found = [(name, other) for name, other, _ in _open_questions._near_claims(search)]
+    assert found == [("delay", "none"), ("creep", "none")]
+    search._structure.effects = ()
+    found = [name for name, *_ in _open_questions._near_claims(search)]
+    assert found == ["delay", "creep"]
