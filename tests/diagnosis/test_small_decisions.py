@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from skhyst.diagnosis import _open_questions
-from skhyst.diagnosis._changes import _before, _differ
-from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor
+from skhyst.diagnosis import _changes, _open_questions
+from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
+from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._data_quality import _clipped
+from skhyst.diagnosis._data_quality import _clipped, _spikes
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._noise import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
@@ -206,3 +206,31 @@ def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
     search._structure.effects = ()
     found = [name for name, *_ in _open_questions._near_claims(search)]
     assert found == ["delay", "creep"]
+
+
+@pytest.mark.parametrize("row", [1, 2, 50, 97, 98])
+def test_a_spike_is_found_wherever_it_stands_between_readings(row):
+    y = 1e-3 * np.random.default_rng(0).normal(size=100)
+    y[row] = 2.0
+    found = _spikes(np.zeros(100), y, np.arange(100), np.ones(100, dtype=int))
+    assert row in np.concatenate([np.ravel(rows) for _, rows, *_ in found])
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_a_reaction_has_no_unit(unit):
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=500)
+    drive = rng.normal(size=500) + np.r_[0.0, 0.3 * noise[:-1]]
+    p_value = reaction_p_value(drive, noise)
+    assert 0.0 < p_value < 0.01
+    assert reaction_p_value(unit * drive, noise) == pytest.approx(p_value, rel=1e-6)
+    assert reaction_p_value(drive, unit * noise) == pytest.approx(p_value, rel=1e-6)
+
+
+@pytest.mark.parametrize(("n_turns", "tried"), [(1, False), (40, True)])
+def test_a_drift_is_slower_than_drives_that_move(monkeypatch, n_turns, tried):
+    """A record at rest says nothing of that."""
+    monkeypatch.setattr(_changes, "beside", lambda *_: ["beside"])
+    drives = [np.zeros(800), np.sin(np.linspace(0.0, np.pi * n_turns, 800))]
+    scene = SimpleNamespace(records=[SimpleNamespace(drive=u) for u in drives])
+    assert bool(SlowerThanDrive(SimpleNamespace(degree=3)).trees("drift", scene)) == tried
