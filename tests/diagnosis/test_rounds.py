@@ -54,6 +54,7 @@ def test_two_effects_are_claimed_together_where_neither_is_enough(missing_two):
     names = "lag", "offset", "static_nonlinearity"
     probe = rounds_of(records, folds, *names)
     probe._round(base)
+    assert all(0.0 <= row["screen"] < 1.0 for row in probe.ranking)  # parts of the cost
     alone = min(row["p_value"] for row in probe.ranking)
     assert 0.0 < alone < 0.5
     alpha = 0.5 * alone

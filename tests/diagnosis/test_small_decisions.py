@@ -12,7 +12,7 @@ from skhyst.diagnosis import _changes, _open_questions
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
 from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._criterion import Criterion
+from skhyst.diagnosis._criterion import Criterion, _autocovariance
 from skhyst.diagnosis._data_quality import _clipped, _spikes
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._noise import _settled, repeatability
@@ -234,3 +234,10 @@ def test_a_drift_is_slower_than_drives_that_move(monkeypatch, n_turns, tried):
     drives = [np.zeros(800), np.sin(np.linspace(0.0, np.pi * n_turns, 800))]
     scene = SimpleNamespace(records=[SimpleNamespace(drive=u) for u in drives])
     assert bool(SlowerThanDrive(SimpleNamespace(degree=3)).trees("drift", scene)) == tried
+
+
+@pytest.mark.parametrize("size", [0, 3, 19, 40])
+def test_products_at_a_distance_are_summed(size):
+    values = np.random.default_rng(size).normal(size=20)
+    direct = [values[lag:] @ values[: max(20 - lag, 0)] for lag in range(size + 1)]
+    np.testing.assert_allclose(_autocovariance(values, size), direct, atol=1e-12)
