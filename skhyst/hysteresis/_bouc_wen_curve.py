@@ -352,7 +352,7 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
     m = du.shape[1]
     p = chain.shape[2]
     origins = np.zeros(m + p)
-    slope, z, side = 0.0, 0.0, 0
+    slope, z, side = 1.0, 0.0, 0  # a virgin state has no direction, and one slope
     by_limit, by_exponent, by_ratio = 0.0, 0.0, 0.0  # of z, its origin held
     for k in range(u.size):
         direction = trace[k, 0]

@@ -338,7 +338,10 @@ def first_loading(load, rho, level, shape, exponent, by):
     ``df = k / (1 + k)`` with ``k = df/dq``, which is always bounded.
     """
     by[:] = 0.0
-    if not (load > 0.0 and rho > 0.0 and level > 0.0):
+    if not (rho > 0.0 and level > 0.0):
+        return 0.0
+    if not load > 0.0:
+        by[0] = rho / (1.0 + rho)
         return 0.0
     # at most so steep, where f is largest
     largest = load

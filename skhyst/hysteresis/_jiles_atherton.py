@@ -155,7 +155,11 @@ def jiles_atherton_step(m, u0, u1, dt, values):
     saturation, a, k, b, c, gain, intercept, max_step = values
     change = u1 - u0
     s = (m, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if change != 0.0:
+    if change == 0.0:  # the slope is the mean of both directions
+        rising, _, _, _, _, _, _ = susceptibility(u0, m, 1.0, a, k, b, c)
+        falling, _, _, _, _, _, _ = susceptibility(u0, m, -1.0, a, k, b, c)
+        s = (m, 1.0, 0.0, 0.5 * (rising + falling), 0.0, 0.0, 0.0, 0.0)
+    else:
         d = 1.0 if change > 0.0 else -1.0
         n = math.ceil(min(max(abs(change) / max_step, 1.0), _MOST_STEPS))
         h = change / n

@@ -113,8 +113,9 @@ def test_linearize_returns_what_run_returns(operator, u, initial_state):
     assert dy.flags.c_contiguous
 
 
-def test_derivatives_and_pieces(operator, u):
-    check_operator(operator, u, DT)
+@pytest.mark.parametrize("start", [0.4, 0.0, -0.4])
+def test_derivatives_and_pieces(operator, u, start):
+    check_operator(operator, u - u[0] + start, DT)
 
 
 def test_tangents_are_carried_one_by_one(operator, u):
