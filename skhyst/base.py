@@ -19,7 +19,7 @@ from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
-from .exceptions import ConvergenceWarning, RecordError
+from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, put_beside, run_records, take_apart
 from .optimize import (
     METHODS,
@@ -41,6 +41,7 @@ __all__ = [
 ]
 
 _NAMED = 10  # undetermined parameters that a warning lists
+_FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 _EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
 
 
@@ -134,9 +135,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     ----------
     operator_ : Operator
         The identified operator: ``init``, ``step``, ``run``.
-    params_, params_std_ : dict of str to float
+    params_, params_std_, params_std_white_ : dict of str to float
         Parameters in the user's units and their standard errors (NaN at a bound, infinite where
-        the data do not determine the value).
+        the data do not determine the value): whatever the noise's colour, and if it is white.
     identifiability_ : dict
         ``undetermined`` (tuple of names) and ``condition_number``.
     n_evaluations_ : int
@@ -336,15 +337,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=4,
             )
-        if result.undetermined:
-            named, more = result.undetermined[:_NAMED], len(result.undetermined) - _NAMED
-            rest = f" and {more} more, see identifiability_" if more > 0 else ""
-            warnings.warn(
-                f"The data do not determine these parameters of {type(self).__name__}: "
-                f"{', '.join(named)}{rest}.",
-                ConvergenceWarning,
-                stacklevel=4,
-            )
+        for names, told, kind in (
+            (result.undetermined, "The data do not determine", ConvergenceWarning),
+            (result.short, _FEW, ShortRecordWarning),
+        ):
+            if names:
+                named, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
+                rest = f" and {more} more" if more > 0 else ""
+                message = f"{told} these parameters of {type(self).__name__}: {named}{rest}."
+                warnings.warn(message, kind, stacklevel=4)
         return self._adopt(result)
 
     def _adopt(self, result):
@@ -355,6 +356,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             self.record_coefficients_ = result.record_coefficients
         self.params_ = result.params
         self.params_std_ = result.params_std
+        self.params_std_white_ = result.params_std_white or result.params_std
         self.identifiability_ = {
             "undetermined": result.undetermined,
             "condition_number": result.condition_number,

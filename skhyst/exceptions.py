@@ -1,6 +1,12 @@
 """Errors and warnings of skhyst."""
 
-__all__ = ["ConvergenceWarning", "DivergenceWarning", "ReachWarning", "RecordError"]
+__all__ = [
+    "ConvergenceWarning",
+    "DivergenceWarning",
+    "ReachWarning",
+    "RecordError",
+    "ShortRecordWarning",
+]
 
 from sklearn.exceptions import ConvergenceWarning
 
@@ -15,3 +21,7 @@ class DivergenceWarning(UserWarning):
 
 class ReachWarning(UserWarning):
     """A reference is asked of a device that its drive, or a stage of its model, does not reach."""
+
+
+class ShortRecordWarning(ConvergenceWarning):
+    """Records are too short beside the course of their noise for the standard errors to hold."""

@@ -125,8 +125,9 @@ class RelayGridModel(ParametricModel):
         Units of the response; the cell of interval i of alpha and interval j <= i of beta has the
         number i (i + 1) / 2 + j.
     params_, params_std_ : dict
-        Parameters and their standard errors, which hold for the penalised estimate: its bias is
-        not in them. Cells that have not moved are named in ``identifiability_["undetermined"]``.
+        Parameters and their standard errors, which hold for the penalised estimate and white noise:
+        neither its bias nor a colour of the noise is in them. Cells that have not moved are named
+        in ``identifiability_["undetermined"]``.
     """
 
     _parameter_constraints = {

@@ -340,6 +340,7 @@ class TransferFunction(ModesMixin, LinearModel):
         model.operator_, model.records_ = operator, ()
         model.params_ = dict(zip(entries, operator.pack().tolist(), strict=True))
         model.params_std_ = dict.fromkeys(entries, 0.0)
+        model.params_std_white_ = dict.fromkeys(entries, 0.0)
         model._adopt_poles(np.zeros((model.n_poles, model.n_poles)))
         return model
 

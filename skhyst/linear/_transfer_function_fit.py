@@ -173,5 +173,6 @@ def _single(result):
         operator=_behind_delay(many.part(0), many.delays),
         params={renamed(name): value for name, value in result.params.items()},
         params_std={renamed(name): value for name, value in result.params_std.items()},
+        params_std_white={renamed(n): value for n, value in result.params_std_white.items()},
         undetermined=tuple(map(renamed, result.undetermined)),
     )

@@ -275,6 +275,7 @@ def _beside(static, dynamic):
         dynamic,
         params=static.params | dynamic.params,
         params_std=static.params_std | dynamic.params_std,
+        params_std_white=static.params_std_white | dynamic.params_std_white,
         undetermined=(*static.undetermined, *dynamic.undetermined),
         condition_number=max(static.condition_number, dynamic.condition_number),
         n_evaluations=static.n_evaluations + dynamic.n_evaluations,

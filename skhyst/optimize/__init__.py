@@ -5,6 +5,7 @@ from ._histories import estimate_histories, histories_of
 from ._identify import METHODS, IdentificationResult, identify
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem, modal_start
+from ._noise import coloured_covariance
 from ._nonnegative import nonnegative_minimum
 from ._population import (
     CuckooSearch,
@@ -44,6 +45,7 @@ __all__ = [
     "VariableProjection",
     "ages",
     "bounded_step",
+    "coloured_covariance",
     "distribute_poles",
     "estimate_histories",
     "histories_of",

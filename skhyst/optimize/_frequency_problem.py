@@ -66,6 +66,10 @@ class FrequencyProblem(Unknowns):
         """Return the sums of squares of the columns of J."""
         return np.diag(blocks[0])[:-1]
 
+    def rows(self, x):
+        """Return nothing: the noise of one frequency does not depend on that of another."""
+        return ()
+
     def coefficients(self, blocks, select=None):
         """Return the coefficients of disturbances: there are none."""
         return np.empty((1, 0))

@@ -1,12 +1,13 @@
 """The front door of identification: starts, method, uncertainties, one result object."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..operators import take_apart
 from ._levenberg_marquardt import LevenbergMarquardt
+from ._noise import FEWEST, coloured_covariance
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
 from ._variable_projection import VariableProjection
@@ -21,6 +22,7 @@ METHODS = {
 }
 
 _SILENT = 1e-13  # of the response
+_NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 
@@ -34,7 +36,8 @@ class IdentificationResult:
     disturbances : tuple of DisturbanceOperator
         Coefficients are the mean over records.
     params, params_std : dict of str to float
-        Values in their own units and standard errors; NaN for a value at its bound.
+        Values in their own units and standard errors, whatever the colour of the noise; NaN for a
+        value at its bound.
     undetermined : tuple of str
         Parameters that the data do not determine.
     condition_number : float
@@ -53,6 +56,11 @@ class IdentificationResult:
     covariance : ndarray of shape (n_parameters, n_parameters) or None
         Of the values of ``params``, in that order and in their own units; NaN where the data do
         not determine a value or it is at a bound. None where it was not computed.
+    params_std_white : dict of str to float
+        Standard errors if the noise is white.
+    short : tuple of str
+        Parameters for which the records are worth fewer than ``FEWEST`` independent samples, see
+        ``_noise``.
     damping : tuple of float
         One value an entry of ``history``, where steps were damped; else empty.
     """
@@ -72,6 +80,8 @@ class IdentificationResult:
     history: list
     x: np.ndarray
     covariance: np.ndarray | None = None
+    params_std_white: dict = field(default_factory=dict)
+    short: tuple = ()
     damping: tuple = ()
 
     def outputs(self, records, initial_state="rest"):
@@ -82,11 +92,13 @@ class IdentificationResult:
         return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
 
 
-def _uncertainty(problem, solution, n_samples, powers):
-    """Return standard errors, undetermined names, the condition number and the covariance.
+def _determined(problem, solution, powers):
+    """Return what the data determine of the unknowns: root, marks, names of others, condition.
 
-    ``powers`` are the sums of squares of the columns of the Jacobian before the disturbances have
-    taken their part.
+    The root (n, k) makes the columns of the Jacobian that are determined orthonormal; marks (n,)
+    are NaN for what is at a bound, infinite for what is not determined, and zero. ``powers`` are
+    the sums of squares of the columns of the Jacobian before the disturbances have taken their
+    part.
     """
     hessian = solution.gram[:-1, :-1]
     x = solution.x
@@ -97,31 +109,34 @@ def _uncertainty(problem, solution, n_samples, powers):
     undetermined = {
         name for name, is_silent in zip(problem.names, silent, strict=True) if is_silent
     }
-    std = np.where(silent, np.inf, np.nan)
-    covariance = np.full_like(hessian, np.nan)
+    marks = np.where(silent, np.inf, np.nan)
     index = np.flatnonzero((x > problem.lower) & (x < problem.upper) & ~silent)
+    root = np.zeros((len(x), len(index)))
     if not len(index):
-        return std, tuple(sorted(undetermined)), np.inf if undetermined else 1.0, covariance
+        return root, marks, tuple(sorted(undetermined)), np.inf if undetermined else 1.0
     scale = scale[index]
     scaled = hessian[np.ix_(index, index)] / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled)
     small = values < _SINGULAR * values[-1]
     for vector in vectors[:, small].T:
         undetermined.update(problem.names[i] for i in index[np.abs(vector) > 0.1])
-    variance = solution.cost / max(n_samples - len(index), 1)
-    inverse = np.where(small, 0.0, 1.0 / np.where(small, 1.0, values))
-    std[index] = np.sqrt(variance * (vectors**2 @ inverse)) / scale
-    chain = np.where(problem.log, problem.values(x), 1.0)
-    std *= np.abs(chain)
-    covariance[np.ix_(index, index)] = variance * (vectors * inverse) @ vectors.T
-    covariance[np.ix_(index, index)] *= np.outer(chain[index] / scale, chain[index] / scale)
-    for i, name in enumerate(problem.names):
-        if name in undetermined:
-            std[i] = np.inf
-            covariance[i] = covariance[:, i] = np.nan
+    root[index] = vectors * np.where(small, 0.0, np.where(small, 1.0, values) ** -0.5)
+    root[index] /= scale[:, None]
+    marks[index] = 0.0
+    marks[np.isin(problem.names, list(undetermined))] = np.inf
     reciprocal = values[0] / values[-1]
     condition = 1.0 / reciprocal if reciprocal > np.finfo(float).tiny else np.inf
-    return std, tuple(sorted(undetermined)), float(condition), covariance
+    return root, marks, tuple(sorted(undetermined)), float(condition)
+
+
+def _errors(problem, x, covariance, marks):
+    """Return the standard errors of the parameters and their covariance in their own units."""
+    chain = np.where(problem.log, problem.values(x), 1.0)
+    covariance = covariance * np.outer(chain, chain)
+    std = np.where(marks == 0.0, np.sqrt(np.maximum(np.diag(covariance), 0.0)), marks)
+    unknown = marks != 0.0
+    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
+    return dict(zip(problem.names, std.tolist(), strict=True)), covariance
 
 
 def identify(starts, records, *, fixed=(), initial_state="rest", method="variable_projection"):
@@ -167,10 +182,17 @@ def solve(problems, method):
     operator, disturbances = problem.unpack(solution.x)
     blocks = problem.evaluate(solution.x)
     coefficients = problem.coefficients(blocks)
+    x = solution.x
+    root, marks, undetermined, condition = _determined(problem, solution, problem.powers(blocks))
     # the coefficients of the disturbances are unknowns too
-    std, undetermined, condition, covariance = _uncertainty(
-        problem, solution, n_samples - coefficients.size, problem.powers(blocks)
-    )
+    variance = solution.cost / max(n_samples - coefficients.size - root.shape[1], 1)
+    white = variance * root @ root.T
+    covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
+    covariance = white if covariance is None else covariance
+    few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
+    few &= solution.cost > _NOISELESS * problem.scale
+    params_std_white, _ = _errors(problem, x, white, marks)
+    params_std, covariance = _errors(problem, x, covariance, marks)
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)
@@ -181,8 +203,10 @@ def solve(problems, method):
     return IdentificationResult(
         operator=operator,
         disturbances=tuple(filled),
-        params=dict(zip(problem.names, problem.values(solution.x).tolist(), strict=True)),
-        params_std=dict(zip(problem.names, std.tolist(), strict=True)),
+        params=dict(zip(problem.names, problem.values(x).tolist(), strict=True)),
+        params_std=params_std,
+        params_std_white=params_std_white,
+        short=tuple(np.array(problem.names)[few].tolist()),
         undetermined=undetermined,
         condition_number=condition,
         record_coefficients=coefficients,
@@ -192,7 +216,7 @@ def solve(problems, method):
         converged=solution.converged,
         message=solution.message,
         history=solution.history,
-        x=solution.x,
+        x=x,
         covariance=covariance,
         damping=tuple(solution.damping),
     )

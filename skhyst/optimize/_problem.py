@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+_COLLINEAR = 1e-6  # part of the largest that is left of a disturbance's columns; 1e-12 as a square
 _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
 
 
@@ -245,7 +246,7 @@ class OperatorProblem(Unknowns):
         root of their weight.
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
-        d, n, driven = self._n_eliminated, len(x) * jacobian, len(self._free)
+        d, n = self._n_eliminated, len(x) * jacobian
         blocks, last = np.empty((len(self.segment_record), d + n + 1, d + n + 1)), 0
         for record in self.records:
             first, last = last, last + len(record.segments)
@@ -260,18 +261,8 @@ class OperatorProblem(Unknowns):
                     continue
             else:
                 y = self.simulate(operator, record)
-            columns = np.empty((len(y), d + n + 1))
-            for source, target in self._runs if jacobian else ():
-                columns[:, d + target.start : d + target.stop] = dy[:, source]
-            np.subtract(y, record.y, out=columns[:, -1])
-            if d:
-                columns[:, :d] = self.basis(disturbances, record)
-                if n > driven:
-                    known = np.ones(len(record.segments), dtype=bool)
-                    if select is not None:
-                        known = select[first:last]
-                    own = _calibrate(columns[:, :d], -columns[:, -1], record, known)
-                    columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
+            known = None if select is None else select[first:last]
+            columns = self._columns(record, disturbances, y, dy if jacobian else None, known)
             if record.weights is not None:
                 columns *= np.sqrt(record.weights)[:, None]
             _segment_grams(columns, record.segments, blocks[first:last])
@@ -280,6 +271,42 @@ class OperatorProblem(Unknowns):
             chain[d:-1] = self._chain(x)
             blocks *= np.outer(chain, chain)
         return blocks
+
+    def rows(self, x):
+        """Yield of each record what :func:`~skhyst.optimize.coloured_covariance` wants of it.
+
+        The columns of the disturbances' coefficients are the basis of what else was fitted.
+        """
+        operator, disturbances = self.unpack(x)
+        d = self._n_eliminated
+        for record in self.records:
+            columns = self._columns(record, disturbances, *self._linearized(operator, record))
+            columns[:, d:-1] *= self._chain(x)
+            counts = record.counts()
+            columns *= np.sqrt(counts)[:, None]
+            basis, size, _ = np.linalg.svd(columns[:, :d], full_matrices=False)
+            basis = basis[:, size > _COLLINEAR * size.max(initial=0.0)]
+            rest = columns[:, d:] - basis @ (basis.T @ columns[:, d:])
+            yield rest[:, :-1], rest[:, -1], basis, counts > 0.0, record.dt
+
+    def _columns(self, record, disturbances, y, dy, known=None):
+        """Return ``[B, J, r]`` of a record, without J where ``dy`` is None; see :meth:`evaluate`.
+
+        ``known`` are the segments that coefficients come from, by default all.
+        """
+        d, driven = self._n_eliminated, len(self._free)
+        n = 0 if dy is None else len(self.names)
+        columns = np.empty((len(y), d + n + 1))
+        for source, target in self._runs if n else ():
+            columns[:, d + target.start : d + target.stop] = dy[:, source]
+        np.subtract(y, record.y, out=columns[:, -1])
+        if d:
+            columns[:, :d] = self.basis(disturbances, record)
+            if n > driven:
+                known = np.ones(len(record.segments), dtype=bool) if known is None else known
+                own = _calibrate(columns[:, :d], -columns[:, -1], record, known)
+                columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
+        return columns
 
     def _linearized(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""

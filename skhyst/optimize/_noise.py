@@ -1,0 +1,244 @@
+r"""What the colour of the noise does to standard errors.
+
+With the Jacobian :math:`J` of what a model predicts, :math:`H = J^T J` and noise whose covariance
+matrix is :math:`\Gamma`, the error of least squares has the covariance
+
+.. math:: H^{-1} \Omega H^{-1}, \qquad \Omega = J^T \Gamma J = \frac{1}{2 \pi}
+   \int S(\omega) \, \tilde J(\omega)^* \tilde J(\omega)^T \, d\omega ,
+
+where :math:`S` is the noise's spectrum and tildes are Fourier transforms [1]_; records add up,
+their noise is independent. It is :math:`\sigma^2 H^{-1}` for white noise. The Jacobian of a free
+run depends on the drive, not on the noise, so nothing but :math:`S` has to be estimated. Estimates
+of :math:`\Omega` from products of the scores :math:`J_t r_t` with a kernel over their lags
+(Newey and West [2]_), which do not make use of that, need far longer records where the drive is
+slow.
+
+**The spectrum** is that of an autoregression of the residual [3]_, a kernel whose shape and width
+the residual chooses. Three families are tried: the coefficients of the first lags are free; those
+of the lags 1, 2, 3-4, 5-8, 9-16, ... are equal within each octave (Corsi [4]_ has such averages),
+so that noise that remembers long takes a handful of numbers; or they are those of a fractional
+difference (Hosking [8]_), which has one, the power of the frequency that flicker noise falls with,
+and which remembers no longer than the record. Akaike's
+criterion, corrected for short samples [5]_, decides, which is efficient for the spectrum [6]_; of
+no lags, noise is white and the standard errors are those of the textbook.
+
+**How much the records are worth.** For a parameter, n samples of such noise tell as much as
+:math:`n` times its variance for white noise over its variance, independent ones. The spectrum
+at the frequencies that matter is then the mean of about as few numbers, and intervals are somewhat
+too narrow, as those of the normal law in the place of Student's are.
+
+**What the fit has taken.** The residual is :math:`r = (I - P) e`, and the projection :math:`P` on
+the Jacobian takes most where the drive has its power, which is where the spectrum matters. Its part
+of the periodogram is on average about :math:`h S` with :math:`h = \tilde J^* H^{-1} \tilde J`. With
+the last estimate of the spectrum it is put back, as the expectation step of Dempster, Laird and
+Rubin [7]_ does with what is missing; for white noise this is the division by n - p.
+
+References
+----------
+.. [1] U. Grenander, M. Rosenblatt, "Statistical Analysis of Stationary Time Series" (1957),
+   chapter 7.
+.. [2] W. K. Newey, K. D. West, "Automatic lag selection in covariance matrix estimation", Review of
+   Economic Studies 61 (1994).
+.. [3] H. Akaike, "Power spectrum estimation through autoregressive model fitting", Annals of the
+   Institute of Statistical Mathematics 21 (1969).
+.. [4] F. Corsi, "A simple approximate long-memory model of realized volatility", Journal of
+   Financial Econometrics 7 (2009).
+.. [5] C. M. Hurvich, C.-L. Tsai, "Regression and time series model selection in small samples",
+   Biometrika 76 (1989).
+.. [6] R. Shibata, "An optimal autoregressive spectral estimate", Annals of Statistics 9 (1981).
+.. [7] A. P. Dempster, N. M. Laird, D. B. Rubin, "Maximum likelihood from incomplete data via the EM
+   algorithm", J. Royal Statistical Society B 39 (1977).
+.. [8] J. R. M. Hosking, "Fractional differencing", Biometrika 68 (1981).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.optimize import minimize_scalar
+
+_STEPS = 3  # of what the fit has taken
+_ROUNDING = 1e-12  # part of the power that counts as foretold without an error
+FEWEST = 2  # independent samples, from which a standard error can be found at all
+
+
+def coloured_covariance(rows, root, n_samples):
+    """Return the covariance of least squares, or None where the noise is white.
+
+    Parameters
+    ----------
+    rows : callable
+        Returns an iterator over the records: Jacobian (n, p), residual (n,), an orthonormal basis
+        (n, d) of what else was fitted to the record and is in neither, which samples count (n,),
+        and the interval in s. Rows that do not count are zero.
+    root : ndarray of shape (p, k)
+        Makes the columns of the Jacobian orthonormal, those that are determined.
+    n_samples : float
+        Samples of all records, a sample of weight 2 counted twice.
+
+    Returns
+    -------
+    ndarray of shape (p, p) or None
+    """
+    groups = {}
+    for jacobian, residual, basis, counts, dt in rows():
+        size = next_fast_len(2 * len(residual), real=True)
+        own = groups.setdefault(dt, _Residual()).powers(size, len(residual))
+        own[0] += _power(residual[:, None], size)
+        own[1] += _power(jacobian @ root, size) + _power(basis, size)
+        own[2] += _power(counts[:, None].astype(float), size)
+    weight = n_samples / max(sum(group.n_counted for group in groups.values()), 1.0)
+    noises = {dt: group.spectrum(weight) for dt, group in groups.items()}
+    if all(noise.is_white for noise in noises.values()):
+        return None
+    total = np.zeros((root.shape[1],) * 2)
+    for jacobian, residual, _, _, dt in rows():
+        size = next_fast_len(2 * len(residual), real=True)
+        spectrum = noises[dt].at(size)
+        largest = spectrum.max() or 1.0
+        # single precision: the columns are about orthonormal
+        parts = rfft((jacobian @ root).astype(np.float32), size, axis=0)
+        parts *= np.sqrt(_both_sides(size) / size * (spectrum / largest))[:, None]
+        total += largest * np.real(parts.conj().T @ parts)
+    return root @ total @ root.T
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """That of an autoregression, (order + 1,), seen through a part of the pairs of neighbours.
+
+    Where samples are missing, products of neighbours are fewer than squares, a ``share`` of all, so
+    that the noise is seen with ``extra`` white noise, which is taken off again.
+    """
+
+    weights: np.ndarray
+    power: float
+    extra: float = 0.0
+    share: float = 1.0
+
+    @property
+    def is_white(self):
+        """Whether nothing is foretold."""
+        return len(self.weights) == 1
+
+    def at(self, size):
+        """Return it at the frequencies of a transform."""
+        folded = np.zeros(-(-len(self.weights) // size) * size)
+        folded[: len(self.weights)] = self.weights
+        seen = self.power / np.abs(rfft(folded.reshape(-1, size).sum(axis=0))) ** 2
+        return np.maximum(seen - self.extra, 0.0) / self.share
+
+
+class _Residual:
+    """Sums of the power of records of one interval, by the lengths of their transforms."""
+
+    def __init__(self):
+        self._powers, self._lengths = {}, []
+
+    def powers(self, size, length):
+        """Return the sums of the residual's, of what was taken and of what counts, to add to."""
+        self._lengths.append(length)
+        return self._powers.setdefault(size, np.zeros((3, size // 2 + 1)))
+
+    @property
+    def n_counted(self):
+        """Number of the samples that count."""
+        return sum(irfft(own[2], size)[0] for size, own in self._powers.items())
+
+    def spectrum(self, weight):
+        """Return the noise's spectrum; ``weight`` is that of a sample on average."""
+        lags = np.arange(max(*self._lengths, 2))
+        whole = np.maximum(np.array(self._lengths)[:, None] - lags, 0).sum(axis=0)
+        pairs = self._lags(2, 2) / np.maximum(whole[:2], 1)
+        found, taken = self._lags(0, len(lags)), self._lags(1, 1)[0]
+        n = weight * self.n_counted
+        noise = _Spectrum(np.ones(1), found[0] / max(n - taken, 1.0))
+        for _ in range(_STEPS if pairs[1] > 0.0 else 0):  # or there are no neighbours
+            read = (found + self._lags(1, len(lags), noise)) / (weight * whole[0])
+            if not read[0] > 0.0:
+                break
+            filtered = autoregression(read, n)
+            noise = _Spectrum(*filtered, (1.0 - pairs[1] / pairs[0]) * read[0], pairs[1])
+        return noise
+
+    def _lags(self, row, count, noise=None):
+        """Return sums of products over the lags, (count,), of powers times a spectrum."""
+        total = np.zeros(count)
+        for size, own in self._powers.items():
+            power = own[row] if noise is None else own[row] * noise.at(size)
+            products = irfft(power, size)[:count]
+            total[: len(products)] += products
+        return total
+
+
+def autoregression(covariance, n):
+    """Return the filter (order + 1,) that makes noise white, and the power of what it leaves.
+
+    ``covariance`` (n_lags,) is the noise's, estimated from ``n`` samples.
+    """
+    best = np.ones(1), covariance[0]
+    least = n * np.log(covariance[0])
+    for weights, left, count in _candidates(covariance, int(10.0 * np.log10(n))):
+        if not left > _ROUNDING * covariance[0] or count > n - 3:
+            continue
+        criterion = n * np.log(left) + 2.0 * count * n / (n - count - 2.0)
+        if criterion < least:
+            best, least = (np.append(1.0, -weights), left), criterion
+    return best
+
+
+def _candidates(covariance, longest):
+    """Yield weights of the past, the last sample first, what they leave, and how many are free."""
+    weights, left = np.empty(0), covariance[0]
+    for order in range(1, min(longest, len(covariance) - 1) + 1):  # Levinson's recursion
+        reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / left
+        weights = np.append(weights - reflection * weights[::-1], reflection)
+        left *= 1.0 - reflection**2
+        if not left > _ROUNDING * covariance[0]:
+            break
+        yield weights, left, order
+    # sums of the covariance over rectangles of lags from its second integral
+    integral = np.cumsum(np.append(0.5 * covariance[0], covariance[1:]))
+    integral = np.append(0.0, np.cumsum(integral))
+    sums = np.cumsum(covariance)
+    edges = [0, 1, 2]
+    while 2 * edges[-1] < len(covariance):
+        edges.append(2 * edges[-1])
+        at = integral[np.abs(np.subtract.outer(edges, edges))]
+        inner = at[1:, :-1] + at[:-1, 1:] - at[1:, 1:] - at[:-1, :-1]
+        right = np.diff(sums[edges])
+        weights = np.linalg.lstsq(inner, right, rcond=None)[0]
+        yield np.repeat(weights, np.diff(edges)), covariance[0] - weights @ right, len(weights)
+    yield _fractional(covariance)
+
+
+def _fractional(covariance):
+    """Return the weights of a fractional difference, what they leave, and one: its order."""
+    size = 2 * len(covariance) - 1
+    power = rfft(np.append(covariance, covariance[:0:-1])).real
+    power *= _both_sides(size) / size
+    factor = 2.0 * np.sin(np.pi * np.arange(len(power)) / size)
+
+    def left(order):
+        return float(power @ factor ** (2.0 * order))
+
+    order = minimize_scalar(left, bounds=(0.0, 1.0), method="bounded").x
+    lags = np.arange(1.0, len(covariance))
+    return -np.cumprod((lags - 1.0 - order) / lags), left(order), 1
+
+
+def _power(columns, size):
+    """Return the sum of the columns' powers at the frequencies of a transform."""
+    total = np.zeros(size // 2 + 1)
+    for column in columns.T:
+        total += np.abs(rfft(column, size)) ** 2
+    return total
+
+
+def _both_sides(size):
+    """Return how often the frequencies of a transform are in the whole one."""
+    often = np.full(size // 2 + 1, 2.0)
+    often[0] = 1.0
+    if size % 2 == 0:
+        often[-1] = 1.0
+    return often
