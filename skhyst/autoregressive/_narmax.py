@@ -9,6 +9,7 @@ from sklearn.base import clone
 
 from .._sklearn import Interval, StrOptions
 from ..base import one_thread
+from ..optimize import coloured_covariance
 from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
 from ._base import AutoregressiveRegressor
 from ._polynomial import PolynomialStep, candidate_terms, term_name, term_products
@@ -71,6 +72,8 @@ class NARMAXRegressor(AutoregressiveRegressor):
         response that the term explains beyond those before it.
     coef_, coef_std_ : ndarray of shape (n_terms,)
         Coefficients in the units of the data and their standard errors.
+    coef_std_white_ : ndarray of shape (n_terms,)
+        Standard errors if the noise is white.
     term_factors_ : ndarray of int, shape (n_terms, degree)
         Factors of each term, positions in ``lag_names_``; -1 for none.
     lag_names_ : list of str
@@ -93,8 +96,14 @@ class NARMAXRegressor(AutoregressiveRegressor):
     - one step ahead without noise terms: that the equation error :math:`e` is white;
     - with noise terms: that it is white once these are taken out. The coefficients are those of the
       prediction-error method, to which extended least squares is the first step;
-    - simulation: that the measured response is the free run plus white noise. Noise on the sensor
-      biases the coefficients of the one-step objective, and not these.
+    - simulation: that the measured response is the free run plus noise, of whatever colour: that
+      of the residual is in them, as for every model whose prediction is the free run. Noise on the
+      sensor biases the coefficients of the one-step objective, and not these.
+
+    The search for terms counts samples as independent. Of 100 runs of 2,000 samples with noise of
+    2 % of the range on the sensor, exactly the five true terms are found in 98 where the noise is
+    white, in 76 where it is autoregressive with the coefficient 0.9, and in 39 where it is flicker
+    noise, which mostly shows as a constant; ``python benchmarks/intervals.py`` counts them.
 
     References
     ----------
@@ -236,7 +245,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
             else:
                 subset, theta, search, self.n_evaluations_ = improve(problem, search, wanted)
                 n_free = sum(len(start.measured) for start in problem.starts) - problem.n_extra
-            self._adopt(terms, subset, theta, search, n_free)
+            self._adopt(terms, subset, theta, search, n_free, problem)
 
     def _candidates(self):
         n_process = len(self.input_lags_) + len(self.output_lags_)
@@ -320,17 +329,25 @@ class NARMAXRegressor(AutoregressiveRegressor):
             free=self._start_kind() == "estimate",
         )
 
-    def _adopt(self, terms, subset, theta, search, n_free):
+    def _adopt(self, terms, subset, unknowns, search, n_free, problem):
         order, ratios = error_reduction(search.factor, subset)
-        theta = np.array([theta[subset.index(column)] for column in order])
+        places = [subset.index(column) for column in order]
+        theta = np.asarray(unknowns)[places]
         _, inverse, rest = subset_solution(search.factor, order)
         sigma = np.sqrt(rest / max(n_free - len(order), 1))
+        white = coloured = sigma * np.sqrt(np.einsum("ij,ij->i", inverse, inverse))
+        if self.objective == "simulation" and np.isfinite(inverse).all():
+            root = np.zeros_like(inverse)
+            root[places] = inverse
+            covariance = coloured_covariance(lambda: problem.rows(subset, unknowns), root, n_free)
+            if covariance is not None:
+                coloured = np.sqrt(np.diag(covariance)[places])
         factors, noise = terms[order], [self._output_scale] * len(self.noise_lags_)
         scales = np.concatenate([self._lag_scale(), noise, [1.0]])[factors]  # -1 is the last one
         with np.errstate(over="ignore", under="ignore"):
             units = self._output_scale / np.prod(scales, axis=1)
             self.coef_ = theta * units
-            self.coef_std_ = sigma * np.sqrt(np.einsum("ij,ij->i", inverse, inverse)) * units
+            self.coef_std_, self.coef_std_white_ = coloured * units, white * units
         self.term_factors_, self._theta = factors, theta
         self.error_reduction_ratio_ = np.array(ratios)
         self.noise_std_ = float(sigma * self._output_scale)

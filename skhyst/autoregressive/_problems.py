@@ -43,6 +43,10 @@ class InnovationProblem:
         self.terms, self.lags, self.noise_lags = terms, lags, noise_lags
         self.starts, self.bound = starts, bound
 
+    def shifts(self):
+        """Return what each candidate term is but for a shift, and by how much it is shifted."""
+        return _shifts(self.terms, self.lags, self.noise_lags)
+
     def unknowns(self, coefficients):
         """Return the vector of unknowns that belongs to coefficients."""
         return coefficients
@@ -65,6 +69,22 @@ class InnovationProblem:
             out.append((tangents[:, 1:], error))
             good &= whole
         return out, good
+
+
+def initial_basis(tangents):
+    """Return an orthonormal basis of what a change of the initial outputs can explain."""
+    return np.linalg.qr(tangents[:, np.any(tangents != 0.0, axis=0)])[0]
+
+
+def _shifts(terms, lags, noise_lags=()):
+    """Return (pattern, shift) of each term: its factors with lags from 0, and the shortest lag."""
+    factors = [*lags.inputs, *((-1, lag) for lag in lags.outputs), *((-2, n) for n in noise_lags)]
+    found = []
+    for term in terms:
+        own = [factors[i] for i in term if i >= 0]
+        shift = min((lag for _, lag in own), default=0)
+        found.append((tuple(sorted((signal, lag - shift) for signal, lag in own)), shift))
+    return found
 
 
 def _error_plan(terms, lags, noise_lags):
@@ -129,6 +149,10 @@ class FreeRunProblem:
         self.n_before = max(lags.outputs, default=0)
         self.n_extra = self.n_before * len(starts) if free else 0
 
+    def shifts(self):
+        """Return what each candidate term is but for a shift, and by how much it is shifted."""
+        return _shifts(self.terms, self.lags)
+
     def unknowns(self, coefficients):
         """Return the vector of unknowns that belongs to coefficients."""
         if not self.n_extra:
@@ -165,6 +189,15 @@ class FreeRunProblem:
             out.append((tangents, start.measured - y))
             good &= whole
         return out, good
+
+    def rows(self, subset, theta):
+        """Yield of each record what :func:`~skhyst.optimize.coloured_covariance` wants of it."""
+        for tangents, error in self.blocks(subset, theta)[0]:
+            basis = initial_basis(tangents[:, len(subset) :])
+            own, rest = (
+                part - basis @ (basis.T @ part) for part in (tangents[:, : len(subset)], error)
+            )
+            yield own, rest, basis, np.ones(len(rest), dtype=bool), 1.0
 
     def _rests(self, step):
         """Return the output at rest under the first inputs of each record."""

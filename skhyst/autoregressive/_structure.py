@@ -4,6 +4,11 @@ The fit of a subset and a search around it take turns: condensed, the Jacobian o
 the solution and the error make a linear problem, whose best subset is fitted next. Gauss-Newton
 steps are damped as by Levenberg and Marquardt, on condensed data. A run that has left the data says
 nothing of the way back; it is led there by a pull towards the measurement, which is then let go.
+
+An equation whose lags go on beyond those of the truth holds it times a factor, the same combination
+of all its terms and of their past: the free run is that of the truth, whatever the factor, but for
+what it takes up of the noise next to a pole on the unit circle. No single removal leads out of
+there, so subsets without the latest of the terms that are each other, shifted, are tried too.
 """
 
 import warnings
@@ -12,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import ConvergenceWarning
+from ._problems import initial_basis
 from ._selection import Search, condense, condense_folds, subset_solution
 
 _TOLERANCE = 1e-10  # part of the sum of squares that a further step must promise
@@ -24,7 +30,7 @@ _ROUNDS = 10  # of search and fit
 
 
 class _State(NamedTuple):
-    """A subset of the terms, fitted, and the search among its neighbours."""
+    """A subset of the terms, fitted with what else is unknown, and the search around it."""
 
     subset: list
     theta: np.ndarray
@@ -34,7 +40,7 @@ class _State(NamedTuple):
 
 
 def improve(problem, search, n_terms):
-    """Return subset, coefficients, the search on the Jacobian there, and the runs it took.
+    """Return subset, unknowns, the search on the Jacobian there, and the runs it took.
 
     Begins from the search of the linear problem one step ahead. ``n_terms`` is None where the
     criterion decides.
@@ -42,14 +48,13 @@ def improve(problem, search, n_terms):
     fits = _Fits(problem, search.criterion, n_terms)
     state = min(fits.begin(search), key=lambda state: state.value)
     for _ in range(_ROUNDS):
-        for subset in fits.neighbours(state):
-            other = fits.settle(subset, subset_solution(state.search.factor, subset)[0])
+        for other in fits.trials(state):
             if other.value < state.value:
                 state = other
                 break
         else:
             break
-    state = fits.settle(state.subset, state.theta, rough=False)
+    state = fits.settle(state.subset, state.theta[: len(state.subset)], rough=False)
     if not state.converged:
         warnings.warn(
             "The fit of NARMAXRegressor has not converged; it stopped at the best so far.",
@@ -110,6 +115,7 @@ class _Fits(Descent):
     def __init__(self, problem, criterion, n_terms):
         super().__init__(problem)
         self.criterion, self.n_terms = criterion, n_terms
+        self.shifts = problem.shifts()
 
     def begin(self, search):
         """Yield states to begin from: one, unless its run has left the data."""
@@ -136,6 +142,18 @@ class _Fits(Descent):
         if set(near) not in (set(state.subset), set(best)):
             yield near
 
+    def trials(self, state):
+        """Yield other subsets, fitted: the neighbours, then those without a common factor.
+
+        It may have taken the place of a term, so these are searched around too.
+        """
+        for subset in self.neighbours(state):
+            yield self.settle(subset, subset_solution(state.search.factor, subset)[0])
+        for subset in _shortened(state.subset, self.shifts) if self.n_terms is None else ():
+            other = self.settle(subset, subset_solution(state.search.factor, subset)[0])
+            yield other
+            yield self.settle(*self._best(other.search, None))
+
     def settle(self, subset, theta, pull=0.0, *, rough=True):
         """Fit a subset and look around it."""
         problem, n_own, n_terms = self.problem, len(subset), len(self.problem.terms)
@@ -147,10 +165,8 @@ class _Fits(Descent):
             cost += float(error @ error)
             target = error + tangents[:, subset] @ full[subset]
             block = np.column_stack([tangents[:, :n_terms], target])
-            if problem.n_extra:  # whatever a change of the initial outputs can explain
-                own = tangents[:, n_terms:]
-                q = np.linalg.qr(own[:, np.any(own != 0.0, axis=0)])[0]
-                block -= q @ (q.T @ block)
+            q = initial_basis(tangents[:, n_terms:])
+            block -= q @ (q.T @ block)
             blocks.append(block)
         rows, left_out = np.concatenate(blocks), self.criterion.name == "cv"
         folds = condense_folds([len(block) for block in blocks], left_out, rows.__getitem__)
@@ -159,7 +175,7 @@ class _Fits(Descent):
             value = (-n_own, cost)
         else:
             value = search.value(subset) if left_out else self.criterion(cost, n_own)
-        return _State(list(subset), theta[:n_own], search, value, converged)
+        return _State(list(subset), theta, search, value, converged)
 
     def _solve(self, subset, coefficients, pull, rough):
         """Return the unknowns that minimise the sum of squares, and whether that was reached.
@@ -172,3 +188,14 @@ class _Fits(Descent):
                 theta, _ = self.descend(subset, theta, step, _FEW, _ROUGH)
         budget = _FEW if pull else _FEW * 2 if rough else _EVALUATIONS
         return self.descend(subset, theta, pull, budget, _ROUGH if rough else _TOLERANCE)
+
+
+def _shortened(subset, shifts):
+    """Yield a subset without the last, the last two, ... of its terms that are shifts of others."""
+    chains = {}
+    for column in sorted(subset, key=lambda column: shifts[column][1]):
+        chains.setdefault(shifts[column][0], []).append(column)
+    for count in range(1, max(map(len, chains.values()), default=1)):
+        yield [
+            column for chain in chains.values() for column in chain[: max(len(chain) - count, 1)]
+        ]

@@ -253,7 +253,8 @@ class CuckooSearch(_Cuckoos):
     r"""Cuckoo search (Yang and Deb 2009).
 
     See Yang and Deb, *World Congress on Nature and Biologically Inspired Computing*, 2009, and
-    Xie et al., *Smart Materials and Structures*, 2023.
+    Yang and Deb, *Neural Computing and Applications*, 2014; Xie et al., *Smart Materials and
+    Structures*, 2023.
 
     In each iteration every nest flies, :math:`x + s\,u / |v|^{1/\beta}\,(x - x_{best})` with normal
     u and v, to where it is better than before; then nests are discovered.
@@ -262,9 +263,9 @@ class CuckooSearch(_Cuckoos):
     ----------
     renewal : {"random", "walk"}, default="walk"
         What becomes of a discovered nest. ``"random"``: it is left, whatever its cost, for one
-        drawn anew in the box, as [1]_ and [3]_ (step 5) say; each nest but the best is
-        discovered with probability p. ``"walk"``: it moves by the difference of two other nests
-        where that is better, as in [2]_; each coordinate is discovered with probability p.
+        drawn anew in the box, as Yang and Deb (2009) and Xie et al. (2023), step 5, say; each nest
+        but the best is discovered with probability p. ``"walk"``: it moves by the difference of
+        two other nests where that is better, as in Yang and Deb (2014); each coordinate is discovered with probability p.
     discovery : float, default=0.25
         Probability p.
     step : float, default=1.0
@@ -304,7 +305,7 @@ class ModifiedCuckooSearch(_Cuckoos):
     Parameters
     ----------
     renewal : {"random", "walk"}, default="random"
-        As in :class:`CuckooSearch`. ``"random"`` is step 5 of [1]_; ``"walk"`` comes closer to the
+        As in :class:`CuckooSearch`. ``"random"`` is step 5 of Xie et al.; ``"walk"`` comes closer to the
         least error with the same number of iterations.
     discovery_range : (float, float), default=(0.0, 1.0)
         Least and largest probability.

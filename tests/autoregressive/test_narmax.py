@@ -6,6 +6,7 @@ import narmax_structure as study
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.autoregressive._polynomial import candidate_terms
@@ -198,6 +199,39 @@ def test_simulation_from_an_unstable_start():
     model = NARMAXRegressor(3, n_terms=4, objective="simulation", **LAGS).fit(X, y)
     assert model.score(X, y) > 0.95
     assert coefficients(model)["y(k-1)"] == pytest.approx(1.9, abs=0.01)
+
+
+def test_a_common_factor_is_taken_out():
+    """The equation times a combination of itself and its past has the same free run."""
+    lags = {"input_lags": (1, 2, 3), "output_lags": (1, 2, 3)}
+    right = 0
+    for name in ("linear, second order", "Hammerstein, cubic"):
+        terms, _, degree = study.SYSTEMS[name]
+        for seed in range(8):
+            rng = np.random.default_rng(seed)
+            X, y = study.simulate(terms, 1000, rng)
+            y += 0.1 * np.std(y) * rng.normal(size=1000)
+            model = NARMAXRegressor(degree, objective="simulation", **lags).fit(X, y)
+            right += set(model.terms_["term"]) == set(study.spelled(terms))
+    assert right >= 14
+
+
+@pytest.mark.parametrize("initial_output", [0.0, "estimate"])
+def test_errors_of_simulation_hold_under_coloured_noise(initial_output):
+    inside, white = [], []
+    truth = study.spelled(study.QUADRATIC)
+    for seed in range(25):
+        X, y = quadratic(1000, seed)
+        noise = lfilter([1.0], [1.0, -0.9], np.random.default_rng(seed + 100).normal(size=1000))
+        options = {"objective": "simulation", "initial_output": initial_output, "n_terms": 5}
+        model = NARMAXRegressor(2, **LAGS, **options).fit(X, y + 0.02 * noise)
+        table = model.terms_.set_index("term")
+        assert set(table.index) == set(truth)
+        error = np.abs(table["coefficient"] - [truth[name] for name in table.index])
+        inside += list(error < 1.96 * table["standard_error"])
+        white += list(error < 1.96 * model.coef_std_white_)
+    assert 0.9 <= np.mean(inside) <= 0.99
+    assert not 0.9 <= np.mean(white) <= 0.99
 
 
 def test_initial_outputs_are_estimated():
