@@ -7,7 +7,6 @@ integration), so that it does not wind up.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import bilinear
@@ -55,22 +54,6 @@ def feedback_step(u, c, s):
 def following_step(u, c, s):
     """Take the row of reference, reading and the drive of feed-forward."""
     return limited_step(u[2], u[0] - u[1], u[1] - u[0], c, s)
-
-
-@dataclass(frozen=True)
-class LoweredRow(LoweredStep):
-    """A compiled step of a row of ``n_inputs`` numbers, see :class:`~skhyst.operators.LoweredStep`.
-
-    Parameters
-    ----------
-    n_inputs : int
-    """
-
-    n_inputs: int = 2
-
-    def streaming(self, s):
-        step = self.stepping(s)
-        return lambda rows: np.array([step(row) for row in rows])
 
 
 class FeedforwardPI:
@@ -170,7 +153,7 @@ class FeedforwardPI:
         state[0] = u0 - settled
         _, state[1:3] = _settled(notch, state[0])
         step = following_step if follows else feedback_step
-        return Stepper(LoweredRow(step, constants, state, 3 if follows else 2), dt)
+        return Stepper(LoweredStep(step, constants, state, 3 if follows else 2), dt)
 
     def controlling(self, reference, dt, u0=None):
         """Return a function of the number of a sample and of its reading: the drive until the next.
