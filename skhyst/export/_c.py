@@ -13,6 +13,7 @@ from ._fixed import Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
 from ._ranges import Ranges
+from ._single import check_single
 from ._values import TAKEN
 
 DIALECTS = {
@@ -171,7 +172,8 @@ def to_c(
         If nothing here can be stepped, or not by plain arithmetic.
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
-        line; see :class:`~skhyst.operators.Lowered`. If there are no integers for it.
+        line; see :class:`~skhyst.operators.Lowered`. If there are no integers for it, or single
+        precision cannot hold it: if its error in the test is above what that allows.
 
     Notes
     -----
@@ -206,6 +208,11 @@ def to_c(
     what = type(model).__name__
     stepper, dt = _stepper(model, dt, initial_state, u0)
     lowered = stepper.lowered
+    if dtype != "float64" and lowered.double_only:
+        raise ValueError(
+            f"The 'dtype' parameter of to_c must be 'float64' for {lowered.double_only}, whose "
+            f"derivatives are differences. Got {dtype!r} instead."
+        )
     n_inputs = lowered.n_inputs or 1
     step, double = model_step(lowered), DIALECTS["float64"]
     common = {
@@ -317,6 +324,9 @@ def _in_reals(step, stepper, common, drive, dtype):
         np.abs(_answers(stepper, drive * (1.0 + each[:, None])) - outputs).max()
         for each in (rounding, -rounding, abs(rounding), -abs(rounding))
     )
+    tolerance = max(TOLERANCES[dtype], 2.0 * moved / span)
+    if dtype == "float32":
+        check_single(step, stepper.state, drive, outputs, span, tolerance)
     inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(common["n_inputs"])]
     check = " || ".join(f"!isfinite({u})" for u in inputs)
     unused = "" if step.taken[1] else "    (void)state;\n"
@@ -327,7 +337,7 @@ def _in_reals(step, stepper, common, drive, dtype):
         "caution": "Returns NAN, and leaves the state as it is, if the input is not finite.",
         "first": _listed(stepper.state, dialect.literal),
         "body": f"{unused}    if ({check}) {{\n        return NAN;\n    }}\n    return {call};\n",
-        "tolerance": DIALECTS["float64"].literal(max(TOLERANCES[dtype], 2.0 * moved / span)),
+        "tolerance": DIALECTS["float64"].literal(tolerance),
         "measure": "the range",
         "span": DIALECTS["float64"].literal(span),
     }

@@ -67,9 +67,12 @@ class Lowered:
         The state before the first sample.
     n_inputs : int or None
         Columns of the input that are read; None for a signal.
+    double_only : str
+        What of it needs the digits of double precision, in words; empty where nothing does.
     """
 
     n_inputs = None
+    double_only = ""
 
     def bound(self, s, binding):
         """Return the function of the input that ``binding`` makes of each step.
@@ -104,6 +107,8 @@ class LoweredStep(Lowered):
     state : array-like of shape (n_states,)
     n_inputs : int, default=None
         Columns of the input that are read; None for a signal.
+    double_only : str, default=""
+        What needs the digits of double precision, such as differences of nearly equal numbers.
 
     Examples
     --------
@@ -120,6 +125,7 @@ class LoweredStep(Lowered):
     constants: tuple
     state: np.ndarray
     n_inputs: int | None = None
+    double_only: str = ""
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -158,6 +164,11 @@ class LoweredParts(Lowered):
     def n_inputs(self):
         """Columns of the input that are read; None for a signal."""
         return max((part.n_inputs or 0 for part in self.parts), default=0) or None
+
+    @property
+    def double_only(self):
+        """What of the parts needs the digits of double precision."""
+        return next((part.double_only for part in self.parts if part.double_only), "")
 
     def _each(self, s):
         """Yield each part with its part of a state."""

@@ -216,4 +216,6 @@ class WindowInverseOperator(InverseOperator):
         s[first : first + n] = forward.state
         law = bind(window_step, bind(answers, forward.step, allocates=False), allocates=False)
         bend = np.append(np.zeros(p - 3), [1.0, -2.0, 1.0])
-        return LoweredStep(law, (bend, 1.0 / abs(mode.gain), *forward.constants), s), p - 1
+        constants = bend, 1.0 / abs(mode.gain), *forward.constants
+        name = f"the inverse of {type(self.operator).__name__}"
+        return LoweredStep(law, constants, s, double_only=name), p - 1

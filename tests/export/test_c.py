@@ -16,7 +16,7 @@ from skhyst.hysteresis import (
     TanhHysteresisOperator,
 )
 from skhyst.linear import FirstOrderLag
-from skhyst.operators import LoweredColumn, LoweredProduct, LoweredStep
+from skhyst.operators import LoweredColumn, LoweredProduct, LoweredSeries, LoweredStep
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
     "-fsanitize=address,undefined",
@@ -314,6 +314,41 @@ def test_a_drive_has_the_columns_of_the_program(tmp_path):
     assert texts[0] == texts[1]  # X has columns that a model does not read
     with pytest.raises(ValueError, match=r"2 columns\. Got 1"):
         to_c(rows, tmp_path, "rows", drive=drive[:, 0])
+
+
+def of_chaos(u, c, s):
+    """Double a rounding each sample, whatever the drive."""
+    s[0] = 3.99 * s[0] * (1.0 - s[0])
+    return u + s[0]
+
+
+def of_weights(u, c, s):
+    """Cancel."""
+    return (u + 1e4) - 1e4
+
+
+def of_memory(u, c, s):
+    """Forget."""
+    s[0] = 0.9 * s[0] + 0.1 * u
+    return s[0]
+
+
+@pytest.mark.parametrize("law", [of_chaos, of_weights])
+def test_what_single_precision_cannot_hold_is_named(tmp_path, law):
+    law.py_func, of_memory.py_func = law, of_memory
+    bad, good = (LoweredStep(own, (), (0.3,)) for own in (law, of_memory))
+    series = LoweredSeries((good, bad, good))
+    to_c(series, tmp_path, "twice")
+    with pytest.raises(ValueError, match=rf"cannot hold '{law.__name__}'.* of the range"):
+        to_c(series, tmp_path, "single", "float32")
+    to_c(good, tmp_path, "single", "float32")
+
+
+@pytest.mark.parametrize("dtype", ["float32", "int32"])
+def test_what_needs_double_precision_says_so(tmp_path, dtype):
+    lowered, _ = OPERATORS["friction stage"].inverse().ahead(DT, 0.0)
+    with pytest.raises(ValueError, match="'float64' for the inverse of FrictionStageOperator"):
+        to_c(LoweredSeries((lowered,)), tmp_path, "law", dtype)
 
 
 def of_angles(u, c, s):

@@ -1,0 +1,70 @@
+"""What single precision makes of a step: run with each number rounded, beside the model.
+
+Where a law forgets, the error of a rounding stays one. Where it does not, as in a recursion that
+grows or in differences of numbers that are nearly the same, it becomes as large as the answer.
+"""
+
+import numpy as np
+
+from ._interpreter import Interpreter
+from ._tree import Call
+
+_FAILED = (ArithmeticError, ValueError, IndexError)
+
+
+class _Single(Interpreter):
+    """Runs a model in single precision, or one of its steps alone."""
+
+    def __init__(self, model, state, only=None):
+        super().__init__(model, state)
+        self._only = only
+
+    def _number(self, value, step):
+        return float(np.float32(value)) if self._only in (None, step) else value
+
+
+def check_single(model, state, drive, outputs, span, tolerance):
+    """Refuse a model whose answers are not the model's in single precision.
+
+    Parameters
+    ----------
+    model : Slice
+        See :func:`~skhyst.export._model.model_step`.
+    state : ndarray of shape (n_states,)
+    drive : ndarray of shape (n_samples, n_inputs)
+        Of numbers in single precision.
+    outputs : ndarray of shape (n_samples,)
+        Of the model in double precision.
+    span, tolerance : float
+        Range of the outputs, and the error that is allowed, relative to it.
+
+    Raises
+    ------
+    ValueError
+        With the step that loses the most, the error and the sample.
+    """
+    error, n = _lost(_Single(model, state), drive, outputs, tolerance * span)
+    if error <= tolerance * span:
+        return
+    steps = {k: s.function.name for k, s in enumerate(model.body) if isinstance(s, Call)}
+    until = drive[:n], outputs[:n], np.inf
+    alone = {k: _lost(_Single(model, state, k), *until)[0] for k in steps}
+    raise ValueError(
+        f"Single precision cannot hold '{steps[max(alone, key=alone.get)]}': at sample {n} the "
+        f"answer is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
+        "'dtype' must be 'float64'."
+    )
+
+
+def _lost(single, drive, outputs, enough):
+    """Return the largest error so far, up to one that is beyond ``enough``, and the samples."""
+    worst, n = 0.0, 0
+    for n, (u, y) in enumerate(zip(drive, outputs, strict=True), 1):  # noqa: B007
+        try:
+            error = abs(single.answer(u) - y)
+        except _FAILED:
+            error = np.inf
+        worst = error if error > worst else worst if error <= worst else np.inf  # or no number
+        if worst > enough:
+            break
+    return worst, n
