@@ -6,8 +6,7 @@ stepped, sample by sample from a preview. The figure is the largest error of the
 to the drive that was found, over the range of the response. Cascades follow a sine at 0.7 of their
 resonance.
 
-Shifts by a part of a sample are interpolated, which is no exact inverse of itself: their error
-falls with the fourth power of the interval, and a compensator works it off by iteration. Where the
+Where the
 rate of the drive lowers the response of plays, what comes later determines the drive, and their
 repetition ends early.
 """
@@ -24,7 +23,6 @@ from skhyst.hysteresis import (
 )
 from skhyst.linear import DelayOperator, KelvinVoigtOperator, SecondOrderModeOperator
 from skhyst.operators import (
-    InverseLinearOperator,
     InverseOperator,
     SeriesOperator,
     Stepper,
@@ -85,7 +83,7 @@ def line(name, operator, wanted, bar=None):
     if isinstance(operator.init(0.0), tuple) and not operator.init(0.0) and turns:  # no memory
         print(f"{name:45s} is not monotone")
         return
-    closed = isinstance(inverse, InverseLinearOperator) or not isinstance(inverse, InverseOperator)
+    closed = inverse.signal_linear or not isinstance(inverse, InverseOperator)
     bar = bar or (ANALYTIC if closed else ITERATIVE)
     text = f"{name:45s} {told(error(operator, drive, wanted), bar)}"
     try:

@@ -16,6 +16,7 @@ from ..base import ParametricModel
 from ..operators import LoweredStep, Operator, parameter
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
+from ._shift_inverse import InverseShiftOperator
 
 
 def _read_at(signal, places, is_straight):
@@ -82,7 +83,19 @@ class TimeShiftOperator(Operator):
         return y, (whole, start + dt * len(u))
 
     def inverse(self):
-        """Return the shift that undoes this one."""
+        """Return what undoes the interpolation."""
+        return InverseShiftOperator(self)
+
+    def read_at(self, n, dt):
+        """Return the first sample that each output reads (n,), and the weights of four (n, 4)."""
+        places = np.clip(np.arange(n) - self._late(dt * np.arange(n)) / dt, -4.0, n + 3.0)
+        first = np.floor(places).astype(int) - 1
+        weights = _line_weights if self.between == "line" else cubic_weights
+        values, _ = weights(places - first)
+        return first, np.stack(np.broadcast_arrays(*values), axis=1)
+
+    def opposite(self):
+        """Return the shift that takes the times back, interpolated as this one."""
         rate = 1.0 - self.skew
         return replace(self, shift=-self.shift / rate, skew=-self.skew / rate)
 

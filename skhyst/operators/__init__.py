@@ -10,7 +10,7 @@ from ._composition import (
     take_apart,
 )
 from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
-from ._linear_inverse import InverseLinearOperator
+from ._linear_inverse import InverseLinearOperator, preview_step
 from ._lowered import (
     Lowered,
     LoweredCall,
@@ -90,6 +90,7 @@ __all__ = [
     "play_sum_table",
     "play_tangents",
     "play_thresholds",
+    "preview_step",
     "put_beside",
     "run_records",
     "samples_before",
