@@ -149,7 +149,7 @@ IN_C = {  # models of plain arithmetic, by the number of columns
         lambda: EffectSearchCV(plays(), effects=["lag"], cv=2, max_effects=1),
     ),
 }
-NOT_IN_SINGLE = (
+NOT_IN_SINGLE = (  # some of them, as the fit falls out
     *("trees", "histograms"),  # a rounded number may fall on the other side of a threshold
     *("network", "network of two inputs", "sigmoid nodes"),  # weights of nodes that cancel
     *("NARMAX with noise", "NARMAX of many features"),  # recursions that carry rounding on
@@ -173,7 +173,6 @@ def fitted(name):
     n_columns, make = (IN_C | CALLED)[name]
     X, y = recording(n_columns)
     model = make().fit(X, y)
-    model = getattr(model, "best_estimator_", model)
     rows = X.loc[["b"]]
     u = rows.to_numpy() if n_columns > 1 else rows["drive"].to_numpy()
     return model, u, np.asarray(model.predict(rows))
@@ -205,7 +204,7 @@ def test_every_model_is_stepped():
     """Here, or in the acceptance suites of operators and of parametric models."""
     models = {name for name, cls in all_estimators() if hasattr(cls, "predict")}
     with_a_stepper = {name for name, cls in all_estimators() if hasattr(cls, "stepper")}
-    assert models - with_a_stepper == {"EffectSearchCV"}  # what it has found has one
+    assert models <= with_a_stepper
     here = {type(fitted(name)[0]).__name__ for name in IN_C}
     others = {name for name, cls in all_estimators() if issubclass(cls, ParametricModel)}
     rows = {"InverseCompensator", "Observer"}  # of a reference; of drive and reading
@@ -227,11 +226,16 @@ def test_zero():
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_c(tmp_path, dtype):
-    lines, calls = [], ""
-    names = [name for name in IN_C if dtype == "float64" or name not in NOT_IN_SINGLE]
-    for k, name in enumerate(names):
+    names, lines, calls = [], [], ""
+    for k, name in enumerate(IN_C):
         model, u, _ = fitted(name)
-        to_c(model, tmp_path, f"m{k}", dtype, u0=u[0], drive=u)
+        try:
+            to_c(model, tmp_path, f"m{k}", dtype, u0=u[0], drive=u)
+        except ValueError as error:
+            if name not in NOT_IN_SINGLE or "Single precision cannot hold" not in str(error):
+                raise
+            continue
+        names.append(name)
         lines += [f"#define main m{k}_main", f'#include "m{k}.c"', f'#include "m{k}_test.c"']
         lines += ["#undef main"]
         calls += f"    failed += m{k}_main();\n"
