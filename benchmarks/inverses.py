@@ -6,9 +6,10 @@ stepped, sample by sample from a preview. The figure is the largest error of the
 to the drive that was found, over the range of the response. Cascades follow a sine at 0.7 of their
 resonance.
 
-Where the
-rate of the drive lowers the response of plays, what comes later determines the drive, and their
-repetition ends early.
+What misses its bar: rate-dependent plays whose weights change, where motion turns. The rate has a
+corner there, and so has the response as a function of the drive: near by there may be no drive for
+a value. Sticking that the sampling interval does not resolve: a drive below the force of friction
+moves nothing, and a mass that sticks within one interval answers drives with jumps.
 """
 
 import sys

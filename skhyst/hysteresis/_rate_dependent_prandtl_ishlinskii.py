@@ -14,13 +14,13 @@ zero and in their order, whatever the rate, since neither kappa nor beta is nega
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from .._sklearn import StrOptions
-from ..operators import InverseOperator, LoweredStep, as_signal, parameter
+from ..operators import LoweredStep, as_signal, parameter
 from ._common import show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
+from ._rate_dependent_inverse import RateDependentInverseOperator
 from ._rate_dependent_prandtl_ishlinskii_loops import (
     rate_play_inverse,
     rate_play_run,
@@ -28,8 +28,6 @@ from ._rate_dependent_prandtl_ishlinskii_loops import (
     rate_play_tangents,
 )
 
-_PASSES = 40  # of the inverse with one window, at most
-_GAIN = 0.99  # part of the error that a pass must leave at most, for another one
 _RESERVE = 0.9  # of the rate at which the response is no longer monotone
 _GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range
 _STRETCHES = np.geomspace(0.03, 3.0, 5)  # the same over the threshold itself
@@ -269,56 +267,12 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         """Return the inverse, which looks ahead: an operator from response to drive."""
         return RateDependentInverseOperator(self)
 
-    def _fastest_monotone(self):
+    def fastest_monotone(self):
         """Return a rate up to which the response is a strictly monotone function of the drive."""
         falls = -np.cumsum(self.rate_weights)
         slopes = np.cumsum(self.weights)[: falls.size]
         falling = falls > 0.0
         return _RESERVE * np.min(slopes[falling] / falls[falling], initial=np.inf)
-
-
-@dataclass(frozen=True)
-class RateDependentInverseOperator(InverseOperator):
-    """From the response of plays that follow the rate of the drive to a drive that gives it.
-
-    With the rates known, the inverse is exact (Al Janaideh and Krejčí 2013). Here the rates are
-    those of the drive that is sought, which is found by repetition, beginning with the inverse at
-    rest, as long as the response comes closer. Repetition amplifies fast changes of the rate, as
-    the root of each sample would, so the rates are smoothed over windows of time, ever smaller
-    ones: what is left is small where thresholds or weights change little within the smallest window
-    that converges, but it is not zero.
-    """
-
-    causal = False
-
-    def init(self, u0, initial_state="rest"):
-        """Return the initial state by name: a record is inverted as a whole; see the base."""
-        return initial_state
-
-    def run(self, u, dt, state=None):
-        """Return the drive (n_samples,) for a response, which begins in the state; see the base."""
-        y, plays, initial_state = as_signal(u), self.operator, state or "rest"
-        fastest = plays._fastest_monotone()
-
-        def advance(rates):
-            drive = plays.drive_at_rates(y, np.minimum(rates, fastest))
-            back, _ = plays.run(drive, dt, plays.init(drive[0], initial_state))
-            return drive, np.linalg.norm(back - y)
-
-        best, smallest = advance(np.zeros(y.size))
-        for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
-            drive = best
-            for _ in range(_PASSES):
-                velocities = uniform_filter1d(np.diff(drive, prepend=drive[0]), 2 * half + 1) / dt
-                if initial_state == "zero":
-                    velocities[0] = drive[0] / dt
-                drive, error = advance(plays.paces(velocities, dt)[0])
-                gained = error < _GAIN * smallest
-                if error < smallest:
-                    best, smallest = drive, error
-                if not gained:
-                    break
-        return best, None
 
 
 class RateDependentPrandtlIshlinskii(PlayModel):
