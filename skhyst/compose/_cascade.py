@@ -376,7 +376,8 @@ def _distinct(results):
     """Return the best operator, and others whose error is not clearly larger."""
     results = sorted(results, key=lambda result: result.error)
     best = results[0]
-    values, std = np.array(list(best.params.values())), np.array(list(best.params_std.values()))
+    own = best.params.values(), best.params_std_white.values()
+    values, std = (np.array(list(part)) for part in own)
     found = [best.operator]
     for other in results[1:]:
         apart = np.abs(np.array(list(other.params.values())) - values) > std

@@ -1,16 +1,15 @@
 """The inverse of plays that follow the rate of the drive.
 
-With the rates known it is exact (Al Janaideh and Krejci 2013). Here the rates are those of the
+With the rates known it is exact (Al Janaideh and Krejčí 2013). Here the rates are those of the
 drive that is sought, which is found by repetition, beginning with the inverse at rest, as long as
 the response comes closer. Repetition amplifies fast changes of the rate, as the root of each sample
 would, so the rates are smoothed over windows of time, ever smaller ones.
 
 What is left is worked off by damped least squares over stretches of the record, of each of which
-the first half is kept, since what comes determines the drive too (K. Levenberg, "A method for the
-solution of certain non-linear problems in least squares", Quarterly of Applied Mathematics 2(2),
-1944). Damping keeps noise from growing by more than its inverse. Where the motion turns, the
-response has a corner at the last drive: it may have no drive for a value near by, and a part of the
-error stays.
+the first half is kept, since what comes determines the drive too. Damping, as in Levenberg,
+*Quarterly of Applied Mathematics*, 1944, keeps noise from growing by more than its inverse. Where
+the motion turns, the response has a corner at the last drive: it may have no drive for a value near
+by, and a part of the error stays.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,10 @@
 r"""The inverse of a shift in time by a part of a sample: that of its interpolation.
 
 Each sample of the response is a sum of four of the drive. Their weights are the rows of a matrix
-that has as many columns, which is solved from the opposite shift on (D. C.-L. Fong, M. Saunders,
-"LSMR: an iterative algorithm for sparse least-squares problems", SIAM J. Scientific Computing
-33(5), 2011). What of the drive no response tells of stays as the opposite shift has it: what comes
-too late, and, behind a shift by half a sample, what alternates from sample to sample.
+that has as many columns, which is solved from the opposite shift on, as in Fong and Saunders,
+*SIAM Journal on Scientific Computing*, 2011. What of the drive no response tells of stays as the
+opposite shift has it: what comes too late, and, behind a shift by half a sample, what alternates
+from sample to sample.
 """
 
 import math

@@ -13,14 +13,14 @@ of :math:`\Omega` from products of the scores :math:`J_t r_t` with a kernel over
 (Newey and West [2]_), which do not make use of that, need far longer records where the drive is
 slow.
 
-**The spectrum** is that of an autoregression of the residual [3]_, a kernel whose shape and width
+**The spectrum** is that of an autoregression of the residual, a kernel whose shape and width
 the residual chooses. Three families are tried: the coefficients of the first lags are free; those
 of the lags 1, 2, 3-4, 5-8, 9-16, ... are equal within each octave (Corsi [4]_ has such averages),
 so that noise that remembers long takes a handful of numbers; or they are those of a fractional
-difference (Hosking [8]_), which has one, the power of the frequency that flicker noise falls with,
-and which remembers no longer than the record. Akaike's
-criterion, corrected for short samples [5]_, decides, which is efficient for the spectrum [6]_; of
-no lags, noise is white and the standard errors are those of the textbook.
+difference (Hosking [7]_), which has one, the power of the frequency that flicker noise falls with,
+and which remembers no longer than the record. Akaike's criterion, corrected for short samples [5]_,
+decides, which is efficient for the spectrum [3]_; of no lags, noise is white and the standard
+errors are those of the textbook.
 
 **How much the records are worth.** For a parameter, n samples of such noise tell as much as
 :math:`n` times its variance for white noise over its variance, independent ones. The spectrum
@@ -31,24 +31,17 @@ too narrow, as those of the normal law in the place of Student's are.
 the Jacobian takes most where the drive has its power, which is where the spectrum matters. Its part
 of the periodogram is on average about :math:`h S` with :math:`h = \tilde J^* H^{-1} \tilde J`. With
 the last estimate of the spectrum it is put back, as the expectation step of Dempster, Laird and
-Rubin [7]_ does with what is missing; for white noise this is the division by n - p.
+Rubin [6]_ does with what is missing; for white noise this is the division by n - p.
 
 References
 ----------
-.. [1] U. Grenander, M. Rosenblatt, "Statistical Analysis of Stationary Time Series" (1957),
-   chapter 7.
-.. [2] W. K. Newey, K. D. West, "Automatic lag selection in covariance matrix estimation", Review of
-   Economic Studies 61 (1994).
-.. [3] H. Akaike, "Power spectrum estimation through autoregressive model fitting", Annals of the
-   Institute of Statistical Mathematics 21 (1969).
-.. [4] F. Corsi, "A simple approximate long-memory model of realized volatility", Journal of
-   Financial Econometrics 7 (2009).
-.. [5] C. M. Hurvich, C.-L. Tsai, "Regression and time series model selection in small samples",
-   Biometrika 76 (1989).
-.. [6] R. Shibata, "An optimal autoregressive spectral estimate", Annals of Statistics 9 (1981).
-.. [7] A. P. Dempster, N. M. Laird, D. B. Rubin, "Maximum likelihood from incomplete data via the EM
-   algorithm", J. Royal Statistical Society B 39 (1977).
-.. [8] J. R. M. Hosking, "Fractional differencing", Biometrika 68 (1981).
+.. [1] Grenander and Rosenblatt, *Statistical Analysis of Stationary Time Series*, 1957, chapter 7.
+.. [2] Newey and West, *Review of Economic Studies*, 1994.
+.. [3] Shibata, *Annals of Statistics*, 1981.
+.. [4] Corsi, *Journal of Financial Econometrics*, 2009.
+.. [5] Hurvich and Tsai, *Biometrika*, 1989.
+.. [6] Dempster, Laird and Rubin, *Journal of the Royal Statistical Society B*, 1977.
+.. [7] Hosking, *Biometrika*, 1981.
 """
 
 from dataclasses import dataclass

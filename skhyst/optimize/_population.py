@@ -265,7 +265,8 @@ class CuckooSearch(_Cuckoos):
         What becomes of a discovered nest. ``"random"``: it is left, whatever its cost, for one
         drawn anew in the box, as Yang and Deb (2009) and Xie et al. (2023), step 5, say; each nest
         but the best is discovered with probability p. ``"walk"``: it moves by the difference of
-        two other nests where that is better, as in Yang and Deb (2014); each coordinate is discovered with probability p.
+        two other nests where that is better, as in Yang and Deb (2014); each coordinate is
+        discovered with probability p.
     discovery : float, default=0.25
         Probability p.
     step : float, default=1.0
@@ -275,16 +276,6 @@ class CuckooSearch(_Cuckoos):
     ------
     ValueError
         If ``renewal`` is none of these.
-
-    References
-    ----------
-    .. [1] X.-S. Yang, S. Deb, "Cuckoo search via Levy flights", World Congress on Nature and
-       Biologically Inspired Computing, 210-214 (2009).
-    .. [2] X.-S. Yang, S. Deb, "Cuckoo search: recent advances and applications", Neural Computing
-       and Applications 24, 169-174 (2014).
-    .. [3] X. Xie et al., "Modeling and identification of nonlinear hysteresis behavior of
-       piezoelectric actuators using a computationally efficient phenomenological model and
-       modified cuckoo search algorithm", Smart Mater. Struct. 32, 015013 (2023), section 3.1.
     """
 
     discovery: float = 0.25
@@ -305,8 +296,8 @@ class ModifiedCuckooSearch(_Cuckoos):
     Parameters
     ----------
     renewal : {"random", "walk"}, default="random"
-        As in :class:`CuckooSearch`. ``"random"`` is step 5 of Xie et al.; ``"walk"`` comes closer to the
-        least error with the same number of iterations.
+        As in :class:`CuckooSearch`. ``"random"`` is step 5 of Xie et al. (2023); ``"walk"`` comes
+        closer to the least error with the same number of iterations.
     discovery_range : (float, float), default=(0.0, 1.0)
         Least and largest probability.
     step_range : (float, float), default=(0.5, 2.0)
@@ -316,12 +307,6 @@ class ModifiedCuckooSearch(_Cuckoos):
     ------
     ValueError
         If ``renewal`` is none of these.
-
-    References
-    ----------
-    .. [1] X. Xie et al., "Modeling and identification of nonlinear hysteresis behavior of
-       piezoelectric actuators using a computationally efficient phenomenological model and
-       modified cuckoo search algorithm", Smart Mater. Struct. 32, 015013 (2023), (5) to (10).
     """
 
     renewal: str = "random"

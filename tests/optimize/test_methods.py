@@ -244,7 +244,7 @@ def test_a_coordinate_is_discovered_with_its_probability(cuckoos):
 
 @pytest.mark.parametrize("discovery", [0.3, 1.0])
 def test_a_discovered_nest_is_left_for_a_new_one(discovery):
-    """Step 5 of the tanh paper: anywhere in the box, whatever its cost; the best stays."""
+    """Step 5 of Xie et al. (2023): anywhere in the box, whatever its cost; the best stays."""
     seen = []
 
     def rising(candidates):  # the first is the best, and whoever comes later is worse
