@@ -177,7 +177,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     """
 
     _one_interval = False  # unless the declared model asks for one
-    stepper = property(lambda self: self.best_estimator_.stepper, doc="That of ``best_estimator_``.")
+    stepper = property(
+        lambda self: self.best_estimator_.stepper, doc="That of the augmented model."
+    )
 
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],
