@@ -27,8 +27,8 @@ DIAGNOSIS = [
     ),
     (
         "in a closed loop the difference of the predictions is its own instrument",
-        "z = w * (a - b if z is None else z[known] / scale)",
-        "z = w * (a - b)",
+        "z = a - b if z is None else z[known] / scale",
+        "z = a - b",
         "tests/diagnosis/test_reference.py -k level",
     ),
     (

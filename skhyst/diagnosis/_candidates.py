@@ -12,12 +12,15 @@ refitted with 27, and held out again.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from joblib import delayed
 
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._constants import FACTOR, NOTICEABLE, TOLERANCE
+from ._criterion import weighted
+from ._noise_model import noise_model
 from ._shortened import are_long
 from ._starts import starting_trees
 
@@ -60,6 +63,11 @@ class Candidate:
     explained: tuple | None = None
     error: float = np.nan
     box: object = None
+
+    @cached_property
+    def noise(self):
+        """NoiseModel of what is left held out, as it counts."""
+        return noise_model(weighted(self.residuals, self.weights))
 
 
 def predicted(effect, structure, records):
@@ -194,19 +202,20 @@ def driven_by_reference(structure, records):
     return structure.problem([replace(r, u=r.explained) for r in records]).records
 
 
-def fitted(candidate, records, *, by_reference=False):
+def fitted(candidate, records, starts, *, by_reference=False):
     """Return what a candidate predicts and leaves where it is fitted, NaN where nothing counts.
 
-    Or what it responds to the drive that the reference explains.
+    That is before the starts of the records. Or what it responds to the drive that the reference
+    explains.
     """
     problem = candidate.structure.problem(records)
     every = np.ones(len(problem.segment_record), dtype=bool)
     driven = driven_by_reference(candidate.structure, records) if by_reference else None
-    parts = problem.predictions(problem.x0, every, driven=driven)
-    predictions = [
-        np.where(np.isfinite(own) & (r.weights is None or r.weights > 0.0), part, np.nan)
-        for r, own, part in zip(records, candidate.predictions, parts, strict=True)
-    ]
+    predictions = problem.predictions(problem.x0, every, driven=driven)
+    for record, start, prediction in zip(records, starts, predictions, strict=True):
+        prediction[:start] = np.nan
+        if record.weights is not None:
+            prediction[record.weights == 0.0] = np.nan
     return predictions, [r.y - part for r, part in zip(records, predictions, strict=True)]
 
 

@@ -47,15 +47,23 @@ def noise_floor(signal):
     order, n = 10, len(signal)  # leaves 1e-6 of a sine of 30 samples
     if n < 8 * order:
         return 0.0
-    before, last = (
-        np.median(np.abs(np.diff(signal, p))) / norm.ppf(0.75) / np.sqrt(comb(2 * p, p))
-        for p in (order, order + 1)
-    )
+    before, last = _scatter(signal, order), _scatter(signal, order + 1)
     # of simulated noise, the ratio is 1 with a standard deviation of 0.57 / sqrt(n)
     grid = np.min(np.diff(np.unique(signal)), initial=np.inf)
     rounding = n * np.finfo(float).eps * np.abs(signal).max()
     least = max((1.0 - 2.0 / np.sqrt(n)) * before, grid, rounding)
     return float(before) if last > least else 0.0
+
+
+def largest_noise(signal):
+    """Return the standard deviation that white noise on a signal has at the most."""
+    return float(min(_scatter(signal, p) for p in range(1, min(len(signal), 12))))
+
+
+def _scatter(signal, order):
+    """Return that of the differences, over what they make of white noise of unit variance."""
+    size = np.median(np.abs(np.diff(signal, order))) / norm.ppf(0.75)
+    return size / np.sqrt(comb(2 * order, order))
 
 
 def noise_on_drive(u, y, alpha=0.001):

@@ -29,6 +29,14 @@ below 8 % (Bakirov and Szekely [3]_), and a rival with needless parameters, whos
 below zero, makes it larger still. Where a gain shows and where not does not matter, and few blocks
 are enough where the gain is far beyond chance.
 
+**Coloured noise.** Slow noise hides a quick gain only where both are summed up as they are: with
+the noise's own forecast taken off both residuals, what is left of each is white and the gain stands
+beside noise of its own band. So the same test is made a second time, with the innovations of
+:math:`a` and :math:`b` under the rival's noise model (``_noise_model``), each record in units of
+what both leave of it. Either is a test of its own at the level; the smaller p-value counts twice
+(Bonferroni). A linear filter and a factor that treats both alike leave equal models equal, so the
+second keeps its level whether the law is right or not.
+
 **What stands beside.** An offset, a drift or a line is fitted to the record that it is in, and with
 it the noise's own course. It stays only where the noise alone, whose spectrum goes on as it does
 outside of what was fitted, does not make it at the same level, see ``_course``.
@@ -103,22 +111,41 @@ class Criterion:
 
     def p_value(self, worse, better, n_tried=1):
         """Return the p-value against a contestant that foretells better, among so many tried."""
-        instruments = better.explained and [
-            b - a for a, b in zip(worse.explained, better.explained, strict=True)
-        ]
-        p = paired_p_value(worse.residuals, better.residuals, better.weights, instruments)
+        own = [weighted(c.residuals, better.weights) for c in (worse, better)]
+        if better.explained:
+            shown = [b - a for a, b in zip(worse.explained, better.explained, strict=True)]
+            own.append(weighted(shown, better.weights))
+        p = paired_p_value(*own)
+        if better.noise.law != "white":
+            p = 2.0 * min(p, paired_p_value(*_evened(*map(better.noise.innovations, own))))
         return min(1.0, n_tried * p)
 
 
-def paired_p_value(worse, better, weights=None, instruments=None):
+def weighted(series, weights):
+    """Return series whose squares are weighed; NaN where nothing counts."""
+    roots = [1.0 if w is None else np.sqrt(np.where(w > 0.0, w, np.nan)) for w in weights]
+    return [root * own for root, own in zip(roots, series, strict=True)]
+
+
+def _evened(worse, better, *instruments):
+    """Return series in units of the root mean square of both residuals of a record."""
+    sizes = [
+        np.sqrt(np.nansum(np.square(both)) / max(np.isfinite(both).sum(), 1)) or 1.0
+        for both in zip(worse, better, strict=True)
+    ]
+    return [
+        [e / size for e, size in zip(own, sizes, strict=True)]
+        for own in (worse, better, *instruments)
+    ]
+
+
+def paired_p_value(worse, better, instruments=None):
     """Return the p-value against smaller squared errors of one of two predictions.
 
     Parameters
     ----------
     worse, better : sequence of ndarray of shape (n_samples,)
         Held-out residuals of each record; NaN where nothing is scored.
-    weights : sequence of ndarray or None, optional
-        Of the samples of each record.
     instruments : sequence of ndarray or None, optional
         What knows no noise of the difference of the predictions, better less worse; by default that
         difference itself.
@@ -128,13 +155,12 @@ def paired_p_value(worse, better, weights=None, instruments=None):
     float
     """
     gain, shown, chances = 0.0, 0.0, []
-    weights = [None] * len(worse) if weights is None else weights
     instruments = [None] * len(worse) if instruments is None else instruments
     scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse) or 1.0
-    for a, b, w, z in zip(worse, better, weights, instruments, strict=True):
+    for a, b, z in zip(worse, better, instruments, strict=True):
         known = np.isfinite(a) & np.isfinite(b)
-        a, b, w = a[known] / scale, b[known] / scale, 1.0 if w is None else w[known]
-        z = w * (a - b if z is None else z[known] / scale)
+        a, b = a[known] / scale, b[known] / scale
+        z = a - b if z is None else z[known] / scale
         gain += np.sum(z * (a + b))
         shown += np.sum(z * (a - b))
         chances.append(z * b)

@@ -56,8 +56,10 @@ from ._plausibility import (
     goes_on,
     has_own_lines,
     is_between_samples,
+    is_wider_than_noise,
     levels_off,
     remembers,
+    responds_promptly,
     rings,
     slides,
     stops,
@@ -155,6 +157,7 @@ _BUILT_IN = (
         "Play in the transmission: after each turn the drive moves alone for a while.",
         "Turn round at different levels: the lost motion is the same everywhere.",
         picture="loop",
+        plausible=is_wider_than_noise,
     ),
     Effect(
         "slew_limit",
@@ -273,6 +276,7 @@ _BUILT_IN = (
         "The response goes on relaxing after each change of the drive, over decades of time.",
         "Step and rest: hold the drive for much longer than the slowest motion seen so far.",
         picture="relaxation",
+        plausible=responds_promptly,
     ),
     Effect(
         "static_nonlinearity",

@@ -81,8 +81,7 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
     Notes
     -----
     Further columns of X are taken to stay at their means, and a loop, where there was one, to be
-    open. Search the new record together with the old ones, with ``cv="auto"`` or staggered blocks:
-    where folds are whole records, one that is unlike all others is foretold badly by any model.
+    open. Search the new record together with the old ones.
 
     Examples
     --------

@@ -20,7 +20,7 @@ from sklearn.linear_model import Ridge
 from ..records import by_interval
 from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
 from ._criterion import block_length, block_p_value, paired_p_value
-from ._noise_model import NoiseModel, noise_model
+from ._noise_model import NoiseModel, noise_model, stretches
 from ._periods import drive_period, repeats
 
 
@@ -83,35 +83,29 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, in_loop=F
     -------
     Judgement
     """
-    series = [part for r in residuals for part in _without_gaps(r)]
     readings = [record.y for record in records]
-    power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
+    power = sum(map(np.nansum, map(np.square, residuals)))
+    power /= max(sum(np.isfinite(r).sum() for r in residuals), 1)
     if not power > 0.0:
-        return Judgement(False, False, 0.0, 1.0, 0.0, False, noise_model(series, readings))
+        return Judgement(False, False, 0.0, 1.0, 0.0, False, noise_model(residuals, readings))
     pairs = list(_repetitions(records))
     floor = repeatability(records, pairs=pairs)
     repeated = floor is not None
     if repeated:
         common, p_value = _common_part(pairs, residuals)
         apart = [residuals[i][a] - residuals[j][b] for i, a, j, b in pairs]
-        left = [np.sqrt(0.5) * part for own in apart for part in _without_gaps(own)]
+        left = [np.sqrt(0.5) * own for own in apart]
         trial = Trial(max(1.0 - common / power, 0.0), p_value, left)
     else:
         trial = _by_black_boxes(records, residuals, predictions, rng, criterion)
     structured = trial.is_structure(criterion)
     if in_loop or not repeated:
         floor = float(np.sqrt(power * (trial.share if structured else 1.0)))
-    noise = noise_model(trial.left if structured else series, readings)
+    noise = noise_model(trial.left if structured else residuals, readings)
     if structured:
         noise = replace(noise, standard_deviation=floor)
     unsure = not structured and trial.matters(criterion)
     return Judgement(structured, unsure, floor, trial.p_value, 1.0 - trial.share, repeated, noise)
-
-
-def _without_gaps(values):
-    """Return the stretches of finite values."""
-    known = np.flatnonzero(np.isfinite(values))
-    return np.split(values[known], np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else []
 
 
 # ---------------------------------------------------------------------------------- repetitions
@@ -231,7 +225,7 @@ def black_box_gain(records, residuals, predictions, rng, criterion):
     -------
     Trial
     """
-    noise = noise_model([part for r in residuals for part in _without_gaps(r)])
+    noise = noise_model(residuals)
     x, n_driven, y, new, block = _seen(records, residuals, predictions, rng, noise)
     ends = np.flatnonzero(np.diff(block)) + 1
 
@@ -293,15 +287,15 @@ def _seen(records, residuals, predictions, rng, noise):
     level, height = finite.mean(), np.ptp(finite) or 1.0
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
     # what neighbours have in common foretells nothing: a stretch is no shorter than that lasts
-    lasting, _ = block_length([part for r in residuals for part in _without_gaps(r)])
+    lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
     length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
     every = max(total // ENOUGH, 1)  # of so many stretches one is seen
     context = int(LAGS[-1])
     features, target, innovations, block = [], [], [], []
     start = int(rng.integers(every))
-    for record, r, p in zip(records, residuals, predictions, strict=True):
+    news = noise.innovations(residuals)
+    for record, r, p, new in zip(records, residuals, predictions, news, strict=True):
         rows = np.flatnonzero(np.isfinite(r))
-        new = np.concatenate(noise.innovations(_without_gaps(r)))
         parts = [rows[a : a + length] for a in range(0, len(rows), length)]
         for part in parts[start::every] if len(parts) > start else parts[:1]:
             first = max(part[0] - context, 0)
@@ -313,7 +307,7 @@ def _seen(records, residuals, predictions, rng, noise):
             driven += [] if record.auxiliary is None else list(record.auxiliary[seen].T)
             features.append(np.stack([*driven, *own], axis=1)[part - first])
             target.append(r[part])
-            innovations.append(new[np.searchsorted(rows, part)])
+            innovations.append(new[part])
             block.append(np.full(len(part), len(block)))
     found = np.concatenate(features), np.concatenate(target), np.concatenate(innovations)
     return found[0], len(driven), *found[1:], np.concatenate(block)

@@ -74,10 +74,14 @@ class NoiseModel:
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def innovations(self, series):
-        """Return what its own past does not foretell of each stretch of the noise."""
+        """Return what its own past does not foretell of each series, stretch by stretch."""
         if self.law == "white":
             return list(series)
-        return [lfilter(np.append(1.0, -self._forecast), 1.0, own) for own in series]
+        found = [np.full(len(own), np.nan) for own in series]
+        for new, own in zip(found, series, strict=True):
+            for rows in stretches(own):
+                new[rows] = lfilter(np.append(1.0, -self._forecast), 1.0, own[rows])
+        return found
 
     def __str__(self):
         size = f"standard deviation {self.standard_deviation:.3g}"
@@ -97,13 +101,20 @@ class NoiseModel:
         return "; ".join(parts)
 
 
+def stretches(values):
+    """Return the rows of each stretch of finite values."""
+    known = np.flatnonzero(np.isfinite(values))
+    ends = np.flatnonzero(np.diff(known) > 1) + 1
+    return [slice(rows[0], rows[-1] + 1) for rows in np.split(known, ends) if len(rows)]
+
+
 def noise_model(series, readings=()):
-    """Return the noise model that stretches of noise have.
+    """Return the noise model that series of noise have.
 
     Parameters
     ----------
     series : sequence of ndarray
-        Noise, sample by sample, without gaps.
+        Noise, sample by sample, NaN where it is not known.
     readings : sequence of ndarray, optional
         What the sensor reads, for the step of its converter.
 
@@ -111,6 +122,7 @@ def noise_model(series, readings=()):
     -------
     NoiseModel
     """
+    series = [own[rows] for own in series for rows in stretches(own)]
     series = [own - own.mean() for own in series if len(own) > 1]
     power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
     size = float(np.sqrt(power))

@@ -11,6 +11,7 @@ claimed.
 import numpy as np
 from scipy.stats import norm
 
+from ._channels import largest_noise
 from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
 from ._periods import near_period, turns
 
@@ -112,6 +113,16 @@ def rings(operator, motion, records):
     return min(margin, shows - np.log1p(NOTICEABLE))
 
 
+def responds_promptly(operator, motion, records):
+    """Return how noticeable the prompt response is beside the creep that a record can show.
+
+    Creep without one is a lag.
+    """
+    longest = max(len(record.u) * record.dt for record in records)
+    shown = -np.expm1(-longest / np.ravel(operator.time_constants))
+    return 1.0 / (1.0 + np.ravel(operator.compliances) @ shown) - NOTICEABLE
+
+
 def comes_later(operator, motion, records):
     """Return by how much a delay is longer than an interval: a shorter one may be the reading's."""
     return operator.delay / min(record.dt for record in records) - 1.0
@@ -121,6 +132,18 @@ def is_between_samples(operator, motion, records):
     """Return by how much a shift is below an interval, of either sign where it looks ahead."""
     shift = getattr(operator, "shift", None)
     return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
+
+
+def is_wider_than_noise(operator, motion, records):
+    """Return by how much a play is wider than white noise on the recorded drive goes.
+
+    A narrower one smooths that noise, which the device has not seen. Both are parts of the range
+    there. Of n normal values the largest is about sqrt(2 log(n)) standard deviations away.
+    """
+    drives = [record.drive for record in records]
+    reach = min(largest_noise(u) * np.sqrt(2.0 * np.log(len(u))) for u in drives)
+    reach /= np.ptp(np.concatenate(drives))
+    return np.log(operator.half_gap / np.ptp(motion) / reach) if reach > 0.0 else np.inf
 
 
 def varies_in_rate(operator, motion, records):

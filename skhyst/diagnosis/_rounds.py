@@ -242,7 +242,7 @@ class Rounds:
     def _simplest(self, candidates):
         """Return the simplest of those than which the best is not better, and all those."""
         best = min(candidates, key=lambda c: c.error)
-        same = [c for c in candidates if not self.criterion.foretells_better(c, best)]
+        same = [c for c in candidates if not self.criterion.is_better(c, best)]
         return min(same, key=lambda c: (len(c.effects), c.n_parameters, c.error)), same
 
     def _held_out(self, base, candidates):

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
-from ..model_selection import by_content, segment_folds, stretches, suited_cv
+from ..model_selection import by_content, segment_folds, stretches
 from ..optimize import RecordData
 from ..records import resample_like, resample_records, resampling_error
 from ._black_box import declare, drive_of
@@ -57,12 +57,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         that act on the drive before it are not tried.
     effects : "all" or list of str, default="all"
         Effects to try, see :func:`effect_names`.
-    cv : int, "auto", splitter or iterable, default=5
-        What is held out, as in ``GridSearchCV``. An int: so many folds of whole records, or of
-        contiguous blocks of a single record. "auto": five, of whole records, or of a block of every
-        record where records go beyond all others, see :func:`skhyst.model_selection.suited_cv`. A
-        splitter, such as ``BlockedTimeSeriesSplit(staggered=True)``; or an iterable of (train,
-        test) row numbers.
+    cv : int, splitter or iterable, default=5
+        What is held out, as in ``GridSearchCV``. An int: so many folds, each of a block of every
+        record, see :func:`skhyst.model_selection.segment_folds`. A splitter, such as
+        ``RecordKFold()`` for whole records; or an iterable of (train, test) row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
     max_effects : int, default=3
@@ -261,9 +259,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
-        is_auto = isinstance(self.cv, str) and self.cv == "auto"
-        cv = suited_cv(slices, drive) if is_auto else self.cv
-        segments, folds = segment_folds(slices, cv, X, response, washout=self.washout)
+        segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share
@@ -348,7 +344,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        *_, left = fitted(base, records)
+        *_, left = fitted(base, records, map(self._start, slices))
         self._judge(declared.measured(records), base, rounds, left)
         if self.verdict_ == "noise" and self._reference is None:
             table = with_reactions(self.data_quality_, self.drive_, left, slices)
@@ -405,9 +401,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         is no missing structure.
         """
         in_loop = self._reference is not None
-        predictions, residuals = fitted(base, rounds.records)
+        starts = [self._start(s) for s in self.records_]
+        predictions, residuals = fitted(base, rounds.records, starts)
         if in_loop:
-            predictions, _ = fitted(base, rounds.records, by_reference=True)
+            predictions, _ = fitted(base, rounds.records, starts, by_reference=True)
             measured = self._reference.in_place(measured)
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
@@ -460,10 +457,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         driver = self.declared_estimator_ if declared else self._driver
         inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
-            # of a single record the past is unknown, as it was in the search
-            unknown = int(0.05 * s.n_samples) if len(self.records_) == 1 else 0
-            start = min(unknown if self.washout is None else self.washout, s.n_samples - 1)
-            segments = stretches(start, s.n_samples)
+            segments = stretches(self._start(s), s.n_samples)
             records.append(_record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
         if structure.histories:
@@ -473,6 +467,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         predictions = problem.predictions(problem.x0, nothing)
         residuals = foretold(problem, predictions, [r.segments[0][0] for r in records])
         return root_mean_square(residuals, [None] * len(residuals))
+
+    def _start(self, record):
+        """Return the row of a record that counts first; of a single one the past is unknown."""
+        unknown = int(0.05 * record.n_samples) if len(self.records_) == 1 else 0
+        return min(unknown if self.washout is None else self.washout, record.n_samples - 1)
 
     def report(self, command=None):
         """Return the :class:`Report`: HTML, Markdown, JSON."""

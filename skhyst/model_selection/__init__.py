@@ -3,7 +3,6 @@
 from ._folds import by_content, segment_folds, stretches
 from ._scorer import washout_scorer
 from ._split import BlockedTimeSeriesSplit, RecordKFold
-from ._suited import suited_cv
 
 __all__ = [
     "BlockedTimeSeriesSplit",
@@ -11,6 +10,5 @@ __all__ = [
     "by_content",
     "segment_folds",
     "stretches",
-    "suited_cv",
     "washout_scorer",
 ]

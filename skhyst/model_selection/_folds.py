@@ -83,9 +83,12 @@ def segment_folds(
     records : sequence of RecordSlice
         All records, as :func:`skhyst.records.record_slices` returns them.
     cv : int, splitter or iterable, default=5
-        As in ``GridSearchCV``. An int: so many folds of whole records, one a record at the most, or
-        of contiguous blocks where there is a single record. Records are dealt to the folds by what
-        is in them (:func:`by_content`), whatever their order. Else an object with
+        As in ``GridSearchCV``. An int: so many folds, each of a contiguous block of every record,
+        and not of the same one, so that what a fold tests lies within what it trains on. As in
+        ``TimeSeriesSplit`` there is one more block, the first one, which is only trained on: what
+        the memory of a device does first, it does not do again. Of a record whose blocks would be
+        shorter than ``shortest``, all is in one fold. Records are dealt by what is in them
+        (:func:`by_content`), whatever their order. Else an object with
         ``split(X, y, groups)``, or an iterable of (train, test) row numbers, which is consumed
         once.
     X : DataFrame or array-like of shape (n_samples, n_inputs), optional
@@ -139,7 +142,7 @@ def segment_folds(
     first = np.zeros(records[-1].rows.stop, dtype=bool)
     first[[record.rows.start for record in records]] = True
     if isinstance(cv, Integral):
-        train, test = _even_folds(records, cv, X, y)
+        train, test = _even_folds(records, cv, X, y, shortest)
     else:
         train, test = _given_folds(cv, X, y, groups, first)
     scored = test & ~_washed(records, test, first, washout)
@@ -184,24 +187,22 @@ def runs(mask, first):
     return np.flatnonzero(starts), np.flatnonzero(stops) + 1
 
 
-def _even_folds(records, cv, X, y):
-    """Return masks (n_folds, n_samples) of whole records, or of the blocks of a single one."""
+def _even_folds(records, cv, X, y, shortest):
+    """Return masks (n_folds, n_samples) of a block of every record, or of all of a short one."""
     check_integer("cv", cv, 2, "segment_folds")
-    if len(records) > 1:
-        n_folds = min(cv, len(records))
-        fold_of = np.repeat(
-            np.argsort(by_content(records, X, y)) % n_folds, [r.n_samples for r in records]
+    fold_of = []
+    for record, place in zip(records, np.argsort(by_content(records, X, y)), strict=True):
+        n, block = record.n_samples, np.zeros(record.n_samples, dtype=int)
+        if n >= (cv + 1) * shortest or len(records) == 1:
+            block = (np.arange(1, n + 1) * (cv + 1) - 1) // n - 1
+        fold_of.append(np.where(block < 0, -1, (place + block) % cv))
+    if len(records) == 1 and records[0].n_samples < 2 * (cv + 1):
+        raise ValueError(
+            f"The 'cv' parameter must leave two samples in each block of a record: at least "
+            f"{2 * cv + 2} samples for {cv} folds. Got {records[0].n_samples} instead."
         )
-    else:
-        n_folds, n = cv, records[0].n_samples
-        if n < 2 * cv:
-            raise ValueError(
-                f"The 'cv' parameter must leave two samples in each block of a record: at least "
-                f"{2 * cv} samples for {cv} folds. Got {n} instead."
-            )
-        ends = np.linspace(0, n, cv + 1).astype(int)
-        fold_of = np.repeat(np.arange(cv), np.diff(ends))
-    test = fold_of == np.arange(n_folds)[:, None]
+    fold_of = np.concatenate(fold_of)
+    test = fold_of == np.unique(fold_of[fold_of >= 0])[:, None]
     return ~test, test
 
 

@@ -22,6 +22,7 @@ METHODS = {
 }
 
 _SILENT = 1e-13  # of the response
+_LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # below it squares lose their digits
 _NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
@@ -104,7 +105,7 @@ def _determined(problem, solution, powers):
     x = solution.x
     scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))
     # a change by a factor e that leaves the response where it is, but for rounding
-    silent = scale <= np.where(problem.log, _SILENT * np.sqrt(problem.scale), 0.0)
+    silent = scale <= np.where(problem.log, _SILENT * np.sqrt(problem.scale), _LOST)
     silent |= scale**2 <= _SINGULAR * powers
     undetermined = {
         name for name, is_silent in zip(problem.names, silent, strict=True) if is_silent

@@ -367,10 +367,10 @@ class OperatorProblem(Unknowns):
     def predictions(self, x, select, wanted=None, driven=None):
         """Return the prediction of each (wanted) record where the selected segments are known.
 
-        The coefficients of a record's disturbances come from its selected segments. In a record
-        that has none, those for every other segment come from the segments between, so that no
-        sample is predicted from itself. ``driven`` are the records with another drive, to which the
-        rest then responds.
+        The coefficients of a record's disturbances come from its selected segments. Those for every
+        other one of the rest come from the segments between, too: no sample is predicted from
+        itself, and a course goes on into no block of which nothing is seen. ``driven`` are the
+        records with another drive, to which the rest then responds.
         """
         operator, disturbances = self.unpack(x)
         found = []
@@ -452,15 +452,17 @@ def _calibrate(basis, rest, record, known):
 
 
 def _predicted_part(basis, rest, record, known):
-    """Return what disturbances add, their coefficients from the known segments."""
-    if known.any():
-        return basis @ _calibrate(basis, rest, record, known)
+    """Return what disturbances add, by the known segments and by every other one of the rest."""
     odd = np.arange(len(known)) % 2 == 1
     ends = [stop for _, stop in record.segments[:-1]]
-    part = np.searchsorted(ends, np.arange(len(rest)), side="right") % 2 == 1
-    even_rows = basis @ _calibrate(basis, rest, record, odd)
-    odd_rows = basis @ _calibrate(basis, rest, record, ~odd)
-    return np.where(part, odd_rows, even_rows)
+    segment = np.searchsorted(ends, np.arange(len(rest)), side="right")
+    part = np.empty(len(rest))
+    halves = (known, known), (odd & ~known, known | ~odd), (~odd & ~known, known | odd)
+    for rows, seen in halves:
+        if rows.any():
+            own = rows[segment]
+            part[own] = basis[own] @ _calibrate(basis, rest, record, seen)
+    return part
 
 
 def _solve_basis(gram, right):

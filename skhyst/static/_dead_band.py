@@ -8,8 +8,7 @@ from .._jit import jit
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_PARTS = (0.01, 0.03, 0.08, 0.2)  # half width over the drive's range, to start from
-_CENTERS = (0.25, 0.5, 0.75)  # of the dead band, in the drive's range
+_PARTS = (0.02, 0.06, 0.2)  # half width over the drive's range, to start from
 
 
 @jit
@@ -67,10 +66,11 @@ class DeadBand(StaticModel):
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
-        centers = {low + part * (high - low) for part in _CENTERS}
-        centers |= {0.0} if low < 0.0 < high else set()
-        return [
-            DeadBandOperator(part * (high - low) or 1.0, center)
-            for center in sorted(centers)
-            for part in _PARTS
-        ]
+        starts = []
+        for part in _PARTS:  # bands that touch each other: one of them meets the true one
+            count = int(np.ceil(0.5 / part))
+            half_width = 0.5 * (high - low) / count or 1.0
+            centers = low + half_width * np.arange(1, 2 * count, 2)
+            centers = [*centers, 0.0] if low < 0.0 < high else centers
+            starts += [DeadBandOperator(half_width, center) for center in centers]
+        return starts

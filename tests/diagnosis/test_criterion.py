@@ -1,6 +1,6 @@
 """The criterion keeps its level whatever the colour of the noise, and finds what is there."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from skhyst.diagnosis._criterion import Criterion, block_length, block_p_value, paired_p_value
+from skhyst.diagnosis._candidates import Candidate, root_mean_square
+from skhyst.diagnosis._criterion import (
+    Criterion,
+    block_length,
+    block_p_value,
+    paired_p_value,
+    weighted,
+)
 
 N, RECORDS = 600, 4
 
@@ -141,7 +148,7 @@ def test_weights_count_samples_and_what_is_not_scored_does_not_count():
     holes = [np.where(gap, np.nan, w) for w in worse]
     expected = paired_p_value(holes, better)
     assert 0.0 < expected < 1.0
-    assert paired_p_value(worse, better, weights) == pytest.approx(expected, rel=0.2)
+    assert paired_p_value(weighted(worse, weights), weighted(better, weights)) == expected
 
 
 @pytest.mark.parametrize(
@@ -197,10 +204,11 @@ def test_a_total_that_chance_makes_often_is_not_significant():
     assert np.mean(np.array(p) < 0.01) <= 0.02
 
 
-def contestant(cost, residual):
-    error = float(np.sqrt(np.mean(np.square(residual))))
-    known = {"residuals": (residual,), "weights": (None,), "explained": None}
-    return SimpleNamespace(cost=cost, error=error, **known)
+def contestant(cost, *residuals):
+    weights = (None,) * len(residuals)
+    error = root_mean_square(residuals, weights)
+    own = {"residuals": residuals, "weights": weights, "error": error}
+    return Candidate((), None, cost, cost, 0, np.empty(0), **own)
 
 
 def test_a_better_model_is_better_held_out_and_in_the_fit():
@@ -235,3 +243,50 @@ def test_models_are_told_apart_by_what_matters():
     assert not criterion.foretells_better(contestant(1.0, noise + 0.4 * slow), best)  # by 4 %
     assert criterion.foretells_better(contestant(1.0, noise + 0.5 * slow), best)  # by 6 %
     assert not criterion.foretells_better(contestant(1.0, rng.permutation(1.06 * noise)), best)
+
+
+@pytest.mark.parametrize("records", [1, RECORDS])
+@pytest.mark.parametrize("kind", ["smooth", "edges", "slow"])
+@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.995])
+def test_two_tests_together_keep_the_level(correlation, kind, records):
+    trials, level, rng = 200, 0.01, np.random.default_rng(9020)
+    criterion, rejected = Criterion(level, 0.0), 0
+    for _ in range(trials):
+        worse, better = equal_models(rng, correlation, kind, records)
+        p_value = criterion.p_value(contestant(1.0, *worse), contestant(1.0, *better))
+        rejected += p_value < level
+    assert rejected / trials <= level + 3.0 * np.sqrt(level / trials) + 2.0 / trials
+
+
+def test_a_quick_gain_shows_beside_slow_noise():
+    """Where models differ both slowly and quickly, noise drowns the one and not the other."""
+    rng = np.random.default_rng(9021)
+    better = [coloured(rng, 0.97) for _ in range(RECORDS)]
+    quick = 0.1 * np.sign(np.sin(np.arange(N)))
+    worse = [e + quick + 0.5 * difference("smooth", rng) / 0.2 for e in better]
+    p_value = Criterion(0.01, 0.0).p_value(contestant(1.0, *worse), contestant(1.0, *better))
+    assert p_value < 1e-6 < paired_p_value(worse, better)
+
+
+def test_what_is_weighed_out_is_in_neither_test():
+    rng = np.random.default_rng(9022)
+    worse, better = equal_models(rng, 0.9, "edges")
+    gap = rng.random(N) < 0.1
+    found = []
+    for filled in (1.0, 1e3):
+        own = []
+        for residuals in (worse, better):
+            spoilt = [np.where(gap, filled * e, e) for e in residuals]
+            own.append(replace(contestant(1.0, *spoilt), weights=(1.0 - gap,) * RECORDS))
+        found.append(Criterion(0.01, 0.0).p_value(*own))
+    assert found[0] == found[1] < 1.0
+
+
+def test_the_size_of_a_record_is_no_evidence():
+    """Noise that is louder in one record does not drown what the others show."""
+    rng = np.random.default_rng(9023)
+    better = [size * coloured(rng, 0.9) for size in (1.0, 1.0, 1.0, 30.0)]
+    quick = 0.3 * np.sign(np.sin(np.arange(N)))
+    worse = [e + quick for e in better]
+    p_value = Criterion(0.01, 0.0).p_value(contestant(1.0, *worse), contestant(1.0, *better))
+    assert p_value < 1e-6 < paired_p_value(worse, better)

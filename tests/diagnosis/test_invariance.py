@@ -51,7 +51,9 @@ def assert_same(other, first, unit=1.0):
     for column in ("error_before", "error_after"):
         np.testing.assert_allclose(own[column], unit * table[column], rtol=100 * CLOSE)
     np.testing.assert_allclose(own["screen"], table["screen"], atol=100 * CLOSE)
-    np.testing.assert_allclose(own["p_value"], table["p_value"], rtol=1e-4)
+    # of a tail the exponent is as exact as the law of the noise
+    logarithms = [np.log(np.maximum(t["p_value"], np.finfo(float).tiny)) for t in (own, table)]
+    np.testing.assert_allclose(*logarithms, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", KINDS)

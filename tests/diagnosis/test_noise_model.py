@@ -73,6 +73,17 @@ def test_innovations_are_what_the_past_does_not_foretell(coefficient):
     )
 
 
+def test_a_gap_ends_what_the_past_tells():
+    """Behind it the innovations are those of a record of its own."""
+    own = first_order(0.9, np.random.default_rng(4107))
+    gap = np.where((np.arange(N) >= 700) & (np.arange(N) < 703), np.nan, own)
+    model = NoiseModel("autoregressive", 1.0, 0.9, 1.0)
+    (found,) = model.innovations([gap])
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(gap))
+    parts = model.innovations([own[:700], own[703:]])
+    np.testing.assert_array_equal(found[np.isfinite(found)], np.concatenate(parts))
+
+
 @settings(max_examples=10, deadline=None)
 @given(exponent=st.integers(-30, 30), offset=st.floats(-10, 10))
 def test_units_and_offsets_do_not_matter(exponent, offset):

@@ -13,7 +13,7 @@ from skhyst.diagnosis._periods import near_period
 from skhyst.diagnosis._plausibility import goes_on, is_plausible, varies_in_rate
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
-from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -93,6 +93,30 @@ def test_a_dead_zone_has_a_response_on_both_sides(center, stays):
     drive = np.linspace(-2.0, 2.0, 401)
     operator = DeadBandOperator(half_width=0.4, center=center)
     assert (goes_on(operator, operator.run(drive, 0.1)[0], []) > 0.0) == stays
+
+
+@pytest.mark.parametrize(
+    ("compliance", "time_constant", "stays"),
+    [(0.2, 1.0, True), (10.0, 1.0, True), (30.0, 1.0, False), (300.0, 1000.0, True)],
+)
+def test_creep_has_a_prompt_response(compliance, time_constant, stays):
+    """Without one it is a lag; what a record is too short for does not count."""
+    operator = KelvinVoigtOperator(np.array([compliance]), np.array([time_constant]))
+    records = [RecordData(np.zeros(1001), np.zeros(1001), 0.01)]
+    assert (EFFECTS["creep"].plausible(operator, np.zeros(1001), records) > 0.0) == stays
+
+
+@pytest.mark.parametrize(("half_gap", "stays"), [(0.02, False), (0.2, True)])
+@pytest.mark.parametrize("units", [1.0, 1e-9])
+def test_a_play_is_wider_than_what_may_be_noise_on_the_drive(half_gap, stays, units):
+    """The noise goes to 3.6 standard deviations of 0.01; on a smooth drive any play shows."""
+    smooth = np.sin(np.linspace(0.0, 20.0, 3000))
+    noisy = smooth + 0.01 * np.random.default_rng(9401).standard_normal(3000)
+    for drive, wide in ((noisy, stays), (smooth, True)):
+        records = [RecordData(drive, drive, 0.01)]
+        margin = EFFECTS["backlash"].plausible
+        operator = BacklashOperator(half_gap * units, rank=0)
+        assert (margin(operator, units * smooth, records) > 0.0) == wide
 
 
 @pytest.mark.parametrize("period", [48.37, 71.23, 250.0 / 3.0, 400.0])

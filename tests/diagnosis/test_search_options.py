@@ -8,7 +8,7 @@ from sklearn.preprocessing import StandardScaler
 
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.model_selection import BlockedTimeSeriesSplit
+from skhyst.model_selection import RecordKFold
 from skhyst.records import stack_records
 
 SEED = 9000
@@ -41,9 +41,9 @@ def test_one_record_is_cut_into_blocks_that_are_washed_out(washout):
     model = PrandtlIshlinskii(dt=recording.sampling_interval)
     search = EffectSearchCV(model, effects=FEW, cv=4, washout=washout, random_state=0).fit(X, y)
     assert search.effects_ == ["lag"]
-    edges = np.linspace(0, len(y), 5).astype(int)
-    washed = np.zeros(len(y), dtype=bool)
-    for edge in edges[:-1]:
+    edges = np.linspace(0, len(y), 6).astype(int)
+    washed = np.arange(len(y)) < edges[1]  # the first block is only fitted
+    for edge in edges[1:-1]:
         washed[edge : edge + washout] = True
     for stage in ("before", "after"):
         residual = getattr(search, f"residual_{stage}_")
@@ -106,12 +106,15 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
     X, y = stack_records([(u, u + 0.05 * u**2) for u in drives], dt=0.01)
     y += 0.005 * rng.standard_normal(len(y))
     effects = ["static_nonlinearity", "lag", "drift"]
-    cv = BlockedTimeSeriesSplit(staggered=True)
-    search = few(estimator=PrandtlIshlinskii(3), cv=cv, effects=effects).fit(X, y)
+    search = few(estimator=PrandtlIshlinskii(3), effects=effects).fit(X, y)
     assert search.effects_ == ["static_nonlinearity"]
     assert search.error_after_ < 0.006
-    scored = np.isfinite(search.residual_after_)
-    assert scored.all()  # each sample is held out once
+    assert search.extrapolated_ < 0.05
+    whole = few(estimator=PrandtlIshlinskii(3), cv=RecordKFold(2), effects=["lag"]).fit(X, y)
+    assert whole.extrapolated_ > 0.2
+    scored = np.isfinite(search.residual_after_).reshape(2, 600)
+    assert scored[:, 100:].all()  # each sample is held out once
+    assert not scored[:, :100].any()  # but for those of the first blocks
 
 
 # -------------------------------------------------------------------------- parameters and refusals
@@ -182,7 +185,7 @@ def test_readings_that_are_no_numbers_are_refused(value, which):
 
 def test_too_few_samples_are_refused_with_the_number_that_is_enough():
     X, y = np.arange(6.0).reshape(-1, 1), np.arange(6.0)
-    with pytest.raises(ValueError, match=r"at least 10 samples for 5 folds. Got 6 instead"):
+    with pytest.raises(ValueError, match=r"at least 12 samples for 5 folds. Got 6 instead"):
         EffectSearchCV(PrandtlIshlinskii(2), effects=["lag"]).fit(X, y)
 
 

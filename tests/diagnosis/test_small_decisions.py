@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from skhyst.diagnosis import _changes, _open_questions
+from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
 from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
@@ -135,10 +136,8 @@ def test_the_simplest_variant_is_kept_that_foretells_about_as_well(worse_by, cho
     residual = np.random.default_rng(0).normal(size=400)
 
     def variant(n_parameters, factor):
-        own = [factor * residual]
-        return SimpleNamespace(
-            n_parameters=n_parameters, error=factor, residuals=own, weights=None, explained=None
-        )
+        known = {"residuals": (factor * residual,), "weights": (None,), "error": factor}
+        return Candidate((), None, 1.0, 1.0, n_parameters, np.empty(0), **known)
 
     rounds = SimpleNamespace(criterion=Criterion(1e-300, 0.05))
     variants = [variant(5, 1.0), variant(1, worse_by)]

@@ -41,28 +41,35 @@ def check_partition(records, segments, folds, n_segments=32):
 
 @settings(deadline=None, max_examples=30)
 @given(sizes, st.integers(2, 9), washouts)
-def test_an_int_cuts_whole_records_or_blocks_of_a_single_one(lengths, cv, washout):
+def test_an_int_holds_out_a_block_of_every_record(lengths, cv, washout):
     X, y = recording(lengths)
     records = record_slices(X, y)
     segments, folds = segment_folds(records, cv, X, y, washout=washout)
     check_partition(records, segments, folds)
     train, scored = by_rows(records, segments, folds).transpose(1, 0, 2)
-    assert len(folds) == (cv if len(lengths) == 1 else min(cv, len(lengths)))
-    # each row is held out once; all but the washout is scored then
-    np.testing.assert_array_equal((~train).sum(axis=0), 1)
-    for k in range(len(folds)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], ~train[k], [0]])))
-        if len(lengths) == 1:
-            assert edges.size == 2
-            assert edges[1] - edges[0] in (lengths[0] // cv, -(-lengths[0] // cv))
-            lost = int(0.05 * (lengths[0] // cv)) if washout is None else washout
-            assert np.sum(scored[k]) == max(edges[1] - edges[0] - lost, 1)
-    if len(lengths) > 1:
-        for record in records:
-            tested = ~train[:, record.rows]
-            assert (tested == tested[:, :1]).all()
-            left = scored[:, record.rows].sum()
-            assert left == max(record.n_samples - (washout or 0), 1)
+    whole = [len(lengths) > 1 and n < 16 * (cv + 1) for n in lengths]
+    assert len(folds) == (min(cv, len(lengths)) if all(whole) else cv)
+    firsts = []
+    for record, is_whole in zip(records, whole, strict=True):
+        n, tested, counted = record.n_samples, ~train[:, record.rows], scored[:, record.rows]
+        edges = np.diff(np.pad(tested, ((0, 0), (1, 1))).astype(int), axis=1)
+        blocks = sorted(np.flatnonzero(own).tolist() for own in edges if own.any())
+        assert len(blocks) == (1 if is_whole else cv)
+        # what comes first is only trained on; each row behind it is held out once
+        assert blocks[0][0] == (0 if is_whole else n // (cv + 1))
+        assert blocks[-1][1] == n
+        assert all(a[1] == b[0] for a, b in pairwise(blocks))
+        sizes = [stop - start for start, stop in blocks]
+        assert max(sizes) - min(sizes) <= 1
+        if len(lengths) > 1:  # a washout counts from the start of a record
+            begin = min(washout or 0, n - 1)
+            assert counted.sum() == sum(max(b - max(a, begin), 0) for a, b in blocks)
+        else:
+            lost = int(0.05 * min(sizes)) if washout is None else washout
+            assert sorted(counted.sum(axis=1)) == sorted(max(size - lost, 1) for size in sizes)
+        firsts.append(int(np.argmax(tested[:, blocks[0][0]])))
+    # the first blocks of different records are in different folds, as far as there are folds
+    assert np.bincount(firsts).max() == -(-len(lengths) // cv)
 
 
 def test_segments_of_a_single_record_as_recorded():
@@ -70,9 +77,10 @@ def test_segments_of_a_single_record_as_recorded():
     segments, _ = segment_folds(record_slices(X), 3, X, y)
     assert segments == (
         (
-            *((0, 3), (3, 19), (19, 35), (35, 51), (51, 67)),
-            *((67, 70), (70, 86), (86, 102), (102, 118), (118, 135)),
-            *((135, 138), (138, 154), (154, 170), (170, 186), (186, 203)),
+            *((0, 16), (16, 32), (32, 50)),
+            *((50, 52), (52, 68), (68, 84), (84, 101)),
+            *((101, 103), (103, 119), (119, 135), (135, 152)),
+            *((152, 154), (154, 170), (170, 186), (186, 203)),
         ),
     )
 
@@ -82,7 +90,7 @@ def test_blocks_that_differ_by_a_sample_get_equally_many_segments(cv):
     X, y = recording([16 * 40 * cv + 1])
     segments, folds = segment_folds(record_slices(X), cv, X, y)
     for _, test in folds:
-        assert np.sum(test) == max(32 // cv, 1)
+        assert np.sum(test) == max(32 // (cv + 1), 1)
     lengths = [b - a for a, b in segments[0]]
     assert np.sum(lengths) == len(X)
 
@@ -192,7 +200,7 @@ SPLIT = [(ROWS[:20], ROWS[20:]), (ROWS[20:], ROWS[:20])]
         (ShuffleSplit(random_state=0), "RecordKFold or BlockedTimeSeriesSplit"),
         (1, "'cv' parameter of segment_folds must be an int that is at least 2. Got 1 instead"),
         (True, "must be an int that is at least 2. Got True instead"),
-        (21, "at least 42 samples for 21 folds. Got 40 instead"),
+        (21, "at least 44 samples for 21 folds. Got 40 instead"),
         (2.5, r"an int, a splitter or an iterable .* Got 2.5 instead"),
         ("five", r"an int, a splitter or an iterable .* Got 'five' instead"),
         ([1, 2], r"an int, a splitter or an iterable .* Got \[1, 2\] instead"),

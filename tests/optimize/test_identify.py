@@ -7,6 +7,7 @@ from skhyst.disturbance import DriftOperator, OffsetOperator
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.linear import (
     FirstOrderLagOperator,
+    GainOperator,
     KelvinVoigtOperator,
     SecondOrderModeOperator,
     TransferFunctionOperator,
@@ -204,3 +205,14 @@ def test_sections_keep_the_poles():
     operator = TransferFunctionOperator(tau, w, zeta, np.empty(0))
     np.testing.assert_allclose(np.sort_complex(operator.poles()), np.sort_complex(poles), rtol=1e-9)
     np.testing.assert_allclose(tau, [2.0])  # the slowest real pole is the one left over
+
+
+def test_what_is_lost_in_squares_is_not_determined():
+    """Its own error would overflow."""
+    rng = np.random.default_rng(0)
+    record = RecordData(
+        1e-150 * rng.standard_normal(200), 1.0 + 0.1 * rng.standard_normal(200), 1.0
+    )
+    result = identify([GainOperator(1.0)], [record])
+    assert result.undetermined == ("gain",)
+    assert result.params_std["intercept"] == pytest.approx(0.1 / np.sqrt(200), rel=0.2)

@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from skhyst.compose import Cascade
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.static import (
+    DeadBand,
     DeadBandOperator,
     DeadZoneOperator,
     FoldOperator,
@@ -238,3 +239,13 @@ def test_core_is_found_behind_its_hysteresis():
     core = model.operator_.stages[1]
     assert np.sqrt(np.mean((model.predict(u.reshape(-1, 1)) - clean) ** 2)) < 3e-4
     assert (core.level, core.knee) == pytest.approx((0.6, 1.5), rel=0.05)
+
+
+@settings(deadline=None, max_examples=30)
+@given(center=st.floats(-0.7, 0.7), half_width=st.floats(0.03, 0.28))
+def test_a_dead_band_is_found_wherever_it_is(center, half_width):
+    """The bands to start from cover the range, so one of them meets it."""
+    drive = np.sin(np.linspace(0.0, 6.0, 301))
+    model = DeadBand().fit(drive[:, None], respond(DeadBandOperator(half_width, center), drive))
+    assert model.operator_.center == pytest.approx(center, abs=1e-4)
+    assert model.operator_.half_width == pytest.approx(half_width, abs=1e-4)
