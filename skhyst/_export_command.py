@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from ._files import check_outputs
 from ._model_files import load_model
 from .export import to_c, to_fmu
 from .records import read_records
@@ -18,7 +19,6 @@ def add_export(commands):
     to.add_argument("--c", type=Path, metavar="DIR", help="folder for the C files")
     unit = "functional mock-up unit, which is called as the file is"
     to.add_argument("--fmu", type=Path, metavar="FILE.fmu", help=unit)
-    add("--force", action="store_true", help="write over files that are there")
     add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
     add("--initial-state", choices=("rest", "zero"), help="(default: that of the model)")
     add("--u0", type=float, default=0.0, help="input at which the device rests (default: 0)")
@@ -53,7 +53,7 @@ def _export(options):
 
 def _export_c(model, options, more):
     name = options.name or options.model.stem
-    _keep([options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")], options)
+    _check([options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")], options)
     for unit in ("input_unit", "output_unit"):
         if more[unit] is not None:
             more[unit] = float(more[unit])
@@ -66,7 +66,7 @@ def _export_c(model, options, more):
 def _export_fmu(model, options, more):
     if options.fmu.suffix.lower() != ".fmu":
         raise ValueError(f"The unit must end in .fmu. Got {options.fmu} instead.")
-    _keep([options.fmu], options)
+    _check([options.fmu], options)
     path = to_fmu(model, options.fmu, options.fmi_version or "3.0", **more)
     try:
         from fmpy.validation import validate_fmu
@@ -77,8 +77,6 @@ def _export_fmu(model, options, more):
     return [path]
 
 
-def _keep(paths, options):
-    """Refuse to write over files, unless that is told."""
-    there = ", ".join(str(path) for path in paths if path.exists())
-    if there and not options.force:
-        raise FileExistsError(f"There is already {there}: add --force to write over it.")
+def _check(paths, options):
+    inputs = [options.model] + ([options.drive] if options.drive else [])
+    check_outputs(paths, inputs, force=options.force)

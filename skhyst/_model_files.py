@@ -15,18 +15,20 @@ import joblib
 from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
+from ._files import check_input, replacing
+
 
 def save_model(model, path):
     """Write a model, as skops where the file's suffix is ``.skops`` and by joblib otherwise."""
-    if Path(path).suffix.lower() == ".skops":
-        _skops(path).dump(model, path)
-    else:
-        joblib.dump(model, path)
+    dump = _skops(path).dump if Path(path).suffix.lower() == ".skops" else joblib.dump
+    with replacing(path) as (part,):
+        dump(model, part)
 
 
 def load_model(path, trust=False):
     """Return the fitted model in a file; what can run code is refused unless it is trusted."""
     path = Path(path)
+    check_input(path)
     with path.open("rb") as file:
         safe = zipfile.is_zipfile(file)
     if not safe and not trust:

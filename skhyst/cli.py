@@ -1,7 +1,8 @@
 """The command line: argparse over the public interface.
 
-Exit codes: 0 done; 1 the data or the options do not fit together; 2 the call is wrong; 130
-interrupted. Results go to the standard output, progress and errors to the standard error stream.
+Exit codes: 0 done; 1 the data or the options do not fit together, or a file cannot be read or
+written; 2 the call is wrong; 130 interrupted. Results go to the standard output, progress and
+errors to the standard error stream.
 """
 
 import argparse
@@ -20,6 +21,7 @@ import pandas as pd
 from . import __version__
 from ._demo import make_demo_recording
 from ._export_command import add_export
+from ._files import check_outputs, replacing
 from ._model_files import load_model, save_model
 from .base import ParametricModel
 from .compose import Cascade, snake_case
@@ -62,7 +64,7 @@ def main(argv=None):
     except KeyboardInterrupt:
         print("skhyst: interrupted", file=sys.stderr)
         return 130
-    except (ValueError, TypeError, OSError, ImportError) as error:
+    except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
         print(f"skhyst: {error}", file=sys.stderr)
         return 1
     return 0
@@ -86,6 +88,8 @@ def _parser():
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--quiet", action="store_true", help="no progress")
     demo.set_defaults(run=_demo)
+    for command in tuple(commands.choices.values()):
+        command.add_argument("--force", action="store_true", help="write over files that are there")
     for name, listed, run in (
         ("models", "models that can be declared", _list_models),
         ("effects", "effects that a search tries", _list_effects),
@@ -116,15 +120,12 @@ def _add_next(commands):
 
 
 def _next(options):
-    if options.output.exists():  # a search takes its time
-        raise FileExistsError(f"{options.output} is there already: it is not overwritten.")
     if not options.limits[0] < options.limits[1]:
         raise ValueError(f"The limits must be LOW HIGH. Got {options.limits} instead.")
-    _prepare([options.output])
     search = _diagnose(options)
     asked = options.limits, options.rate, options.duration, options.dt
     experiment = next_experiment(search, *asked)
-    experiment.save(options.output)
+    experiment.save(options.output, force=options.force)
     print(f"record next: {experiment.reason}")
     print(f"written: {options.output}")
 
@@ -188,7 +189,7 @@ def _add_compensate(commands):
 
 
 def _compensate(options):
-    _prepare([options.output])
+    check_outputs([options.output], [options.model, options.file], force=options.force)
     model = load_model(options.model, options.trust)
     columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
     X, _ = read_records(options.file, **columns)
@@ -206,16 +207,17 @@ def _compensate(options):
         print(message)
     table = pd.DataFrame({"drive": drive}, X.index).reset_index()
     single = table["record"].nunique() == 1
-    table.drop(columns="record" if single else []).to_csv(options.output, index=False)
+    with replacing(options.output) as (part,):
+        table.drop(columns="record" if single else []).to_csv(part, index=False)
     print(f"written: {options.output}")
 
 
 def _diagnose(options):
     model = parse_model(options.model)
-    outputs = [path for path in (options.report, options.save, options.json) if path]
+    outputs = [options.report, options.save, options.json, getattr(options, "output", None)]
     if options.report and options.report.suffix.lower() not in _REPORTS:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
-    _prepare(outputs)
+    _prepare([path for path in outputs if path], [options.file], options)
     reading = {name: getattr(options, name) for name in _READING}
     if options.reference is not None:
         reading["auxiliary"] = [*options.auxiliary, options.reference]
@@ -242,13 +244,13 @@ def _search(model, options, **more):
 
 
 def _demo(options):
-    options.output.mkdir(parents=True, exist_ok=True)
     recording = options.output / "recording.csv"
     outputs = [options.output / name for name in ("report.html", "model.joblib", "result.json")]
     options.report, options.save, options.json = outputs
-    _prepare([recording, *outputs])
+    _prepare([recording, *outputs], [], options)
     table, secret, description = make_demo_recording(options.seed)
-    table.to_csv(recording, index=False)
+    with replacing(recording) as (part,):
+        table.to_csv(part, index=False)
     print(f"A piezo actuator was simulated and recorded in {recording}.")
     print("The model is Prandtl-Ishlinskii; the search sees the recording and nothing else.")
     columns = {"drive": "voltage", "response": "position", "time": "time", "record": "record"}
@@ -295,13 +297,16 @@ def _conclude(search, options, held_out):
     for path, write in outputs:
         if path:
             try:
+                check_outputs([path], force=options.force)  # the search has taken its time
                 write(path)
-            except (OSError, TypeError) as error:  # TypeError: not to be written as skops
-                failures.append(f"{path} was not written: {error}")
+            except OSError as error:
+                failures.append(str(error))
+            except TypeError as error:  # not to be written as skops
+                failures.append(f"{path} cannot be written: {error}")
             else:
                 print(f"written: {path}")
     if failures:
-        raise OSError("; ".join(failures))
+        raise OSError(" ".join(failures))
 
 
 def parse_model(text):
@@ -388,19 +393,10 @@ def _list_effects(options):
         print(f"{name:24s}{EFFECTS[name].law}")
 
 
-def _prepare(paths):
-    """Make the folders of outputs and find out now whether all can be written."""
+def _prepare(paths, inputs, options):
+    """Find out now whether all outputs can be written, and what they need is installed."""
+    check_outputs(paths, inputs, force=options.force)
     for path in paths:
-        if path.is_dir():
-            raise IsADirectoryError(f"{path} is a folder, a file was expected.")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        existed = path.exists()
-        try:
-            path.open("ab").close()
-        except OSError as error:
-            raise type(error)(f"{path} cannot be written: {error}") from error
-        if not existed:
-            path.unlink()
         modules, extra = _NEEDED.get(path.suffix.lower(), ((), ""))
         missing = [module for module in modules if importlib.util.find_spec(module) is None]
         if missing:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import pickle
 import subprocess
 import sys
@@ -69,7 +70,8 @@ def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys)
     np.testing.assert_allclose(table["time"], experiment.drive.index)
     assert f"record next: {experiment.reason}" in capsys.readouterr().out
     assert main(command) == 1
-    assert "not overwritten" in capsys.readouterr().err
+    assert "drive.csv is there already: add --force" in capsys.readouterr().err
+    assert main([*command, "--force"]) == 0
     path.unlink()
     command[command.index("--limits") + 1] = "50"
     assert main(command) == 1
@@ -187,9 +189,81 @@ def test_one_output_that_fails_loses_no_other(recording, tmp_path, capsys, monke
     monkeypatch.setattr(joblib, "dump", disk_full)
     assert main(arguments(recording, *files(tmp_path, "report.md"))) == 1
     printed = capsys.readouterr()
-    assert "model.joblib was not written: No space left" in printed.err
+    assert "model.joblib cannot be written: No space left" in printed.err
     assert "missing: output_saturation" in printed.out
     assert all((tmp_path / name).stat().st_size > 0 for name in ("out.json", "report.md"))
+
+
+def test_no_input_and_no_other_file_is_written_over(
+    recording, model_file, reference, tmp_path, capsys
+):
+    def kept(path, call, message, force=()):
+        old = path.read_bytes()
+        assert main([*call, *force]) == 1
+        printed = capsys.readouterr().err
+        assert message in printed
+        assert printed.count("\n") == 1
+        assert path.read_bytes() == old
+
+    (tmp_path / "link.json").symlink_to(recording)
+    os.link(recording, tmp_path / "hard.json")
+    (tmp_path / "mine.json").write_text("mine")
+    for output, message, path in (
+        (recording, "is what is read", recording),
+        (tmp_path / "new" / ".." / "hard.json", "is what is read", recording),
+        (tmp_path / "link.json", "is what is read", recording),
+        (tmp_path / "mine.json", "is there already: add --force", tmp_path / "mine.json"),
+    ):
+        force = ["--force"] if path == recording else []
+        kept(path, arguments(recording, "--json", str(output)), message, force)
+    compensate = ["compensate", str(model_file), str(reference), "-o"]
+    for path in (model_file, reference):
+        kept(path, [*compensate, str(path)], "is what is read", ["--force"])
+    unit = model_file.rename(tmp_path / "stage.fmu")
+    kept(unit, ["export", str(unit), "--fmu", str(unit)], "is what is read", ["--force"])
+    both = [str(tmp_path / "one"), "--save", str(tmp_path / "new" / ".." / "one")]
+    assert main(arguments(recording, "--json", *both)) == 1
+    assert "two outputs" in capsys.readouterr().err
+    assert not (tmp_path / "one").exists()
+
+
+def test_a_file_that_comes_during_the_search_is_kept(recording, tmp_path, capsys, monkeypatch):
+    path, fit = tmp_path / "out.json", EffectSearchCV.fit
+
+    def slow(search, *data):
+        path.write_text("mine")
+        return fit(search, *data)
+
+    monkeypatch.setattr(EffectSearchCV, "fit", slow)
+    assert main(arguments(recording, "--json", str(path))) == 1
+    assert "is there already" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+def test_a_pipe_is_refused_at_once(model_file, reference, tmp_path, capsys):
+    for name in ("pipe.csv", "pipe.skops"):
+        os.mkfifo(tmp_path / name)
+    for call in (
+        arguments(tmp_path / "pipe.csv"),
+        arguments(reference, "--json", str(tmp_path / "pipe.csv"), "--force"),
+        ["export", str(tmp_path / "pipe.skops"), "--c", str(tmp_path)],
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "skhyst", *call], capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 1
+        assert "is a" in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_what_cannot_be_exported_is_said(model_file, tmp_path, capsys, monkeypatch):
+    def refuse(*args, **kwargs):
+        raise NotImplementedError("the output depends on later input")
+
+    monkeypatch.setattr("skhyst._export_command.to_c", refuse)
+    assert main(["export", str(model_file), "--c", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "skhyst: the output depends on later input\n"
 
 
 def test_interrupt_and_usage_error(recording, monkeypatch):
@@ -274,7 +348,7 @@ def test_compensate_equals_python(model, model_file, reference, tmp_path, capsys
     assert f"{residual:.4g} ({100 * residual / np.ptp(y):.3g} % of the range)" in printed
     assert any("limits of the drive cut" in str(one.message) for one in said)
     assert all(str(one.message) in printed for one in said)
-    assert main([*call, "--reference", "um", "--time", "t"]) == 0
+    assert main([*call, "--reference", "um", "--time", "t", "--force"]) == 0
     assert "cut" not in capsys.readouterr().out
 
 
@@ -331,7 +405,7 @@ def test_what_is_there_is_kept(model_file, tmp_path, capsys):
         (tmp_path / file).write_text("mine")
         call = ["export", str(model_file), *map(str, out)]
         assert main(call) == 1
-        assert f"{file}: add --force" in capsys.readouterr().err
+        assert f"{file} is there already: add --force" in capsys.readouterr().err
         assert (tmp_path / file).read_text() == "mine"
         assert not (tmp_path / "stage.c").exists()
 

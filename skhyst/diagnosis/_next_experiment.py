@@ -1,11 +1,13 @@
 """What to record next: the drive from which a search would learn most, as a file."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
+from .._files import check_outputs, replacing
 from ..datasets import signals_within
 from ..optimize import RecordData
 from ..records import record_slices, stack_records
@@ -35,15 +37,23 @@ class Experiment:
     reason: str
     expected_gain: float
 
-    def save(self, path):
+    def save(self, path, *, force=False):
         """Write time and drive as a CSV file.
+
+        Parameters
+        ----------
+        path : str or Path
+        force : bool, default=False
+            Whether a file that is there is written over.
 
         Raises
         ------
-        FileExistsError
-            If there is such a file: none is overwritten.
+        OSError
+            If the file is there already, or cannot be written.
         """
-        self.drive.to_csv(path, mode="x")
+        check_outputs([Path(path)], force=force)
+        with replacing(path) as (part,):
+            self.drive.to_csv(part)
 
 
 def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None):

@@ -3,8 +3,8 @@
 import dataclasses
 import json
 import re
-from pathlib import Path
 
+from .._files import replacing
 from ._report_data import collect
 from ._report_figures import report_figures
 from ._report_page import page, verdict
@@ -139,7 +139,7 @@ class Report:
         Parameters
         ----------
         path : str, Path or None, default=None
-            File to write as well.
+            File to write as well. One that is there is replaced when the new one is whole.
 
         Returns
         -------
@@ -149,6 +149,8 @@ class Report:
         ------
         ImportError
             Where matplotlib or Jinja2 is not installed.
+        OSError
+            If the file cannot be written, or is a link; what was there is left as it was.
         """
         return _written(_rendered(self, "html"), path)
 
@@ -202,5 +204,6 @@ def _markdown_text(value):
 def _written(content, path):
     """Write the content where a path is given, and return it."""
     if path is not None:
-        Path(path).write_text(content, encoding="utf-8")
+        with replacing(path) as (part,):
+            part.write_text(content, encoding="utf-8")
     return content

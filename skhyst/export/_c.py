@@ -8,6 +8,7 @@ from string import Template
 
 import numpy as np
 
+from .._files import replacing
 from ..operators import Stepper
 from ._fixed import Fixed, FixedPrinter, boundary
 from ._model import model_step
@@ -233,9 +234,11 @@ def to_c(
         texts = _in_reals(step, stepper, common, drive, dtype)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for file, text in texts.items():
-        (folder / file).write_text(text)
-    return [folder / file for file in texts]
+    paths = [folder / file for file in texts]
+    with replacing(*paths) as parts:
+        for part, text in zip(parts, texts.values(), strict=True):
+            part.write_text(text, encoding="utf-8")
+    return paths
 
 
 def _stepper(model, dt, initial_state, u0):

@@ -12,6 +12,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
+from .._files import replacing
 from ._c import to_c
 
 _VERSIONS = ("2.0", "3.0")
@@ -144,7 +145,7 @@ def to_fmu(
             files["sources/buildDescription.xml"] = _BUILD.substitute(name=name).encode()
         files |= _binary(name, version, folder)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with ZipFile(path, "w") as archive:
+    with replacing(path) as (part,), ZipFile(part, "w") as archive:
         for file, content in files.items():  # without the date: equal models are equal files
             archive.writestr(ZipInfo(file), content, ZIP_DEFLATED)
     return path
@@ -219,10 +220,12 @@ def _binary(name, version, folder):
     flags = ["-std=c99", "-O2", "-shared", "-fvisibility=hidden"]
     flags += [] if system == "windows" else ["-fPIC"]
     sources = [f"{name}.c", f"{name}_fmu.c"]
-    subprocess.run(
+    done = subprocess.run(
         [compiler, *flags, "-o", library.name, *sources, "-lm"],
         cwd=folder,
-        check=True,
         capture_output=True,
+        text=True,
     )
+    if done.returncode:
+        raise OSError(f"{library.name} was not compiled: {done.stderr.strip() or done.returncode}")
     return {f"binaries/{place}/{library.name}": library.read_bytes()}

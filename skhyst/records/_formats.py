@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from .._files import check_input
 from ..exceptions import RecordError
 from ._mat_tags import check_tags
 from ._text import read_table
@@ -43,8 +44,7 @@ def file_variables(path):
             f"The 'path' parameter of read_records must end in one of {', '.join(_READERS)}. "
             f"Got {path.name!r} instead."
         )
-    if not path.is_file():
-        raise FileNotFoundError(f"There is no file {str(path)!r}.")
+    check_input(path)
     if path.stat().st_size == 0:
         raise RecordError(f"{path.name} is empty: {_expected(path)} was expected.")
     with reading(path):
