@@ -60,7 +60,9 @@ def main(argv=None):
     options = _parser().parse_args(argv)
     options.command = shlex.join(["skhyst", *argv])
     try:
-        options.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            options.run(options)
     except KeyboardInterrupt:
         print("skhyst: interrupted", file=sys.stderr)
         return 130
@@ -68,6 +70,11 @@ def main(argv=None):
         print(f"skhyst: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _show_warning(message, *args, **options):
+    """Print a warning without the line of source that it came from."""
+    print(f"skhyst: {message}", file=sys.stderr)
 
 
 def _parser():
@@ -136,7 +143,7 @@ def _add_search(parser):
     add("--drive", required=True, metavar="COL", help="column or variable of the drive")
     add("--response", required=True, metavar="COL", help="column or variable of the response")
     add("--time", metavar="COL", help="column of the time")
-    add("--time-unit", default="s", help="unit of the time (default: s)")
+    add("--time-unit", help="unit of the time (default: that which the file says, else s)")
     add("--record", metavar="COL", help="column that labels the records")
     add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
     loop = "column of the reference that the controller followed, where there was one"
@@ -178,7 +185,7 @@ def _add_compensate(commands):
     add("file", type=Path, help="reference: csv or another format that diagnose reads")
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
     add("--time", default=0, metavar="COL", help="column of the time (default: the first)")
-    add("--time-unit", default="s", help="unit of the time (default: s)")
+    add("--time-unit", help="unit of the time (default: that which the file says, else s)")
     column = "column of the reference (default: the second)"
     add("--reference", default=1, metavar="COL", help=column)
     limits = "of the drive, in its units"
@@ -277,6 +284,8 @@ def _conclude(search, options, held_out):
     )
     print(f"what is left: {_LEFT[search.verdict_]}")
     print(f"its noise: {search.noise_model_}")
+    if search.units_.time == "sample":
+        print("no time is known: give --time or --sampling-rate for s and Hz")
     if search.reference_share_ is not None:
         print(f"the reference foretells {100.0 * search.reference_share_:.3g} % of the drive")
     if search.resampling_error_:

@@ -6,6 +6,7 @@ __all__ = [
     "ReachWarning",
     "RecordError",
     "ShortRecordWarning",
+    "TimeUnitWarning",
 ]
 
 from sklearn.exceptions import ConvergenceWarning
@@ -21,6 +22,10 @@ class DivergenceWarning(UserWarning):
 
 class ReachWarning(UserWarning):
     """A reference is asked of a device that its drive, or a stage of its model, does not reach."""
+
+
+class TimeUnitWarning(UserWarning):
+    """A column of times has no unit, and what it would be in seconds is implausible."""
 
 
 class ShortRecordWarning(ConvergenceWarning):

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..operators import SumOperator
-from ._report_text import unit_of
+from ..records import Units, unit_of
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,16 @@ class Claim:
     records : sequence of RecordData
     columns : sequence of str
         Names of the columns of X; empty where they have none.
+    words : Units
+        Of the recording.
     """
 
     effect: object
     structure: object
     result: object
     records: tuple
-    columns: tuple = ()
+    columns: tuple
+    words: Units
 
     @cached_property
     def edits(self):

@@ -2,12 +2,13 @@
 
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..records import Units
 from ._pictures import Picture, changes_by_number, draw
-from ._report_text import in_words, listed, plus_minus, unit_of
+from ._report_text import listed, plus_minus
 
 # parameters that an engineer counts otherwise: name and factor
 _SPOKEN = {
@@ -34,12 +35,11 @@ class Evidence:
     picture: Picture
 
 
-def gather_evidence(claim, before, after, response):
-    """Return the evidence of a claim; of held-out errors before and after, and the name of y."""
-    words = unit_of(claim.columns[0]) if len(claim.columns) else "", unit_of(response)
-    found = _tried("numbers", _numbers, claim, {})
+def gather_evidence(claim, before, after):
+    """Return the evidence of a claim; of held-out errors before and after."""
+    found, words = _tried("numbers", _numbers, claim, {}), replace(claim.words, time="s")
     numbers = {
-        name: (float(value), float(std), in_words(unit, *words))
+        name: (float(value), float(std), words.of(unit))
         for name, (value, std, unit) in found.items()
     }
     told = [name for name in numbers if not _UNTOLD.match(name)] or list(numbers)
@@ -109,7 +109,8 @@ def _of_parts(claim):
         if unit in half and not number and (spec.log or spec.linear):
             part = 100.0 / (factor * half[unit])
             found[f"{label} over the range"] = part * value, part * std, "%"
-    return {name: (v, std, in_words(unit, *claim.units)) for name, (v, std, unit) in found.items()}
+    stage = Units(*claim.units, claim.words.time)
+    return {name: (v, std, stage.of(unit)) for name, (v, std, unit) in found.items()}
 
 
 def _characteristics(operator, seen):

@@ -8,8 +8,8 @@ import pandas as pd
 _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 
 
-def locate(slices, drive, residual):
-    """Return how the power of a residual is spread over the records of a drive.
+def locate(slices, drive, residual, units):
+    """Return how the power of a residual is spread over the records of a drive, in these units.
 
     One row a record, a tenth of a record's time, of the drive, of the drive's rate (tenths by
     number of samples), and an octave of frequency: ``by``, ``record`` (of its time only), ``low``,
@@ -26,7 +26,8 @@ def locate(slices, drive, residual):
 
     def row(by, record, low, high, unit, own, size):
         share = float(own / total)
-        return by, record, float(low), float(high), unit, share, share * count / max(size, 1)
+        concentration = share * count / max(size, 1)
+        return by, record, float(low), float(high), units.of(unit), share, concentration
 
     rows = []
     for s, keep, own in zip(slices, known, power, strict=True):
@@ -40,7 +41,8 @@ def locate(slices, drive, residual):
         edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, 11)))
         parts = _parts(edges, values, np.concatenate(power))
         rows += [row(by, None, low, high, unit, *own) for low, high, *own in parts]
-    rows += [("frequency", None, *own[:2], "Hz", *own[2:]) for own in _octaves(slices, residuals)]
+    hertz = units.of("Hz")
+    rows += [("frequency", None, *own[:2], hertz, *own[2:]) for own in _octaves(slices, residuals)]
     order = ["record", "time", "drive", "rate", "frequency"]
     rows.sort(key=lambda own: (order.index(own[0]), -own[-1]))
     return pd.DataFrame(rows, columns=_COLUMNS)

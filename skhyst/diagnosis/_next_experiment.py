@@ -122,7 +122,7 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
     reason = question.told(answers[name], len(drive))
     if search._records[0].auxiliary is not None:
         reason += " Further columns are taken to stay at their means."
-    gain = float(question.worth(answers[name])[-1])
+    gain, name = float(question.worth(answers[name])[-1]), search.units_.in_time(name)
     return Experiment(
         pd.Series(drive, time, name="drive"), name, f"{name[0].upper()}{name[1:]}: {reason}", gain
     )

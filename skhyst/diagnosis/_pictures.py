@@ -31,7 +31,15 @@ def draw(claim):
     """Return the picture of a claim: that of the way in which the effect entered, or its own."""
     title = claim.effect.name.replace("_", " ").capitalize()
     own = claim.effect.picture or ("time" if claim.kind == "beside" else "curve")
-    return _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
+    picture = _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
+    return _in_units(picture, claim.words)
+
+
+def _in_units(picture, words):
+    """Return a picture with the units that its labels end in put into words."""
+    below = None if picture.below is None else _in_units(picture.below, words)
+    labels = {name: words.label(getattr(picture, name)) for name in ("x_label", "y_label")}
+    return replace(picture, below=below, **labels)
 
 
 def _styled(x, measured, identified):
@@ -253,7 +261,7 @@ def _spectra(title, claim):
             own = [signals[i] for i in numbers]
             found = spectrum(np.concatenate(own), _spans(own), dt)
             curves.append((f"{label}{every}", *found, "line"))
-    y_label = "residual (response / sqrt Hz)"
+    y_label = "residual (response/√Hz)"
     return Picture(title, "frequency (Hz)", y_label, tuple(curves), x_log=True, y_log=True)
 
 
@@ -370,7 +378,7 @@ def _memory(claim):
     most = max(own.max() for own in added)
     return {
         "largest part of the response": (most, np.nan, "response"),
-        "longest time above the noise": (max(last), np.nan, "s"),
+        "longest time above the noise": (max(last), np.nan, claim.words.in_time("s")),
     }
 
 
@@ -381,7 +389,7 @@ def _moved_modes(claim):
         roots = np.asarray(roots, dtype=complex)
         frequencies = np.sort(np.abs(roots[roots.imag > 0.0])) / (2.0 * np.pi)
         for i, frequency in enumerate(frequencies, start=1):
-            found[f"mode {i}, {label} amplitude"] = frequency, np.nan, "Hz"
+            found[f"mode {i}, {label} amplitude"] = frequency, np.nan, claim.words.in_time("Hz")
     return found
 
 

@@ -31,6 +31,9 @@ class Report:
         The fields of the search's :class:`NoiseModel`, and ``text``, which puts them into words.
     drive_name, response_name : str
         Names of the columns.
+    units : dict of str to str
+        Units of ``drive`` and ``response``, "" where nobody has said them, and of ``time``: "s", or
+        "sample" where there was none, with frequencies in cycles/sample.
     claims, ranking, not_it : list of dict
         For each effect claimed its law, errors, p-value, ambiguity, experiment and evidence; every
         candidate of every round; for each effect not claimed the round in which it helped most.
@@ -75,6 +78,7 @@ class Report:
     noise_model: dict
     drive_name: str
     response_name: str
+    units: dict
     claims: list
     ranking: list
     not_it: list

@@ -26,7 +26,8 @@ def collect(search, command, held_out):
     claims = [_claim(row) for row in search.history_.to_dict("records")]
     not_it, data = _not_it(ranking, claims), _data(search)
     location = _location(search.residual_location_, search.records_)
-    declared = locate(search.records_, search.drive_, search.residual_before_)
+    place = search.records_, search.drive_, search.residual_before_, search.units_
+    declared = locate(*place)
     models = {"declared": search.declared_estimator_, "augmented": search.best_estimator_}
     predictions = {"declared model": search.prediction_before_}
     if search.effects_:
@@ -48,6 +49,7 @@ def collect(search, command, held_out):
         "response_range": float(np.ptp(search.response_)),
         "noise_model": asdict(search.noise_model_) | {"text": str(search.noise_model_)},
         **names,
+        "units": asdict(search.units_),
         "claims": claims,
         "ranking": ranking.to_dict("records"),
         "not_it": not_it,
@@ -211,20 +213,24 @@ def looks(location):
 
     Examples
     --------
-    >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "concentration": 4.0}
-    >>> looks([row]), looks([])
+    >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "unit": "Hz"}
+    >>> looks([row | {"concentration": 4.0}]), looks([])
     ('from 10.0 to 20.0 Hz (4.0 times the mean power)', '')
     """
     places = {
         "record": "in record {record}",
-        "time": "from {low} to {high} s of record {record}",
-        "drive": "where the drive is from {low} to {high}",
-        "rate": "where the drive's rate is from {low} to {high}",
-        "frequency": "from {low} to {high} Hz",
+        "time": "from {low} to {high} {unit} of record {record}",
+        "drive": "where the drive is from {low} to {high}{known}",
+        "rate": "where the drive's rate is from {low} to {high}{known}",
+        "frequency": "from {low} to {high} {unit}",
     }
     return "; ".join(
         places[row["by"]].format(
-            record=row["record"], low=number(row["low"]), high=number(row["high"])
+            record=row["record"],
+            low=number(row["low"]),
+            high=number(row["high"]),
+            unit=row["unit"],
+            known="" if row["unit"].startswith("drive") else f" {row['unit']}",
         )
         + f" ({number(row['concentration'], 2)} times the mean power)"
         for row in location

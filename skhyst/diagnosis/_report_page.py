@@ -4,7 +4,7 @@ import math
 
 from ._constants import NOTICEABLE
 from ._report_data import looks
-from ._report_text import change, in_words, listed, number, percent, plus_minus, share, unit_of
+from ._report_text import change, listed, number, percent, plus_minus, share
 
 _NO_CLAIM = {
     "noise": "Nothing is missing: no effect that was tried makes the held-out error significantly "
@@ -125,7 +125,8 @@ def _table(head, align, rows, strong=()):
 def _error(report, value, whole=None):
     """Write an error in its unit, with its percentage of the range."""
     part = percent(value, report.response_range if whole is None else whole)
-    return f"{f'{number(value)} {unit_of(report.response_name)}'.strip()} ({part} of the range)"
+    unit = report.units["response"]
+    return f"{f'{number(value)} {unit}'.strip()} ({part} of the range)"
 
 
 def _fall(before, after):
@@ -142,7 +143,7 @@ def _errors(report, figures):
     if report.effects:
         errors["with what was found"] = report.error_after
     errors["noise floor"] = report.noise_floor
-    unit, whole, top = unit_of(report.response_name), report.response_range, max(errors.values())
+    unit, whole, top = report.units["response"], report.response_range, max(errors.values())
     head = ["error (RMS, held out)", unit or "value", "of the range"]
     rows = [[name, number(own), percent(own, whole)] for name, own in errors.items()]
     widths = [100.0 * own / top if top > 0.0 else 0.0 for own in errors.values()]
@@ -249,10 +250,9 @@ def _left(report, figures):
         yield _text("Something unexplained remains: no further effect explains it.", "note")
     if report.location:
         yield _text("What is left is strongest here:")
-        units = unit_of(report.drive_name), unit_of(report.response_name)
         rows = [
             [row["by"], row["record"] or "all", number(row["low"]), number(row["high"])]
-            + [in_words(row["unit"], *units), share(row["share"]), number(row["concentration"], 2)]
+            + [row["unit"], share(row["share"]), number(row["concentration"], 2)]
             for row in report.location
         ]
         head = ["by", "record", "from", "to", "unit", "share of its power", "times the mean"]
@@ -304,6 +304,8 @@ def _data(report, figures):
     data = report.data
     yield _heading("Data")
     every = listed(f"{number(dt)} s" for dt in sorted({r["interval"] for r in data["records"]}))
+    if report.units["time"] == "sample":
+        every = "sample of a time that is not known, so that frequencies are in cycles/sample"
     yield _text(
         f"{data['n_samples']} samples in {data['n_records']} records, one every {every}; "
         f"{data['n_scored']} were scored while held out. "
@@ -326,7 +328,8 @@ def _data(report, figures):
         [row["label"], row["n_samples"], *(number(row[name]) for name in ends)]
         for row in data["records"]
     ]
-    head = ["record", "samples", "seconds", "drive from", "to", "response from", "to"]
+    lasts = "seconds" if report.units["time"] == "s" else "duration"
+    head = ["record", "samples", lasts, "drive from", "to", "response from", "to"]
     yield _table(head, "lrrrrrr", rows)
     faults = [
         [row[name] for name in ("fault", "record", "n_samples")]

@@ -1,7 +1,6 @@
 """How a report writes a value, its error and a change."""
 
 import math
-import re
 
 
 def _powers(exponent):
@@ -90,31 +89,6 @@ def change(before, after):
         return f"{number(after / before, 2)} times"
     text = f"{100.0 * (after / before - 1.0):+.1f} %"
     return "0.0 %" if text[1:] == "0.0 %" else _signed(text)
-
-
-def unit_of(name):
-    """Return the unit that a column's name carries in brackets, or "".
-
-    Examples
-    --------
-    >>> unit_of("voltage (V)"), unit_of("x [um]"), unit_of("speed"), unit_of("gauge[0]")
-    ('V', 'um', '', '')
-    """
-    found = re.search(r"[(\[](?!\d+[)\]])([^()\[\]]{1,12})[)\]]\s*$", str(name))
-    return found.group(1).strip() if found else ""
-
-
-def in_words(unit, drive, response):
-    """Put other words, where there are any, into a unit in terms of drive and response.
-
-    Examples
-    --------
-    >>> in_words("response/drive", "V", "um"), in_words("drive/s", "", "um")
-    ('um/V', 'drive/s')
-    """
-    words = {"drive": drive, "response": response}
-    unit = re.sub(r"\b(drive|response)\b", lambda w: words[w.group()] or w.group(), unit)
-    return re.sub(r"^(\S+)/\1$", "", unit)
 
 
 def listed(names):

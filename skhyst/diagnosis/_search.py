@@ -15,7 +15,6 @@ from threadpoolctl import threadpool_limits
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import by_content, segment_folds, stretches
-from ..optimize import RecordData
 from ..records import resample_like, resample_records, resampling_error
 from ._black_box import declare, drive_of
 from ._candidates import Candidate, extrapolated, fitted, foretold, held_out, root_mean_square
@@ -25,6 +24,7 @@ from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings, with_reactions
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
+from ._inputs import record_data, refuse_no_experiment, units_of, with_others
 from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._noise_model import NoiseModel
@@ -149,6 +149,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice
+    units_ : Units
+        Of drive, response and time, see :class:`skhyst.records.Units`. Without a time, of data
+        whose index counts samples with ``dt`` at 1, frequencies are in cycles/sample.
     drive_, response_ : ndarray of shape (n_samples,)
         What was searched: on the even grids where the data were resampled, as are all samples here.
     resampling_error_ : float
@@ -250,6 +253,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Returns
         -------
         self
+
+        Raises
+        ------
+        RecordError
+            If the response is constant or a column of X, or the drive is the time.
         """
         effects = self._chosen_effects()
         declared = clone(self.estimator)
@@ -257,6 +265,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.resampling_error_ = 0.0 if even is X else resampling_error(X, y)
         X, y = even, response
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
+        refuse_no_experiment(drive, response, slices)
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
@@ -266,8 +275,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         own = X, drive, response, slices, len(folds), self.random_state, reference
         declared = declare(declared, *own)
         self.response_name_ = str(getattr(y, "name", None) or "response")
+        self.units_ = units_of(self, self.response_name_, slices)
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
-        self._inputs = _with_others(declared.drive(), drive)
+        self._inputs = with_others(declared.drive(), drive)
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
         with threadpool_limits(limits=1):
@@ -295,7 +305,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def _search(self, declared, slices, effects, segments, folds):
         begin = time.perf_counter()
         records = [
-            _record_data(s, *self._inputs, self.response_, own)
+            record_data(s, *self._inputs, self.response_, own)
             for s, own in zip(slices, segments, strict=True)
         ]
         if self._reference is not None:
@@ -349,7 +359,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         if self.verdict_ == "noise" and self._reference is None:
             table = with_reactions(self.data_quality_, self.drive_, left, slices)
             self.data_quality_ = table
-        self.residual_location_ = locate(slices, self.drive_, self.residual_after_)
+        self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
         del self._inputs, self._reference
@@ -361,8 +371,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             del columns[column_of(self)]
         for row in history:
             effect = EFFECTS[row["effect"]]
-            claim = Claim(effect, base.structure, result, tuple(records), tuple(columns))
-            row["evidence"] = gather_evidence(claim, first.error, base.error, self.response_name_)
+            own = base.structure, result, tuple(records), tuple(columns), self.units_
+            row["evidence"] = gather_evidence(Claim(effect, *own), first.error, base.error)
             row["provisional"] = self._leaves_most(row["error_before"])
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=_HISTORY)
@@ -455,10 +465,10 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         slices, columns, response = read_data(self, X, y, reset=False, dt=dt)
         X, columns = (without_column(own, column_of(self)) for own in (X, columns))
         driver = self.declared_estimator_ if declared else self._driver
-        inputs, records = _with_others(drive_of(driver, X, columns, slices), columns), []
+        inputs, records = with_others(drive_of(driver, X, columns, slices), columns), []
         for s in slices:
             segments = stretches(self._start(s), s.n_samples)
-            records.append(_record_data(s, *inputs, response, segments))
+            records.append(record_data(s, *inputs, response, segments))
         structure = self._declared_structure if declared else self._structure
         if structure.histories:
             structure = structure.led_by(records)
@@ -485,15 +495,3 @@ def _knows_less(candidate, left):
     Three times: a fold's own error then is not of the size of the noise, nor twice that.
     """
     return candidate.error >= 3.0 * root_mean_square(left, candidate.weights)
-
-
-def _with_others(drive, columns):
-    """Return what drives the stages, and the columns of X that it does not take the place of."""
-    return drive, columns[:, 1:] if drive.ndim == 1 and columns.shape[1] > 1 else None
-
-
-def _record_data(s, drive, others, response, segments):
-    auxiliary = None if others is None else others[s.rows]
-    return RecordData(
-        drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), auxiliary=auxiliary
-    )

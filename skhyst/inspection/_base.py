@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from .._documentation import documented_like, inherit_documentation
-from ..records import record_slices
+from ..records import Units, record_slices, unit_of
 
 
 class Display(ABC):
@@ -173,6 +173,12 @@ class SignalDisplay(Display):
             noise_floor=float(search.noise_floor_),
         )
         return display.plot(ax=ax, **plot_options)
+
+    @property
+    def units(self):
+        """Units of drive, response and time."""
+        names = unit_of(self.drive_name), unit_of(self.response_name)
+        return Units(*names, self.records[0].time_unit)
 
     @property
     def spans(self):

@@ -6,6 +6,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ..linear import FrequencyResponse, frequency_response
+from ..records import Units
 from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 from ._signals import log_average
@@ -125,7 +126,7 @@ class FrequencyResponseDisplay(Display):
                 tidy(panel)
             titled = n_inputs > 1
             tidy(magnitude, title=f"from {found.input_names[i]}" if titled else None)
-            tidy(axes[-1, i], x_label="frequency (Hz)")
+            tidy(axes[-1, i], x_label=Units(time=found.time_unit).label("frequency (Hz)"))
         drive = found.input_names[0] if n_inputs == 1 else "input"
         labels = (f"|{found.output_name} / {drive}|", "phase (°)", "coherence")
         for panel, label in zip(axes[:, 0], labels, strict=False):

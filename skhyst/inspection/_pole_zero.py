@@ -5,6 +5,7 @@ from scipy.stats import chi2
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
+from ..records import Units
 from ._base import Display, SignalDisplay
 from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
 
@@ -31,6 +32,8 @@ class PoleZeroDisplay(Display):
         Model name to zeros, rad/s; of all inputs together.
     covariances : dict of str to ndarray of shape (n_poles, 2, 2) or None
         Of real and imaginary part of the poles, (rad/s)^2.
+    time_unit : {"s", "sample"}, default="s"
+        "sample" where the models were fitted to data without a time.
 
     Examples
     --------
@@ -43,10 +46,11 @@ class PoleZeroDisplay(Display):
     'real part / 2π (Hz)'
     """
 
-    def __init__(self, poles, zeros, covariances):
+    def __init__(self, poles, zeros, covariances, time_unit="s"):
         self.poles = poles
         self.zeros = zeros
         self.covariances = covariances
+        self.time_unit = time_unit
 
     @classmethod
     @documented_like(SignalDisplay.from_estimator)
@@ -64,7 +68,7 @@ class PoleZeroDisplay(Display):
             If an estimator has no poles.
         """
         named = estimator if isinstance(estimator, dict) else {type(estimator).__name__: estimator}
-        poles, zeros, covariances = {}, {}, {}
+        poles, zeros, covariances, time_unit = {}, {}, {}, "s"
         for name, model in named.items():
             check_is_fitted(model)
             if not hasattr(model, "poles_"):
@@ -76,7 +80,9 @@ class PoleZeroDisplay(Display):
             own = getattr(model, "zeros_", np.empty(0))
             zeros[name] = np.concatenate(own) if isinstance(own, list) else np.asarray(own)
             covariances[name] = model.poles_covariance_
-        return cls(poles, zeros, covariances).plot(ax=ax, **plot_options)
+            for record in getattr(model, "records_", ()):
+                time_unit = record.time_unit
+        return cls(poles, zeros, covariances, time_unit).plot(ax=ax, **plot_options)
 
     @documented_like(Display.plot)
     def plot(self, ax=None, *, level=0.95, max_frequency=None, real_scale="auto"):
@@ -113,7 +119,9 @@ class PoleZeroDisplay(Display):
             seen += [*p, *z]
         self._frame(axes, np.array(seen, dtype=complex), real_scale)
         self._draw_damping(axes)
-        tidy(axes, x_label="real part / 2π (Hz)", y_label="imaginary part / 2π (Hz)")
+        parts = ("real part / 2π (Hz)", "imaginary part / 2π (Hz)")
+        x_label, y_label = map(Units(time=self.time_unit).label, parts)
+        tidy(axes, x_label=x_label, y_label=y_label)
         axes.plot([], [], "x", color=MUTED, label="poles")
         axes.plot([], [], "o", color=MUTED, markerfacecolor="none", label="zeros")
         where = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if ax is None else {}

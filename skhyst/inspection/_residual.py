@@ -104,7 +104,8 @@ class ResidualDisplay(SignalDisplay):
                 ax.plot(time[kept], values[kept], color=color, linewidth=0.7, label=label)
         for span in self.spans[1:]:
             ax.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
-        tidy(ax, title="In time", x_label="time (s)", y_label=f"residual of {self.response_name}")
+        x_label = self.units.label("time (s)")
+        tidy(ax, title="In time", x_label=x_label, y_label=f"residual of {self.response_name}")
         ax.margins(x=0.01)
         ax.legend(loc="upper right", fontsize="small", handlelength=1.4, framealpha=0.7)
 
@@ -139,5 +140,7 @@ class ResidualDisplay(SignalDisplay):
                 level = self.noise_floor * np.sqrt(2.0 * dt)
                 ax.plot([frequency[0], frequency[-1]], [level, level], ":", **floor)
                 floor["label"] = None
-        tidy(ax, title="Spectrum", x_label="frequency (Hz)", y_label="residual per √Hz")
+        unit = "(response/√Hz)" if self.units.response else "per √Hz"
+        labels = [self.units.label(text) for text in ("frequency (Hz)", f"residual {unit}")]
+        tidy(ax, title="Spectrum", x_label=labels[0], y_label=self.units.in_time(labels[1]))
         ax.legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)

@@ -151,7 +151,8 @@ def frequency_response(
     >>> bool(np.all(np.abs(np.abs(found.response) - 2.0) < found.confidence_radius(0.999)))
     True
     """
-    names, records, interval, scales = _read(X, y, inputs, dt)
+    names, records, slices, scales = _read(X, y, inputs, dt)
+    interval = slices[0].dt
     if method in ("h2", "hv") and len(names) > 1:
         raise ValueError(
             f"The 'method' parameter of frequency_response must be 'h1' or 'periodic' for several "
@@ -179,12 +180,13 @@ def frequency_response(
         input_names=names,
         output_name=str(getattr(y, "name", None) or "response"),
         dt=interval,
+        time_unit=slices[0].time_unit,
     )
     return found._scaled(scales)
 
 
 def _read(X, y, inputs, dt):
-    """Return the names of the inputs, (label, inputs, response) of each record, interval, scales.
+    """Return the names of the inputs, (label, inputs, response) of each record, slices, scales.
 
     The signals of the records are divided by their largest values; ``scales`` (n_inputs,) undoes
     it for a frequency response.
@@ -214,7 +216,7 @@ def _read(X, y, inputs, dt):
     input_scales, response_scale = np.abs(values).max(axis=0), np.abs(response).max()
     values, response = values / input_scales, response / response_scale
     records = [(record.label, values[record.rows], response[record.rows]) for record in slices]
-    return tuple(names), records, slices[0].dt, response_scale / input_scales
+    return tuple(names), records, slices, response_scale / input_scales
 
 
 def _welch(records, length, overlap, window, detrend, method):

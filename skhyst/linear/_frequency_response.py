@@ -45,6 +45,8 @@ class FrequencyResponse:
         Sampling interval in s of the recording.
     degrees_of_freedom : float or None, default=None
         Degrees of freedom (complex) from which ``std`` was estimated; None for many.
+    time_unit : {"s", "sample"}, default="s"
+        Of ``dt``. "sample" where the recording has no time: frequencies are then in cycles/sample.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class FrequencyResponse:
     output_name: str = "response"
     dt: float = 1.0
     degrees_of_freedom: float | None = None
+    time_unit: str = "s"
 
     def __post_init__(self):
         frequency = np.asarray(self.frequency, dtype=float)

@@ -4,9 +4,11 @@ from ._frames import iter_records, stack_records
 from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
 from ._readers import read_records
 from ._resample import resample_like, resample_records, resampling_error
+from ._units import Units, unit_of
 
 __all__ = [
     "RecordSlice",
+    "Units",
     "by_interval",
     "chosen_interval",
     "iter_records",
@@ -17,4 +19,5 @@ __all__ = [
     "resampling_error",
     "sampling_interval",
     "stack_records",
+    "unit_of",
 ]

@@ -1,23 +1,34 @@
 """Find a column among the variables of a file by name, position or index."""
 
 import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
 from ._formats import reading
+from ._units import without_unit
 
 _INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
 _POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
 _SHOWN = 20  # variables that an error message lists
 
 
-def load_column(path, variables, wanted):
-    """Return the name and the values of one column of a file.
+@dataclass(frozen=True)
+class Column:
+    """One column of a file: its name with its unit, its values, and the interval in s if said."""
 
-    ``wanted`` is a name, the last part of a path if that is unique, ``name[2]`` for a column of a
-    matrix, or the 0-based position among all columns of the file.
+    name: str
+    values: np.ndarray
+    interval: float | None
+
+
+def load_column(path, variables, wanted):
+    """Return one column of a file.
+
+    ``wanted`` is a name, with its unit or without, the last part of a path if that is unique,
+    ``name[2]`` for a column of a matrix, or the 0-based position among all columns of the file.
     """
     if isinstance(wanted, int | np.integer) and not isinstance(wanted, bool):
         return _at_position(path, variables, int(wanted))
@@ -27,22 +38,27 @@ def load_column(path, variables, wanted):
         )
     variable = _named(path, variables, wanted)
     if variable is not None:
-        return variable.name or wanted, _vector(path, variable, wanted)
+        name = variable.label or wanted
+        return Column(name, _vector(path, variable, wanted), variable.interval)
     if re.fullmatch(r"\d+", wanted):
         return _at_position(path, variables, int(wanted))
     match = _INDEXED.fullmatch(wanted)
     variable = match and _named(path, variables, match["name"])
     if variable is None:
         raise RecordError(f"{path.name} has no column {wanted!r}. {_listed(variables)}")
-    return wanted, _indexed(path, variable, wanted, match["index"])
+    name = replace(variable, name=wanted).label
+    return Column(name, _indexed(path, variable, wanted, match["index"]), variable.interval)
 
 
 def _named(path, variables, name):
     parts = [re.split(r"[/.]", v.name) for v in variables]
+    bare = [re.split(r"[/.]", without_unit(v.name)) for v in variables]
     found = [i for i, v in enumerate(variables) if v.name == name]
     if not found and name:
-        found = [i for i, own in enumerate(parts) if own[-1] == name]
+        found = [i for i, v in enumerate(variables) if v.label == name]
+        found = found or [i for i, own in enumerate(parts) if own[-1] == name]
         found = found or [i for i, own in enumerate(parts) if own == re.split(r"[/.]", name)]
+        found = found or [i for i, own in enumerate(bare) if own[-1] == name]
     if len(found) > 1:
         raise RecordError(
             f"{path.name} has {len(found)} columns that {name!r} may mean, at the positions "
@@ -90,9 +106,11 @@ def _at_position(path, variables, position):
         )
     variable, column = columns[position]
     if column is None:
-        return variable.name or str(position), _load(path, variable).reshape(-1)
+        name = variable.label or str(position)
+        return Column(name, _load(path, variable).reshape(-1), variable.interval)
     name = f"{variable.name}[{column}]" if variable.name else str(column)
-    return name, _load(path, variable)[:, column]
+    name = replace(variable, name=name).label
+    return Column(name, _load(path, variable)[:, column], variable.interval)
 
 
 def _load(path, variable):

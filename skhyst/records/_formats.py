@@ -7,19 +7,25 @@ listed and refused, HDF5 data that lie in another file too.
 import importlib
 import io
 import json
+import warnings
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from .._files import check_input
 from ..exceptions import RecordError
 from ._mat_tags import check_tags
 from ._text import read_table
+from ._units import unit_of
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_INTERVALS = ("dt", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
+_RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
 _PICKLED = "pickled Python objects, and unpickling can run code"
 
 
@@ -28,16 +34,25 @@ class Variable:
     """One array of a file, loaded when it is asked for.
 
     ``name`` is "" where the file holds one array without a name; ``refused`` says why it is not
-    read, "" where it is.
+    read, "" where it is. ``unit`` is what the file says of it elsewhere than in the name, ""
+    where it does not; ``interval`` is the time from sample to sample in s, None where it is unsaid.
     """
 
     name: str
     shape: tuple
     load: Callable
     refused: str = ""
+    unit: str = ""
+    interval: float | None = None
+
+    @property
+    def label(self):
+        """The name with its unit."""
+        said = self.unit and not unit_of(self.name)
+        return f"{self.name} [{self.unit}]" if said else self.name
 
 
-def file_variables(path):
+def _file_variables(path):
     """List the variables of a file by its suffix."""
     if path.suffix.lower() not in _READERS:
         raise RecordError(
@@ -52,6 +67,32 @@ def file_variables(path):
         if not variables:
             raise RecordError("it holds no variable")
     return variables
+
+
+@dataclass(frozen=True)
+class Table:
+    """A frame in place of a file: what errors call it."""
+
+    name: str = "the frame"
+    suffix: str = ""
+
+
+def opened(source):
+    """Return what a file or a table is called, a path or a Table, and its variables."""
+    if hasattr(source, "columns"):
+        return Table(), _frame_variables(source)
+    path = Path(source).expanduser()
+    return path, _file_variables(path)
+
+
+def _frame_variables(frame):
+    """List the columns of a pandas or polars frame, and the levels of an index that says much."""
+    if hasattr(frame, "iloc") and not isinstance(frame.index, pd.RangeIndex):
+        frame = frame.reset_index()
+    columns = [
+        frame.iloc[:, i] if hasattr(frame, "iloc") else frame[:, i] for i in range(frame.shape[1])
+    ]
+    return [Variable(str(c.name), (len(c),), c.to_numpy) for c in columns]
 
 
 @contextmanager
@@ -69,7 +110,7 @@ def reading(path):
 
 
 def _expected(path):
-    return _READERS[path.suffix.lower()][1]
+    return _READERS.get(path.suffix.lower(), (None, "a table"))[1]
 
 
 def _optional(name, suffix):
@@ -123,10 +164,9 @@ def _join(group, name, separator):
 
 
 def _read_text(path):
-    names, columns = read_table(path)
     return [
-        Variable(name, values.shape, partial(np.asarray, values))
-        for name, values in zip(names, columns, strict=True)
+        Variable(name, values.shape, partial(np.asarray, values), unit=unit)
+        for name, unit, values in zip(*read_table(path), strict=True)
     ]
 
 
@@ -188,11 +228,30 @@ def _read_hdf5(path, matlab=False):
         for field in item.dtype.names or (None,):
             load = partial(_hdf5_values, h5py, path, name, field, matlab)
             full = shown if field is None else f"{shown}.{field}"
-            variables.append(Variable(full, shape[::-1] if matlab else shape, load, refused))
+            size = shape[::-1] if matlab else shape
+            variables.append(Variable(full, size, load, refused, *_hdf5_said(item)))
 
     with h5py.File(path, "r") as file:
         file.visititems(collect)  # follows no link to another file
     return variables
+
+
+def _hdf5_said(item):
+    """Return the unit of a dataset, and the interval that it, its groups or its file say."""
+    own = {key.lower(): value for key, value in item.attrs.items()}
+    unit = next((own[key] for key in ("unit", "units", "unit_string") if key in own), "")
+    unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+    said, group = own, item
+    while group.name != "/":
+        group = group.parent
+        said = {key.lower(): value for key, value in group.attrs.items()} | said
+    interval = None
+    for key, value in said.items():
+        if key in _RATES or key in _INTERVALS:
+            value = np.ravel(value)
+            if value.size == 1 and value.dtype.kind in "iuf" and value[0] > 0:
+                interval = float(value[0] if key in _INTERVALS else 1.0 / value[0])
+    return unit if isinstance(unit, str) else "", interval
 
 
 def _hdf5_refusal(h5py, item):
@@ -264,17 +323,35 @@ def _read_tdms(path):
     nptdms = _optional("nptdms", path.suffix)
     with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         channels = [
-            (group.name, channel.name, len(channel))
+            (group.name, channel.name, len(channel), _tdms_said(channel.properties))
             for group in file.groups()
             for channel in group.channels()
         ]
     load = partial(_tdms_values, nptdms, path)
-    return [Variable(f"{g}/{c}", (length,), partial(load, g, c)) for g, c, length in channels]
+    return [
+        Variable(f"{g}/{c}", (length,), partial(load, g, c), "", *said)
+        for g, c, length, said in channels
+    ]
+
+
+def _tdms_said(properties):
+    """Return the unit and the interval of a channel; LabVIEW writes no interval as 0."""
+    interval = float(properties.get("wf_increment", 0.0))
+    return str(properties.get("unit_string", "")).strip(), interval if interval > 0.0 else None
 
 
 def _tdms_values(nptdms, path, group, channel):
     with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         return np.asarray(file[group][channel][:])
+
+
+def _read_wav(path):
+    from scipy.io import wavfile
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of notes beside the samples
+        rate, values = wavfile.read(path)
+    return [Variable("channel", values.shape, lambda: values, interval=1.0 / rate)]
 
 
 _TEXT = (_read_text, "a table of delimited text")
@@ -291,4 +368,5 @@ _READERS = {
     ".hdf5": (_read_hdf5, "an HDF5 file"),
     ".parquet": (_read_parquet, "a Parquet file"),
     ".tdms": (_read_tdms, "a TDMS file"),
+    ".wav": (_read_wav, "a WAV file"),
 }

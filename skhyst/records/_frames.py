@@ -153,11 +153,12 @@ def stack_records(records, labels=None, *, dt=None):
 
 
 def as_frame(x):
-    """Return a frame as it is, and an array of one or two dimensions as a frame."""
+    """Return a frame as it is, and an array of one or two dimensions, or what is one, as one."""
     if isinstance(x, pd.DataFrame):
         return x
     if isinstance(x, pd.Series):
         return x.to_frame("drive" if x.name is None else x.name)
+    columns = getattr(x, "columns", None)  # of a polars frame
     x = np.asarray(x)
     if x.ndim == 1:
         x = x[:, None]
@@ -166,7 +167,7 @@ def as_frame(x):
             f"The records of stack_records must be of one or two dimensions. Got an array of shape "
             f"{x.shape} instead."
         )
-    names = ["drive", *(f"auxiliary{i}" for i in range(1, x.shape[1]))]
+    names = columns or ["drive", *(f"auxiliary{i}" for i in range(1, x.shape[1]))]
     return pd.DataFrame(x, columns=names[: x.shape[1]])
 
 

@@ -50,6 +50,8 @@ class RecordSlice:
         Time of the first sample in s; seconds since 1970 for a datetime index.
     n_samples : int
         Number of rows.
+    time_unit : {"s", "sample"}, default="s"
+        "sample" where neither the index nor ``dt`` says how long a sample is, and it counts as 1.
     """
 
     label: Hashable
@@ -57,6 +59,7 @@ class RecordSlice:
     dt: float
     start_time: float
     n_samples: int
+    time_unit: str = "s"
 
     @property
     def time(self) -> np.ndarray:
@@ -119,17 +122,24 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
     if not isinstance(index, pd.Index):
         index = pd.RangeIndex(len(X))
     if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
-        return (RecordSlice(0, slice(0, len(index)), dt, index.start * dt, len(index)),)
+        rows = slice(0, len(index))
+        return (RecordSlice(0, rows, dt, index.start * dt, len(index), _counted_in(dt)),)
     stamps = time_stamps(index, dt)
     if stamps.values.size == 0:
         return ()
     pieces = _pieces(stamps)
     intervals = _sampling_intervals(stamps, pieces, one_interval)
-    found = []
+    unit, found = _counted_in(dt) if stamps.counts else "s", []
     for (run, start, stop), interval in zip(pieces, intervals, strict=True):
         label, start_time = stamps.label(start, run), float(stamps.values[start] * stamps.unit)
-        found.append(RecordSlice(label, slice(start, stop), interval, start_time, stop - start))
+        rows = slice(start, stop)
+        found.append(RecordSlice(label, rows, interval, start_time, stop - start, unit))
     return tuple(found)
+
+
+def _counted_in(dt):
+    """Return the unit of time of counted samples; of an interval of 1, either is true."""
+    return "sample" if dt == 1.0 else "s"
 
 
 def sampling_interval(X, *, dt=1.0) -> float:

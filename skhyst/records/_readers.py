@@ -1,18 +1,18 @@
 """The front door to recordings in files."""
 
+import warnings
 from numbers import Real
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from ..exceptions import RecordError
+from ..exceptions import RecordError, TimeUnitWarning
 from ._columns import load_column, numbers
-from ._formats import file_variables, reading
-from ._index import UNITS, time_stamps
+from ._formats import opened, reading
+from ._index import time_stamps
 from ._missing import fill, missing_rows
+from ._units import SECONDS, time_unit_of
 
-_UNITS = UNITS | {"min": 60.0, "h": 3600.0}
 _POLICIES = ("raise", "drop", "interpolate")
 
 
@@ -27,18 +27,18 @@ def read_records(
     sampling_rate=None,
     on_missing="raise",
     missing_code=None,
-    time_unit="s",
+    time_unit=None,
 ):
-    r"""Read recordings from a file into a frame and a series that carry record and time.
+    r"""Read recordings from a file or a table into a frame and a series that carry record and time.
 
     Parameters
     ----------
-    path : str or Path
-        The suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat`` (delimited text; the
-        delimiter, a decimal comma and the header are found), ``.mat`` (all versions), ``.npy``,
-        ``.npz``, ``.json`` (list of rows, list of records, dict of columns), ``.h5``, ``.hdf5``,
-        ``.parquet`` and ``.tdms``. Version 7.3 of ``.mat``, HDF5, Parquet and TDMS need
-        ``skhyst[io]``.
+    path : str, Path, or pandas or polars DataFrame
+        A table, or a file whose suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
+        (delimited text; the delimiter, a decimal comma and the header are found), ``.mat`` (all
+        versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict of columns),
+        ``.h5``, ``.hdf5``, ``.parquet``, ``.tdms`` and ``.wav``. Version 7.3 of ``.mat``, HDF5,
+        Parquet and TDMS need ``skhyst[io]``.
     drive : str or int
         Column of the drive. A column is named as in the file; by its position, counted from 0; as
         ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
@@ -54,8 +54,10 @@ def read_records(
     auxiliary : sequence of str or int, default=()
         Columns of auxiliary inputs.
     sampling_rate : float, optional
-        In Hz, instead of ``time``. Without either the time level numbers the samples, and the
-        interval is that of the model (``dt``).
+        In Hz, instead of ``time``. Without either the interval is what the file says: the
+        ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 such as ``dt`` or ``fs``.
+        Without that too the time level numbers the samples, and the interval is that of the model
+        (``dt``).
     on_missing : {"raise", "drop", "interpolate"}, default="raise"
         What happens to rows in which a value is missing, not finite or equal to
         ``missing_code``. Dropped rows leave a gap in time, which starts a new record where it is
@@ -64,14 +66,16 @@ def read_records(
         last reading of a record are dropped.
     missing_code : float or dict of column to float, optional
         Reading that stands for a lost one, in all columns or by column.
-    time_unit : {"s", "ms", "us", "ns", "min", "h"}, default="s"
-        Unit of a time column of numbers.
+    time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
+        Unit of a time column of numbers. None: what the file says, in the column's name
+        (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
 
     Returns
     -------
     X : DataFrame of shape (n_samples, n_inputs)
-        Drive, then auxiliary inputs, named as in the file. Its index has the levels ``record``
-        and ``time`` (s, datetimes or timedeltas).
+        Drive, then auxiliary inputs, named as in the file; the unit that a line of units, a TDMS
+        ``unit_string`` or an HDF5 attribute says stands in brackets behind the name. Its index has
+        the levels ``record`` and ``time`` (s, datetimes or timedeltas).
     y : Series of shape (n_samples,), or None
 
     Raises
@@ -81,6 +85,11 @@ def read_records(
         counted from 0, without the header.
     ImportError
         If the format needs a package that is not installed.
+
+    Warns
+    -----
+    TimeUnitWarning
+        If the time has no unit, and counts by whole numbers or steps of seconds.
 
     Notes
     -----
@@ -99,26 +108,25 @@ def read_records(
     >>> X["V"].tolist(), y.loc[0].index.tolist()
     ([1.5, 2.5], [0.0, 0.1])
     """
-    path = Path(path).expanduser()
     single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
     inputs = [drive, *([auxiliary] if single else auxiliary)]
     _check_options(time, sampling_rate, on_missing, time_unit)
-    variables = file_variables(path)
+    path, variables = opened(path)
     wanted = inputs if response is None else [*inputs, response]
     columns = [load_column(path, variables, item) for item in wanted]
-    names = [name for name, _ in columns]
+    names = [column.name for column in columns]
     stamps, labels = (c if c is None else load_column(path, variables, c) for c in (time, record))
     _refuse_mismatch(path, names[: len(inputs)], [*columns, stamps, labels])
-    values = np.column_stack([numbers(path, *column) for column in columns])
-    stamps = None if stamps is None else _times(path, *stamps, _UNITS[time_unit])
-    labels = None if labels is None else _labels(labels[1])
+    values = np.column_stack([numbers(path, c.name, c.values) for c in columns])
+    stamps = None if stamps is None else _times(path, stamps, time_unit)
+    labels = None if labels is None else _labels(labels.values)
     codes = _codes(missing_code, wanted, names)
     keep = missing_rows(path, values, names, codes, stamps, labels, on_missing)
     positions = _positions(labels, len(values))[keep]
     values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
     labels = _record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
     if stamps is None:
-        stamps = positions if sampling_rate is None else positions / float(sampling_rate)
+        stamps = _evenly(path, columns, positions, sampling_rate)
     index = pd.MultiIndex.from_arrays([labels, stamps], names=["record", "time"])
     if on_missing == "interpolate":
         values, filled = fill(values, time_stamps(index))
@@ -145,7 +153,7 @@ def _check_options(time, sampling_rate, on_missing, time_unit):
         )
     for name, value, known in (
         ("on_missing", on_missing, _POLICIES),
-        ("time_unit", time_unit, tuple(_UNITS)),
+        ("time_unit", time_unit, (*SECONDS, None)),
     ):
         if value not in known:
             raise ValueError(
@@ -162,7 +170,7 @@ def _refuse_mismatch(path, names, columns):
             f"The inputs must be different columns. Got {', '.join(map(repr, repeated))} more "
             "than once; where columns of a file share a name, rename them in the file."
         )
-    lengths = {name: len(values) for name, values in filter(None, columns)}
+    lengths = {column.name: len(column.values) for column in filter(None, columns)}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name!r} {length}" for name, length in lengths.items())
         raise RecordError(f"The columns of {path.name} differ in length: {shown}.")
@@ -184,16 +192,55 @@ def _codes(missing_code, wanted, names):
     return np.array([float(missing_code.get(a, missing_code.get(b, np.nan))) for a, b in pairs])
 
 
-def _times(path, name, values, unit):
+def _evenly(path, columns, positions, sampling_rate):
+    """Return times in s by the rate that is given or the interval that the file says, or counts."""
+    if sampling_rate is not None:
+        return positions / float(sampling_rate)
+    said = {column.name: column.interval for column in columns if column.interval is not None}
+    if len(set(said.values())) > 1:
+        shown = ", ".join(f"{name!r} {value:g} s" for name, value in said.items())
+        raise RecordError(
+            f"The columns of {path.name} differ in their sampling intervals: {shown}. Bring them "
+            "to one, or pass 'sampling_rate' if the file is wrong."
+        )
+    return positions * next(iter(said.values())) if said else positions
+
+
+def _seconds(path, name, times, unit):
+    """Return times in s, and ask where nobody has said their unit and it is hardly that."""
+    if unit is None:
+        try:
+            unit = time_unit_of(name)
+        except ValueError as error:
+            raise RecordError(
+                f"The time {name!r} of {path.name} is in {str(error)!r}, which is no unit of time "
+                f"that is known: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
+                "instead of 'time'."
+            ) from None
+    steps = np.abs(np.diff(times))
+    step = np.median(steps[np.isfinite(steps)]) if np.isfinite(steps).any() else 0.0
+    if not unit and step >= 1.0:
+        warnings.warn(
+            f"The time {name!r} of {path.name} has no unit and is taken for seconds, {step:g} s "
+            "from sample to sample. Pass 'time_unit' if it counts s, ms or others, or "
+            "'sampling_rate' instead of 'time' if it counts samples.",
+            TimeUnitWarning,
+            stacklevel=4,
+        )
+    return times * SECONDS[unit or "s"]
+
+
+def _times(path, column, unit):
     """Return s as floats, or datetimes or timedeltas as a pandas index."""
+    name, values = column.name, column.values
     if values.dtype.kind in "biuf":
-        return values.astype(float) * unit
+        return _seconds(path, name, values.astype(float), unit)
     if values.dtype.kind in "Mm":
         return pd.Index(values)
     column = pd.Series(values, dtype=object)
     column = column.where(column.astype(str).str.strip() != "", None)
     if pd.to_numeric(column, errors="coerce").notna().any():
-        return numbers(path, name, values) * unit
+        return _seconds(path, name, numbers(path, name, values), unit)
     clock = pd.to_timedelta(column, errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
         return pd.TimedeltaIndex(clock)

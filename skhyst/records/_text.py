@@ -20,14 +20,15 @@ _SYMBOL = (
     r"|rad|bar|Nm|eV|mol)|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(\^?-?[1-9]|[²³])?"
 )
 _UNIT = re.compile(rf"[(\[<{{].*[)\]>}}]|[-–]+|(1/)?{_SYMBOL}([/*·]{_SYMBOL})*")
+_NO_UNIT = re.compile(r"[-–]*|1")
 _NEWLINE = re.compile(r"\r\n|\r|\n")
 
 
 def read_table(path):
-    """Return the names and the columns of a delimited text file, as floats or objects (text).
+    """Return the names, units and columns of a delimited text file, as floats or objects (text).
 
     A line of names, a line of units below it, and a preamble of other lines above it may stand
-    before the numbers; names are their positions where there is no such line.
+    before the numbers; names are their positions, and units "", where there is no such line.
     """
     text = _decode(path.read_bytes())
     lines, offsets = _sample(text)
@@ -44,12 +45,12 @@ def read_table(path):
         skipinitialspace=True,
         low_memory=False,
     )
-    names = _names(rows[:first], len(frame.columns))
+    names, units = _names(rows[:first], len(frame.columns))
     columns = [frame[column].to_numpy() for column in frame.columns]
     while len(columns) > 1 and not names[-1].strip() and pd.isna(columns[-1]).all():
-        names.pop()  # a delimiter at the end of every line
-        columns.pop()
-    return [name or str(i) for i, name in enumerate(names)], columns
+        for own in (names, units, columns):  # a delimiter at the end of every line
+            own.pop()
+    return [name or str(i) for i, name in enumerate(names)], units, columns
 
 
 def _decode(data):
@@ -137,7 +138,7 @@ def _is_text(field):
 
 
 def _names(head, width):
-    """Return the names of the columns: the last line above the numbers, or the one above units."""
+    """Return names and units: the last line above the numbers, or the one above units."""
     fitting = []
     for row in reversed(head[-2:]):
         if row and row[0].startswith(("#", "%")):
@@ -147,9 +148,15 @@ def _names(head, width):
             break
         fitting.append([*row, ""][:width])
     if not fitting:
-        return [str(i) for i in range(width)]
+        return [str(i) for i in range(width)], [""] * width
     last, above = fitting[0], fitting[-1]
-    return above if _are_units(last) and all(map(_is_text, filter(None, above))) else last
+    two = len(fitting) > 1 and _are_units(last) and all(map(_is_text, filter(None, above)))
+    if not two:
+        return last, [""] * width
+    return above, [
+        "" if _NO_UNIT.fullmatch(field) or field.lower() in _BLANK else field.strip("()[]<>{}")
+        for field in last
+    ]
 
 
 def _are_units(row):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.diagnosis._location import locate
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.records import RecordSlice
+from skhyst.records import RecordSlice, Units
 
 N, DT = 4000, 0.001
 TIME = DT * np.arange(N)
@@ -21,12 +21,12 @@ def noise(seed=0):
 
 
 def strongest(residual, by):
-    table = locate(SLICES, DRIVE, residual)
+    table = locate(SLICES, DRIVE, residual, Units())
     return table[table["by"] == by].iloc[0]
 
 
 def test_white_noise_stands_everywhere():
-    table = locate(SLICES, DRIVE, noise())
+    table = locate(SLICES, DRIVE, noise(), Units())
     wide = table[(table["by"] != "frequency") | (table["high"] > 30.0)]
     assert wide["concentration"].between(0.75, 1.25).all()
 
@@ -56,12 +56,12 @@ def test_a_line_is_found():
 def test_shares_add_up_to_one(hole):
     residual = noise(1)
     residual[:hole] = np.nan
-    sums = locate(SLICES, DRIVE, residual).groupby("by")["share"].sum()
+    sums = locate(SLICES, DRIVE, residual, Units()).groupby("by")["share"].sum()
     np.testing.assert_allclose(sums, 1.0, rtol=1e-9)
 
 
 def test_nothing_left_stands_nowhere():
-    assert locate(SLICES, DRIVE, 0.0 * noise()).empty
+    assert locate(SLICES, DRIVE, 0.0 * noise(), Units()).empty
 
 
 def test_search_says_where_the_unexplained_stands():

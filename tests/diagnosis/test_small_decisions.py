@@ -24,7 +24,7 @@ from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.optimize import RecordData
-from skhyst.records import RecordSlice
+from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
 
 SIDE = 8
@@ -57,7 +57,7 @@ def test_shares_of_octaves_are_those_of_the_power():
     n, dt = 4000, 1e-3
     time = dt * np.arange(n)
     residual = np.sin(2 * np.pi * 20.0 * time) + 2.0 * np.sin(2 * np.pi * 300.0 * time)
-    table = locate([RecordSlice("a", slice(0, n), dt, 0.0, n)], np.sin(time), residual)
+    table = locate([RecordSlice("a", slice(0, n), dt, 0.0, n)], np.sin(time), residual, Units())
     table = table[table["by"] == "frequency"]
     shares = [
         table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)

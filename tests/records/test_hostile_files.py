@@ -18,7 +18,7 @@ from skhyst.records._formats import _held
 
 SUFFIXES = [
     *(".csv", ".txt", ".tsv", ".dat", ".mat", ".npy", ".npz"),
-    *(".json", ".h5", ".hdf5", ".parquet", ".tdms"),
+    *(".json", ".h5", ".hdf5", ".parquet", ".tdms", ".wav"),
 ]
 GARBAGE = np.random.default_rng(0).integers(0, 256, 5000, dtype=np.uint8).tobytes()
 

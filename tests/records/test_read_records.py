@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.io import savemat
+from scipy.io import savemat, wavfile
 
-from skhyst.exceptions import RecordError
+from skhyst.exceptions import RecordError, TimeUnitWarning
 from skhyst.records import read_records, record_slices, stack_records
 
 N = 40
@@ -289,7 +289,12 @@ def test_a_lost_time_cannot_be_interpolated(tmp_path):
 def test_the_header_is_the_last_line_above_the_numbers_or_their_units(tmp_path, head):
     drive, response = ("V", "m") if "voltage" not in head else ("voltage", "path")
     X, y = read(tmp_path, head + "0,5;1,5\n1,0;2,5\n1,5;3,5\n", drive, response=response)
-    assert (X[drive].tolist(), y.tolist()) == ([0.5, 1.0, 1.5], [1.5, 2.5, 3.5])
+    assert (X.iloc[:, 0].tolist(), y.tolist()) == ([0.5, 1.0, 1.5], [1.5, 2.5, 3.5])
+    units = [line for line in head.splitlines()[1:] if line[0] in "V[m("] if "volt" in head else []
+    (name,) = X.columns
+    assert name.startswith(drive)
+    said = [line.strip("[]()").split(";")[0].rstrip("])") for line in units]
+    assert name == (f"{drive} [{said[0]}]" if said else drive)
 
 
 @pytest.mark.parametrize("integer", [int, np.int64, np.uint8])
@@ -338,3 +343,105 @@ def test_a_package_that_is_not_installed_is_named(tmp_path, monkeypatch, name, p
     monkeypatch.setitem(sys.modules, f"{package}.parquet", None)
     with pytest.raises(ImportError, match=rf"{package}: pip install 'skhyst\[io\]'"):
         read_records(tmp_path / name, drive="u")
+
+
+def write_tdms_waveform(path, increments=(0.002, 0.002)):
+    channels = [
+        nptdms.ChannelObject("run", name, COLUMNS[name], {"wf_increment": dt, "unit_string": unit})
+        for name, dt, unit in zip("uy", increments, ("V", "um"), strict=True)
+    ]
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(channels)
+
+
+def write_hdf5_said(path):
+    with h5py.File(path, "w") as file:
+        file.attrs["sampling_rate"] = 500
+        for name, unit in (("u", "V"), ("y", np.bytes_("um"))):
+            file[f"run/{name}"] = COLUMNS[name]
+            file[f"run/{name}"].attrs["units"] = unit
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write"), [(".tdms", write_tdms_waveform), (".h5", write_hdf5_said)]
+)
+def test_what_a_file_says_of_interval_and_units_is_used(tmp_path, suffix, write):
+    path = tmp_path / f"rig{suffix}"
+    write(path)
+    X, y = read_records(path, drive="u", response="run/y")
+    (record,) = record_slices(X, y)
+    assert (record.dt, record.time_unit) == (0.002, "s")
+    assert (list(X.columns), y.name) == (["run/u [V]"], "run/y [um]")
+    X, _ = read_records(path, drive="run/u [V]", sampling_rate=100.0)  # what is given comes first
+    assert record_slices(X)[0].dt == 0.01
+
+
+def test_channels_of_different_intervals_are_refused(tmp_path):
+    path = tmp_path / "rig.tdms"
+    write_tdms_waveform(path, (0.002, 0.004))
+    with pytest.raises(RecordError, match=r"'run/u \[V\]' 0.002 s, 'run/y \[um\]' 0.004 s"):
+        read_records(path, drive="u", response="y")
+
+
+def test_the_rate_of_a_wav_file_is_used(tmp_path):
+    path = tmp_path / "rig.wav"
+    wavfile.write(path, 8000, np.column_stack([U, Y]).astype(np.float32))
+    X, y = read_records(path, drive=0, response="channel[1]")
+    assert record_slices(X, y)[0].dt == 1.0 / 8000
+    np.testing.assert_allclose(X.iloc[:, 0], U, rtol=1e-6)
+    np.testing.assert_allclose(y, Y, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [
+        *[("t [ms]", 1e-3), ("time_ms", 1e-3), ("Time (µs)", 1e-6), ("t/min", 60.0)],
+        *[("Zeit in h", 3600.0), ("ms", 1e-3), ("t_s", 1.0), ("t", 1.0)],
+    ],
+)
+def test_the_unit_of_time_is_that_of_the_name(tmp_path, name, seconds):
+    table = TABLE.rename(columns={"t": name})
+    table[name] /= seconds
+    assert record_slices(read(tmp_path, table, time=0)[0])[0].dt == pytest.approx(0.002)
+    other = read(tmp_path, table, time=0, time_unit="us")[0]  # what is given comes first
+    assert record_slices(other)[0].dt == pytest.approx(0.002 / seconds * 1e-6)
+
+
+def test_the_unit_of_time_is_that_of_the_line_below_the_names(tmp_path):
+    text = "t,u\nms,V\n" + "".join(f"{2 * i},{u}\n" for i, u in enumerate(U))
+    X, _ = read(tmp_path, text, time="t")
+    assert record_slices(X)[0].dt == pytest.approx(0.002)
+    with pytest.raises(RecordError, match=r"in 'counts', which is no unit of time .* 'time_unit'"):
+        read(tmp_path, TABLE.rename(columns={"t": "t [counts]"}), time=0)
+
+
+def test_a_time_without_a_unit_that_counts_in_seconds_is_questioned(tmp_path):
+    table = TABLE.assign(t=np.arange(N))
+    with pytest.warns(TimeUnitWarning, match=r"1 s from sample to sample.*'sampling_rate'"):
+        read(tmp_path, table, time="t")
+    read(tmp_path, table, time="t", time_unit="s")  # no question where it is said
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_a_table_in_memory_is_read_as_a_file_is(library):
+    table = pytest.importorskip(library).DataFrame({"time_ms": 1e3 * T, "u [V]": U, "y": Y})
+    X, y = read_records(table, drive="u", response="y", time="time_ms")
+    np.testing.assert_array_equal(X["u [V]"], U)
+    np.testing.assert_array_equal(y, Y)
+    assert record_slices(X, y)[0].dt == pytest.approx(0.002)
+    with pytest.raises(RecordError, match="the frame has no column 'v'"):
+        read_records(table, drive="v")
+
+
+def test_an_index_of_a_table_can_be_named_as_a_column():
+    table = TABLE.set_index("t")[["u", "y"]]
+    X, _ = read_records(table, drive="u", time="t")
+    assert record_slices(X)[0].dt == 0.002
+
+
+def test_a_polars_frame_counts_samples_and_keeps_its_names():
+    frame = pytest.importorskip("polars").DataFrame({"u": U, "w": W})
+    X = stack_records([frame], labels=["a"], dt=0.002)
+    assert list(X.columns) == ["u", "w"]
+    assert record_slices(X)[0].time_unit == "s"
+    assert record_slices(frame)[0].time_unit == "sample"

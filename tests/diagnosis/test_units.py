@@ -1,0 +1,96 @@
+"""Units in words: those of the columns' names, and samples where nobody has said a time."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from skhyst.diagnosis import EffectSearchCV, next_experiment
+from skhyst.exceptions import RecordError
+from skhyst.inspection import FrequencyResponseDisplay, PoleZeroDisplay, ResidualDisplay
+from skhyst.linear import FirstOrderLagOperator, Gain, TransferFunction
+
+N, TAU = 1500, 8.0  # samples
+
+
+def recording():
+    """Return the drive and the response of a lag."""
+    rng = np.random.default_rng(0)
+    drive = np.cumsum(rng.normal(size=N)) / 20.0
+    response, _ = FirstOrderLagOperator(TAU).run(drive, 1.0)
+    return drive, response + 0.003 * rng.normal(size=N)
+
+
+@pytest.fixture(scope="module", params=["array", "frame", "interval", "index"])
+def searched(request):
+    """A search, and the interval in s where it is known."""
+    drive, response = recording()
+    X, dt, own = drive[:, None], None, 1.0
+    if request.param == "frame":
+        X = pd.DataFrame(X, columns=["drive"])
+    if request.param == "interval":
+        dt = own = 0.002
+    if request.param == "index":
+        dt, X = 1.0, pd.DataFrame(X, 1.0 * np.arange(N), ["drive"])
+    search = EffectSearchCV(Gain(dt=own), effects=["lag", "delay"])
+    return search.fit(X, response), dt
+
+
+def test_without_a_time_all_is_counted_in_samples_and_never_in_seconds(searched):
+    search, dt = searched
+    evidence = search.evidence_["lag"]
+    value, _, unit = evidence.numbers["time constant"]
+    corner, _, per = evidence.numbers["corner frequency"]
+    assert (unit, per) == (("samples", "cycles/sample") if dt is None else ("s", "Hz"))
+    assert value == pytest.approx(TAU * (dt or 1.0), rel=0.01)
+    assert corner == pytest.approx(0.5 / np.pi / value)
+    lowest = evidence.picture.below or evidence.picture
+    assert lowest.x_label == f"frequency ({per})"
+    rows = search.residual_location_.set_index("by")["unit"]
+    assert set(rows["frequency"]) == {per}
+    report = search.report()
+    texts = [report.to_markdown(), report.to_html(), evidence.statement]
+    for text in [*texts, next_experiment(search, (-1.0, 1.0)).reason]:
+        assert per in text
+        assert {"s": "cycles/sample", "samples": "Hz"}[unit] not in text
+    assert json.loads(report.to_json())["units"]["time"] == ("sample" if dt is None else "s")
+
+
+def test_axes_count_samples_where_there_is_no_time():
+    drive, response = recording()
+    for dt, unit in ((1.0, "cycles/sample"), (0.01, "Hz")):
+        model = TransferFunction(1, dt=dt).fit(drive[:, None], response)
+        (*_, spectrum), bode = (
+            ResidualDisplay.from_estimator(model, drive[:, None], response).ax_.ravel(),
+            FrequencyResponseDisplay.from_recording(drive[:, None], response, dt=dt).ax_,
+        )
+        poles = PoleZeroDisplay.from_estimator(model).ax_
+        for axes in (spectrum, bode[-1, 0], poles):
+            assert f"({unit})" in axes.get_xlabel()
+
+
+def refused(X, y):
+    """Return what a search says of data that it refuses."""
+    with pytest.raises(RecordError) as error:
+        EffectSearchCV(Gain(), effects=["lag"]).fit(X, y)
+    return str(error.value)
+
+
+def test_signals_of_no_experiment_are_refused():
+    drive, response = recording()
+    X = np.column_stack([drive, response])
+    assert "column 1 of X twice" in refused(X, response)
+    assert "must move. Got 0.7" in refused(drive[:, None], np.full(N, 0.7))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3, 500.0])
+@pytest.mark.parametrize("n_records", [1, 2])
+def test_a_drive_that_is_the_time_is_refused(scale, n_records):
+    _, response = recording()
+    time = np.tile(0.002 * np.arange(N // n_records), n_records)
+    index = pd.MultiIndex.from_arrays([np.repeat(range(n_records), N // n_records), time])
+    X = pd.DataFrame({"u": scale * (time + 7.0)}, index.set_names(["record", "time"]))
+    assert "counts the time or the samples" in refused(X, response)
+    X["u"] *= 1.01  # a ramp of its own slope is a drive
+    EffectSearchCV(Gain(), effects=[]).fit(X, response)
