@@ -491,7 +491,7 @@ def test_models_that_are_none_are_refused(model_file, reference, tmp_path, capsy
 
 def test_references_that_are_none_are_refused(model_file, reference, tmp_path, capsys):
     def error(*more):
-        out = ["-o", str(tmp_path / "drive.csv")]
+        out = ["-o", str(tmp_path / "drive.csv"), "--time-unit", "ms"]
         assert main(["compensate", str(model_file), *out, *map(str, more)]) == 1
         return capsys.readouterr().err
 
