@@ -273,7 +273,8 @@ def test_the_residual_is_strongest_at_the_mode(report):
 def test_what_to_measure_next():
     claim = {"effect": "lag", "ambiguous_with": ["delay"], "experiment": "Sweep."}
     miss = {"effect": "creep", "p_value": 0.2, "change": -0.1, "claimed_instead": None}
-    place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "concentration": 3.0}
+    place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "unit": "Hz"}
+    place |= {"concentration": 3.0}
 
     def steps(claims=(), not_it=(), location=(), verdict="noise", faults=()):
         return next_steps(claims, not_it, location, verdict, faults, 0.01)
