@@ -75,8 +75,8 @@ DIAGNOSIS = [
     ),
     (
         "the place of the residual: shares are not related to their size",
-        "return by, record, float(low), float(high), unit, share, share * count / max(size, 1)",
-        "return by, record, float(low), float(high), unit, share, share",
+        "concentration = share * count / max(size, 1)",
+        "concentration = share",
         "tests/diagnosis/test_location.py",
     ),
     (
@@ -159,6 +159,24 @@ CRITERION = [  # of this way to decide
         "return min(1.0, n_tried * p)",
         "return min(1.0, p)",
         "",
+    ),
+    (
+        "of two tests the smaller p-value counts once",
+        "p = 2.0 * min(p, paired_p_value(*_evened(*map(better.noise.innovations, own))))",
+        "p = min(p, paired_p_value(*_evened(*map(better.noise.innovations, own))))",
+        "",
+    ),
+    (
+        "a record counts by the size of its noise",
+        "[e / size for e, size in zip(own, sizes, strict=True)]",
+        "[e for e, size in zip(own, sizes, strict=True)]",
+        "",
+    ),
+    (
+        "a play may be as narrow as noise on the drive",
+        "return np.log(operator.half_gap / np.ptp(motion) / reach) if reach > 0.0 else np.inf",
+        "return np.inf",
+        "tests/diagnosis/test_plausibility.py -k wider",
     ),
     (
         "chance is told by the residuals of the worse model",

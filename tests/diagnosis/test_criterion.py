@@ -290,3 +290,18 @@ def test_the_size_of_a_record_is_no_evidence():
     worse = [e + quick for e in better]
     p_value = Criterion(0.01, 0.0).p_value(contestant(1.0, *worse), contestant(1.0, *better))
     assert p_value < 1e-6 < paired_p_value(worse, better)
+
+
+def test_the_smaller_of_two_p_values_counts_twice():
+    """Where the noise has no colour there is one test."""
+    rng = np.random.default_rng(9024)
+    for correlation, size, factor in ((0.0, 0.2, 1.0), (0.9, 0.7, 2.0)):
+        better = [coloured(rng, correlation) for _ in range(RECORDS)]
+        slow = size * np.sin(np.arange(N) / 20.0)
+        pair = [contestant(1.0, *own) for own in ([e + slow for e in better], better)]
+        noise = pair[1].noise
+        whitened = (noise.innovations(c.residuals) for c in pair)
+        single = paired_p_value(*(c.residuals for c in pair)), paired_p_value(*whitened)
+        assert 0.0 < min(single) < 0.3
+        p_value = Criterion(0.01, 0.0).p_value(*pair)
+        assert p_value == pytest.approx(factor * min(single), rel=0.2)  # sizes of records apart
