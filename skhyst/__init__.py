@@ -5,4 +5,19 @@ names the physical effect that is missing, adds it and reports the error on held
 before and after. See :class:`skhyst.diagnosis.EffectSearchCV`.
 """
 
+import importlib
+import pkgutil
+
 __version__ = "0.1.0.dev0"
+
+
+def __getattr__(name):
+    """Import a subpackage when it is first asked for."""
+    if name in __dir__():
+        return importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    modules = (module.name for module in pkgutil.iter_modules(__path__))
+    return [name for name in modules if not name.startswith("_")] + ["__version__"]

@@ -71,8 +71,18 @@ class Composition(ParametricModel, BaseComposition):
 
     @property
     def named_steps(self):
-        """The steps by name, unfitted: their parameters as given."""
-        return dict(self.steps)
+        """The steps by name, each as the model that the fit has made of it.
+
+        Unfitted before a fit, as ``steps`` are always, and where a step stands beside the others.
+        """
+        found = dict(self.steps)
+        if hasattr(self, "operator_"):
+            driven, _ = take_apart(self.operator_)
+            stages = dict(zip(driven.names, driven.stages, strict=True))
+            for (name, step), model in zip(self.steps, self._models(), strict=True):
+                if name in stages and not isinstance(step, FrozenEstimator):
+                    found[name] = self._fitted_step(name, model, stages[name])
+        return found
 
     @property
     def operators_(self):
@@ -172,7 +182,27 @@ class Composition(ParametricModel, BaseComposition):
         )
 
     def _adopt(self, result):
+        self._identified = result
         return super()._adopt(replace(result, operator=result.operator.released()))
+
+    def _fitted_step(self, name, model, stage):
+        """Return a step with its own part of what identification found."""
+        result, mark = self._identified, f"{name}__"
+        keys = [key for key in result.params if key.startswith(mark)]
+        at = [list(result.params).index(key) for key in keys]
+        own = {
+            field: {key.removeprefix(mark): getattr(result, field).get(key) for key in keys}
+            for field in ("params", "params_std", "params_std_white")
+            if getattr(result, field)
+        }
+        own["undetermined"] = tuple(
+            key.removeprefix(mark) for key in result.undetermined if key in keys
+        )
+        if result.covariance is not None:
+            own["covariance"] = result.covariance[np.ix_(at, at)]
+        shared = {"records_": self.records_, "dt": self.dt, "initial_state": self.initial_state}
+        model = with_params(model, **shared)
+        return model._adopt(replace(result, operator=stage, disturbances=(), **own))
 
 
 class Cascade(Composition):

@@ -232,12 +232,12 @@ def _of_columns(estimator, other):
 
 def _placed_behind(effect):
     """Return an effect without the variants that act on the drive."""
-    return replace(effect, variants=partial(_behind, effect.variants))
+    return replace(effect, variants=partial(_behind, effect))
 
 
-def _behind(variants):
-    """Return the variants that do not act on the drive."""
-    return [v for v in variants() if hasattr(v, "trees") or v.series_rank > 0]
+def _behind(effect):
+    """Return the variants of an effect that do not act on the drive."""
+    return [v for v in effect.variants() if hasattr(v, "trees") or v.series_rank > 0]
 
 
 def _seeded(estimator, random_state):

@@ -106,6 +106,15 @@ class Effect:
     picture: str | None = None
     plausible: Callable | None = None
 
+    def __reduce_ex__(self, protocol):
+        if any(own is self for own in _BUILT_IN):  # to other processes by name, with any pickle
+            return _built_in, (self.name,)
+        return super().__reduce_ex__(protocol)
+
+
+def _built_in(name):
+    return next(effect for effect in _BUILT_IN if effect.name == name)
+
 
 def _clips(rank):
     return [Saturation(sides=side, rank=rank) for side in ("upper", "lower", "both")]

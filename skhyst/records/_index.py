@@ -29,7 +29,8 @@ MISMATCH = 0.01  # relative difference between the intervals of two records
 
 SPLITTERS = (
     "Use a splitter that keeps rows together and in order, skhyst.model_selection.RecordKFold or "
-    "BlockedTimeSeriesSplit, in place of train_test_split or KFold(shuffle=True)"
+    "BlockedTimeSeriesSplit, in place of train_test_split or KFold(shuffle=True); a search that "
+    "halves needs a parameter as its resource"
 )
 
 

@@ -270,12 +270,29 @@ def test_steps_are_left_as_they_were_and_their_interval_and_state_are_not_used()
     steps = [STEP, LAG_STEP]
     model = Cascade(steps, dt=DT).fit(X, y)
     assert model.steps is steps
-    for step in model.named_steps.values():
+    for _, step in model.steps:
         with pytest.raises(Exception, match="not fitted"):
             check_is_fitted(step)
     steps = [("plays", plays(dt=7.0)), ("lag", FirstOrderLag(dt=3.0, initial_state="zero"))]
     other = Cascade(steps, dt=DT).fit(X, y)
     np.testing.assert_array_equal(other.predict(X), model.predict(X))
+
+
+def test_named_steps_are_fitted_after_a_fit():
+    X, y = measure(HYSTERESIS, LAG)
+    model = Cascade([STEP, LAG_STEP], dt=DT).fit(X, y)
+    steps = model.named_steps
+    assert list(steps) == ["plays", "lag"]
+    signal = X
+    for name, step in steps.items():
+        assert step.operator_ is model.operators_[name]
+        own = {f"{name}__{key}": value for key, value in step.params_.items()}
+        assert own == {key: model.params_[key] for key in own}
+        assert len(own) > 0
+        signal = step.predict(signal)[:, None]
+    np.testing.assert_allclose(signal[:, 0], model.predict(X), rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(steps["plays"].weights_, model.operators_["plays"].weights)
+    assert not hasattr(dict(model.steps)["lag"], "operator_")
 
 
 def test_parameters_reach_into_steps():

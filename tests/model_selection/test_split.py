@@ -7,10 +7,12 @@ import sklearn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.experimental import enable_halving_search_cv  # noqa: F401
 from sklearn.linear_model import LinearRegression, Ridge
 from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import (
     GridSearchCV,
+    HalvingGridSearchCV,
     KFold,
     check_cv,
     cross_val_predict,
@@ -274,3 +276,17 @@ def test_the_washout_takes_the_unknown_memory_out_of_the_score():
     settled = washout_scorer(root_mean_squared_error, washout=100)(model, X, y)
     assert whole < -1e-3
     assert settled == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_search_that_halves_takes_a_parameter_as_its_resource():
+    rng = np.random.default_rng(0)
+    records = [np.cumsum(rng.normal(size=(200, 1)), axis=0) for _ in range(4)]
+    X, y = stack_records([(u, u[:, 0] + 0.1 * rng.normal(size=200)) for u in records], dt=0.01)
+    grid = {"thresholds": ["grid", "quantile"]}
+    options = {"cv": RecordKFold(2), "error_score": "raise", "random_state": 0}
+    search = HalvingGridSearchCV(
+        PrandtlIshlinskii(), grid, resource="n_operators", max_resources=6, **options
+    ).fit(X, y)
+    assert search.best_estimator_.n_operators <= 6
+    with pytest.raises(RecordError, match="needs a parameter as its resource"):
+        HalvingGridSearchCV(PrandtlIshlinskii(), grid, **options).fit(X, y)
