@@ -1,6 +1,6 @@
 """Pictures of what a model lacks: measured, and as identified."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +21,7 @@ class Picture:
     title: str
     x_label: str
     y_label: str
-    curves: tuple
+    curves: tuple = field(repr=False)
     x_log: bool = False
     y_log: bool = False
     below: "Picture | None" = None

@@ -7,6 +7,7 @@ from ..inspection import (
     EffectRankingDisplay,
     EvidenceDisplay,
     HysteresisLoopDisplay,
+    PredictionDisplay,
     ResidualDisplay,
     svg_text,
 )
@@ -15,7 +16,7 @@ _WIDTH = 7.4  # inches
 
 
 def report_figures(report):
-    """Draw every picture: ``loops``, ``residuals``, one a round and one a claim.
+    """Draw every picture: ``course``, ``loops``, ``residuals``, one a round and one a claim.
 
     One of a round is empty where nothing was contested.
     """
@@ -32,7 +33,11 @@ def report_figures(report):
     def residuals(figure):
         ResidualDisplay(**report.signals).plot(ax=figure.subplots(2, 2))
 
+    def course(figure):
+        PredictionDisplay(**report.signals).plot(ax=figure.subplots(2, 1))
+
     return {
+        "course": svg_text(course, (_WIDTH, 4.6), "Response over time, measured and modelled"),
         "loops": svg_text(loops, (_WIDTH, 6.4), "Loops, measured and modelled"),
         "residuals": svg_text(
             residuals, (_WIDTH, 5.6), "Residuals in time, by branch, and spectrum"

@@ -8,6 +8,7 @@ from ._bode import FrequencyResponseDisplay
 from ._evidence import EvidenceDisplay
 from ._loop import HysteresisLoopDisplay
 from ._pole_zero import PoleZeroDisplay
+from ._prediction import PredictionDisplay
 from ._ranking import EffectRankingDisplay
 from ._residual import ResidualDisplay
 from ._signals import binned_statistics, branch, spectrum
@@ -19,6 +20,7 @@ __all__ = [
     "FrequencyResponseDisplay",
     "HysteresisLoopDisplay",
     "PoleZeroDisplay",
+    "PredictionDisplay",
     "ResidualDisplay",
     "binned_statistics",
     "branch",

@@ -8,7 +8,7 @@ from .._documentation import documented_like
 from ..linear import FrequencyResponse, frequency_response
 from ..records import Units
 from ._base import Display, SignalDisplay
-from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
+from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
 from ._signals import log_average
 
 _POINTS = 1000  # at which the curve of a model is drawn, beside the measured lines
@@ -131,7 +131,7 @@ class FrequencyResponseDisplay(Display):
         labels = (f"|{found.output_name} / {drive}|", "phase (°)", "coherence")
         for panel, label in zip(axes[:, 0], labels, strict=False):
             tidy(panel, y_label=label)
-        axes[0, 0].legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)
+        legend_beside(axes[0, -1], *axes[0, 0].get_legend_handles_labels())
         self.ax_, self.figure_ = axes, axes[0, 0].figure
         return self
 

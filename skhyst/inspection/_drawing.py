@@ -5,6 +5,7 @@ paper (after Okabe and Ito, *Color Universal Design*, 2008, slightly lightened).
 """
 
 import importlib
+import textwrap
 
 import numpy as np
 
@@ -55,6 +56,19 @@ def plain(text, width=48):
     text = " ".join(str(text).split())
     text = text if len(text) <= width else text[: width - 1] + "…"
     return text.replace("$", r"\$")
+
+
+def legend_beside(ax, handles=None, labels=None):
+    """Put the legend beside the data, on its right, where the figure makes room for it."""
+    if handles is None:
+        handles, labels = ax.get_legend_handles_labels()
+    style = {"fontsize": "small", "handlelength": 1.4}
+    if ax.figure.get_layout_engine() is None:
+        ax.legend(handles, labels, loc="best", framealpha=0.7, **style)
+        return
+    labels = [textwrap.fill(label, 18) for label in labels]
+    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
+    ax.legend(handles, labels, **beside, **style)
 
 
 def tidy(ax, *, title=None, x_label=None, y_label=None):

@@ -4,7 +4,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import SignalDisplay
-from ._drawing import COLORS, MEASURED, new_axes, plain, tidy
+from ._drawing import COLORS, MEASURED, legend_beside, new_axes, plain, tidy
 from ._signals import loop_spans, thin_path
 
 _POINTS = 240  # drawn of a cycle
@@ -63,9 +63,12 @@ class HysteresisLoopDisplay(SignalDisplay):
             color = COLORS[k % len(COLORS)]
             self._draw(panels[k], prediction - line, stretches, label, color, 0.8)
         y_label = self.response_name + (" less its straight line" if subtract_line else "")
+        shown = {}
         for k, panel in enumerate(axes):
             tidy(panel, x_label=self.drive_name, y_label=y_label if k == 0 else None)
-            panel.legend(loc="best", frameon=False, fontsize="small", handlelength=1.4)
+            for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+                shown.setdefault(label, handle)
+        legend_beside(axes[-1], list(shown.values()), list(shown))
         self.ax_ = axes[0] if n_panels == 1 else axes
         self.figure_ = axes[0].figure
         return self

@@ -5,7 +5,7 @@ import numpy as np
 from .._documentation import documented_like
 from ..records import by_interval
 from ._base import SignalDisplay
-from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
+from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
 from ._signals import binned_statistics, branch, envelope, spectrum
 
 KINDS = ("time", "drive", "prediction", "spectrum")
@@ -78,13 +78,15 @@ class ResidualDisplay(SignalDisplay):
         side = 2 if kind == "all" else 1
         size = (9.0, 6.4) if kind == "all" else (6.0, 4.0)
         axes = new_axes(ax, side, side, "ResidualDisplay", size=size)
-        for panel, name in zip(axes.ravel(), kinds, strict=True):
+        for place, (panel, name) in enumerate(zip(axes.ravel(), kinds, strict=True)):
             if name == "time":
                 self._plot_time(panel, max_points)
             elif name == "spectrum":
                 self._plot_spectrum(panel)
             else:
                 self._plot_branches(panel, name)
+            if place % side == side - 1:  # on the right the legends of each row
+                legend_beside(panel, *self._legend(panel, name))
         self.ax_ = axes if kind == "all" else axes[0, 0]
         self.figure_ = axes[0, 0].figure
         return self
@@ -107,7 +109,6 @@ class ResidualDisplay(SignalDisplay):
         x_label = self.units.label("time (s)")
         tidy(ax, title="In time", x_label=x_label, y_label=f"residual of {self.response_name}")
         ax.margins(x=0.01)
-        ax.legend(loc="upper right", fontsize="small", handlelength=1.4, framealpha=0.7)
 
     def _plot_branches(self, ax, against):
         direction = np.concatenate([branch(self.drive[span]) for span in self.spans])
@@ -122,9 +123,13 @@ class ResidualDisplay(SignalDisplay):
         name = self.drive_name if against == "drive" else f"predicted {self.response_name}"
         title = f"Against {against}, by branch"
         tidy(ax, title=title, x_label=name, y_label=f"residual of {self.response_name}")
+
+    def _legend(self, ax, name):
+        """Return handles and labels: of the models, or of the branches."""
+        if name not in ("drive", "prediction"):
+            return ax.get_legend_handles_labels()
         handles = [ax.plot([], [], style, color=INK, linewidth=1.2)[0] for style in ("-", "--")]
-        labels = ("rising drive", "falling drive")
-        ax.legend(handles, labels, loc="best", fontsize="small", framealpha=0.7)
+        return handles, ["rising drive", "falling drive"]
 
     def _plot_spectrum(self, ax):
         groups = by_interval(self.records)
@@ -143,4 +148,3 @@ class ResidualDisplay(SignalDisplay):
         unit = "(response/√Hz)" if self.units.response else "per √Hz"
         labels = [self.units.label(text) for text in ("frequency (Hz)", f"residual {unit}")]
         tidy(ax, title="Spectrum", x_label=labels[0], y_label=self.units.in_time(labels[1]))
-        ax.legend(loc="best", fontsize="small", handlelength=1.4, framealpha=0.7)

@@ -15,10 +15,12 @@ from skhyst.inspection import (
     EffectRankingDisplay,
     EvidenceDisplay,
     HysteresisLoopDisplay,
+    PredictionDisplay,
     ResidualDisplay,
 )
 
-both_displays = pytest.mark.parametrize("display_class", [HysteresisLoopDisplay, ResidualDisplay])
+DISPLAYS = [HysteresisLoopDisplay, PredictionDisplay, ResidualDisplay]
+all_displays = pytest.mark.parametrize("display_class", DISPLAYS)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +64,7 @@ def curves(ax):
 # ------------------------------------------------------------------------------- what is stored
 
 
-@both_displays
+@all_displays
 def test_from_estimator_stores_the_free_run(display_class, estimator, recording):
     X, y = recording.X_train, recording.y_train
     display = display_class.from_estimator(estimator, X, y)
@@ -77,7 +79,7 @@ def test_from_estimator_stores_the_free_run(display_class, estimator, recording)
     assert display.figure_ is np.ravel(display.ax_)[0].figure
 
 
-@both_displays
+@all_displays
 def test_from_predictions_stores_names_and_interval(display_class):
     drive, response = sweep()
     X = pd.DataFrame({"voltage (V)": drive, "temperature": 20.0})
@@ -96,7 +98,7 @@ def test_from_predictions_stores_names_and_interval(display_class):
     np.testing.assert_array_equal(prediction, drive)
 
 
-@both_displays
+@all_displays
 def test_from_search_stores_held_out_predictions(display_class, search):
     measured = search.response_.copy()
     display = display_class.from_search(search)
@@ -226,7 +228,7 @@ def test_white_noise_lies_on_the_line_of_the_floor():
     assert noise[-1, 0] <= 0.5 / dt
 
 
-@both_displays
+@all_displays
 def test_washout_is_left_out_and_no_prediction_survived(display_class):
     drive, response = sweep(4000)
     prediction = response - 0.1 * np.random.default_rng(2).normal(size=drive.size)
@@ -250,6 +252,33 @@ def test_records_that_start_anew_follow_each_other():
         X, y = pd.DataFrame({"u": drive}, index=times), pd.Series(response, index=times)
         display = ResidualDisplay.from_predictions(X, y, drive, kind="time")
         np.testing.assert_allclose(display.running_time(), running)
+
+
+def test_a_prediction_is_shown_where_it_is_furthest_off_within_one_record():
+    drive, response = sweep(1000)
+    index = pd.MultiIndex.from_product([[0, 1], 0.1 * np.arange(500)], names=["record", "time"])
+    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(response, index=index, name="x [um]")
+    y.iloc[510] += 3.0
+    given = {"first": response, "second": np.full(1000, np.nan)}
+    display = PredictionDisplay.from_predictions(X, y, given, n_samples=100)
+    assert display.furthest_off(100) == slice(500, 600)
+    assert display.furthest_off(5000) == slice(500, 1000)
+    whole, closer = display.ax_
+    assert max(np.ptp(line[:, 0]) for line in curves(closer)) == pytest.approx(9.9)
+    assert max(line[:, 1].max() for line in curves(whole)) == y.max()  # no peak is lost
+    assert whole.get_ylabel() == closer.get_ylabel() == "x [um]"
+
+
+@all_displays
+def test_legends_stand_beside_the_data(display_class):
+    drive, response = sweep()
+    display = display_class.from_predictions(drive[:, None], response, {"a": drive, "b": drive})
+    display.figure_.canvas.draw()
+    legends = [ax.get_legend() for ax in np.ravel(display.ax_)]
+    assert any(legends)
+    for ax in np.ravel(display.ax_):
+        for legend in filter(None, legends):
+            assert not ax.get_window_extent().overlaps(legend.get_window_extent())
 
 
 def test_names_are_no_formulas():
