@@ -165,7 +165,7 @@ def load_pneumatic_cylinder(train_part=0.6, data=SHARED):
         Displacement in mm and force in N; the time is in ms.
     """
     path = Path(data) / "pneumatic_cylinder/KDN_1bar.csv"
-    X, y = read_records(path, time=0, drive=4, response=6)
+    X, y = read_records(path, time=0, drive=4, response=6, time_unit="s")  # all is in ms
     X, y = resample_records(X, y, dt=10.0, max_gap=100.0)  # its clock jitters
     return split_in_time(X, y, train_part)
 

@@ -7,7 +7,9 @@ errors to the standard error stream.
 
 import argparse
 import ast
+import difflib
 import importlib.util
+import inspect
 import math
 import shlex
 import sys
@@ -144,6 +146,8 @@ def _add_search(parser):
     add("--response", required=True, metavar="COL", help="column or variable of the response")
     add("--time", metavar="COL", help="column of the time")
     add("--time-unit", help="unit of the time (default: that which the file says, else s)")
+    unit = "unit of a column that the file does not say; repeatable"
+    add("--unit", metavar="COL=UNIT", action="append", default=[], help=unit)
     add("--record", metavar="COL", help="column that labels the records")
     add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
     loop = "column of the reference that the controller followed, where there was one"
@@ -152,14 +156,18 @@ def _add_search(parser):
     add("--missing-code", type=float, help="value that marks a lost reading")
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
-    grid = "interpolate unevenly sampled records onto even grids"
-    add("--resample", choices=("auto",), help=grid)
+    grid = "interpolate unevenly sampled records onto even grids, of their own or of S s"
+    add("--resample", type=_grid, metavar="auto|S", help=grid)
     rest = "search the first part (of the records, or of the only one), report on the rest"
     add("--train-fraction", type=float, metavar="F", help=rest)
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
     add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
     add("--effects", default="all", help="comma-separated names (default: all)")
-    add("--cv", type=int, default=5, help="folds (default: 5)")
+    folds = "folds (default: 5), or auto, where records go beyond all others"
+    add("--folds", "--cv", type=_folds, default=5, metavar="N|auto", help=folds)
+    add("--washout", type=int, metavar="N", help="samples at a start that are not scored")
+    gross = "huber: gross errors of the measurement count less (default: squared)"
+    add("--loss", choices=("squared", "huber"), default="squared", help=gross)
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
     add("--max-effects", type=int, default=3, help="claims at the most (default: 3)")
     add("--seed", type=int, default=0, help="seed (default: 0)")
@@ -226,6 +234,7 @@ def _diagnose(options):
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     _prepare([path for path in outputs if path], [options.file], options)
     reading = {name: getattr(options, name) for name in _READING}
+    reading["units"] = dict(_unit(text) for text in options.unit)
     if options.reference is not None:
         reading["auxiliary"] = [*options.auxiliary, options.reference]
     X, y = read_records(options.file, **reading)
@@ -237,8 +246,9 @@ def _diagnose(options):
         n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)
         X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
     effects = options.effects if options.effects == "all" else options.effects.split(",")
-    more = {"effects": effects, "cv": options.cv, "alpha": options.alpha}
+    more = {"effects": effects, "cv": options.folds, "alpha": options.alpha}
     more |= {"max_effects": options.max_effects, "resample": options.resample}
+    more |= {"washout": options.washout, "loss": options.loss}
     more["reference"] = None if options.reference is None else X.shape[1] - 1
     search = _search(model, options, **more).fit(X, y)
     _conclude(search, options, held_out)
@@ -269,7 +279,7 @@ def _demo(options):
 
 def _conclude(search, options, held_out):
     """Print the result and write the files; a file that fails takes no other with it."""
-    span = np.ptp(search.response_) / 100.0 or 1.0
+    span, unit = np.ptp(search.response_) / 100.0 or 1.0, f" {search.units_.response}".rstrip()
     print(f"missing: {', '.join(search.effects_) or 'nothing'}")
     for row in search.history_.itertuples():
         print(f"  {row.effect}: {row.evidence.statement}")
@@ -278,9 +288,9 @@ def _conclude(search, options, held_out):
         if row.provisional:
             print("    provisional: more than half of the structure before it is left")
     print(
-        f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g} "
+        f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g}{unit} "
         f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
-        f"range), noise floor {search.noise_floor_:.4g}"
+        f"range), noise floor {search.noise_floor_:.4g}{unit}"
     )
     print(f"what is left: {_LEFT[search.verdict_]}")
     print(f"its noise: {search.noise_model_}")
@@ -290,11 +300,13 @@ def _conclude(search, options, held_out):
         print(f"the reference foretells {100.0 * search.reference_share_:.3g} % of the drive")
     if search.resampling_error_:
         error = search.resampling_error_
-        print(f"interpolation onto even grids changes the response by about {error:.4g} (RMS)")
+        print(
+            f"interpolation onto even grids changes the response by about {error:.4g}{unit} (RMS)"
+        )
     if held_out is not None:
         before = search.held_out_error(*held_out, declared=True)
         after = search.held_out_error(*held_out)
-        print(f"error on the part kept away from the search: {before:.4g} -> {after:.4g}")
+        print(f"error on the part kept away from the search: {before:.4g} -> {after:.4g}{unit}")
     report = Report.from_search(search, command=options.command, held_out=held_out)
     is_markdown = options.report and options.report.suffix.lower() == ".md"
     outputs = (
@@ -346,7 +358,10 @@ def parse_model(text):
         parts = _addends(ast.parse(text, mode="eval").body)
         models = [_model(part) for part in parts]
     except (SyntaxError, RecursionError, MemoryError) as error:
-        raise ValueError(f"The model {text!r} is not understood: {_models_hint()}") from error
+        raise ValueError(
+            f"The model {text!r} is not understood: give a name that skhyst models lists, with "
+            "options in parentheses, and + between models in series."
+        ) from error
     if len(models) == 1:
         return models[0]
     steps = []
@@ -368,7 +383,8 @@ def _model(node):
     name = node.func if call else node
     found = _models().get(snake_case(getattr(name, "id", "")))
     if found is None:
-        raise ValueError(f"There is no model {ast.unparse(name)!r}: {_models_hint()}")
+        text = ast.unparse(name)
+        raise ValueError(f"There is no model {text!r}: {_nearest(text)}")
     if not call:
         return found()
     try:
@@ -384,22 +400,36 @@ def _models():
     return {
         snake_case(name): model
         for name, model in all_estimators()
-        if issubclass(model, ParametricModel) and not hasattr(model, "named_steps")
+        if issubclass(model, ParametricModel) and _stands_alone(model)
     }
 
 
-def _models_hint():
-    return f"use {', '.join(sorted(_models()))}."
+def _stands_alone(model):
+    """Whether a model needs no other, and responds to the drive."""
+    parameters = inspect.signature(model).parameters.values()
+    complete = all(parameter.default is not parameter.empty for parameter in parameters)
+    return complete and not model.operator_class.stands_beside
+
+
+def _nearest(name):
+    """Return the names of models that are most like one."""
+    near = difflib.get_close_matches(snake_case(name), _models(), cutoff=0.0)
+    return f"did you mean {', '.join(near)}? skhyst models lists all."
 
 
 def _list_models(options):
-    for name, model in sorted(_models().items()):
-        print(f"{name:24s}{model.__doc__.strip().splitlines()[0]}")
+    about = {name: model.__doc__.strip().splitlines()[0] for name, model in _models().items()}
+    _print_aligned(dict(sorted(about.items())))
 
 
 def _list_effects(options):
-    for name in effect_names():
-        print(f"{name:24s}{EFFECTS[name].law}")
+    _print_aligned({name: EFFECTS[name].law for name in effect_names()})
+
+
+def _print_aligned(table):
+    width = 2 + max(map(len, table))
+    for name, text in table.items():
+        print(f"{name:{width}s}{text}")
 
 
 def _prepare(paths, inputs, options):
@@ -413,6 +443,21 @@ def _prepare(paths, inputs, options):
                 f"{path} needs {' and '.join(missing)}. "
                 f'Install with: python -m pip install "skhyst[{extra}]"'
             )
+
+
+def _folds(text):
+    return text if text == "auto" else int(text)
+
+
+def _grid(text):
+    return text if text == "auto" else float(text)
+
+
+def _unit(text):
+    column, _, unit = text.rpartition("=")
+    if not (column and unit):
+        raise ValueError(f"A unit must be given as COLUMN=UNIT. Got {text!r} instead.")
+    return column, unit
 
 
 def _rows(text):

@@ -4,8 +4,10 @@ import importlib.util
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
+import warnings
 from zipfile import ZipFile
 
 import joblib
@@ -14,13 +16,14 @@ import pandas as pd
 import pytest
 from sklearn.linear_model import Ridge
 
+import skhyst
 from skhyst._demo import SECRETS, make_demo_recording
 from skhyst._model_files import save_model
 from skhyst.cli import main, parse_model
 from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV, next_experiment
-from skhyst.exceptions import ReachWarning
+from skhyst.exceptions import ReachWarning, TimeUnitWarning
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.records import read_records
@@ -140,10 +143,12 @@ def test_uneven_readings_are_refused_or_interpolated(recording, tmp_path, capsys
     ("more", "message"),
     [
         (["--drive", "nothing"], "volt"),
-        (["--model", "perpetuum_mobile"], "prandtl_ishlinskii"),
+        (["--model", "prandl_ishlinski"], "did you mean prandtl_ishlinskii,"),
         (["--model", "prandtl_ishlinskii(n_operators=__import__('os'))"], "do not fit"),
         (["--model", "1 +"], "not understood"),
-        (["--effects", "magic"], "asymmetry"),
+        (["--effects", "asymetry"], "such as asymmetry,"),
+        (["--unit", "um"], "COLUMN=UNIT"),
+        (["--drive", "um"], "column 0 of X twice"),
         (["--rows", "1-2"], "A:B"),
         (["--train-fraction", "1.5"], "between 0 and 1"),
         (["--report", "report.pdf"], ".html"),
@@ -471,7 +476,7 @@ def test_a_file_that_names_what_can_run_code_is_refused(model, tmp_path, capsys,
 
 def test_models_that_are_none_are_refused(model_file, reference, tmp_path, capsys, monkeypatch):
     def error(path, *more):
-        out = ["-o", str(tmp_path / "drive.csv")]
+        out = ["-o", str(tmp_path / "drive.csv"), "--time-unit", "ms"]
         assert main(["compensate", str(path), str(reference), *out, *more]) == 1
         assert not (tmp_path / "drive.csv").exists()
         return capsys.readouterr().err
@@ -510,3 +515,78 @@ def test_module_runs():
         [sys.executable, "-m", "skhyst", "--version"], capture_output=True, text=True, check=True
     )
     assert done.stdout.startswith("skhyst ")
+
+
+def test_units_are_told(recording, tmp_path, capsys):
+    path = tmp_path / "out.json"
+    assert (
+        main(arguments(recording, "--unit", "um=um", "--unit", "volt=V", "--json", str(path))) == 0
+    )
+    told = capsys.readouterr().out
+    result = json.loads(path.read_text())
+    assert f"noise floor {result['noise_floor']:.4g} um" in told
+    assert "level 0.4" in told
+    assert result["units"] == {"drive": "V", "response": "um", "time": "s"}
+    assert result["response_name"] == "um [um]"
+
+
+def test_without_a_time_it_is_said(recording, capsys):
+    without = arguments(recording)
+    at = without.index("--time")
+    del without[at : at + 2]
+    assert main(without) == 0
+    assert "no time is known: give --time or --sampling-rate" in capsys.readouterr().out
+
+
+def test_a_questionable_time_is_told_in_a_line(recording, tmp_path, capsys):
+    path = tmp_path / "counts.csv"
+    pd.read_csv(recording).assign(t=range(3000)).to_csv(path, index=False)
+    with pytest.warns(TimeUnitWarning):
+        read_records(path, drive="volt", time="t")
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert main(arguments(path)) == 0
+    assert "skhyst: The time 't' of counts.csv has no unit" in capsys.readouterr().err
+
+
+def test_options_of_the_search_are_those_of_python(recording, monkeypatch):
+    asked = {}
+
+    def fit(search, X, y):
+        asked.update(search.get_params())
+        raise ValueError("enough")
+
+    monkeypatch.setattr(EffectSearchCV, "fit", fit)
+    more = ["--folds", "3", "--washout", "20", "--loss", "huber", "--resample", "0.002"]
+    assert main(arguments(recording, *more)) == 1
+    names = ("cv", "washout", "loss", "resample")
+    assert [asked[name] for name in names] == [3, 20, "huber", 0.002]
+    assert main(arguments(recording, "--folds", "auto", "--resample", "auto")) == 1
+    assert (asked["cv"], asked["resample"]) == ("auto", "auto")
+
+
+def test_every_model_that_is_listed_can_be_declared(capsys):
+    assert main(["models"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len({re.match(r"\w+ +", line).end() for line in lines}) == 1  # aligned
+    assert len(lines) > 20
+    for line in lines:
+        model = parse_model(line.split()[0])
+        assert not model.operator_class.stands_beside
+
+
+def test_the_version_is_told_without_the_models():
+    code = "import sys; from skhyst.__main__ import main; main(); assert 'numpy' not in sys.modules"
+    found = subprocess.run(
+        [sys.executable, "-c", code, "--version"], capture_output=True, text=True
+    )
+    assert (found.stdout.strip(), found.stderr) == (f"skhyst {skhyst.__version__}", "")
+
+
+def test_subpackages_are_there_when_they_are_asked_for():
+    code = "import sys, skhyst; assert 'numpy' not in sys.modules; print(skhyst.diagnosis.EFFECTS)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "hysteresis" in found.stdout
+    assert "diagnosis" in dir(skhyst)
+    with pytest.raises(AttributeError, match="no attribute 'magic'"):
+        skhyst.magic  # noqa: B018

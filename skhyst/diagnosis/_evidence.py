@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Evidence:
     effect: str
     statement: str
     numbers: dict
-    picture: Picture
+    picture: Picture = field(repr=False)
 
 
 def gather_evidence(claim, before, after):

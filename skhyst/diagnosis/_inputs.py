@@ -1,10 +1,15 @@
-"""What a search sees of the data: records, and the units of their signals."""
+"""What a search sees of the data: records, units, and the error on data that are new."""
 
 import numpy as np
 
+from ..base import read_data
 from ..exceptions import RecordError
+from ..model_selection import stretches
 from ..optimize import RecordData
 from ..records import Units, unit_of
+from ._black_box import drive_of
+from ._candidates import foretold, root_mean_square
+from ._reference import column_of, without_column
 
 
 def units_of(search, response, slices):
@@ -56,3 +61,29 @@ def record_data(s, drive, others, response, segments):
     return RecordData(
         drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), auxiliary=auxiliary
     )
+
+
+def first_row(search, record):
+    """Return the row of a record that counts first; of a single one the past is unknown."""
+    unknown = int(0.05 * record.n_samples) if len(search.records_) == 1 else 0
+    return min(unknown if search.washout is None else search.washout, record.n_samples - 1)
+
+
+def held_out_error(search, X, y, declared):
+    """Return the error of a fitted search, see its method, on data that lie on even grids."""
+    dt = getattr(search.estimator, "dt", 1.0)
+    slices, columns, response = read_data(search, X, y, reset=False, dt=dt)
+    X, columns = (without_column(own, column_of(search)) for own in (X, columns))
+    driver = search.declared_estimator_ if declared else search._driver
+    inputs, records = with_others(drive_of(driver, X, columns, slices), columns), []
+    for s in slices:
+        segments = stretches(first_row(search, s), s.n_samples)
+        records.append(record_data(s, *inputs, response, segments))
+    structure = search._declared_structure if declared else search._structure
+    if structure.histories:
+        structure = structure.led_by(records)
+    problem = structure.problem(records)
+    nothing = np.zeros(len(problem.segment_record), dtype=bool)
+    predictions = problem.predictions(problem.x0, nothing)
+    residuals = foretold(problem, predictions, [r.segments[0][0] for r in records])
+    return root_mean_square(residuals, [None] * len(residuals))

@@ -1,6 +1,7 @@
 """What a search found, as plain data, and as a page to read."""
 
 import dataclasses
+import html
 import json
 import re
 
@@ -10,7 +11,7 @@ from ._report_figures import report_figures
 from ._report_page import page, verdict
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class Report:
     """Result of a search for missing effects: numbers, tables and signals.
 
@@ -38,8 +39,9 @@ class Report:
         For each effect claimed its law, errors, p-value, ambiguity, experiment and evidence; every
         candidate of every round; for each effect not claimed the round in which it helped most.
     parameters : dict of str to list of dict
-        ``"declared"`` and ``"augmented"``: name, value, standard error, and a note where it has
-        none: at a bound, or not determined by the data.
+        ``"declared"`` and ``"augmented"``: name, value, standard error, unit ("" where it has none
+        or is not known), and a note where it has no error: at a bound, or not determined by the
+        data.
     data, settings, versions, seconds : dict
         The recording, its faults, the part of it that folds extrapolate to and the reference of its
         loop, parameters of the search, packages, time by stage in s.
@@ -129,6 +131,18 @@ class Report:
     def sentence(self):
         """The verdict, after what to beware of: what is missing, the errors, the noise floor."""
         return verdict(self)[1]
+
+    def __repr__(self):
+        return f"Report: {self.headline}. {self.sentence}"
+
+    def _repr_html_(self):
+        """Show what was found in a notebook; :meth:`to_html` has all of it."""
+        claims = "".join(
+            f"<li><b>{html.escape(claim['effect'])}</b>: {html.escape(claim['statement'])}</li>"
+            for claim in self.claims
+        )
+        head = f"<b>{html.escape(self.headline)}</b><p>{html.escape(self.sentence)}</p>"
+        return f"<div>{head}{f'<ul>{claims}</ul>' if claims else ''}</div>"
 
     def to_dict(self):
         """Return everything but the signals, as plain Python data; NaN and infinity are None."""

@@ -53,7 +53,7 @@ def collect(search, command, held_out):
         "claims": claims,
         "ranking": ranking.to_dict("records"),
         "not_it": not_it,
-        "parameters": {name: _parameters(model) for name, model in models.items()},
+        "parameters": {name: _parameters(m, search.units_) for name, m in models.items()},
         "data": data,
         "settings": {
             name: value if value is None or np.isscalar(value) else repr(value)
@@ -121,9 +121,12 @@ def _not_it(ranking, claims):
     return rows
 
 
-def _parameters(estimator):
+def _parameters(estimator, words):
     """Return the parameters of a model, one row a value, with standard errors where known."""
     rows, errors = [], getattr(estimator, "params_std_", {})
+    operator = getattr(estimator, "operator_", None)
+    units = {} if operator is None else operator.parameter_units()
+    units = {name.removeprefix("model__"): words.of(unit) for name, unit in units.items()}
     for name, value in getattr(estimator, "params_", {}).items():
         values = np.ravel(value)
         stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)
@@ -131,7 +134,8 @@ def _parameters(estimator):
             label = name if np.ndim(value) == 0 else f"{name}[{k}]"
             # no standard error: infinite, or none at all
             note = "not determined" if np.isinf(std) else "at a bound" if np.isnan(std) else ""
-            rows.append({"name": label, "value": float(item), "std": float(std), "note": note})
+            own = {"value": float(item), "std": float(std), "unit": units.get(label, "")}
+            rows.append({"name": label, **own, "note": note})
     return rows
 
 

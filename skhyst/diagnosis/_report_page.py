@@ -159,7 +159,11 @@ def _errors(report, figures):
 
 def _signals(report, figures):
     if figures:
-        yield _heading("Loops and residuals")
+        yield _heading("Measured and predicted")
+        yield _figure(
+            figures["course"],
+            "Measured response over time, and as predicted for samples not seen in fitting.",
+        )
         yield _figure(
             figures["loops"],
             "Measured response against drive, and as predicted for samples not seen in fitting. "
@@ -294,8 +298,11 @@ def _parameters(report, figures):
         yield {"kind": "code", "text": getattr(report, f"{name}_model")}
         values = report.parameters[name]
         shown = [row for row in values if row["value"] or row["note"] != "at a bound"]
-        rows = [[row["name"], plus_minus(row["value"], row["std"]), row["note"]] for row in shown]
-        yield _table(["parameter", "value ± standard error", ""], "lrl", rows)
+        rows = [
+            [row["name"], plus_minus(row["value"], row["std"]), row["unit"], row["note"]]
+            for row in shown
+        ]
+        yield _table(["parameter", "value ± standard error", "unit", ""], "lrll", rows)
         if len(shown) < len(values):
             yield _text(f"{len(values) - len(shown)} more are zero, at a bound.", "quiet")
 

@@ -133,6 +133,7 @@ class Rounds:
     def _round(self, base):
         """Return the candidate that is claimed, or None."""
         effects = self._open(base)
+        self.say(f"round {self._number}: {len(effects)} effects are tried")
         singles, screened = self._singles(base, effects)
         begin = time.perf_counter()
         tested, chosen = singles, self._chosen(base, singles)
@@ -143,6 +144,8 @@ class Rounds:
             chosen = self._chosen(base, tested)
         self._rank(base, effects, screened, tested, chosen)
         self._add_time("contest", begin)
+        if chosen is None:
+            self.say(f"round {self._number}: nothing, held-out error {base.error:.4g}")
         return chosen
 
     def _open(self, base):

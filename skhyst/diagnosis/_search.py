@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Iterable
+from difflib import get_close_matches
 from numbers import Integral, Real
 
 import numpy as np
@@ -14,17 +15,24 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
-from ..model_selection import by_content, segment_folds, stretches
+from ..model_selection import by_content, segment_folds
 from ..records import resample_like, resample_records, resampling_error
-from ._black_box import declare, drive_of
-from ._candidates import Candidate, extrapolated, fitted, foretold, held_out, root_mean_square
+from ._black_box import declare
+from ._candidates import Candidate, extrapolated, fitted, held_out, root_mean_square
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings, with_reactions
 from ._effects import EFFECTS
 from ._evidence import gather_evidence
-from ._inputs import record_data, refuse_no_experiment, units_of, with_others
+from ._inputs import (
+    first_row,
+    held_out_error,
+    record_data,
+    refuse_no_experiment,
+    units_of,
+    with_others,
+)
 from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._noise_model import NoiseModel
@@ -80,12 +88,12 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Position or name of the column of X that is the reference of the controller, where the drive
         was recorded in closed loop. Decisions then rest on what it explains of the drive, which
         knows nothing of the noise. It is no input: the estimator gets X without that column.
-    resample : {"auto"} or None, default=None
+    resample : {"auto"}, float or None, default=None
         What becomes of records that are sampled unevenly. None: they are refused. "auto": drive,
         further columns and response are interpolated onto even grids, at intervals that
-        :func:`skhyst.records.resample_records` derives. Everything then refers to the samples of
-        these grids, row numbers in ``cv``, ``washout`` and faults of the measurement among them;
-        only :meth:`predict` returns to the instants that it is given.
+        :func:`skhyst.records.resample_records` derives; a float: at this interval, s. Everything
+        then refers to the samples of these grids, row numbers in ``cv``, ``washout`` and faults of
+        the measurement among them; only :meth:`predict` returns to the instants that it is given.
     n_jobs : int or None, default=None
         Processes. None is 1, or what joblib's context says; -1 is all processors. A round's steps
         are many and short, so that threads would wait for each other's interpreter lock; the
@@ -197,7 +205,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         "loss": [StrOptions({"huber", "squared"})],
         "washout": [Interval(Integral, 0, None, closed="left"), None],
         "reference": [Integral, str, None],
-        "resample": [StrOptions({"auto"}), None],
+        "resample": [StrOptions({"auto"}), Interval(Real, 0, None, closed="neither"), None],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
         "random_state": ["random_state"],
@@ -262,13 +270,15 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         effects = self._chosen_effects()
         declared = clone(self.estimator)
         even, response = self._even(X, y)
-        self.resampling_error_ = 0.0 if even is X else resampling_error(X, y)
+        self.resampling_error_ = 0.0
+        if even is not X:
+            self.resampling_error_ = resampling_error(X, y, dt=self.resample)
         X, y = even, response
         slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
-        refuse_no_experiment(drive, response, slices)
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
+        refuse_no_experiment(every, response, slices)
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share
@@ -288,7 +298,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the data on even grids, where that is asked for and they are not."""
         if self.resample is None or not hasattr(X, "iloc"):
             return X, y
-        found = resample_records(X, y, dt="auto")
+        found = resample_records(X, y, dt=self.resample)
         return (found, None) if y is None else found
 
     def _chosen_effects(self):
@@ -296,9 +306,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         names = list(EFFECTS) if names == ["all"] else names
         unknown = [name for name in names if name not in EFFECTS]
         if unknown:
+            near = get_close_matches(str(unknown[0]), EFFECTS, cutoff=0.0)
             raise ValueError(
-                "The 'effects' parameter of EffectSearchCV must be 'all' or names among "
-                f"{', '.join(EFFECTS)}. Got {', '.join(map(repr, unknown))} instead."
+                "The 'effects' parameter of EffectSearchCV must be 'all' or names among those of "
+                f"effect_names(), such as {', '.join(near)}. Got {', '.join(map(repr, unknown))} "
+                "instead."
             )
         return [EFFECTS[name] for name in names]
 
@@ -354,7 +366,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        *_, left = fitted(base, records, map(self._start, slices))
+        *_, left = fitted(base, records, (first_row(self, s) for s in slices))
         self._judge(declared.measured(records), base, rounds, left)
         if self.verdict_ == "noise" and self._reference is None:
             table = with_reactions(self.data_quality_, self.drive_, left, slices)
@@ -411,7 +423,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         is no missing structure.
         """
         in_loop = self._reference is not None
-        starts = [self._start(s) for s in self.records_]
+        starts = [first_row(self, s) for s in self.records_]
         predictions, residuals = fitted(base, rounds.records, starts)
         if in_loop:
             predictions, _ = fitted(base, rounds.records, starts, by_reference=True)
@@ -428,7 +440,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def predict(self, X):
         """Return the free run of the augmented model, shape (n_samples,).
 
-        Of a drive that is sampled unevenly, with ``resample="auto"``: that on even grids,
+        Of a drive that is sampled unevenly, with ``resample``: that on even grids,
         interpolated at the instants of ``X``.
         """
         check_is_fitted(self)
@@ -460,33 +472,25 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             Units of the response.
         """
         check_is_fitted(self)
-        dt = getattr(self.estimator, "dt", 1.0)
-        X, y = self._even(X, y)
-        slices, columns, response = read_data(self, X, y, reset=False, dt=dt)
-        X, columns = (without_column(own, column_of(self)) for own in (X, columns))
-        driver = self.declared_estimator_ if declared else self._driver
-        inputs, records = with_others(drive_of(driver, X, columns, slices), columns), []
-        for s in slices:
-            segments = stretches(self._start(s), s.n_samples)
-            records.append(record_data(s, *inputs, response, segments))
-        structure = self._declared_structure if declared else self._structure
-        if structure.histories:
-            structure = structure.led_by(records)
-        problem = structure.problem(records)
-        nothing = np.zeros(len(problem.segment_record), dtype=bool)
-        predictions = problem.predictions(problem.x0, nothing)
-        residuals = foretold(problem, predictions, [r.segments[0][0] for r in records])
-        return root_mean_square(residuals, [None] * len(residuals))
-
-    def _start(self, record):
-        """Return the row of a record that counts first; of a single one the past is unknown."""
-        unknown = int(0.05 * record.n_samples) if len(self.records_) == 1 else 0
-        return min(unknown if self.washout is None else self.washout, record.n_samples - 1)
+        return held_out_error(self, *self._even(X, y), declared)
 
     def report(self, command=None):
         """Return the :class:`Report`: HTML, Markdown, JSON."""
         check_is_fitted(self)
         return Report.from_search(self, command=command)
+
+    def _with_result(self, diagram):
+        """Return what a notebook shows: the result, where there is one, above the diagram."""
+        return (self.report()._repr_html_() if hasattr(self, "verdict_") else "") + diagram
+
+    def _repr_html_inner(self):
+        return self._with_result(super()._repr_html_inner())
+
+    def _repr_mimebundle_(self, **options):
+        bundle = super()._repr_mimebundle_(**options)
+        if "text/html" in bundle:
+            bundle["text/html"] = self._with_result(bundle["text/html"])
+        return bundle
 
 
 def _knows_less(candidate, left):

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..records import Units
 from ._linear_inverse import InverseLinearOperator
 from ._lowered import LoweredSeries, LoweredStep, LoweredSum, nothing
 from ._protocol import Operator
@@ -62,7 +64,7 @@ class WrappedOperator(_ByEntries):
 for _name in (
     *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless", "causal"),
     *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "characteristics"),
-    *("entries", "pack"),
+    *("entries", "pack", "parameter_units"),
 ):
     setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
 for _name in ("linear_mask", "gauge_entries", "gauge_mask", "constant_mask"):
@@ -159,6 +161,17 @@ class _Composition(_ByEntries):
             for entry, spec in stage.entries()
         ]
 
+    def parameter_units(self):
+        return {
+            f"{name}__{entry}": unit
+            for name, stage in zip(self.names, self._stage_units(), strict=True)
+            for entry, unit in stage.items()
+        }
+
+    def _stage_units(self):
+        """Return the units of each stage's entries by their names, seen from the whole."""
+        return [stage.parameter_units() for stage in self.stages]
+
     def pack(self):
         return np.concatenate([np.empty(0), *(stage.pack() for stage in self.stages)])
 
@@ -225,15 +238,27 @@ class SeriesOperator(_Composition):
                 masks[:i] = [np.zeros_like(mask) for mask in masks[:i]]
         return _joined(masks)
 
-    def gauge_mask(self):
-        gauges = [stage.gauge_entries() for stage in self.stages]
+    def _owners(self):
+        """Return the number of the stage that keeps gain and intercept, in a list; or none."""
         owners = [i for i, stage in enumerate(self.stages) if stage.carries_scale][:1]
-        owners = owners or [i for i, gauge in enumerate(gauges) if gauge.any()][-1:]
+        return owners or [i for i, s in enumerate(self.stages) if s.gauge_entries().any()][-1:]
+
+    def gauge_mask(self):
+        owners = self._owners()
         masks = [
-            stage.gauge_mask() | (gauge & (i not in owners))
-            for i, (stage, gauge) in enumerate(zip(self.stages, gauges, strict=True))
+            stage.gauge_mask() | (stage.gauge_entries() & (i not in owners))
+            for i, stage in enumerate(self.stages)
         ]
         return _joined(masks)
+
+    def _stage_units(self):
+        # up to the stage that has the gain signals are in units of the drive, then of the response
+        owner = max(self._owners(), default=len(self.stages) - 1)
+        words = ["drive" if i <= owner else "response" for i in range(len(self.stages) + 1)]
+        return [
+            {entry: Units(*around).of(unit) for entry, unit in units.items()}
+            for units, around in zip(super()._stage_units(), pairwise(words), strict=True)
+        ]
 
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge.

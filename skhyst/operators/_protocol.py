@@ -166,6 +166,10 @@ class Operator(ABC):
             for i in range(sizes[name])
         ]
 
+    def parameter_units(self) -> dict[str, str]:
+        """Return the unit of each entry, in terms of ``s``, ``drive`` and ``response``."""
+        return {name: spec.unit for name, spec in self.entries()}
+
     def linear_mask(self) -> np.ndarray:
         """Mark the values of :meth:`pack` that the output depends on linearly, all at once."""
         return np.array([spec.linear for _, spec in self.entries()], dtype=bool)

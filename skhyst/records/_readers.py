@@ -11,7 +11,7 @@ from ._columns import load_column, numbers
 from ._formats import opened, reading
 from ._index import time_stamps
 from ._missing import fill, missing_rows
-from ._units import SECONDS, time_unit_of
+from ._units import SECONDS, time_unit_of, without_unit
 
 _POLICIES = ("raise", "drop", "interpolate")
 
@@ -28,6 +28,7 @@ def read_records(
     on_missing="raise",
     missing_code=None,
     time_unit=None,
+    units=None,
 ):
     r"""Read recordings from a file or a table into a frame and a series that carry record and time.
 
@@ -69,6 +70,8 @@ def read_records(
     time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
         Unit of a time column of numbers. None: what the file says, in the column's name
         (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
+    units : dict of column to str, optional
+        Units of drive, response and auxiliary inputs, in place of what the file says.
 
     Returns
     -------
@@ -114,7 +117,7 @@ def read_records(
     path, variables = opened(path)
     wanted = inputs if response is None else [*inputs, response]
     columns = [load_column(path, variables, item) for item in wanted]
-    names = [column.name for column in columns]
+    names = _with_units(wanted, [column.name for column in columns], units or {})
     stamps, labels = (c if c is None else load_column(path, variables, c) for c in (time, record))
     _refuse_mismatch(path, names[: len(inputs)], [*columns, stamps, labels])
     values = np.column_stack([numbers(path, c.name, c.values) for c in columns])
@@ -178,18 +181,29 @@ def _refuse_mismatch(path, names, columns):
         raise RecordError(f"{path.name} has no rows.")
 
 
+def _with_units(wanted, names, units):
+    """Return the names of the columns with the units that are given for them."""
+    given = _by_column("units", units, wanted, names, "")
+    pairs = zip(names, given, strict=True)
+    return [f"{without_unit(name)} [{unit}]" if unit else name for name, unit in pairs]
+
+
 def _codes(missing_code, wanted, names):
     """Return the code of each column, NaN where it has none."""
     if not isinstance(missing_code, dict):
         return np.full(len(names), np.nan if missing_code is None else float(missing_code))
-    unknown = [key for key in missing_code if key not in wanted and key not in names]
+    return np.array(_by_column("missing_code", missing_code, wanted, names, np.nan), dtype=float)
+
+
+def _by_column(parameter, given, wanted, names, default):
+    """Return what a dict says of each column, by its name here or in the file."""
+    unknown = [key for key in given if key not in wanted and key not in names]
     if unknown:
         raise ValueError(
-            "The keys of the 'missing_code' parameter of read_records must be columns that are "
+            f"The keys of the {parameter!r} parameter of read_records must be columns that are "
             f"read, {', '.join(map(repr, names))}. Got {unknown[0]!r} instead."
         )
-    pairs = zip(wanted, names, strict=True)
-    return np.array([float(missing_code.get(a, missing_code.get(b, np.nan))) for a, b in pairs])
+    return [given.get(a, given.get(b, default)) for a, b in zip(wanted, names, strict=True)]
 
 
 def _evenly(path, columns, positions, sampling_rate):

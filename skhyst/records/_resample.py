@@ -124,7 +124,7 @@ def resampling_error(X, y, *, dt="auto", max_gap=None):
     to compare with. With lines between the next neighbours (m = 1), and between the next to one
     side and the next but one to the other (m = 2), the mean squares
 
-    .. math:: \overline{d_m^2} = \tfrac14 \overline{y''^2}\;\overline{a_m^2 b_m^2}
+    .. math:: \overline{d_m^2} = \tfrac14 \overline{{y''}^2}\;\overline{a_m^2 b_m^2}
        + \sigma^2\, \overline{1 + (a_m^2 + b_m^2) / (a_m + b_m)^2}
 
     give the mean square of the bend :math:`y''` and that of white noise :math:`\sigma`, and the

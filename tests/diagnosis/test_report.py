@@ -274,7 +274,7 @@ def test_what_to_measure_next():
     claim = {"effect": "lag", "ambiguous_with": ["delay"], "experiment": "Sweep."}
     miss = {"effect": "creep", "p_value": 0.2, "change": -0.1, "claimed_instead": None}
     place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "unit": "Hz"}
-    place |= {"concentration": 3.0}
+    place["concentration"] = 3.0
 
     def steps(claims=(), not_it=(), location=(), verdict="noise", faults=()):
         return next_steps(claims, not_it, location, verdict, faults, 0.01)
@@ -324,6 +324,23 @@ def test_json_is_finite_and_equals_the_search(report, search):
         assert numbers[name] == (value, None if math.isnan(std) else std, unit)
     values = np.concatenate([np.ravel(v) for v in search.best_estimator_.params_.values()])
     np.testing.assert_array_equal([r["value"] for r in data["parameters"]["augmented"]], values)
+
+
+def test_a_notebook_shows_the_result_in_a_few_lines(search, report):
+    assert len(repr(report)) < 1000
+    assert report.headline in repr(report)
+    (evidence,) = search.evidence_.values()
+    assert len(repr(evidence)) < 2000
+    for shown in (
+        report._repr_html_(),
+        search._repr_html_(),
+        search._repr_mimebundle_()["text/html"],
+    ):
+        assert report.headline in shown
+        assert "<b>resonance</b>" in shown
+    assert len(report._repr_html_()) < 3000
+    assert "EffectSearchCV" in search._repr_html_()
+    assert "<b>resonance</b>" not in EffectSearchCV(search.estimator)._repr_html_()
 
 
 def test_data_summary_counts(report, recording):

@@ -1,12 +1,15 @@
 """What the search makes of its options and of single records, and what it refuses."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from plants import make_recording
 from sklearn.preprocessing import StandardScaler
 
-from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.model_selection import RecordKFold
 from skhyst.records import stack_records
@@ -156,7 +159,7 @@ def test_an_improvement_of_no_practical_size_is_not_claimed():
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("effects", ["magic", "lag"], r".*asymmetry.*'magic'"),
+        ("effects", ["asymetry", "lag"], r".*such as asymmetry,.*'asymetry' instead"),
         ("effects", "magic", r".*'magic' instead"),
         ("estimator", StandardScaler(), " of EffectSearchCV"),
         ("estimator", 3, " of EffectSearchCV"),
@@ -212,3 +215,24 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
     assert "round 1: lag, held-out error" in written.err
     few(effects=["lag"]).fit(recording.X_train, recording.y_train)
     assert capsys.readouterr().err == ""
+    few(verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
+    written = capsys.readouterr().err
+    assert "round 1: 1 effects are tried" in written
+    assert "round 1: nothing, held-out error" in written
+
+
+def test_folds_of_records_are_taken_as_a_splitter_gives_them():
+    recording = small("lag")
+    X, y = recording.X_train, recording.y_train
+    search = few(cv=RecordKFold(3)).fit(X, y)
+    given = few(cv=list(RecordKFold(3).split(X))).fit(X, y)
+    assert search.effects_ == given.effects_ == ["lag"]
+    assert search.error_after_ == given.error_after_
+
+
+def test_built_in_effects_go_to_other_processes_by_name():
+    own = replace(EFFECTS["lag"], name="lag of my own")  # its variants have no name to go by
+    for effect in EFFECTS.values():
+        assert pickle.loads(pickle.dumps(effect)) is effect
+    with pytest.raises((AttributeError, pickle.PicklingError)):
+        pickle.dumps(own)

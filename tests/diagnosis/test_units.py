@@ -8,8 +8,12 @@ import pytest
 
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.exceptions import RecordError
+from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.inspection import FrequencyResponseDisplay, PoleZeroDisplay, ResidualDisplay
 from skhyst.linear import FirstOrderLagOperator, Gain, TransferFunction
+from skhyst.operators import SeriesOperator, SumOperator
+from skhyst.records import Units
+from skhyst.static import SaturationOperator
 
 N, TAU = 1500, 8.0  # samples
 
@@ -94,3 +98,44 @@ def test_a_drive_that_is_the_time_is_refused(scale, n_records):
     assert "counts the time or the samples" in refused(X, response)
     X["u"] *= 1.01  # a ramp of its own slope is a drive
     EffectSearchCV(Gain(), effects=[]).fit(X, response)
+
+
+def test_units_of_the_names_reach_everything_that_is_told():
+    drive, response = recording()
+    time = pd.Index(0.001 * np.arange(N), name="time")
+    X, y = pd.DataFrame({"u [V]": drive}, time), pd.Series(response, time, name="x (um)")
+    search = EffectSearchCV(Gain(), effects=["lag"]).fit(X, y)
+    assert search.units_ == Units("V", "um", "s")
+    report = json.loads(search.report().to_json())
+    assert report["units"] == {"drive": "V", "response": "um", "time": "s"}
+    units = {row["name"]: row["unit"] for row in report["parameters"]["augmented"]}
+    assert {name.split("__")[-1]: unit for name, unit in units.items()} == {
+        "gain": "um/V",
+        "intercept": "um",
+        "time_constant": "s",
+    }
+    assert [row["unit"] for row in report["parameters"]["declared"]] == ["um/V", "um"]
+    assert {row["unit"] for row in report["location"]} <= {"s", "V", "V/s", "Hz"}
+    axes = ResidualDisplay.from_search(search).ax_.ravel()
+    assert axes[0].get_ylabel() == "residual of x (um)"
+    assert axes[-1].get_ylabel() == "residual (um/√Hz)"
+    assert "um" in search.report().sentence
+
+
+def test_parameters_have_units_of_the_signals_that_they_stand_between():
+    plays = PrandtlIshlinskiiOperator(np.array([0.0, 1.0]), np.ones(2))
+    stages = (
+        SaturationOperator(-1.0, 1.0),
+        plays,
+        FirstOrderLagOperator(0.1),
+        SaturationOperator(-2.0, 2.0),
+    )
+    series = SeriesOperator(("amplifier", "plays", "lag", "sensor"), stages)
+    units = series.parameter_units()
+    assert list(units) == [name for name, _ in series.entries()]
+    assert units["amplifier__lower"] == "drive"
+    assert units["plays__weights[1]"] == "response/drive"
+    assert units["lag__gain"] == ""
+    assert units["sensor__upper"] == "response"
+    beside = SumOperator(("plays", "lag"), (plays, FirstOrderLagOperator(0.1)))
+    assert beside.parameter_units()["lag__gain"] == "response/drive"

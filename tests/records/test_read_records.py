@@ -445,3 +445,12 @@ def test_a_polars_frame_counts_samples_and_keeps_its_names():
     assert list(X.columns) == ["u", "w"]
     assert record_slices(X)[0].time_unit == "s"
     assert record_slices(frame)[0].time_unit == "sample"
+
+
+def test_units_are_given_in_place_of_those_of_the_file(tmp_path):
+    table = TABLE.rename(columns={"u": "u (mV)"})
+    options = {"response": "y", "time": "t", "units": {"u": "V", "y": "um"}}
+    X, y = read(tmp_path, table, **options)
+    assert (list(X.columns), y.name) == (["u [V]"], "y [um]")
+    with pytest.raises(ValueError, match=r"'units' parameter .* Got 'w' instead"):
+        read(tmp_path, table, units={"w": "K"})
