@@ -163,8 +163,7 @@ def _add_search(parser):
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
     add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
     add("--effects", default="all", help="comma-separated names (default: all)")
-    folds = "folds (default: 5), or auto, where records go beyond all others"
-    add("--folds", "--cv", type=_folds, default=5, metavar="N|auto", help=folds)
+    add("--folds", "--cv", type=int, default=5, metavar="N", help="folds (default: 5)")
     add("--washout", type=int, metavar="N", help="samples at a start that are not scored")
     gross = "huber: gross errors of the measurement count less (default: squared)"
     add("--loss", choices=("squared", "huber"), default="squared", help=gross)
@@ -443,10 +442,6 @@ def _prepare(paths, inputs, options):
                 f"{path} needs {' and '.join(missing)}. "
                 f'Install with: python -m pip install "skhyst[{extra}]"'
             )
-
-
-def _folds(text):
-    return text if text == "auto" else int(text)
 
 
 def _grid(text):

@@ -561,8 +561,8 @@ def test_options_of_the_search_are_those_of_python(recording, monkeypatch):
     assert main(arguments(recording, *more)) == 1
     names = ("cv", "washout", "loss", "resample")
     assert [asked[name] for name in names] == [3, 20, "huber", 0.002]
-    assert main(arguments(recording, "--folds", "auto", "--resample", "auto")) == 1
-    assert (asked["cv"], asked["resample"]) == ("auto", "auto")
+    assert main(arguments(recording, "--resample", "auto")) == 1
+    assert (asked["cv"], asked["resample"]) == (5, "auto")
 
 
 def test_every_model_that_is_listed_can_be_declared(capsys):
