@@ -83,8 +83,8 @@ class Declared:
         return effects
 
     def begin(self, records, folds):
-        """Return the records with what drives the model."""
-        return records
+        """Return the records with what drives the model, and the folds that it is held out in."""
+        return records, folds
 
     def identified(self, records):
         """Return what identification found, and the tree of that.
@@ -137,7 +137,8 @@ class BlackBox(Declared):
         return [_placed_behind(effect) for effect in effects]
 
     def begin(self, records, folds):
-        self._folds = folds
+        # it has learned what a fold scores that is trained on everything
+        self._folds = folds = [own for own in folds if not own[0].all()]
         fold = np.zeros(len(self._y), dtype=int)
         # a stretch that is not fitted belongs to the fold, whether it is scored or not
         stretches = [
@@ -152,7 +153,7 @@ class BlackBox(Declared):
         self._backfitting = Backfitting(self._estimator, self._X, self._slices, fold)
         targets = np.tile(self._y, (len(folds), 1))
         self._declared = self._box(targets, self._backfitting.predict(targets), 0, records)
-        return list(self._declared.records)
+        return list(self._declared.records), folds
 
     def _box(self, targets, predictions, turns, records):
         driven = self._driven(self._backfitting.out_of_fold(predictions), records)

@@ -282,7 +282,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share
-        own = X, drive, response, slices, len(folds), self.random_state, reference
+        n_folds = sum(not train.all() for train, _ in folds)
+        own = X, drive, response, slices, n_folds, self.random_state, reference
         declared = declare(declared, *own)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.units_ = units_of(self, self.response_name_, slices)
@@ -323,7 +324,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         if self._reference is not None:
             records = self._reference.explain(records)
         self.extrapolated_ = extrapolated(records, folds)
-        records = declared.begin(records, folds)
+        records, folds = declared.begin(records, folds)
         result, structure = declared.identified(records)
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()

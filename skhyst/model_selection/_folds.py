@@ -85,10 +85,11 @@ def segment_folds(
     cv : int, splitter or iterable, default=5
         As in ``GridSearchCV``. An int: so many folds, each of a contiguous block of every record,
         and not of the same one, so that what a fold tests lies within what it trains on. As in
-        ``TimeSeriesSplit`` there is one more block, the first one, which is only trained on: what
-        the memory of a device does first, it does not do again. Of a record whose blocks would be
-        shorter than ``shortest``, all is in one fold. Records are dealt by what is in them
-        (:func:`by_content`), whatever their order. Else an object with
+        ``TimeSeriesSplit`` there is one more block, the first one, which each of these folds trains
+        on: what the memory of a device does first, it does not do again. A last fold, trained on
+        everything, scores these first blocks. Of a record whose blocks would be shorter than
+        ``shortest``, all is in one fold. Records are dealt by what is in them (:func:`by_content`),
+        whatever their order. Else an object with
         ``split(X, y, groups)``, or an iterable of (train, test) row numbers, which is consumed
         once.
     X : DataFrame or array-like of shape (n_samples, n_inputs), optional
@@ -146,6 +147,10 @@ def segment_folds(
     else:
         train, test = _given_folds(cv, X, y, groups, first)
     scored = test & ~_washed(records, test, first, washout)
+    if (
+        isinstance(cv, Integral) and not scored[-1].any()
+    ):  # no record has blocks, or all is washed out
+        train, test, scored = train[:-1], test[:-1], scored[:-1]
     empty = np.flatnonzero(~scored.any(axis=1))
     if empty.size:
         raise ValueError(
@@ -202,8 +207,9 @@ def _even_folds(records, cv, X, y, shortest):
             f"{2 * cv + 2} samples for {cv} folds. Got {records[0].n_samples} instead."
         )
     fold_of = np.concatenate(fold_of)
-    test = fold_of == np.unique(fold_of[fold_of >= 0])[:, None]
-    return ~test, test
+    numbers = np.unique(fold_of[fold_of >= 0])
+    test = fold_of == np.append(numbers, -1)[:, None]
+    return ~test | (test & (fold_of < 0)), test
 
 
 def _given_folds(cv, X, y, groups, first):
