@@ -262,8 +262,8 @@ _COMPOSITION = [
     ),
     (
         "series: the first stage carries the gain where there is no hysteresis",
-        "if gauge.any()][-1:]",
-        "if gauge.any()][:1]",
+        "if s.gauge_entries().any()][-1:]",
+        "if s.gauge_entries().any()][:1]",
         "tests/operators/test_compose.py tests/compose/test_cascade.py -k gain",
     ),
     (
