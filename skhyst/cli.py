@@ -46,7 +46,7 @@ _NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
 _NEEDED[".skops"] = (("skops",), "io")  # what a file's suffix needs, and the extra that has it
 _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
-    *("on_missing", "missing_code"),
+    *("on_missing", "missing_code", "delimiter", "decimal"),
 )
 
 
@@ -155,6 +155,8 @@ def _add_search(parser):
     add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
     add("--missing-code", type=float, help="value that marks a lost reading")
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
+    add("--delimiter", metavar="CHAR", help="of a text, where it is not found")
+    add("--decimal", choices=(".", ","), help="decimal sign of a text, where it is not found")
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
     grid = "interpolate unevenly sampled records onto even grids, of their own or of S s"
     add("--resample", type=_grid, metavar="auto|S", help=grid)

@@ -1,7 +1,9 @@
 """Find a column among the variables of a file by name, position or index."""
 
 import re
+from bisect import bisect_right
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 import pandas as pd
@@ -93,19 +95,17 @@ def _at_position(path, variables, position):
     """Count the columns of all variables that are as long as the longest one."""
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)
-    columns = [
-        (variable, column)
-        for variable in usable
-        if _length(variable.shape) == longest
-        for column in ([None] if _is_vector(variable.shape) else range(variable.shape[1]))
-    ]
-    if not 0 <= position < len(columns):
+    usable = [v for v in usable if _length(v.shape) == longest]
+    widths = [1 if _is_vector(v.shape) else v.shape[1] for v in usable]
+    if not 0 <= position < sum(widths):
         raise RecordError(
-            f"{path.name} has no column at position {position}: it has {len(columns)} columns, "
+            f"{path.name} has no column at position {position}: it has {sum(widths)} columns, "
             f"counted from 0. {_listed(variables)}"
         )
-    variable, column = columns[position]
-    if column is None:
+    ends = list(accumulate(widths))
+    which = bisect_right(ends, position)
+    variable, column = usable[which], position - ends[which] + widths[which]
+    if _is_vector(variable.shape):
         name = variable.label or str(position)
         return Column(name, _load(path, variable).reshape(-1), variable.interval)
     name = f"{variable.name}[{column}]" if variable.name else str(column)

@@ -8,6 +8,7 @@ import importlib
 import io
 import json
 import warnings
+import zipfile
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,13 +21,13 @@ import pandas as pd
 from .._files import check_input
 from ..exceptions import RecordError
 from ._mat_tags import check_tags
+from ._sizes import DENSEST, check_array, check_size
 from ._text import read_table
 from ._units import unit_of
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _INTERVALS = ("dt", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
-_PICKLED = "pickled Python objects, and unpickling can run code"
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class Variable:
         return f"{self.name} [{self.unit}]" if said else self.name
 
 
-def _file_variables(path):
-    """List the variables of a file by its suffix."""
+def _file_variables(path, layout):
+    """List the variables of a file by its suffix; ``layout`` holds options of a text."""
     if path.suffix.lower() not in _READERS:
         raise RecordError(
             f"The 'path' parameter of read_records must end in one of {', '.join(_READERS)}. "
@@ -63,7 +64,7 @@ def _file_variables(path):
     if path.stat().st_size == 0:
         raise RecordError(f"{path.name} is empty: {_expected(path)} was expected.")
     with reading(path):
-        variables = _READERS[path.suffix.lower()][0](path)
+        variables = _READERS[path.suffix.lower()][0](path, **layout)
         if not variables:
             raise RecordError("it holds no variable")
     return variables
@@ -77,12 +78,20 @@ class Table:
     suffix: str = ""
 
 
-def opened(source):
-    """Return what a file or a table is called, a path or a Table, and its variables."""
-    if hasattr(source, "columns"):
-        return Table(), _frame_variables(source)
-    path = Path(source).expanduser()
-    return path, _file_variables(path)
+def opened(source, **layout):
+    """Return what a file or a table is called, a path or a Table, and its variables.
+
+    ``layout`` are options of a text, None where they are not given.
+    """
+    is_frame = hasattr(source, "columns")
+    path = Table() if is_frame else Path(source).expanduser()
+    layout = {name: value for name, value in layout.items() if value is not None}
+    if layout and _READERS.get(path.suffix.lower()) is not _TEXT:
+        raise ValueError(
+            f"The {' and '.join(map(repr, layout))} of read_records must be None where 'path' is "
+            f"no delimited text. Got {path.name!r} instead."
+        )
+    return path, _frame_variables(source) if is_frame else _file_variables(path, layout)
 
 
 def _frame_variables(frame):
@@ -163,36 +172,35 @@ def _join(group, name, separator):
     return f"{group}{separator}{name}" if group else name
 
 
-def _read_text(path):
+def _read_text(path, **layout):
     return [
         Variable(name, values.shape, partial(np.asarray, values), unit=unit)
-        for name, unit, values in zip(*read_table(path), strict=True)
+        for name, unit, values in zip(*read_table(path, **layout), strict=True)
     ]
 
 
 def _read_npy(path):
-    try:
-        values = np.lib.format.open_memmap(path, mode="r")
-    except ValueError as error:
-        if "Python objects" in str(error):
-            raise RecordError(f"it holds {_PICKLED}") from error
-        raise
-    return _held("", values.view(np.ndarray))
+    with path.open("rb") as file:
+        check_array(file, path.stat().st_size)
+    return _held("", np.lib.format.open_memmap(path, mode="r").view(np.ndarray))
 
 
 def _read_npz(path):
-    variables = []
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                values = np.asarray(archive[name])
-            except ValueError as error:
-                if "allow_pickle" not in str(error):
-                    raise
-                variables.append(Variable(name, (), partial(np.empty, 0), _PICKLED))
-            else:
-                variables += _held(name, values)
-    return variables
+    with zipfile.ZipFile(path) as archive:
+        return [part for entry in archive.infolist() for part in _npz_entry(archive, entry)]
+
+
+def _npz_entry(archive, entry):
+    """Return the variables of one array of an archive."""
+    name = entry.filename.removesuffix(".npy")
+    check_size(name, entry.file_size, entry.compress_size)
+    try:
+        with archive.open(entry) as stream:
+            check_array(stream, entry.file_size)
+    except ValueError as error:  # RecordError is one
+        return [Variable(name, (), partial(np.empty, 0), f"no array: {error}")]
+    with archive.open(entry) as stream:
+        return _held(name, np.lib.format.read_array(stream, allow_pickle=False))
 
 
 def _read_mat(path):
@@ -266,7 +274,10 @@ def _hdf5_refusal(h5py, item):
         "empty": item.shape is None,
         "references or lists of different lengths": objects,
     }
-    return next((reason for reason, holds in reasons.items() if holds), "")
+    reason = next((reason for reason, holds in reasons.items() if holds), "")
+    if not reason and item.nbytes > DENSEST * item.id.get_storage_size():
+        reason = "larger than what the file holds of it"
+    return reason
 
 
 def _hdf5_values(h5py, path, name, field, transpose):
@@ -281,6 +292,8 @@ def _read_json(path):
     content = json.loads(path.read_bytes())
     if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
         names = dict.fromkeys(name for row in content for name in row)
+        if len(names) * len(content) > path.stat().st_size:  # a reading takes a byte at least
+            raise RecordError(f"its {len(content)} rows share few of {len(names)} names")
         content = {name: [row.get(name) for row in content] for name in names}
     return _json_variables("", content)
 
@@ -307,6 +320,9 @@ def _read_parquet(path):
     parquet = _optional("pyarrow.parquet", path.suffix)
     with parquet.ParquetFile(path) as file:
         names, rows = file.schema_arrow.names, file.metadata.num_rows
+        groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+        declared = max(rows, sum(group.num_rows for group in groups)) * np.dtype(float).itemsize
+        check_size("its table", declared, path.stat().st_size)
     load = partial(_parquet_values, parquet, path)
     return [
         Variable(name, (rows,), partial(load, name, names[:i].count(name)))

@@ -29,6 +29,8 @@ def read_records(
     missing_code=None,
     time_unit=None,
     units=None,
+    delimiter=None,
+    decimal=None,
 ):
     r"""Read recordings from a file or a table into a frame and a series that carry record and time.
 
@@ -72,6 +74,11 @@ def read_records(
         (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
     units : dict of column to str, optional
         Units of drive, response and auxiliary inputs, in place of what the file says.
+    delimiter : str, optional
+        Of a text: the character between columns, ``" "`` for any white space. By default it is
+        found, and a text that can be read in more than one way is refused.
+    decimal : {".", ","}, optional
+        Of a text: the decimal sign; found by default.
 
     Returns
     -------
@@ -84,8 +91,8 @@ def read_records(
     Raises
     ------
     RecordError
-        If the file is empty or broken, has no such column, or values are missing. Rows are
-        counted from 0, without the header.
+        If the file is empty or broken, can be read in more than one way, has no such column, or
+        values are missing. Rows are counted from 0, without the header.
     ImportError
         If the format needs a package that is not installed.
 
@@ -114,7 +121,8 @@ def read_records(
     single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
     inputs = [drive, *([auxiliary] if single else auxiliary)]
     _check_options(time, sampling_rate, on_missing, time_unit)
-    path, variables = opened(path)
+    _check_layout(delimiter, decimal)
+    path, variables = opened(path, delimiter=delimiter, decimal=decimal)
     wanted = inputs if response is None else [*inputs, response]
     columns = [load_column(path, variables, item) for item in wanted]
     names = _with_units(wanted, [column.name for column in columns], units or {})
@@ -163,6 +171,19 @@ def _check_options(time, sampling_rate, on_missing, time_unit):
                 f"The {name!r} parameter of read_records must be one of {known}. Got {value!r} "
                 "instead."
             )
+
+
+def _check_layout(delimiter, decimal):
+    if delimiter is not None and not (isinstance(delimiter, str) and len(delimiter) == 1):
+        raise ValueError(
+            "The 'delimiter' parameter of read_records must be one character, or None. Got "
+            f"{delimiter!r} instead."
+        )
+    if decimal not in (None, ".", ","):
+        raise ValueError(
+            "The 'decimal' parameter of read_records must be '.', ',' or None. Got "
+            f"{decimal!r} instead."
+        )
 
 
 def _refuse_mismatch(path, names, columns):

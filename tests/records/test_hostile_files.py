@@ -5,10 +5,12 @@ import json
 import os
 import pickle
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from fuzzing import sound_files
 from scipy.io import savemat
 from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
@@ -33,29 +35,7 @@ class Trap:
         return os.mkdir, (str(self.marker),)
 
 
-def whole_files():
-    """Return a sound file of each binary or structured format, to be cut."""
-    import nptdms
-    import pyarrow
-    import pyarrow.parquet
-
-    values = np.arange(2000.0)
-    files = {
-        suffix: io.BytesIO() for suffix in (".mat", ".npy", ".npz", ".h5", ".parquet", ".tdms")
-    }
-    savemat(files[".mat"], {"u": values})
-    np.save(files[".npy"], values)
-    np.savez(files[".npz"], u=values)
-    with h5py.File(files[".h5"], "w") as file:
-        file["u"] = values
-    pyarrow.parquet.write_table(pyarrow.table({"u": values}), files[".parquet"])
-    with nptdms.TdmsWriter(files[".tdms"]) as writer:
-        writer.write_segment([nptdms.ChannelObject("g", "u", values)])
-    content = {suffix: file.getvalue() for suffix, file in files.items()}
-    return content | {".json": json.dumps({"u": values.tolist()}).encode()}
-
-
-WHOLE = whole_files()
+WHOLE = sound_files()
 
 
 def written(folder, suffix, content):
@@ -111,11 +91,84 @@ def test_a_pickle_with_a_false_suffix_is_not_executed(tmp_path):
     assert not marker.exists()
 
 
-def test_a_huge_shape_in_a_header_is_refused_without_memory(tmp_path):
+@pytest.fixture
+def little_memory():
+    """Memory of 512 MiB more than there is now, beyond which any allocation fails."""
+    resource = pytest.importorskip("resource")
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    old = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, old[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, old)
+
+
+def array_header(descr, shape, version=1):
+    """The header of an array in NumPy's format, with 80 bytes behind it."""
     file = io.BytesIO()
-    header = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
-    np.lib.format.write_array_header_1_0(file, header)
-    refused(written(tmp_path, ".npy", file.getvalue() + b"\x00" * 80))
+    write = getattr(np.lib.format, f"write_array_header_{version}_0")
+    write(file, {"descr": descr, "fortran_order": False, "shape": shape})
+    return file.getvalue() + b"\x00" * 80
+
+
+@pytest.mark.parametrize(
+    ("descr", "shape"),
+    [
+        ("<f8", (3 * 10**9,)),  # 22 GiB
+        ("<f8", (10**13,)),
+        ("<f8", (10**30,)),
+        ("|V0", (3 * 10**9,)),  # elements without bytes
+        ("<U0", (3 * 10**9,)),
+        ([("u", "<f8", (10**8,))], (1,)),
+        ("<f8", (-1, -(10**9))),
+    ],
+)
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_huge_shape_in_a_header_is_refused_before_memory_is_taken(
+    tmp_path, little_memory, descr, shape, version
+):
+    content = array_header(descr, shape, version)
+    assert "declares" in refused(written(tmp_path, ".npy", content))
+    path = tmp_path / "rig.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("u.npy", content)
+    assert "declares" in refused(path, "u")
+
+
+def test_a_header_as_long_as_the_memory_is_refused(tmp_path, little_memory):
+    refused(written(tmp_path, ".npy", b"\x93NUMPY\x02\x00\xff\xff\xff\xff" + b" " * 80))
+
+
+def test_datasets_without_readings_are_refused_before_memory_is_taken(tmp_path, little_memory):
+    path = tmp_path / "rig.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("u", (3 * 10**9,), "f8", chunks=(1000,))
+        file["y"] = np.arange(5.0)
+    assert "larger than what the file holds" in refused(path, "u")
+    assert len(read_records(path, drive="y")[0]) == 5
+
+
+def test_tables_of_more_rows_than_a_file_can_hold_are_refused(tmp_path, little_memory):
+    import pyarrow
+    import pyarrow.parquet
+
+    rows = pyarrow.table({"u": pyarrow.chunked_array([np.zeros(10**6)] * 10)})
+    pyarrow.parquet.write_table(rows, tmp_path / "rig.parquet", compression="zstd")
+    assert "declares" in refused(tmp_path / "rig.parquet", "u")
+    text = json.dumps([{f"n{i}": 1} for i in range(20_000)])
+    assert "share few" in refused(written(tmp_path, ".json", text), "n0")
+
+
+def test_a_channel_that_declares_more_is_read_as_far_as_it_goes(tmp_path, little_memory):
+    content = WHOLE[".tdms"]
+    length = (2000).to_bytes(8, "little")
+    assert content.count(length) == 1
+    huge = content.replace(length, (3 * 10**9).to_bytes(8, "little"))
+    assert len(read_records(written(tmp_path, ".tdms", huge), drive="u")[0]) == 2000
+
+
+def test_columns_of_a_huge_empty_matrix_are_not_listed(tmp_path, little_memory):
+    head = np.array([0, 0, 2 * 10**9, 0, 2], dtype="<i4").tobytes()  # version 4: 0 x 2e9 doubles
+    refused(written(tmp_path, ".mat", head + b"u\x00"))
 
 
 def test_matlab_functions_and_objects_are_refused_and_the_rest_is_read(tmp_path):

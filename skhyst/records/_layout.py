@@ -1,0 +1,263 @@
+"""How a text is laid out: its delimiter, where its table begins and ends, and what its columns are.
+
+Every delimiter is tried. Under it a line is a row of fields, each a number, a date or clock time,
+text, or blank; a table is the longest run of rows of one form, weighed by the share of columns that
+hold numbers or times. More than one delimiter may make a table: ``0,5`` is one number or two. Then
+the names of the columns decide, and where they do not, the text is refused: a wrong guess is worse.
+"""
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+from itertools import groupby
+
+from ..exceptions import RecordError
+
+_DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
+_FORMS = 20  # forms of rows that are looked at, from the most frequent
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_INTEGER = re.compile(r"[+-]?\d+")
+_FRACTION = re.compile(r"0\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+_STAMP = re.compile(r"(\d{4}-\d\d-\d\d[T ]?)?(\d+:\d\d(:\d\d([.,]\d+)?)?)?(Z|[+-]\d\d:?\d\d)?")
+_BLANK = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>", "inf", "-inf", "+inf"}
+_SYMBOL = (
+    r"(%|°[CF]?|deg[CF]?|([YZEPTGMkhdcmuµμnpfazy]|da)?"
+    r"(m|s|g|A|K|V|N|Pa|J|W|Hz|C|F|Ω|[Oo]hm|T|H|L|l|Wb|S|rad|bar|Nm|eV|mol)"
+    r"|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(\^?-?[1-9]|[²³])?"
+)
+_UNIT = re.compile(rf"[(\[<{{].*[)\]>}}]|[-–]+|(1/)?{_SYMBOL}([/*·]{_SYMBOL})*")
+_NO_UNIT = re.compile(r"[-–]*|1")
+_SETTLE = (
+    "pass delimiter=',' where they separate columns, or decimal=',' where they are decimal signs"
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A text under one delimiter: its lines as rows, and the table in them.
+
+    ``form`` says of each column whether it holds numbers ("n"), times ("s"), text ("t") or nothing
+    ("b"); ``decimal`` is the sign that was asked for, None for any.
+    """
+
+    delimiter: str | None
+    decimal: str | None
+    rows: list
+    form: str
+    first: int
+    last: int
+    n_rows: int  # of the longest run
+
+    @property
+    def table(self):
+        """Rows of the table, of those that were looked at."""
+        return self.rows[self.first : self.last + 1]
+
+    @property
+    def commas(self):
+        """Numbers with a comma in the table."""
+        return [field for row in self.table for field in row if _COMMA.fullmatch(field)]
+
+    @property
+    def splits_numbers(self):
+        """Whether a field behind a comma is the fraction of a number: 05 in 1,05."""
+        table = self.table if self.delimiter == "," else []
+        return any(_FRACTION.fullmatch(field) for row in table for field in row[1:])
+
+    @property
+    def head(self):
+        """Names and units of the columns, "" each where there is none.
+
+        Names are in the line above the table, or in the one above units.
+        """
+        fitting, width = [], len(self.form)
+        for row in reversed(self.rows[max(self.first - 2, 0) : self.first]):
+            row = _uncommented(row, width)
+            if not width - 1 <= len(row) <= width or not any(map(_is_text, row)):
+                break
+            fitting.append([*row, ""][:width])
+        nothing = [""] * width
+        if not fitting:
+            return nothing, nothing
+        last, above = fitting[0], fitting[-1]
+        if len(fitting) > 1 and _are_units(last) and all(map(_is_text, filter(None, above))):
+            return above, [_bare_unit(field) for field in last]
+        return last, nothing
+
+    def ends(self, rows):
+        """Return how many rows it is to the end of the table; what follows must be a footer."""
+        fitting = [i for i, row in enumerate(rows) if fits(self.form, self.form_of(row))]
+        if not fitting:
+            raise RecordError("its last lines are no rows of the table that it begins with")
+        for row in rows[fitting[-1] + 1 :]:
+            if not self._is_footer(row):
+                raise RecordError(f"{' '.join(row)[:40]!r} below the table is no row of it")
+        return fitting[-1] + 1
+
+    def _is_footer(self, row):
+        """Whether a row has words where the first number of the table would be, or nothing."""
+        kinds = self.form_of(row)
+        key = next(i for i, kind in enumerate(self.form) if kind in "ns")
+        told = kinds[key : key + 1] or kinds.replace("s", "n")
+        return set(kinds) == {"b"} or not set(told) & {"n", "s", "b"}
+
+    def form_of(self, row):
+        """Return a letter for each field: a number, a time, text, blank, or "x": not split."""
+        return "".join(_kind(field, self.decimal) for field in row)
+
+
+def find_layout(lines, delimiter, decimal):
+    """Return the layout of a text, of which ``lines`` are the first or all."""
+    found = []
+    for one in _DELIMITERS if delimiter is None else (delimiter,):
+        layout = _under(lines, one, decimal)
+        split = one == decimal == "," and layout and not layout.commas  # none is within quotes
+        if layout and (delimiter or not split):
+            found.append(layout)
+    if not found:
+        raise RecordError("it has no row of numbers")
+    most = max(layout.n_rows for layout in found)
+    found = [layout for layout in found if layout.n_rows == most]
+    found = [layout for layout in found if layout.delimiter in (";", "\t")] or found
+    found = [layout for layout in found if not layout.splits_numbers] or found
+    if len(found) > 1:
+        found = [layout for layout in found if _is_named(layout)]
+    if len(found) != 1:
+        raise RecordError(f"its commas or blanks can be read in several ways: {_SETTLE}")
+    (layout,) = found
+    _refuse_odd_rows(layout)
+    if not decimal and delimiter != ",":
+        _refuse_commas(layout)
+    return layout
+
+
+def fields(line, delimiter):
+    """Split a line."""
+    if delimiter is None:
+        return [line.strip().strip('"')]
+    if delimiter == " ":
+        line = " ".join(line.split())
+    try:
+        row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error as error:
+        raise RecordError(f"a line is no row of a table ({error})") from error
+    return [field.strip() for field in row]
+
+
+def fits(form, kinds):
+    """Whether a row is one of a table."""
+    return (
+        len(kinds) == len(form)
+        and "x" not in kinds
+        and any(kind in "ns" for kind in kinds)
+        and all(a == b or a in "tb" or b == "b" for a, b in zip(form, kinds, strict=True))
+    )
+
+
+def _under(lines, delimiter, decimal):
+    """Return the layout under a delimiter; None where it makes no table."""
+    rows = [fields(line, delimiter) for line in lines]
+    forms = ["".join(_kind(field, decimal) for field in row) for row in rows]
+    known = [
+        form
+        for form, _ in Counter(forms).most_common(_FORMS)
+        if "n" in form and "x" not in form and (len(form) > 1) == (delimiter is not None)
+    ]
+    if not known:
+        return None
+    form = max(known, key=lambda form: _longest(form, forms) * _share(form))
+    fitting = [i for i, kinds in enumerate(forms) if fits(form, kinds)]
+    first = fitting[0]
+    while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
+        first -= 1  # numbers too, of another width: refused with the others
+    return Layout(delimiter, decimal, rows, form, first, fitting[-1], _longest(form, forms))
+
+
+def _longest(form, forms):
+    """Return the length of the longest run of rows that fit."""
+    runs = groupby(forms, key=lambda kinds: fits(form, kinds))
+    return max(len(list(run)) for fit, run in runs if fit)
+
+
+def _share(form):
+    return sum(kind in "ns" for kind in form) / len(form)
+
+
+def _kind(field, decimal):
+    if field.lower() in _BLANK:
+        return "b"
+    if _is_number(field, decimal):
+        return "n"
+    if _STAMP.fullmatch(field):
+        return "s"
+    parts = field.split()
+    several = len(parts) > 1 and all(_is_number(part, decimal) for part in parts)
+    cut = field[0] == "," or field[-1] == ","
+    return "x" if several or cut or ";" in field or "\t" in field else "t"
+
+
+def _is_number(field, decimal=None):
+    if _INTEGER.fullmatch(field):
+        return True
+    point = decimal != "," and _POINT.fullmatch(field)
+    return bool(point or (decimal != "." and _COMMA.fullmatch(field)))
+
+
+def _is_text(field):
+    return field.lower() not in _BLANK and not _is_number(field)
+
+
+def _are_units(row):
+    return all(_UNIT.fullmatch(field) for field in row if field.lower() not in _BLANK)
+
+
+def _bare_unit(field):
+    unit = field.strip("()[]<>{}")
+    return "" if _NO_UNIT.fullmatch(unit) or unit.lower() in _BLANK else unit
+
+
+def _uncommented(row, width):
+    if row and row[0].startswith(("#", "%")):
+        row = [row[0].lstrip("#% ").strip('"'), *row[1:]]
+        row = row[1:] if len(row) == width + 1 and not row[0] else row
+    return row
+
+
+def _is_named(layout):
+    """Whether the line above the table has as many names as it has columns, none of them a unit."""
+    if not layout.first:
+        return False
+    row = _uncommented(layout.rows[layout.first - 1], len(layout.form))
+    if len(row) != len(layout.form) or not all(map(_is_text, row)):
+        return False
+    if layout.delimiter is None:
+        return not set(row[0]) & {",", ";", "\t"}
+    return _are_units(row) or not any(_UNIT.fullmatch(name) for name in row)
+
+
+def _refuse_odd_rows(layout):
+    """Refuse rows of another width, and a first row that may number the columns."""
+    width, table = len(layout.form), layout.table
+    odd = next((row for row in table if len(row) != width), None)
+    if odd:
+        raise RecordError(f"{' '.join(odd)[:40]!r} is no row of a table of {width} columns")
+    first, *rest = table
+    numbers = [[str(i) for i in range(start, start + width)] for start in (0, 1)]
+    if any(layout.head[0]) or width == 1 or not rest or first not in numbers:
+        return
+    columns = zip(*rest, strict=True)
+    if all(any(not _INTEGER.fullmatch(field) for field in column) for column in columns):
+        raise RecordError(f"its first row, {' '.join(first)}, may number the columns: name them")
+
+
+def _refuse_commas(layout):
+    """Refuse commas that may be decimal signs, and those that may separate thousands."""
+    written = [f for row in layout.table for f in row if _kind(f, None) == "n"]
+    integers = layout.delimiter == "," and all(map(_INTEGER.fullmatch, written))
+    if integers and "nn" in layout.form and not _is_named(layout):
+        raise RecordError(f"its commas may be decimal signs: {_SETTLE}")
+    if layout.commas and all(map(_THOUSANDS.fullmatch, layout.commas)):
+        raise RecordError("its commas may separate thousands: pass decimal=',' where they do not")

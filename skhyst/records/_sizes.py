@@ -1,0 +1,46 @@
+"""What a file declares that it holds, against its size: looked at before anything is allocated."""
+
+import io
+from math import prod
+
+import numpy as np
+
+from ..exceptions import RecordError
+
+# Bytes that one compressed byte stands for at the most in deflate, the only compression of .npz
+# and .mat files and the usual one of others: a match of 258 bytes takes two bits at least.
+# Source: "zlib Technical Details", https://zlib.net/zlib_tech.html
+DENSEST = 1032
+_HEAD = 2**14  # bytes in which numpy finds a header of the longest size that it trusts
+
+
+def check_size(what, declared, held):
+    """Refuse data that declare more bytes than ``held`` bytes of a file can stand for."""
+    if declared > DENSEST * held:
+        raise RecordError(f"{what} declares {declared} bytes, of which the file holds {held}")
+
+
+def check_array(stream, size):
+    """Refuse an array of NumPy's format whose header declares more than is behind it.
+
+    Parameters
+    ----------
+    stream : binary file
+        At the beginning of the array.
+    size : int
+        Bytes of the array with its header.
+    """
+    head = io.BytesIO(stream.read(_HEAD))
+    version = np.lib.format.read_magic(head)
+    # the third version differs from the second in how names are written, not in sizes
+    first = version == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(head)
+    if dtype.hasobject:
+        raise RecordError("it holds pickled Python objects, and unpickling can run code")
+    declared = prod(shape) * dtype.itemsize
+    if min(shape, default=0) < 0 or not dtype.itemsize or declared > size - head.tell():
+        raise RecordError(
+            f"its header declares {shape} elements of {dtype.itemsize} bytes, but "
+            f"{size - head.tell()} bytes follow"
+        )
