@@ -15,7 +15,7 @@ import numpy as np
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import LoweredStep, Operator, as_signal, parameter
-from ._bouc_wen_curve import curve_run, curve_step, curve_tangents, curves
+from ._bouc_wen_curve import curve_run, curve_step, curve_tangents, curves, on_branch
 from ._common import force_characteristics, show
 
 
@@ -190,7 +190,8 @@ class BoucWenOperator(Operator):
     def lowered(self, dt, state):
         places, curve, _, *rest = self._curves
         constants = self.gain, self.alpha, self.intercept, places, curve, *rest
-        return LoweredStep(curve_step, constants, [*state, 0.0, 0.0, 0.0])
+        state = [*state, 0.0, 0.0, 0.0]
+        return LoweredStep(curve_step, constants, state, possible=on_branch)
 
     def _follow(self, u, state, trace):
         y = np.empty(u.size)

@@ -329,6 +329,15 @@ def curve_step(u, c, s):
     return y + gain * u + alpha * z
 
 
+def on_branch(s, c):
+    """Whether direction and cell in a state of :func:`curve_step` belong to one branch."""
+    places, scales = c[3], c[6]
+    direction, cell, stride = s[2], s[4], len(places) // len(scales)
+    first = 0 if direction > 0.0 else (len(scales) - 1) * stride
+    cells = range(first, first + stride - 1)
+    return direction == 0.0 or (abs(direction) == 1.0 and cell in cells)
+
+
 @jit
 def change(c, k, x):
     """Return the value of the polynomial of degree 5 that begins at ``c[k]``."""

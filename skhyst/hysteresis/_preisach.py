@@ -22,6 +22,7 @@ from ._preisach_loops import (
     everett_value,
     find_interval,
     first_loading_table,
+    in_tables,
     response,
     restore_values,
     staircase_rows,
@@ -150,7 +151,8 @@ class PreisachOperator(RelayGridOperator):
             s[: top + 1] = points[: top + 1]
         restore_values(s, top, s[n:], *self._tables)
         s[2 * n :] = top, last, response(last, top, s, s, n, *self._tables)
-        return LoweredStep(everett_step, (self._center, self.intercept, *self._tables), s)
+        constants = self._center, self.intercept, *self._tables
+        return LoweredStep(everett_step, constants, s, possible=in_tables)
 
     def _fill(self, u, state, rows):
         points, *place = self._stack(state, u.size)

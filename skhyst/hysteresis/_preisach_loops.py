@@ -217,6 +217,16 @@ def everett_step(u, c, s):
     return y + output
 
 
+def in_tables(s, c):
+    """Whether depth, turning points and last drive in a state of :func:`everett_step` are."""
+    n, levels = (len(s) - 3) // 2, c[2]
+    depth, last = s[2 * n : 2 * n + 2]
+    if depth not in range(n):
+        return False
+    drives = [*s[1 : int(depth) + 1], last]
+    return levels[0] <= min(drives) and max(drives) <= levels[-1]
+
+
 @jit
 def everett_run(
     u, center, levels, everett, diagonal, loading, bins, scale, points, values, top, last, y

@@ -13,6 +13,7 @@ from ..operators import (
     LoweredStep,
     OneStateOperator,
     RootInverseOperator,
+    in_ring,
     parameter,
 )
 from ._common import largest_drive
@@ -155,7 +156,8 @@ class TanhInverseOperator(InverseOperator):
         if not kept < 1.0:
             return RootInverseOperator(self.operator).ahead(dt, u0)
         samples = _samples(kept, tol)
-        return LoweredStep(inverse_step, c, [0.0, *np.full(samples, u0)]), samples
+        state = [0.0, *np.full(samples, u0)]
+        return LoweredStep(inverse_step, c, state, possible=in_ring), samples
 
 
 def _samples(kept, tol):

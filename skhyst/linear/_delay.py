@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, parameter
+from ..operators import LoweredStep, Operator, in_ring, parameter
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
@@ -76,7 +76,7 @@ class DelayOperator(Operator):
         back = max(int(np.ceil(delay)) + 1, 3)
         past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
         weights, _ = cubic_weights(back - delay)
-        return LoweredStep(delay_step, weights, [back, *past, 0.0])
+        return LoweredStep(delay_step, weights, [back, *past, 0.0], possible=in_ring)
 
     def inverse(self):
         """Return what undoes the interpolation, which looks ahead."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import lsmr
 
-from ..operators import InverseOperator, LoweredStep, as_signal, preview_step
+from ..operators import InverseOperator, LoweredStep, as_signal, in_weights, preview_step
 
 _ROUNDING = 1e-15
 _PASSES = 400  # at most
@@ -79,4 +79,5 @@ class InverseShiftOperator(InverseOperator):
         weights = answer[begin : len(answer) - end][::-1]
         nothing = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0.0
         state = [0.0, *np.full(len(weights), u0)]
-        return LoweredStep(preview_step, (weights / weights.sum(), *nothing), state), half - begin
+        constants = weights / weights.sum(), *nothing
+        return LoweredStep(preview_step, constants, state, possible=in_weights), half - begin

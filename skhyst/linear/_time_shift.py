@@ -13,7 +13,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, parameter
+from ..operators import LoweredStep, Operator, in_ring, parameter
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
@@ -108,7 +108,8 @@ class TimeShiftOperator(Operator):
         back = max(math.ceil(late) + 1, 3)
         weights = _line_weights if self.between == "line" else cubic_weights
         ring = np.full(back + 1, u0, dtype=float)
-        return LoweredStep(delay_step, weights(back - late)[0], [0.0, *ring]), samples
+        weights, _ = weights(back - late)
+        return LoweredStep(delay_step, weights, [0.0, *ring], possible=in_ring), samples
 
     def _late(self, time):
         return self.shift + self.skew * time

@@ -10,7 +10,7 @@ from ._composition import (
     take_apart,
 )
 from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
-from ._linear_inverse import InverseLinearOperator, preview_step
+from ._linear_inverse import InverseLinearOperator, in_weights, preview_step
 from ._lowered import (
     Lowered,
     LoweredCall,
@@ -22,6 +22,7 @@ from ._lowered import (
     LoweredStep,
     LoweredSum,
     Stepper,
+    in_ring,
 )
 from ._one_state import OneStateOperator
 from ._plays import (
@@ -81,6 +82,8 @@ __all__ = [
     "check_operator",
     "clip_play",
     "first_order_run",
+    "in_ring",
+    "in_weights",
     "inverse_of",
     "latest",
     "parameter",

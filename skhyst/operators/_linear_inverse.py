@@ -89,7 +89,7 @@ class InverseLinearOperator(InverseOperator):
         x = np.linalg.solve(np.eye(len(b)) - a, b) * y
         constants = weights, a, b, c, self.operator.intercept
         state = [0.0, *np.full(length + 1, y), *x, *x]
-        return LoweredStep(preview_step, constants, state), length + late
+        return LoweredStep(preview_step, constants, state, possible=in_weights), length + late
 
     def decay(self, dt):
         """Return the rate, per sample, at which the drive forgets what comes, or infinity."""
@@ -137,6 +137,11 @@ def preview_step(u, c, s):
     for i in range(n):
         s[1 + length + i] = s[1 + length + n + i]
     return y
+
+
+def in_weights(s, c):
+    """Whether the place in a state of :func:`preview_step` is one: ``LoweredStep.possible``."""
+    return s[0] in range(len(c[0]))
 
 
 def _both_ways(a, b, c):

@@ -42,6 +42,11 @@ def _loop(law):
     return bind(stream, law, allocates=False)
 
 
+def in_ring(s, c):
+    """Whether a state begins with a place among its other numbers: `LoweredStep.possible`."""
+    return s[0] in range(len(s) - 1)
+
+
 def _stepping(law, c, s):
     return lambda u: law(u, c, s)
 
@@ -73,6 +78,13 @@ class Lowered:
 
     n_inputs = None
     double_only = ""
+
+    def is_possible(self, s):
+        """Whether a step can go on from the finite state ``s``: places in it are those of its law.
+
+        Compiled code looks nothing up a second time: a place out of range ends the interpreter.
+        """
+        return True
 
     def bound(self, s, binding):
         """Return the function of the input that ``binding`` makes of each step.
@@ -109,6 +121,9 @@ class LoweredStep(Lowered):
         Columns of the input that are read; None for a signal.
     double_only : str, default=""
         What needs the digits of double precision, such as differences of nearly equal numbers.
+    possible : callable, default=None
+        ``possible(s, c) -> bool`` where the state holds places in tables or in itself: whether
+        they are in range. None: the step takes any finite state.
 
     Examples
     --------
@@ -126,6 +141,7 @@ class LoweredStep(Lowered):
     state: np.ndarray
     n_inputs: int | None = None
     double_only: str = ""
+    possible: object = None
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -139,6 +155,9 @@ class LoweredStep(Lowered):
         for value in u:
             step(value)
         return replace(self, state=s)
+
+    def is_possible(self, s):
+        return self.possible is None or bool(self.possible(s, self.constants))
 
     def bound(self, s, binding):
         return binding(self.step, self.constants, s)
@@ -174,6 +193,9 @@ class LoweredParts(Lowered):
         """Yield each part with its part of a state."""
         ends = np.cumsum([len(part.state) for part in self.parts])
         return zip(self.parts, np.split(s, ends[:-1]) if self.parts else (), strict=True)
+
+    def is_possible(self, s):
+        return all(part.is_possible(own) for part, own in self._each(s))
 
     def bound(self, s, binding):
         return self._joined([part.bound(own, binding) for part, own in self._each(s)])
@@ -368,7 +390,8 @@ class Stepper:
     @state.setter
     def state(self, values):
         values = np.asarray(values, dtype=float)
-        if values.shape != self._state.shape or not np.isfinite(values).all():
+        whole = values.shape == self._state.shape and np.isfinite(values).all()
+        if not (whole and self.lowered.is_possible(values)):
             raise ValueError(
                 f"The 'state' of a Stepper must be {self._state.size} finite numbers, as it was "
                 f"read. Got {values!r} instead."
@@ -430,5 +453,5 @@ class Stepper:
     def copy(self):
         """Return another one in the same state, which goes its own way."""
         other = Stepper(self.lowered, self.dt)
-        other.state = self._state
+        other._begin(self._state)
         return other

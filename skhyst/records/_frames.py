@@ -125,7 +125,7 @@ def stack_records(records, labels=None, *, dt=None):
             )
     if dt is not None:
         refuse_interval(dt, "stack_records")
-    paired = [isinstance(record, tuple) for record in records]
+    paired = [_is_pair(record) for record in records]
     if any(paired) != all(paired) or any(len(r) != 2 for r in records if isinstance(r, tuple)):
         raise RecordError(
             "The 'records' parameter of stack_records must hold pairs (X, y) throughout, or X "
@@ -150,6 +150,15 @@ def stack_records(records, labels=None, *, dt=None):
     _refuse_differences(frames)
     X = pd.concat(frames)
     return (X, pd.concat([y for _, y in parts])) if paired[0] else X
+
+
+def _is_pair(record):
+    if isinstance(record, list) and any(map(np.iterable, record)):
+        raise RecordError(
+            "The 'records' parameter of stack_records must hold pairs as tuples (X, y), and arrays "
+            "or frames as they are. Got a list of arrays or lists instead."
+        )
+    return isinstance(record, tuple)
 
 
 def as_frame(x):

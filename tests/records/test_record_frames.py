@@ -78,6 +78,8 @@ def test_times_and_columns_of_frames_are_kept():
         ([np.zeros(3)] * 2, {"labels": ["a", "a"]}, "must differ"),
         ([np.zeros(3), (np.zeros(3), np.zeros(3))], {}, "mixture"),
         ([(np.zeros(3),)], {}, "mixture"),
+        ([[np.zeros(3), np.zeros(3)]], {}, r"pairs as tuples \(X, y\)"),
+        ([[np.zeros((3, 2)), np.zeros(3)]], {}, r"pairs as tuples \(X, y\)"),
         ([(np.zeros(3), np.zeros(4))], {}, "equally many rows. Got 3 and 4"),
         ([(np.zeros(3), np.zeros((3, 2)))], {}, "one dimension"),
         ([np.zeros((3, 2, 2))], {}, "one or two dimensions"),

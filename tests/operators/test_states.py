@@ -1,0 +1,87 @@
+"""A stepper takes the states that it could be in: none makes its law look up what is not there.
+
+Compiled code does not check places. So the laws are run as plain Python, which does.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from operator_cases import DT, OPERATORS, make_drive
+
+from skhyst.operators import LoweredSeries, Stepper
+
+HOSTILE = [-1.0, 0.5, 1.0, 1e3, 1e9, 1e300, -1e300]
+
+
+def steppers():
+    """Yield each operator's stepper, fresh and under way, and those of what looks ahead."""
+    u = make_drive()
+    for name, operator in OPERATORS.items():
+        if operator.causal:
+            state = operator.init(u[0])
+            yield name, Stepper(operator.lowered(DT, state))
+            yield name, Stepper(operator.lowered(DT, operator.run(u[:30], DT, state)[1]))
+    for name in ("mode", "transfer function", "tanh", "delay of several samples"):
+        yield f"{name}, inverted", Stepper(OPERATORS[name].inverse().ahead(DT, u[0])[0])
+
+
+def faults():
+    """Return what is looked up outside of a table or a state, after hostile states."""
+    found, u = [], make_drive()[:6]
+    for name, stepper in steppers():
+        own = stepper.state
+        for place in {*range(min(6, len(own))), *range(max(len(own) - 6, 0), len(own))}:
+            for value in HOSTILE:
+                state = own.copy()
+                state[place] = value
+                other = stepper.copy()
+                try:
+                    other.state = state
+                except ValueError:
+                    continue
+                try:
+                    for drive in u:
+                        other.step(drive)
+                except IndexError as error:
+                    found.append(f"{name}, state {place} = {value}: {error}")
+                except (ValueError, ArithmeticError) as error:  # exp and log may end in infinity
+                    if "to integer" in str(error):
+                        found.append(f"{name}, state {place} = {value}: {error}")
+    return found
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.5, 1e9])
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [("delay of several samples", 0), ("time shift, ahead", 0), ("relays", -3), ("Bouc-Wen", 4)],
+)
+def test_places_out_of_range_are_refused(name, place, value):
+    operator, u = OPERATORS[name], make_drive()
+    if operator.causal:
+        state = operator.run(u[:30], DT, operator.init(u[0]))[1]
+        stepper = Stepper(operator.lowered(DT, state))
+        stepper.run(u[30:60])
+    else:
+        stepper = Stepper(operator.ahead(DT, u[0])[0])
+    state = stepper.state
+    stepper.state = state
+    state[place] = value
+    with pytest.raises(ValueError, match="as it was read"):
+        stepper.state = state
+    whole = Stepper(LoweredSeries((stepper.lowered, stepper.lowered)))
+    with pytest.raises(ValueError, match="as it was read"):
+        whole.state = np.append(stepper.state, state)
+
+
+def test_no_state_that_is_taken_leads_out_of_a_table():
+    script = "import json, test_states; print(json.dumps(test_states.faults()))"
+    here = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    plain = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": here}
+    done = subprocess.run([sys.executable, "-c", script], env=plain, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == []
