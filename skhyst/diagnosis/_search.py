@@ -370,8 +370,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         *_, left = fitted(base, records, (first_row(self, s) for s in slices))
         self._judge(declared.measured(records), base, rounds, left)
         if self.verdict_ == "noise" and self._reference is None:
-            table = with_reactions(self.data_quality_, self.drive_, left, slices)
-            self.data_quality_ = table
+            self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
