@@ -24,7 +24,7 @@ from ._constants import FACTOR, NOTICEABLE
 from ._tree import Tree, as_read
 
 
-def declare(estimator, X, columns, y, slices, cv, random_state, reference=None):
+def declare(estimator, X, columns, y, slices, random_state, reference=None):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""
     if getattr(estimator, "operator_class", Operator).stands_beside:
         raise ValueError(
@@ -37,7 +37,7 @@ def declare(estimator, X, columns, y, slices, cv, random_state, reference=None):
             # the names of columns are not known to a step of a composition
             estimator.set_params(inputs=list(estimator._columns(columns.shape[1])))
         return Declared(estimator, columns, slices)
-    return BlackBox(estimator, X, columns, y, slices, cv, random_state, reference)
+    return BlackBox(estimator, X, columns, y, slices, random_state, reference)
 
 
 def _comes_apart(estimator):
@@ -123,11 +123,11 @@ class Declared:
 class BlackBox(Declared):
     """Any regressor."""
 
-    def __init__(self, estimator, X, columns, y, slices, cv, random_state, reference):
+    def __init__(self, estimator, X, columns, y, slices, random_state, reference):
         super().__init__(Gain(dt=getattr(estimator, "dt", 1.0)), columns, slices)
         read_data(self.model, X, y, reset=True, dt=self.model.dt)
         self._estimator = _seeded(estimator, random_state)
-        self._X, self._y, self._cv, self._reference = X, y, cv, reference
+        self._X, self._y, self._reference = X, y, reference
 
     def driver(self):
         return self._fitted
@@ -218,7 +218,8 @@ class BlackBox(Declared):
         effects, result = contestant.structure.fitted(records, self._slices)
         target = self._backfitting.merged(contestant.box.targets)
         self._fitted = clone(self._estimator).fit(self._X, target)
-        model = Corrected(clone(self._estimator), clone(effects), cv=self._cv, dt=self.model.dt)
+        parts, n_folds = (clone(self._estimator), clone(effects)), len(self._folds)
+        model = Corrected(*parts, cv=n_folds, dt=self.model.dt)
         model._assemble(self._fitted, effects, self._slices, 1 + contestant.box.turns)
         return _of_columns(model, self.model), result
 

@@ -282,9 +282,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share
-        n_folds = sum(not train.all() for train, _ in folds)
-        own = X, drive, response, slices, n_folds, self.random_state, reference
-        declared = declare(declared, *own)
+        declared = declare(declared, X, drive, response, slices, self.random_state, reference)
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.units_ = units_of(self, self.response_name_, slices)
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
