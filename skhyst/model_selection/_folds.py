@@ -128,13 +128,14 @@ def segment_folds(
     >>> import numpy as np
     >>> from skhyst.model_selection import segment_folds
     >>> from skhyst.records import record_slices
-    >>> segments, folds = segment_folds(record_slices(np.zeros((80, 1))), cv=2, n_segments=4)
+    >>> segments, folds = segment_folds(record_slices(np.zeros((90, 1))), cv=2, n_segments=6)
     >>> segments
-    (((0, 2), (2, 21), (21, 40), (40, 42), (42, 61), (61, 80)),)
+    (((0, 1), (1, 30), (30, 31), (31, 60), (60, 61), (61, 90)),)
     >>> for train, test in folds:
     ...     print(train.astype(int), test.astype(int))
-    [0 0 0 1 1 1] [0 1 1 0 0 0]
-    [1 1 1 0 0 0] [0 0 0 0 1 1]
+    [1 1 0 0 1 1] [0 0 0 1 0 0]
+    [1 1 1 1 0 0] [0 0 0 0 0 1]
+    [1 1 1 1 1 1] [0 1 0 0 0 0]
     """
     for name, value, least in (("n_segments", n_segments, 1), ("shortest", shortest, 1)):
         check_integer(name, value, least, "segment_folds")

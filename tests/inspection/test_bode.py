@@ -37,7 +37,7 @@ class TwoInputs:
 
 
 def labels(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
+    return [" ".join(text.get_text().split()) for text in ax.get_legend().get_texts()]
 
 
 def test_recording_and_models(recording):
@@ -66,7 +66,7 @@ def test_levels_of_noise_and_distortion(periodic):
     display = FrequencyResponseDisplay.from_response(periodic, [TwoInputs(), TwoInputs()])
     assert display.ax_.shape == (2, 2)
     assert list(display.models) == ["TwoInputs", "TwoInputs 2"]
-    assert labels(display.ax_[0, 0])[-2:] == ["distortion, one realisation", "noise of the mean"]
+    assert labels(display.ax_[0, -1])[-2:] == ["distortion, one realisation", "noise of the mean"]
     titles = [ax.get_title(loc="left") for ax in display.ax_[0]]
     assert titles == ["from drive", "from auxiliary1"]
     noise = display.ax_[0, 1].lines[-1].get_ydata()
