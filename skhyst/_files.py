@@ -1,15 +1,19 @@
-"""Files: what is read must be one, and what is written takes its place whole or not at all.
+"""Files: what is read must be one, what is written takes its place whole or not at all, as text.
 
 A file is written into a folder of its own beside its target, brought to the disk, and renamed,
 which replaces a file in one step: a full disk or an interruption leaves the old one as it was.
 """
 
 import os
+import re
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-__all__ = ["check_input", "check_outputs", "replacing"]
+__all__ = ["check_input", "check_outputs", "printable", "replacing"]
+
+# XML 1.0, 2.2 "Characters"; half of a surrogate pair is no text in UTF-8 either
+_UNPRINTABLE = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def check_input(path):
@@ -52,6 +56,11 @@ def check_outputs(paths, inputs=(), *, force=False):
             raise FileExistsError(
                 f"{path} is there already: add --force (in Python force=True) to write over it."
             )
+
+
+def printable(text):
+    """Return a text with a replacement character for what no XML and no UTF-8 file can hold."""
+    return _UNPRINTABLE.sub("\ufffd", text)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ import html
 import json
 import re
 
-from .._files import replacing
+from .._files import printable, replacing
 from ._report_data import collect
 from ._report_figures import report_figures
 from ._report_page import page, verdict
@@ -179,7 +179,7 @@ class Report:
     def to_json(self, path=None):
         """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
         content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        return _written(content, path)
+        return _written(printable(content), path)
 
 
 def _plain(value):
@@ -211,7 +211,7 @@ def _rendered(report, form):
     environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
     figures = report_figures(report) if form == "html" else None
     template, blocks = environment.get_template("report.j2"), page(report, figures)
-    return template.render(form=form, headline=report.headline, blocks=blocks)
+    return printable(template.render(form=form, headline=report.headline, blocks=blocks))
 
 
 def _markdown_text(value):

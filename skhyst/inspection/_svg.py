@@ -5,6 +5,7 @@ import io
 import re
 import warnings
 
+from .._files import printable
 from ._drawing import INK, import_matplotlib
 
 _PAPER = "#fdfdfe"
@@ -43,6 +44,7 @@ def svg_text(draw, size, label):
     """
     matplotlib = import_matplotlib("pyplot", "The pictures of a report")
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
     style = dict.fromkeys(inked, INK) | {
@@ -58,6 +60,8 @@ def svg_text(draw, size, label):
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
+        for written in figure.findobj(Text):  # matplotlib cannot measure half of a surrogate pair
+            written.set_text(printable(written.get_text()))
         text = io.StringIO()
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         figure.savefig(text, format="svg", facecolor="none", metadata=nothing)
@@ -68,7 +72,7 @@ def svg_text(draw, size, label):
     opening = (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {72.0 * size[0]:g} {72.0 * size[1]:g}" role="img" '
-        f'aria-label="{html.escape(label)}">'
+        f'aria-label="{html.escape(printable(label))}">'
     )
     svg = opening + svg[svg.index(">") + 1 :]
     svg = re.sub(r"(font:[^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1var(--sans)", svg)

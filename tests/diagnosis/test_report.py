@@ -5,8 +5,10 @@ import json
 import math
 import re
 import sys
+from html import unescape
 from html.parser import HTMLParser
 from itertools import groupby
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -161,7 +163,7 @@ def test_sentence_carries_the_errors(report):
 
 
 def test_page_and_markdown_show_the_same_numbers(html, markdown, report):
-    texts = Page(html).text, markdown.replace("\\", "")
+    texts = Page(html).text, unescape(markdown.replace("\\", ""))
     shown = [plus_minus(row["value"], row["std"]) for row in report.claims[0]["numbers"]]
     assert all("±" in text for text in shown)
     for rows in report.parameters.values():
@@ -179,17 +181,26 @@ def test_column_that_wants_to_be_a_script(nothing):
     page = assert_needs_nothing(html)
     assert HOSTILE in page.text
     assert HOSTILE not in html
-    prose = [line for line in nothing.to_markdown().splitlines() if not line.startswith("    ")]
-    assert "<script" not in re.sub(r"\\.", "", "\n".join(prose))  # indented lines are code
+    assert "<script" not in re.sub(r"\\.", "", nothing.to_markdown())
     assert json.loads(nothing.to_json())["drive_name"] == HOSTILE
 
 
-@pytest.mark.parametrize("name", [r"a$b$ $\nope{ ], |*`_", "line\nbreak", "x" * 300])
-def test_any_column_name_is_drawn(nothing, name):
+@pytest.mark.parametrize(
+    "name", [r"a$b$ $\nope{ ], |*`_", "line\nbreak", "x" * 300, "\x00\x1b\ud800]]>"]
+)
+def test_any_column_name_is_drawn(nothing, tmp_path, name):
     signals = {**nothing.signals, "drive_name": name, "response_name": name}
     named = dataclasses.replace(nothing, drive_name=name, response_name=name, signals=signals)
-    assert_needs_nothing(named.to_html())
+    html = named.to_html()
+    assert_needs_nothing(html)
+    pictures = re.findall(r"<svg.*?</svg>", html, re.DOTALL)
+    assert pictures
+    for picture in pictures:
+        ElementTree.fromstring(picture)  # XML, whatever the name
     assert tables_are_whole(named.to_markdown())
+    for form in (named.to_html, named.to_markdown, named.to_json):
+        form(tmp_path / "report")
+        assert (tmp_path / "report").read_text(encoding="utf-8") == form()
 
 
 # --------------------------------------------------------------------------------------- verdicts
