@@ -79,13 +79,12 @@ class Layout:
             if not width - 1 <= len(row) <= width or not any(map(_is_text, row)):
                 break
             fitting.append([*row, ""][:width])
-        nothing = [""] * width
         if not fitting:
-            return nothing, nothing
+            return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
         if len(fitting) > 1 and _are_units(last) and all(map(_is_text, filter(None, above))):
             return above, [_bare_unit(field) for field in last]
-        return last, nothing
+        return last, [""] * width
 
     def ends(self, rows):
         """Return how many rows it is to the end of the table; what follows must be a footer."""

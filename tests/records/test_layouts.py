@@ -57,6 +57,7 @@ def test_no_layout_is_read_wrongly(tmp_path):
         ("t,u\n0,1.5\n1,2.5\nmean,2.0\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("Gain;2\nRate;1000\n\nt;u\n0;1,5\n1;2,5\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("t;u\n0;1,5\n1;2,5\n;\n;\n", [[0.0, 1.0], [1.5, 2.5]]),
+        ("0,5;1,5;\n1,25;2,5;\n", [[0.5, 1.25], [1.5, 2.5]]),  # every line ends in a delimiter
     ],
 )
 def test_what_is_no_doubt_is_read(tmp_path, text, columns):
