@@ -34,7 +34,17 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("diagnosis",),
     ("control",),
     ("export",),
-    ("__main__", "_demo", "_export_command", "_model_files", "cli", "discovery"),
+    (
+        "__main__",
+        "_compensate_command",
+        "_demo",
+        "_diagnose_command",
+        "_export_command",
+        "_list_command",
+        "_model_files",
+        "cli",
+        "discovery",
+    ),
 )
 # underscored, and there for every package
 SHARED = ("skhyst._documentation", "skhyst._files", "skhyst._jit", "skhyst._sklearn")

@@ -6,9 +6,10 @@ before and after. See :class:`skhyst.diagnosis.EffectSearchCV`.
 """
 
 import importlib
+import importlib.metadata
 import pkgutil
 
-__version__ = "0.1.0.dev0"
+__version__ = importlib.metadata.version(__name__)
 
 
 def __getattr__(name):

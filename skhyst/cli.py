@@ -2,52 +2,20 @@
 
 Exit codes: 0 done; 1 the data or the options do not fit together, or a file cannot be read or
 written; 2 the call is wrong; 130 interrupted. Results go to the standard output, progress and
-errors to the standard error stream.
+errors to the standard error stream. Nothing here imports a model: what a command runs is imported
+when it runs, so that help and usage errors come at once.
 """
 
 import argparse
-import ast
-import difflib
-import importlib.util
-import inspect
-import math
+import importlib
 import shlex
 import sys
 import warnings
-from collections import Counter
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from . import __version__
-from ._demo import make_demo_recording
-from ._export_command import add_export
-from ._files import check_outputs, replacing
-from ._model_files import load_model, save_model
-from .base import ParametricModel
-from .compose import Cascade, snake_case
-from .control import InverseCompensator
-from .diagnosis import EFFECTS, EffectSearchCV, Report, effect_names, next_experiment
-from .discovery import all_estimators
-from .exceptions import ReachWarning
-from .records import read_records, record_slices
 
-__all__ = ["main", "parse_model"]
-
-_LEFT = {
-    "noise": "noise",
-    "undetermined": "perhaps noise; the recording cannot tell",
-    "unexplained": "structure that no effect explains",
-}
-_DRAWN = ("jinja2", "matplotlib")
-_REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
-_NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
-_NEEDED[".skops"] = (("skops",), "io")  # what a file's suffix needs, and the extra that has it
-_READING = (  # options that are parameters of read_records
-    *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
-    *("on_missing", "missing_code", "delimiter", "decimal"),
-)
+__all__ = ["main"]
 
 
 def main(argv=None):
@@ -89,28 +57,39 @@ def _parser():
     _add_diagnose(commands)
     _add_next(commands)
     _add_compensate(commands)
-    _add_model(add_export(commands))
+    _add_export(commands)
     demo = commands.add_parser("demo", help="hide an effect in a simulated actuator, then find it")
     add = demo.add_argument
     add("--output", type=Path, default=Path("skhyst_demo"), help="folder for the files")
     add("--seed", type=int, default=0, help="chooses the actuator and the effect")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--quiet", action="store_true", help="no progress")
-    demo.set_defaults(run=_demo)
+    demo.set_defaults(run=_later("_demo", "demo"))
     for command in tuple(commands.choices.values()):
         command.add_argument("--force", action="store_true", help="write over files that are there")
-    for name, listed, run in (
-        ("models", "models that can be declared", _list_models),
-        ("effects", "effects that a search tries", _list_effects),
+    for name, listed in (
+        ("models", "models that can be declared"),
+        ("effects", "effects that a search tries"),
     ):
-        commands.add_parser(name, help=f"list the {listed}").set_defaults(run=run)
+        commands.add_parser(name, help=f"list the {listed}").set_defaults(
+            run=_later("_list_command", f"list_{name}")
+        )
     return parser
+
+
+def _later(module, name):
+    """Return a function that is imported when it is called."""
+
+    def run(options):
+        getattr(importlib.import_module(f".{module}", __package__), name)(options)
+
+    return run
 
 
 def _add_diagnose(commands):
     parser = commands.add_parser("diagnose", help="search a recording for missing effects")
     _add_search(parser)
-    parser.set_defaults(run=_diagnose)
+    parser.set_defaults(run=_later("_diagnose_command", "diagnose"))
 
 
 def _add_next(commands):
@@ -125,18 +104,7 @@ def _add_next(commands):
     longest = "default: as the longest record"
     add("--duration", type=float, metavar="S", help=f"length in s ({longest})")
     add("--dt", type=float, metavar="S", help=f"sampling interval ({longest})")
-    parser.set_defaults(run=_next)
-
-
-def _next(options):
-    if not options.limits[0] < options.limits[1]:
-        raise ValueError(f"The limits must be LOW HIGH. Got {options.limits} instead.")
-    search = _diagnose(options)
-    asked = options.limits, options.rate, options.duration, options.dt
-    experiment = next_experiment(search, *asked)
-    experiment.save(options.output, force=options.force)
-    print(f"record next: {experiment.reason}")
-    print(f"written: {options.output}")
+    parser.set_defaults(run=_later("_diagnose_command", "propose"))
 
 
 def _add_search(parser):
@@ -201,284 +169,35 @@ def _add_compensate(commands):
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
     faster = "leave out what is faster in the reference"
     add("--bandwidth", type=float, metavar="HZ", help=faster)
-    parser.set_defaults(run=_compensate)
+    parser.set_defaults(run=_later("_compensate_command", "compensate"))
 
 
-def _compensate(options):
-    check_outputs([options.output], [options.model, options.file], force=options.force)
-    model = load_model(options.model, options.trust)
-    columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
-    X, _ = read_records(options.file, **columns)
-    reference = X.iloc[:, 0]
-    compensator = InverseCompensator(
-        model, bandwidth=options.bandwidth, drive_limits=options.limits
-    ).fit(X, reference)  # the model is fitted: nothing is learned from the reference
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ReachWarning)
-        drive, residual = compensator.predict(X, return_residual=True)
-    span = np.ptp(reference) / 100.0 or 1.0
-    worst = np.abs(residual).max()
-    print(f"largest residual of the model: {worst:.4g} ({worst / span:.3g} % of the range)")
-    for message in dict.fromkeys(str(warning.message) for warning in caught):
-        print(message)
-    table = pd.DataFrame({"drive": drive}, X.index).reset_index()
-    single = table["record"].nunique() == 1
-    with replacing(options.output) as (part,):
-        table.drop(columns="record" if single else []).to_csv(part, index=False)
-    print(f"written: {options.output}")
-
-
-def _diagnose(options):
-    model = parse_model(options.model)
-    outputs = [options.report, options.save, options.json, getattr(options, "output", None)]
-    if options.report and options.report.suffix.lower() not in _REPORTS:
-        raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
-    _prepare([path for path in outputs if path], [options.file], options)
-    reading = {name: getattr(options, name) for name in _READING}
-    reading["units"] = dict(_unit(text) for text in options.unit)
-    if options.reference is not None:
-        reading["auxiliary"] = [*options.auxiliary, options.reference]
-    X, y = read_records(options.file, **reading)
-    if options.rows:
-        rows = _rows(options.rows)
-        X, y = X.iloc[rows], y.iloc[rows]
-    held_out = None
-    if options.train_fraction is not None:
-        n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)
-        X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
-    effects = options.effects if options.effects == "all" else options.effects.split(",")
-    more = {"effects": effects, "cv": options.folds, "alpha": options.alpha}
-    more |= {"max_effects": options.max_effects, "resample": options.resample}
-    more |= {"washout": options.washout, "loss": options.loss}
-    more["reference"] = None if options.reference is None else X.shape[1] - 1
-    search = _search(model, options, **more).fit(X, y)
-    _conclude(search, options, held_out)
-    return search
-
-
-def _search(model, options, **more):
-    quiet = {"n_jobs": options.jobs, "verbose": int(not options.quiet)}
-    return EffectSearchCV(model, random_state=options.seed, **quiet, **more)
-
-
-def _demo(options):
-    recording = options.output / "recording.csv"
-    outputs = [options.output / name for name in ("report.html", "model.joblib", "result.json")]
-    options.report, options.save, options.json = outputs
-    _prepare([recording, *outputs], [], options)
-    table, secret, description = make_demo_recording(options.seed)
-    with replacing(recording) as (part,):
-        table.to_csv(part, index=False)
-    print(f"A piezo actuator was simulated and recorded in {recording}.")
-    print("The model is Prandtl-Ishlinskii; the search sees the recording and nothing else.")
-    columns = {"drive": "voltage", "response": "position", "time": "time", "record": "record"}
-    X, y = read_records(recording, **columns)
-    search = _search(parse_model("prandtl_ishlinskii"), options).fit(X, y)
-    _conclude(search, options, None)
-    print(f"What had been put in: {secret}, {description}.")
-
-
-def _conclude(search, options, held_out):
-    """Print the result and write the files; a file that fails takes no other with it."""
-    span, unit = np.ptp(search.response_) / 100.0 or 1.0, f" {search.units_.response}".rstrip()
-    print(f"missing: {', '.join(search.effects_) or 'nothing'}")
-    for row in search.history_.itertuples():
-        print(f"  {row.effect}: {row.evidence.statement}")
-        if row.ambiguous_with:
-            print(f"    not told apart from: {', '.join(row.ambiguous_with)}. {row.experiment}")
-        if row.provisional:
-            print("    provisional: more than half of the structure before it is left")
-    print(
-        f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g}{unit} "
-        f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
-        f"range), noise floor {search.noise_floor_:.4g}{unit}"
-    )
-    print(f"what is left: {_LEFT[search.verdict_]}")
-    print(f"its noise: {search.noise_model_}")
-    if search.units_.time == "sample":
-        print("no time is known: give --time or --sampling-rate for s and Hz")
-    if search.reference_share_ is not None:
-        print(f"the reference foretells {100.0 * search.reference_share_:.3g} % of the drive")
-    if search.resampling_error_:
-        error = search.resampling_error_
-        print(
-            f"interpolation onto even grids changes the response by about {error:.4g}{unit} (RMS)"
-        )
-    if held_out is not None:
-        before = search.held_out_error(*held_out, declared=True)
-        after = search.held_out_error(*held_out)
-        print(f"error on the part kept away from the search: {before:.4g} -> {after:.4g}{unit}")
-    report = Report.from_search(search, command=options.command, held_out=held_out)
-    is_markdown = options.report and options.report.suffix.lower() == ".md"
-    outputs = (
-        (options.save, lambda path: save_model(search.best_estimator_, path)),
-        (options.json, report.to_json),
-        (options.report, report.to_markdown if is_markdown else report.to_html),
-    )
-    failures = []
-    for path, write in outputs:
-        if path:
-            try:
-                check_outputs([path], force=options.force)  # the search has taken its time
-                write(path)
-            except OSError as error:
-                failures.append(str(error))
-            except TypeError as error:  # not to be written as skops
-                failures.append(f"{path} cannot be written: {error}")
-            else:
-                print(f"written: {path}")
-    if failures:
-        raise OSError(" ".join(failures))
-
-
-def parse_model(text):
-    """Return the declared model that a text names.
-
-    Parameters
-    ----------
-    text : str
-        Class name or its snake case, with simple options in parentheses; ``+`` puts models in
-        series. Nothing is evaluated but literals.
-
-    Returns
-    -------
-    estimator
-
-    Raises
-    ------
-    ValueError
-        If the text names no model or an option is no literal.
-
-    Examples
-    --------
-    >>> from skhyst.cli import parse_model
-    >>> parse_model("prandtl_ishlinskii+transfer_function(n_poles=2)").named_steps.keys()
-    dict_keys(['prandtl_ishlinskii', 'transfer_function'])
-    """
-    try:
-        parts = _addends(ast.parse(text, mode="eval").body)
-        models = [_model(part) for part in parts]
-    except (SyntaxError, RecursionError, MemoryError) as error:
-        raise ValueError(
-            f"The model {text!r} is not understood: give a name that skhyst models lists, with "
-            "options in parentheses, and + between models in series."
-        ) from error
-    if len(models) == 1:
-        return models[0]
-    steps = []
-    for model in models:
-        name = snake_case(type(model).__name__)
-        same = sum(step.rstrip("0123456789") == name for step, _ in steps)
-        steps.append((f"{name}{same + 1}" if same else name, model))
-    return Cascade(steps)
-
-
-def _addends(node):
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return [*_addends(node.left), *_addends(node.right)]
-    return [node]
-
-
-def _model(node):
-    call = isinstance(node, ast.Call)
-    name = node.func if call else node
-    found = _models().get(snake_case(getattr(name, "id", "")))
-    if found is None:
-        text = ast.unparse(name)
-        raise ValueError(f"There is no model {text!r}: {_nearest(text)}")
-    if not call:
-        return found()
-    try:
-        positional = [ast.literal_eval(value) for value in node.args]
-        named = {keyword.arg: ast.literal_eval(keyword.value) for keyword in node.keywords}
-        return found(*positional, **named)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"The options of {ast.unparse(node)!r} do not fit: {error}") from error
-
-
-def _models():
-    """Return the models that can be declared, by their names in snake case."""
-    return {
-        snake_case(name): model
-        for name, model in all_estimators()
-        if issubclass(model, ParametricModel) and _stands_alone(model)
-    }
-
-
-def _stands_alone(model):
-    """Whether a model needs no other, and responds to the drive."""
-    parameters = inspect.signature(model).parameters.values()
-    complete = all(parameter.default is not parameter.empty for parameter in parameters)
-    return complete and not model.operator_class.stands_beside
-
-
-def _nearest(name):
-    """Return the names of models that are most like one."""
-    near = difflib.get_close_matches(snake_case(name), _models(), cutoff=0.0)
-    return f"did you mean {', '.join(near)}? skhyst models lists all."
-
-
-def _list_models(options):
-    about = {name: model.__doc__.strip().splitlines()[0] for name, model in _models().items()}
-    _print_aligned(dict(sorted(about.items())))
-
-
-def _list_effects(options):
-    _print_aligned({name: EFFECTS[name].law for name in effect_names()})
-
-
-def _print_aligned(table):
-    width = 2 + max(map(len, table))
-    for name, text in table.items():
-        print(f"{name:{width}s}{text}")
-
-
-def _prepare(paths, inputs, options):
-    """Find out now whether all outputs can be written, and what they need is installed."""
-    check_outputs(paths, inputs, force=options.force)
-    for path in paths:
-        modules, extra = _NEEDED.get(path.suffix.lower(), ((), ""))
-        missing = [module for module in modules if importlib.util.find_spec(module) is None]
-        if missing:
-            raise ImportError(
-                f"{path} needs {' and '.join(missing)}. "
-                f'Install with: python -m pip install "skhyst[{extra}]"'
-            )
+def _add_export(commands):
+    about = "a fitted model, compensator or controller as a C99 program or an FMU"
+    parser = commands.add_parser("export", help=about)
+    _add_model(parser)
+    add = parser.add_argument
+    to = parser.add_mutually_exclusive_group(required=True)
+    to.add_argument("--c", type=Path, metavar="DIR", help="folder for the C files")
+    unit = "functional mock-up unit, which is called as the file is"
+    to.add_argument("--fmu", type=Path, metavar="FILE.fmu", help=unit)
+    add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
+    add("--initial-state", choices=("rest", "zero"), help="(default: that of the model)")
+    add("--u0", type=float, default=0.0, help="input at which the device rests (default: 0)")
+    units = "name of its unit in an FMU; for int32 what of it the integer 1 stands for"
+    add("--input-unit", metavar="UNIT", help=units)
+    add("--output-unit", metavar="UNIT", help=units)
+    for_c = parser.add_argument_group("for --c")
+    add = for_c.add_argument
+    add("--name", help="how files and functions are called (default: as the model's file)")
+    add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
+    add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
+    column = "column of the drive (default: the second); repeat it for a model of several inputs"
+    add("--column", action="append", metavar="COL", help=column)
+    for_fmu = parser.add_argument_group("for --fmu")
+    for_fmu.add_argument("--fmi-version", choices=("2.0", "3.0"), help="(default: 3.0)")
+    parser.set_defaults(run=_later("_export_command", "export"))
 
 
 def _grid(text):
     return text if text == "auto" else float(text)
-
-
-def _unit(text):
-    column, _, unit = text.rpartition("=")
-    if not (column and unit):
-        raise ValueError(f"A unit must be given as COLUMN=UNIT. Got {text!r} instead.")
-    return column, unit
-
-
-def _rows(text):
-    try:
-        start, stop = (int(part) if part else None for part in text.split(":"))
-    except ValueError:
-        raise ValueError(f"The rows must be given as A:B. Got {text!r} instead.") from None
-    return slice(start, stop)
-
-
-def _training_rows(X, fraction, uneven=False):
-    """Return the number of rows of the first part: whole records, or part of the only one.
-
-    Where they may be sampled unevenly, the record level alone tells them apart.
-    """
-    if not 0.0 < fraction < 1.0:
-        raise ValueError(f"The train fraction must lie between 0 and 1. Got {fraction:g} instead.")
-    if uneven:
-        labels = X.index.get_level_values("record") if X.index.nlevels > 1 else [0] * len(X)
-        sizes = list(Counter(labels).values())
-    else:
-        sizes = [record.n_samples for record in record_slices(X, one_interval=False)]
-    single = len(sizes) == 1
-    n = int(fraction * len(X)) if single else sum(sizes[: math.ceil(fraction * len(sizes))])
-    if not 0 < n < len(X):
-        raise ValueError(f"A train fraction of {fraction:g} leaves nothing to hold out.")
-    return n

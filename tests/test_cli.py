@@ -19,10 +19,11 @@ from sklearn.linear_model import Ridge
 import skhyst
 from skhyst._demo import SECRETS, make_demo_recording
 from skhyst._model_files import save_model
-from skhyst.cli import main, parse_model
+from skhyst.cli import main
 from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV, next_experiment
+from skhyst.discovery import parse_model
 from skhyst.exceptions import ReachWarning, TimeUnitWarning
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
@@ -575,12 +576,17 @@ def test_every_model_that_is_listed_can_be_declared(capsys):
         assert not model.operator_class.stands_beside
 
 
-def test_the_version_is_told_without_the_models():
-    code = "import sys; from skhyst.__main__ import main; main(); assert 'numpy' not in sys.modules"
-    found = subprocess.run(
-        [sys.executable, "-c", code, "--version"], capture_output=True, text=True
+@pytest.mark.parametrize("asked", [["--version"], ["--help"], ["diagnose", "--help"]])
+def test_what_needs_no_model_is_told_at_once(asked):
+    code = (
+        "import sys; from skhyst.cli import main\n"
+        "try: main()\n"
+        "finally: assert not {'numpy', 'pandas', 'sklearn'} & set(sys.modules)"
     )
-    assert (found.stdout.strip(), found.stderr) == (f"skhyst {skhyst.__version__}", "")
+    found = subprocess.run([sys.executable, "-c", code, *asked], capture_output=True, text=True)
+    told = f"skhyst {skhyst.__version__}" if asked == ["--version"] else "usage: "
+    assert found.stdout.startswith(told)
+    assert found.stderr == ""
 
 
 def test_subpackages_are_there_when_they_are_asked_for():

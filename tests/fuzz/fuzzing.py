@@ -164,7 +164,7 @@ def _read(path):
 
 
 def _parse(path):
-    from skhyst.cli import parse_model
+    from skhyst.discovery import parse_model
 
     parse_model(path.read_bytes().decode("utf-8", "replace"))
 
