@@ -32,6 +32,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("compose",),
     ("inspection",),  # the report of a diagnosis is drawn
     ("diagnosis",),
+    ("fleet",),
     ("control",),
     ("export",),
     (

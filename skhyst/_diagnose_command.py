@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import sys
 from collections import Counter
 from itertools import chain
 
@@ -11,6 +12,7 @@ from ._files import check_outputs
 from ._model_files import save_model
 from .diagnosis import EffectSearchCV, Report, next_experiment
 from .discovery import parse_model
+from .fleet import diagnose_files
 from .records import read_records, record_slices
 
 _LEFT = {
@@ -26,20 +28,26 @@ _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
     *("on_missing", "missing_code", "delimiter", "decimal"),
 )
+_OF_ONE = ("rows", "train_fraction", "report", "save", "json")  # options of a single recording
 
 
 def diagnose(options):
-    """Search one recording; return the search."""
-    model = parse_model(options.model)
+    """Search one recording, or many for a table."""
+    if options.summary:
+        return _summarize(options)
+    if len(options.files) > 1:
+        raise ValueError("Of several recordings there is one table: add --summary FILE.")
+    return _diagnose_one(options)
+
+
+def _diagnose_one(options):
+    """Search one recording, tell the result, and return the search."""
     outputs = [options.report, options.save, options.json, getattr(options, "output", None)]
     if options.report and options.report.suffix.lower() not in _REPORTS:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
-    prepare([path for path in outputs if path], [options.file], options)
-    reading = {name: getattr(options, name) for name in _READING}
-    reading["units"] = dict(_unit(text) for text in options.unit)
-    if options.reference is not None:
-        reading["auxiliary"] = [*options.auxiliary, options.reference]
-    X, y = read_records(options.file, **reading)
+    model = parse_model(options.model)
+    prepare([path for path in outputs if path], options.files, options)
+    X, y = read_records(options.files[0], **_reading(options))
     if options.rows:
         rows = _rows(options.rows)
         X, y = X.iloc[rows], y.iloc[rows]
@@ -47,21 +55,66 @@ def diagnose(options):
     if options.train_fraction is not None:
         n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)
         X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
-    effects = options.effects if options.effects == "all" else options.effects.split(",")
-    more = {"effects": effects, "cv": options.folds, "alpha": options.alpha}
-    more |= {"max_effects": options.max_effects, "resample": options.resample}
-    more |= {"washout": options.washout, "loss": options.loss}
-    more["reference"] = None if options.reference is None else X.shape[1] - 1
-    search = make_search(model, options, **more).fit(X, y)
+    search = make_search(model, options, **_searching(options)).fit(X, y)
     conclude(search, options, held_out)
     return search
+
+
+def _summarize(options):
+    """Search many recordings, and write one row for each."""
+    refused = [name for name in _OF_ONE if getattr(options, name)]
+    if refused:
+        raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
+    model, more = parse_model(options.model), _searching(options)
+    search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
+    table = diagnose_files(
+        options.files,
+        search,
+        reading=_reading(options),
+        summary=options.summary,
+        force=options.force,
+        n_jobs=options.jobs,
+        on_done=None if options.quiet else _tell_rows,
+    )
+    found = table[table["file"].isin([str(file) for file in options.files])]
+    failed = int(found["failure"].astype(bool).sum())
+    print(f"{len(found)} recordings: {failed} could not be searched")
+    effects = Counter(name for names in found["effects"] for name in names.split(", ") if name)
+    for effect, number in effects.most_common():
+        print(f"  {effect}: {number}")
+    print(f"written: {options.summary}")
+
+
+def _tell_rows(rows):
+    for row in rows.itertuples():
+        print(f"{row.file}: {row.failure or row.effects or 'nothing missing'}", file=sys.stderr)
+
+
+def _reading(options):
+    """Return the options of read_records."""
+    reading = {name: getattr(options, name) for name in _READING}
+    reading["units"] = dict(_unit(text) for text in options.unit)
+    if options.reference is not None:
+        reading["auxiliary"] = [*options.auxiliary, options.reference]
+    return reading
+
+
+def _searching(options):
+    """Return the parameters of the search."""
+    effects = options.effects if options.effects == "all" else options.effects.split(",")
+    names = ("alpha", "max_effects", "resample", "washout", "loss")
+    more = {name: getattr(options, name) for name in names}
+    more |= {"effects": effects, "cv": options.folds, "reference": None}
+    if options.reference is not None:  # the last column: drive and auxiliary inputs come before
+        more["reference"] = 1 + len(options.auxiliary)
+    return more
 
 
 def propose(options):
     """Search one recording, and write the drive to record next."""
     if not options.limits[0] < options.limits[1]:
         raise ValueError(f"The limits must be LOW HIGH. Got {options.limits} instead.")
-    search = diagnose(options)
+    search = _diagnose_one(options)
     asked = options.limits, options.rate, options.duration, options.dt
     experiment = next_experiment(search, *asked)
     experiment.save(options.output, force=options.force)

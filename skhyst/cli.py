@@ -87,8 +87,10 @@ def _later(module, name):
 
 
 def _add_diagnose(commands):
-    parser = commands.add_parser("diagnose", help="search a recording for missing effects")
-    _add_search(parser)
+    parser = commands.add_parser("diagnose", help="search recordings for missing effects")
+    _add_search(parser, nargs="+")
+    table = "one row a recording, .parquet or .csv; goes on where it was stopped"
+    parser.add_argument("--summary", type=Path, metavar="FILE", help=table)
     parser.set_defaults(run=_later("_diagnose_command", "diagnose"))
 
 
@@ -107,9 +109,15 @@ def _add_next(commands):
     parser.set_defaults(run=_later("_diagnose_command", "propose"))
 
 
-def _add_search(parser):
+def _add_search(parser, nargs=1):
     add = parser.add_argument
-    add("file", type=Path, help="recording: csv, txt, mat, npy, npz, json, hdf5, parquet, tdms")
+    add(
+        "files",
+        type=Path,
+        nargs=nargs,
+        metavar="file",
+        help="recording: csv, txt, mat, npy, npz, json, hdf5, parquet, tdms",
+    )
     add("--drive", required=True, metavar="COL", help="column or variable of the drive")
     add("--response", required=True, metavar="COL", help="column or variable of the response")
     add("--time", metavar="COL", help="column of the time")

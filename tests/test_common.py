@@ -24,6 +24,7 @@ from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
 from skhyst.disturbance import Drift, Offset
 from skhyst.exceptions import RecordError
+from skhyst.fleet import PerDevice
 from skhyst.fluid import TankChain
 from skhyst.hysteresis import (
     BoucWenStage,
@@ -70,6 +71,7 @@ EXAMPLES = {
     "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
     "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
+    "PerDevice": lambda: PerDevice(PrandtlIshlinskii(5)),
     "KelvinVoigt": lambda: KelvinVoigt(1),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=BRIEFLY),
     "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=BRIEFLY),

@@ -1,0 +1,179 @@
+"""One fitted model for each device, or for whatever a level of the index tells apart."""
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.utils import get_tags
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from .._documentation import documented_like
+from .._sklearn import HasMethods, fit_context
+from ..base import ParametricModel
+
+
+class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+    """One fitted model for each device.
+
+    The index of ``X`` says which rows are those of a device: one of its levels, or several that
+    together name it, such as device and day. What is left of the index, records and time, goes to
+    the model. A device whose data cannot be fitted takes no other with it.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Any regressor; one clone of it is fitted for each device.
+    level : str or list of str, default="record"
+        Levels of the index that name a device. Data without records are one device, 0.
+    n_jobs : int, default=None
+        Devices that are fitted at a time, by joblib: its backends, and so clusters, are chosen by
+        :class:`joblib.parallel_config`.
+
+    Attributes
+    ----------
+    labels_ : list
+        Names of the devices; tuples where there are several levels.
+    estimators_ : list of estimator
+        Fitted models, one a device; None where the fit failed.
+    failures_ : dict of label to str
+        What was wrong with the devices that could not be fitted.
+    n_features_in_ : int
+        Number of columns of ``X``.
+
+    See Also
+    --------
+    skhyst.inspection.FleetDisplay : Which parameter moved on which device when.
+    diagnose_files : Searches each of many recordings for missing effects.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.fleet import PerDevice
+    >>> from skhyst.linear import Gain
+    >>> from skhyst.records import stack_records
+    >>> u = np.linspace(0.0, 1.0, 50)
+    >>> X, y = stack_records({"stage 1": (u, 2.0 * u), "stage 2": (u, 3.0 * u)}, dt=0.1)
+    >>> PerDevice(Gain()).fit(X, y).params_["gain"].round(6).to_dict()
+    {'stage 1': 2.0, 'stage 2': 3.0}
+    """
+
+    _one_interval = False  # unless its estimator asks for one
+
+    _parameter_constraints = {
+        "estimator": [HasMethods(["fit", "predict"])],
+        "level": [str, list],
+        "n_jobs": [int, None],
+    }
+
+    def __init__(self, estimator, level="record", *, n_jobs=None):
+        self.estimator = estimator
+        self.level = level
+        self.n_jobs = n_jobs
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = get_tags(self.estimator).regressor_tags.poor_score
+        return tags
+
+    @fit_context(prefer_skip_nested_validation=False)
+    @documented_like(ParametricModel.fit)
+    def fit(self, X, y):
+        """Fit one model a device.
+
+        Raises
+        ------
+        ValueError
+            If the index lacks the level. Where no device can be fitted, the error of the first.
+        """
+        validate_data(self, X, reset=True, skip_check_array=True)
+        devices = self._devices(X)
+        fitted = Parallel(n_jobs=self.n_jobs)(
+            delayed(_fitted)(clone(self.estimator), self._part(X, rows), self._part(y, rows))
+            for rows in devices.values()
+        )
+        errors = [error for _, error in fitted]
+        if all(errors):
+            raise errors[0]
+        self.labels_ = list(devices)
+        self.estimators_ = [model for model, _ in fitted]
+        told = zip(devices, errors, strict=True)
+        self.failures_ = {label: f"{type(e).__name__}: {e}" for label, e in told if e}
+        return self
+
+    @documented_like(ParametricModel.predict)
+    def predict(self, X):
+        """Return the response of each device by its own model; NaN where that could not be fitted.
+
+        Raises
+        ------
+        ValueError
+            If a device was not among those of the fit.
+        """
+        check_is_fitted(self)
+        # values that are not finite are the matter of the device that has them
+        array = validate_data(self, X, reset=False, dtype=None, ensure_all_finite=False)
+        known = dict(zip(self.labels_, self.estimators_, strict=True))
+        response = np.full(len(array), np.nan)
+        for label, rows in self._devices(X).items():
+            if label not in known:
+                raise ValueError(f"PerDevice was not fitted to the device {label!r}.")
+            if known[label] is not None:
+                response[rows] = known[label].predict(self._part(X, rows))
+        return response
+
+    @property
+    def params_(self):
+        """Parameters as a frame: one row a device, NaN where it could not be fitted."""
+        return self._table("params_")
+
+    @property
+    def params_std_(self):
+        """Standard errors of the parameters, as a frame of the same shape."""
+        return self._table("params_std_")
+
+    def _table(self, attribute):
+        check_is_fitted(self)
+        rows = [getattr(model, attribute, {}) for model in self.estimators_]
+        if isinstance(self.level, str):
+            index = pd.Index(self.labels_, name=self.level)
+        else:
+            index = pd.MultiIndex.from_tuples(self.labels_, names=self.level)
+        return pd.DataFrame(rows, index=index, dtype=float)
+
+    @property
+    def _levels(self):
+        return [self.level] if isinstance(self.level, str) else self.level
+
+    def _devices(self, X):
+        """Return the rows of each device, in the order in which the devices come."""
+        index = getattr(X, "index", None)
+        if not isinstance(index, pd.MultiIndex):
+            if self.level != "record":
+                raise ValueError(_LACKS.format(self.level))
+            return {0: slice(None)}
+        if not set(self._levels) <= set(index.names):
+            raise ValueError(f"{_LACKS.format(self.level)} Got {list(index.names)} instead.")
+        rows = pd.Series(np.arange(len(index)), index)
+        return {
+            label: part.to_numpy() for label, part in rows.groupby(level=self.level, sort=False)
+        }
+
+    def _part(self, values, rows):
+        """Return the rows of a device, whose index says no longer which device it is."""
+        if isinstance(rows, slice):
+            return values
+        if not hasattr(values, "iloc"):
+            return np.asarray(values)[rows]
+        part = values.iloc[rows]
+        return part.droplevel(self._levels) if isinstance(part.index, pd.MultiIndex) else part
+
+
+_LACKS = "The 'level' parameter of PerDevice must name levels of the index of X, not {!r}."
+
+
+def _fitted(estimator, X, y):
+    """Return a fitted model and no error, or no model and the error."""
+    try:
+        return estimator.fit(X, y), None
+    except Exception as error:  # whatever is wrong with one device is said beside the others
+        return None, error
