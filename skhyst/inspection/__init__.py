@@ -6,6 +6,7 @@ Every display stores data first and draws afterwards. Drawing needs matplotlib, 
 
 from ._bode import FrequencyResponseDisplay
 from ._evidence import EvidenceDisplay
+from ._fleet import FleetDisplay
 from ._loop import HysteresisLoopDisplay
 from ._pole_zero import PoleZeroDisplay
 from ._prediction import PredictionDisplay
@@ -17,6 +18,7 @@ from ._svg import svg_text
 __all__ = [
     "EffectRankingDisplay",
     "EvidenceDisplay",
+    "FleetDisplay",
     "FrequencyResponseDisplay",
     "HysteresisLoopDisplay",
     "PoleZeroDisplay",
