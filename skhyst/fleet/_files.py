@@ -1,15 +1,17 @@
 """Searches over many recordings, with one row for each in a table that can be gone on with."""
 
+import importlib.util
 import re
 from itertools import islice
 from pathlib import Path
 
 import pandas as pd
-from joblib import Parallel, delayed, effective_n_jobs
+from joblib import effective_n_jobs
 from sklearn.base import clone
 
 from .._files import check_input, check_outputs, replacing
 from ..records import read_records
+from ._workers import map_parallel
 
 _TEXTS = ("file", "failure", "effects", "verdict", "options")
 _ERRORS = ("error_before", "error_after", "noise_floor")
@@ -27,7 +29,8 @@ def diagnose_files(
     files : sequence of str or Path
         Recordings, as :func:`skhyst.records.read_records` reads them.
     search : EffectSearchCV
-        Not fitted; a clone of it is fitted to each recording.
+        Not fitted; a clone of it is fitted to each recording. Its own ``n_jobs`` counts where one
+        recording is searched at a time.
     reading : dict, default=None
         Options of :func:`skhyst.records.read_records`: ``drive``, ``response``, ``time`` and so on.
     summary : str or Path, default=None
@@ -53,6 +56,8 @@ def diagnose_files(
 
     Raises
     ------
+    ImportError
+        If the table is to be ``.parquet`` and pyarrow is not installed (extra ``io``).
     ValueError
         If a recording is named twice, the table's name ends in something else, or the table that is
         there was made with other options.
@@ -87,12 +92,11 @@ def diagnose_files(
         path = Path(summary)
         done = _rows_there(path, files, options, force)
     left = iter([file for file in files if file not in set(done["file"])])
-    size = _BATCH * effective_n_jobs(n_jobs) if effective_n_jobs(n_jobs) > 1 else 1
+    at_a_time = effective_n_jobs(n_jobs)
+    size = _BATCH * at_a_time if at_a_time > 1 else 1
     while batch := list(islice(left, size)):
-        rows = Parallel(n_jobs=n_jobs)(
-            delayed(_row)(file, clone(search), reading, options) for file in batch
-        )
-        rows = pd.DataFrame(rows)
+        jobs = [(file, clone(search), reading, options) for file in batch]
+        rows = pd.DataFrame(map_parallel(_row, jobs, n_jobs))
         done = pd.concat([done, rows], ignore_index=True) if len(done) else rows
         if path is not None:
             _write(done, path)
@@ -149,7 +153,10 @@ def _is_parquet(path):
 
 def _rows_there(path, files, options, force):
     """Return the rows of the table that are there already, and can stay."""
-    _is_parquet(path)
+    if _is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
+        raise ImportError(
+            f'{path} needs pyarrow. Install it with: python -m pip install "skhyst[io]"'
+        )
     check_outputs([path], [Path(file) for file in files], force=True)
     if force or not path.exists():
         return pd.DataFrame({"file": []}, dtype=object)

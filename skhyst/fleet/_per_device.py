@@ -2,7 +2,6 @@
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils import get_tags
 from sklearn.utils.validation import check_is_fitted, validate_data
@@ -10,6 +9,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
 from ..base import ParametricModel
+from ._workers import map_parallel
 
 
 class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -87,10 +87,11 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         validate_data(self, X, reset=True, skip_check_array=True)
         devices = self._devices(X)
-        fitted = Parallel(n_jobs=self.n_jobs)(
-            delayed(_fitted)(clone(self.estimator), self._part(X, rows), self._part(y, rows))
+        jobs = [
+            (clone(self.estimator), self._part(X, rows), self._part(y, rows))
             for rows in devices.values()
-        )
+        ]
+        fitted = map_parallel(_fitted, jobs, self.n_jobs)
         errors = [error for _, error in fitted]
         if all(errors):
             raise errors[0]

@@ -126,3 +126,10 @@ def test_the_command_line_equals_python(files, serial, tmp_path, capsys):
     assert "--report" in capsys.readouterr().err
     assert main(["diagnose", *map(str, files[:2]), *options[:-2]]) == 1
     assert "add --summary" in capsys.readouterr().err
+
+
+def test_what_a_table_needs_is_found_out_first(files, search, tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr(EffectSearchCV, "fit", None)
+    with pytest.raises(ImportError, match=r"skhyst\[io\]"):
+        diagnose_files(files, search, reading=READING, summary=tmp_path / "summary.parquet")
