@@ -4,6 +4,7 @@ import importlib.util
 import math
 import sys
 from collections import Counter
+from concurrent.futures import BrokenExecutor
 from itertools import chain
 
 import numpy as np
@@ -67,15 +68,21 @@ def _summarize(options):
         raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
     model, more = parse_model(options.model), _searching(options)
     search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
-    table = diagnose_files(
-        options.files,
-        search,
-        reading=_reading(options),
-        summary=options.summary,
-        force=options.force,
-        n_jobs=options.jobs,
-        on_done=None if options.quiet else _tell_rows,
-    )
+    try:
+        table = diagnose_files(
+            options.files,
+            search,
+            reading=_reading(options),
+            summary=options.summary,
+            force=options.force,
+            n_jobs=options.jobs,
+            on_done=None if options.quiet else _tell_rows,
+        )
+    except BrokenExecutor as error:
+        raise OSError(
+            f"A worker process has died. {options.summary} has what was done before: the same "
+            "command goes on from there, with fewer --jobs where memory ran out."
+        ) from error
     found = table[table["file"].isin([str(file) for file in options.files])]
     failed = int(found["failure"].astype(bool).sum())
     print(f"{len(found)} recordings: {failed} could not be searched")

@@ -1,5 +1,7 @@
 """Many recordings: as one by one, whatever runs them; nothing is lost, nothing is done twice."""
 
+from concurrent.futures.process import BrokenProcessPool
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -133,3 +135,13 @@ def test_what_a_table_needs_is_found_out_first(files, search, tmp_path, monkeypa
     monkeypatch.setattr(EffectSearchCV, "fit", None)
     with pytest.raises(ImportError, match=r"skhyst\[io\]"):
         diagnose_files(files, search, reading=READING, summary=tmp_path / "summary.parquet")
+
+
+def test_a_worker_that_dies_is_told(files, tmp_path, capsys, monkeypatch):
+    def killed(*args, **options):
+        raise BrokenProcessPool
+
+    monkeypatch.setattr("skhyst._diagnose_command.diagnose_files", killed)
+    command = ["diagnose", str(files[0]), "--drive", "u", "--response", "y", "--summary"]
+    assert main([*command, str(tmp_path / "summary.csv")]) == 1
+    assert "the same command goes on from there" in capsys.readouterr().err
