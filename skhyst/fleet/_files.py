@@ -11,7 +11,7 @@ from sklearn.base import clone
 
 from .._files import check_input, check_outputs, replacing
 from ..records import read_records
-from ._workers import map_parallel
+from ._workers import workers
 
 _TEXTS = ("file", "failure", "effects", "verdict", "options")
 _ERRORS = ("error_before", "error_after", "noise_floor")
@@ -94,14 +94,15 @@ def diagnose_files(
     left = iter([file for file in files if file not in set(done["file"])])
     at_a_time = effective_n_jobs(n_jobs)
     size = _BATCH * at_a_time if at_a_time > 1 else 1
-    while batch := list(islice(left, size)):
-        jobs = [(file, clone(search), reading, options) for file in batch]
-        rows = pd.DataFrame(map_parallel(_row, jobs, n_jobs))
-        done = pd.concat([done, rows], ignore_index=True) if len(done) else rows
-        if path is not None:
-            _write(done, path)
-        if on_done is not None:
-            on_done(rows)
+    with workers(n_jobs) as run:
+        while batch := list(islice(left, size)):
+            jobs = [(file, clone(search), reading, options) for file in batch]
+            rows = pd.DataFrame(run(_row, jobs))
+            done = pd.concat([done, rows], ignore_index=True) if len(done) else rows
+            if path is not None:
+                _write(done, path)
+            if on_done is not None:
+                on_done(rows)
     order = {file: number for number, file in enumerate(files)}
     return done.sort_values("file", key=lambda names: names.map(order), ignore_index=True)
 

@@ -9,7 +9,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
 from ..base import ParametricModel
-from ._workers import map_parallel
+from ._workers import workers
 
 
 class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -91,7 +91,8 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             (clone(self.estimator), self._part(X, rows), self._part(y, rows))
             for rows in devices.values()
         ]
-        fitted = map_parallel(_fitted, jobs, self.n_jobs)
+        with workers(self.n_jobs) as run:
+            fitted = run(_fitted, jobs)
         errors = [error for _, error in fitted]
         if all(errors):
             raise errors[0]

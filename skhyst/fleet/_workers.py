@@ -1,18 +1,26 @@
 """How the work on a fleet is divided: by device or recording, and not further."""
 
+from contextlib import contextmanager
 from functools import partial
 
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 
-def map_parallel(function, arguments, n_jobs):
-    """Return the results of a function for each tuple of arguments, in their order.
+@contextmanager
+def workers(n_jobs):
+    """Give a function that maps a function over tuples of arguments, on workers that are kept.
 
     Where several run at a time each is the work of one worker: what it would divide within itself
     is small beside what sending it to the workers of a cluster takes.
     """
-    call = function if effective_n_jobs(n_jobs) == 1 else partial(_undivided, function)
-    return Parallel(n_jobs=n_jobs)(delayed(call)(*each) for each in arguments)
+    single = effective_n_jobs(n_jobs) == 1
+    with Parallel(n_jobs=n_jobs) as parallel:
+
+        def run(function, arguments):
+            call = function if single else partial(_undivided, function)
+            return parallel(delayed(call)(*each) for each in arguments)
+
+        yield run
 
 
 def _undivided(function, *arguments):
