@@ -2,6 +2,24 @@
 
 DIAGNOSIS = [
     (
+        "a claim is dropped although the search falls back behind what it began with",
+        "needed = reduced.error > most or self._needs(base, reduced)",
+        "needed = self._needs(base, reduced)",
+        "tests/diagnosis/test_rounds.py -k uncertain",
+    ),
+    (
+        "a line within the record's resolution of a harmonic counts as its own",
+        "(np.sinc(turns * off) / np.sinc(off)) ** 2 < 0.5",
+        "np.abs(turns * off) > 0.0",
+        "tests/diagnosis/test_plausibility.py -k turns",
+    ),
+    (
+        "two turns of a drive are no period",
+        "lags = np.arange(n // 2 + 2)",
+        "lags = np.arange(n // 2)",
+        "tests/diagnosis/test_plausibility.py -k turns",
+    ),
+    (
         "what is held out is predicted from a fit that has seen it",
         "x = _fold_solution(problem, train, blocks, long)",
         "x = problem.x0",

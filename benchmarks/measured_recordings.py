@@ -24,7 +24,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,6 @@ from recordings import (
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import CoulombFriction, PrandtlIshlinskii
 from skhyst.linear import DynamicStiffness, Gain, ModalModel, SecondOrderMode, TransferFunction
-from skhyst.model_selection import BlockedTimeSeriesSplit
 from skhyst.optimize import path_of
 from skhyst.records import iter_records, stack_records
 
@@ -84,9 +83,6 @@ class Case:
         Samples at the start of each record of the fit that are not scored.
     lead : int, optional
         The same of each record held out; that of the fit where None.
-    blocks : bool, default=False
-        Whether folds are blocks of every record: where records are few, and of levels that tell
-        little of each other.
     folder : str, optional
         Of the recording; the name of the case where empty.
     """
@@ -101,15 +97,11 @@ class Case:
     reference: str = ""
     washout: int | None = None
     lead: int | None = None
-    blocks: bool = False  # held out of every record
     folder: str = ""
 
     def search(self, **options):
         """Return the unfitted search."""
-        cv = BlockedTimeSeriesSplit(staggered=True) if self.blocks else 5
-        return EffectSearchCV(
-            self.declared(), cv=cv, washout=self.washout, random_state=0, **options
-        )
+        return EffectSearchCV(self.declared(), washout=self.washout, random_state=0, **options)
 
 
 def relabelled(records):
@@ -261,7 +253,6 @@ CASES = {
         "nm",
         reference="1.9 kV, in sample: PI 9.9 %, with an even term 2.9 %",
         washout=401,
-        blocks=True,
     ),
     "piezo_fsm": Case(
         piezo_fsm,
@@ -303,7 +294,6 @@ def search_one(case, data, jobs, again, alone):
     X, y, X_test, y_test = case.load(data)
     if alone:
         X, y, X_test, y_test = first_alone(X, y, X_test, y_test)
-        case = replace(case, blocks=False)
     start = time.perf_counter()
     search = case.search(n_jobs=jobs).fit(X, y)
     seconds = time.perf_counter() - start

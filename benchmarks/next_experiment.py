@@ -10,9 +10,10 @@ one record of a single sine, in one short record, or in one of 6000 samples. Eac
 which changes at least twice the noise. Those whose first search claims something that it cannot
 tell from something else (`ambiguous_with`) count. For each of these `next_experiment` proposes a
 record of 3000 samples, within the range that was recorded and at a rate that takes twenty samples
-from end to end. The plant is driven with it, and both records are searched together, with folds of
-a part of each. A random signal of those that the proposal was chosen from takes its place in
-another search. Settled means: the hidden effect is claimed, and no claim is ambiguous.
+from end to end. The plant is driven with it, and both records are searched together. A random
+signal of those that the proposal was chosen from takes its place in another search, and in a third
+one a proposal that may go further than what was recorded, by half of the range at either end.
+Settled means: the hidden effect is claimed, and no claim is ambiguous.
 
 `--plants` is the number of plants for each condition and declared model, of which about a fifth
 count. `--first-seed` chooses plants as in the blind study. With `--output` every plant is written
@@ -46,7 +47,7 @@ HIDDEN = {"single_sine": PER_RECORD, "single_record": PER_RECORD, "short_record"
 SAMPLES = 3000  # of the record that is proposed
 EDGE = 20  # samples from one end of the range to the other, at the least
 SETTLED = 0.80  # bar
-KINDS = ("proposed", "random")
+KINDS = ("proposed", "random", "further")
 
 
 class Plant(NamedTuple):
@@ -86,7 +87,6 @@ def study(plant):
 def _searched(plant):
     from skhyst.datasets import signals_within
     from skhyst.diagnosis import EffectSearchCV, next_experiment
-    from skhyst.model_selection import BlockedTimeSeriesSplit
 
     drawn = plant.habit, plant.effect, plant.declared, plant.seed
     recorded = partial(record_in, *drawn, noise=NOISE)
@@ -105,12 +105,14 @@ def _searched(plant):
     signals = signals_within(ends, **limits)
     name = list(signals)[np.random.default_rng(plant.seed).integers(len(signals))]
     drives = {"proposed": experiment.drive.to_numpy(), "random": signals[name]}
+    margin = 0.5 * np.ptp(ends) * np.array([-1.0, 1.0])
+    limits["rate_limit"] *= 2.0  # the range is twice as large
+    drives["further"] = next_experiment(search, ends + margin, **limits).drive.to_numpy()
     row |= {"reason": experiment.reason, "drawn": name}
     for kind, drive in drives.items():
         more = recorded(drive=drive)
-        again = EffectSearchCV(
-            model, cv=BlockedTimeSeriesSplit(5, staggered=True), random_state=0
-        ).fit(pd.concat([X, more.X_test[first]]), pd.concat([y, more.y_test[first]]))
+        again = EffectSearchCV(model, random_state=0)
+        again.fit(pd.concat([X, more.X_test[first]]), pd.concat([y, more.y_test[first]]))
         row[kind] = told(again)
         alone = not any(again.history_["ambiguous_with"])
         row[f"{kind}_settled"] = alone and plant.effect in again.effects_
@@ -146,13 +148,15 @@ def summary(rows, first_seed):
         f"first search ambiguous: {len(counted)}",
     ]
     if len(counted):
-        proposed, drawn = (counted[f"{kind}_settled"].astype(bool) for kind in KINDS)
+        proposed, drawn, further = (counted[f"{kind}_settled"].astype(bool) for kind in KINDS)
         lines.append(f"settled by the proposed record: {share(proposed, SETTLED)}")
         lines.append(f"settled by a random record: {drawn.sum()} of {len(drawn)}")
+        lines.append(f"settled by a proposed record of twice the range: {share(further, SETTLED)}")
         names = counted[["first", *KINDS]].map(lambda claims: claims.count("|")).mean()
         lines.append(
             f"names that were not told apart, on average: {names['first']:.2f} at first, "
-            f"{names['proposed']:.2f} with the proposed record, {names['random']:.2f} with a random"
+            f"{names['proposed']:.2f} with the proposed record, {names['random']:.2f} with a "
+            f"random one, {names['further']:.2f} with one of twice the range"
         )
         sure = ~counted["reason"].str.contains("hardly|if it is")
         lines.append(

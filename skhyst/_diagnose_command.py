@@ -19,7 +19,7 @@ from .records import read_records, record_slices
 _LEFT = {
     "noise": "noise",
     "undetermined": "perhaps noise; the recording cannot tell",
-    "unexplained": "structure that no effect explains",
+    "unexplained": "structure that is not explained",
 }
 _DRAWN = ("jinja2", "matplotlib")
 _REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}

@@ -60,9 +60,9 @@ def near_period(u):
     if n < 6 or not np.ptp(u) > 0.0:
         return 0
     v, correlation = _autocorrelation(u)
-    correlation = correlation[: n // 2]
+    lags = np.arange(n // 2 + 2)  # two turns, and what tells that the second one is the end
+    correlation = correlation[lags]
     power = np.concatenate([[0.0], np.cumsum(v * v)])
-    lags = np.arange(n // 2)
     both = power[n - lags] + power[n] - power[lags]
     difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
     low, least, high = difference[:-2], difference[1:-1], difference[2:]

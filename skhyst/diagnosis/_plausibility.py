@@ -192,12 +192,19 @@ def has_own_lines(operator, motion, records):
 
 
 def _are_no_harmonics(frequencies, record):
-    n = len(record.u)
+    r"""Tell whether at least half of the power of each sinusoid does not repeat with the drive.
+
+    What repeats is the mean of the turns. A sinusoid that is :math:`\delta` of a harmonic's number
+    beside it keeps the amplitude :math:`\sin(\pi k \delta) / (k \sin(\pi \delta))` in the mean
+    of :math:`k` turns.
+    """
     period = near_period(record.drive)
     if not period:
         return True
+    turns = len(record.u) / period
     harmonics = frequencies * period * record.dt
-    return bool(np.all(np.abs(harmonics - np.round(harmonics)) * n >= period))
+    off = harmonics - np.round(harmonics)
+    return bool(np.all((np.sinc(turns * off) / np.sinc(off)) ** 2 < 0.5))
 
 
 def slides(operator, motion, records):

@@ -26,6 +26,11 @@ def collect(search, command, held_out):
     claims = [_claim(row) for row in search.history_.to_dict("records")]
     not_it, data = _not_it(ranking, claims), _data(search)
     location = _location(search.residual_location_, search.records_)
+    settings = {
+        name: value if value is None or np.isscalar(value) else repr(value)
+        for name, value in search.get_params(deep=False).items()
+        if name not in _NO_SETTINGS
+    }
     place = search.records_, search.drive_, search.residual_before_, search.units_
     declared = locate(*place)
     models = {"declared": search.declared_estimator_, "augmented": search.best_estimator_}
@@ -55,11 +60,7 @@ def collect(search, command, held_out):
         "not_it": not_it,
         "parameters": {name: _parameters(m, search.units_) for name, m in models.items()},
         "data": data,
-        "settings": {
-            name: value if value is None or np.isscalar(value) else repr(value)
-            for name, value in search.get_params(deep=False).items()
-            if name not in _NO_SETTINGS
-        },
+        "settings": settings,
         "held_out": None if held_out is None else _held_out(search, *held_out),
         "versions": _versions(),
         "seconds": dict(search.seconds_),
@@ -69,7 +70,7 @@ def collect(search, command, held_out):
         "declared_location": _location(declared, search.records_),
         "dropped": list(search.dropped_),
         "next_steps": next_steps(
-            claims, not_it, location, search.verdict_, data["faults"], search.alpha
+            claims, not_it, location, search.verdict_, data["faults"], settings
         ),
         "signals": signals | names,
     }
@@ -241,7 +242,12 @@ def looks(location):
     )
 
 
-def next_steps(claims, not_it, location, verdict, faults, alpha):
+def is_full(claims, settings):
+    """Whether a search ended because it had claimed as many effects as it may."""
+    return len(claims) == settings["max_effects"]
+
+
+def next_steps(claims, not_it, location, verdict, faults, settings):
     """Return what to measure next, a list of sentences."""
     steps = [
         f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
@@ -251,7 +257,9 @@ def next_steps(claims, not_it, location, verdict, faults, alpha):
     misses = [
         row
         for row in not_it
-        if row["p_value"] >= alpha and row["change"] < -0.05 and row["claimed_instead"] is None
+        if row["p_value"] >= settings["alpha"]
+        and row["change"] < -0.05
+        and row["claimed_instead"] is None
     ]
     for row in misses[:2]:
         effect = EFFECTS.get(row["effect"])
@@ -260,7 +268,12 @@ def next_steps(claims, not_it, location, verdict, faults, alpha):
             f"which these records do not make certain (p = {number(row['p_value'], 2)}). To see "
             f"whether it is there: {effect.experiment if effect else ''}".rstrip()
         )
-    if verdict == "unexplained":
+    if verdict == "unexplained" and is_full(claims, settings):
+        steps.append(
+            f"Search again with more effects: the search ended with as many as max_effects = "
+            f"{settings['max_effects']} allows."
+        )
+    elif verdict == "unexplained":
         step = "Record more of what no effect explains"
         where = looks(location)
         steps.append(

@@ -3,7 +3,7 @@
 import math
 
 from ._constants import NOTICEABLE
-from ._report_data import looks
+from ._report_data import is_full, looks
 from ._report_text import change, listed, number, percent, plus_minus, share
 
 _NO_CLAIM = {
@@ -251,7 +251,10 @@ def _left(report, figures):
     if report.verdict == "noise":
         return
     if report.claims and report.verdict == "unexplained":
-        yield _text("Something unexplained remains: no further effect explains it.", "note")
+        why = "no further effect explains it."
+        if is_full(report.claims, report.settings):
+            why = "no more effects than max_effects allows were tried."
+        yield _text(f"Something unexplained remains: {why}", "note")
     if report.location:
         yield _text("What is left is strongest here:")
         rows = [

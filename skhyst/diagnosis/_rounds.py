@@ -89,7 +89,7 @@ class Rounds:
             other = self._contested(base) or self._without_course(base)
             if other is None:
                 return base
-            base = self._settled(other)
+            base = self._settled(other, base.error)
 
     def _grown(self, base):
         """Claim effects, round after round, until none is better; return the candidate."""
@@ -101,13 +101,16 @@ class Rounds:
             chosen = self._round(base)
             if chosen is None:
                 break
-            base = self._settled(chosen)
+            base = self._settled(chosen, base.error)
         return base
 
-    def _settled(self, base):
-        """Return a candidate with a new effect, identified anew and without what is not needed."""
+    def _settled(self, base, before):
+        """Return a candidate with a new effect, identified anew and without what is not needed.
+
+        ``before`` is the held-out error without the new effect.
+        """
         self.judgement, self.records = None, self._records(base)
-        base = self._recheck(self._refreshed(base))
+        base = self._recheck(self._refreshed(base), before)
         if self.renew is not None:
             base = self.renew(base, base, self.records, thorough=True)
         if self.history:
@@ -407,14 +410,19 @@ class Rounds:
         anew = held_out(anew, self.records, self.folds)
         return anew if anew.error < base.error else base
 
-    def _recheck(self, base):
-        """Drop what is not needed, now that all is fitted anew; return the candidate."""
+    def _recheck(self, base, before):
+        """Drop what is not needed, now that all is fitted anew; return the candidate.
+
+        What is left foretells no worse than before the newest claim, or the search would go back.
+        """
         begin = time.perf_counter()
+        most = before / (1.0 - self.criterion.min_improvement)
         while base.structure.effects:
             needless = []
             for effect in base.structure.effects:
                 reduced = self._without(base, effect)
-                if not self._needs(base, reduced) and self._keeps_names(reduced.structure):
+                needed = reduced.error > most or self._needs(base, reduced)
+                if not needed and self._keeps_names(reduced.structure):
                     needless.append(reduced)
             if not needless:
                 break

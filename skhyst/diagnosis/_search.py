@@ -108,7 +108,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     effects_ : list of str
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
-        Whether what is left is noise, or structure that no effect explains. Undetermined: what
+        Whether what is left is noise, or structure that is not explained. Undetermined: what
         repetitions have in common, or what a black box foretells, would matter, but chance may have
         made it; or the fit leaves noise, but the held-out error is three times as large or more, as
         that or as the repeatability, or half of the response's range, since records or blocks do

@@ -164,3 +164,20 @@ def test_a_hum_in_a_loop_and_a_half_is_named():
     )
     search.fit(drive[:, None], response)
     assert search.effects_ == ["periodic_disturbance"]
+
+
+@pytest.mark.parametrize("turns", [2, 3, 5, 20])
+def test_a_line_is_its_own_where_most_of_it_does_not_return_with_the_turns(turns):
+    """In the mean of all turns nothing is left half way between harmonics; near one, most is."""
+    period, n = 100, 100 * turns
+    drive = np.sin(2.0 * np.pi * np.arange(n) / period)
+    assert near_period(drive) == pytest.approx(period, rel=1e-3)
+    time = np.arange(n)
+    for beside in np.linspace(0.02, 0.98, 12) / turns:
+        frequency = (7.0 + beside) / period
+        line = np.exp(2j * np.pi * frequency * time)
+        returning = np.mean(np.abs(line.reshape(turns, period).mean(axis=0)) ** 2)
+        operator = SinusoidOperator(np.zeros(2), np.array([frequency]))
+        margin = EFFECTS["periodic_disturbance"].plausible
+        own = margin(operator, np.array([]), [RecordData(drive, drive, 1.0)]) > 0.0
+        assert own == (returning < 0.5)

@@ -216,6 +216,11 @@ def provisional(report):
     return {"claims": claims, "verdict": "unexplained"}
 
 
+def full(report):
+    settings = report.settings | {"max_effects": len(report.claims)}
+    return {"settings": settings, "verdict": "unexplained"}
+
+
 def of_one_candidate(report):
     row = {"round": 1, "effect": "lag", "screen": 1e-5, "n_parameters": 1, "claimed": False}
     row |= {"error_before": 1.0, "error_after": math.nan, "p_value": math.nan}
@@ -260,6 +265,7 @@ SAID = [  # report, changes of it, what it says, and what it does not say
         ["my_lag had been claimed first, and was dropped"],
         "unexplained",
     ),
+    ("report", full, ["Something unexplained", "no more effects than max_effects"], "no further"),
     ("report", {}, ["mode stores and returns energy", STRONGEST], "dropped"),
 ]
 
@@ -288,7 +294,8 @@ def test_what_to_measure_next():
     place["concentration"] = 3.0
 
     def steps(claims=(), not_it=(), location=(), verdict="noise", faults=()):
-        return next_steps(claims, not_it, location, verdict, faults, 0.01)
+        settings = {"alpha": 0.01, "max_effects": 3}
+        return next_steps(claims, not_it, location, verdict, faults, settings)
 
     assert steps() == []
     told, proposal = steps([claim])
@@ -301,6 +308,7 @@ def test_what_to_measure_next():
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
     assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 5
+    assert "max_effects = 3" in steps(3 * [claim], verdict="unexplained")[3]
 
 
 def test_held_out_data_are_reported(search, recording):

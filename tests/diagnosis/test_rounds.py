@@ -118,3 +118,14 @@ def test_no_set_of_effects_is_claimed_twice(missing_two):
     rounds = rounds_of(records, folds, "lag", "offset")
     rounds._claimed.add(frozenset(("lag", "offset")))
     assert len(rounds.run(base).structure.effects) == 1
+
+
+def test_what_is_uncertain_stays_where_the_search_would_go_back(missing_two, monkeypatch):
+    """Each effect may hide the other: neither is certain, and without both much is lost."""
+    records, folds, base = missing_two
+    rounds = rounds_of(records, folds, "lag", "offset")
+    both = rounds.run(base)
+    monkeypatch.setattr(rounds, "_needs", lambda candidate, reduced: False)
+    lesser = min(rounds._without(both, name).error for name in both.structure.effects)
+    assert rounds._recheck(both, 0.5 * lesser) is both
+    assert len(rounds._recheck(both, lesser).structure.effects) == 1
