@@ -39,6 +39,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
         "__main__",
         "_compensate_command",
         "_demo",
+        "_demo_command",
         "_diagnose_command",
         "_export_command",
         "_list_command",

@@ -1,15 +1,11 @@
-"""`skhyst demo`: a simulated actuator with one effect that nobody is told, and its search."""
+"""A simulated actuator with one effect that nobody is told."""
 
 from functools import partial
 
 import numpy as np
 import pandas as pd
 
-from ._diagnose_command import conclude, make_search, prepare
-from ._files import replacing
 from .datasets.simulation import Plant, clip, dead_zones, kelvin_voigt, oscillate, plays
-from .discovery import parse_model
-from .records import read_records
 
 _SAMPLES = 1500  # a record
 _INTERVAL = 1e-3  # s
@@ -104,21 +100,3 @@ def make_demo_recording(seed, *, n_records=5):
     table = pd.concat(tables, ignore_index=True)
     noise = _NOISE * np.ptp(table["position"]) * rng.normal(size=len(table))
     return table.assign(position=table["position"] + noise), effect, description
-
-
-def demo(options):
-    """Write a recording, search it, and tell what had been hidden."""
-    recording = options.output / "recording.csv"
-    outputs = [options.output / name for name in ("report.html", "model.joblib", "result.json")]
-    options.report, options.save, options.json = outputs
-    prepare([recording, *outputs], [], options)
-    table, secret, description = make_demo_recording(options.seed)
-    with replacing(recording) as (part,):
-        table.to_csv(part, index=False)
-    print(f"A piezo actuator was simulated and recorded in {recording}.")
-    print("The model is Prandtl-Ishlinskii; the search sees the recording and nothing else.")
-    columns = {"drive": "voltage", "response": "position", "time": "time", "record": "record"}
-    X, y = read_records(recording, **columns)
-    search = make_search(parse_model("prandtl_ishlinskii"), options).fit(X, y)
-    conclude(search, options, None)
-    print(f"What had been put in: {secret}, {description}.")

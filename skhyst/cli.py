@@ -64,7 +64,7 @@ def _parser():
     add("--seed", type=int, default=0, help="chooses the actuator and the effect")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--quiet", action="store_true", help="no progress")
-    demo.set_defaults(run=_later("_demo", "demo"))
+    demo.set_defaults(run=_later("_demo_command", "demo"))
     for command in tuple(commands.choices.values()):
         command.add_argument("--force", action="store_true", help="write over files that are there")
     for name, listed in (
