@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
     ("__init__", "_documentation", "_files", "_jit", "_sklearn", "exceptions", "records"),
-    ("operators",),
+    ("operators", "persistence"),
     ("optimize",),
     ("base",),
     ("datasets", "metrics", "model_selection"),
@@ -43,7 +43,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
         "_diagnose_command",
         "_export_command",
         "_list_command",
-        "_model_files",
+        "_signals",
         "cli",
         "discovery",
     ),

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from ._files import check_outputs, replacing
-from ._model_files import load_model
 from .control import InverseCompensator
 from .exceptions import ReachWarning
+from .persistence import load_model
 from .records import read_records
 
 

@@ -10,10 +10,10 @@ from itertools import chain
 import numpy as np
 
 from ._files import check_outputs
-from ._model_files import save_model
 from .diagnosis import EffectSearchCV, Report, next_experiment
 from .discovery import parse_model
 from .fleet import diagnose_files
+from .persistence import save_model
 from .records import read_records, record_slices
 
 _LEFT = {
@@ -29,7 +29,14 @@ _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
     *("on_missing", "missing_code", "delimiter", "decimal"),
 )
-_OF_ONE = ("rows", "train_fraction", "report", "save", "json")  # options of a single recording
+_OF_ONE = (
+    "rows",
+    "train_fraction",
+    "report",
+    "save",
+    "json",
+    "checkpoint",
+)  # options of a single recording
 
 
 def diagnose(options):
@@ -109,7 +116,7 @@ def _reading(options):
 def _searching(options):
     """Return the parameters of the search."""
     effects = options.effects if options.effects == "all" else options.effects.split(",")
-    names = ("alpha", "max_effects", "resample", "washout", "loss")
+    names = ("alpha", "max_effects", "resample", "washout", "loss", "checkpoint")
     more = {name: getattr(options, name) for name in names}
     more |= {"effects": effects, "cv": options.folds, "reference": None}
     if options.reference is not None:  # the last column: drive and auxiliary inputs come before
@@ -152,6 +159,8 @@ def _result(search):
         if row.provisional:
             yield "    provisional: more than half of the structure before it is left"
     span, unit = np.ptp(search.response_) / 100.0 or 1.0, _unit_after(search)
+    for row in search.failed_.itertuples():
+        yield f"not tried to the end: {row.effect}, {row.error}"
     yield (
         f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g}{unit} "
         f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "

@@ -1,9 +1,9 @@
 """The command line: argparse over the public interface.
 
 Exit codes: 0 done; 1 the data or the options do not fit together, or a file cannot be read or
-written; 2 the call is wrong; 130 interrupted. Results go to the standard output, progress and
-errors to the standard error stream. Nothing here imports a model: what a command runs is imported
-when it runs, so that help and usage errors come at once.
+written; 2 the call is wrong; 130 interrupted (Ctrl-C); 143 terminated (SIGTERM). Results go to the
+standard output, progress and errors to the standard error stream. Nothing here imports a model:
+what a command runs is imported when it runs, so that help and usage errors come at once.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import warnings
 from pathlib import Path
 
 from . import __version__
+from ._signals import ending_on_signals
 
 __all__ = ["main"]
 
@@ -30,12 +31,12 @@ def main(argv=None):
     options = _parser().parse_args(argv)
     options.command = shlex.join(["skhyst", *argv])
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), ending_on_signals():
             warnings.showwarning = _show_warning
             options.run(options)
-    except KeyboardInterrupt:
-        print("skhyst: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as ended:
+        print(f"skhyst: {ended or 'interrupted'}", file=sys.stderr)
+        return getattr(ended, "code", 130)
     except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
         print(f"skhyst: {error}", file=sys.stderr)
         return 1
@@ -152,6 +153,8 @@ def _add_search(parser, nargs=1):
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")
     add("--save", type=Path, metavar="FILE", help="augmented model, .skops or .joblib")
     add("--json", type=Path, metavar="FILE", help="numbers")
+    kept = "what is finished after each claim; the same command goes on from there"
+    add("--checkpoint", type=Path, metavar="FILE", help=kept)
     add("--quiet", action="store_true", help="no progress")
 
 

@@ -18,7 +18,6 @@ from sklearn.linear_model import Ridge
 
 import skhyst
 from skhyst._demo import SECRETS, make_demo_recording
-from skhyst._model_files import save_model
 from skhyst.cli import main
 from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
@@ -27,6 +26,7 @@ from skhyst.discovery import parse_model
 from skhyst.exceptions import ReachWarning, TimeUnitWarning
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.persistence import save_model
 from skhyst.records import read_records
 
 

@@ -15,7 +15,6 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
 
-from skhyst._model_files import load_model, save_model
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
@@ -52,6 +51,7 @@ from skhyst.linear import (
 )
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
+from skhyst.persistence import load_model, save_model
 from skhyst.static import DeadZones, Saturation, SmoothCurve, SoftSaturation
 
 DT = 0.01

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from skhyst._files import check_input, check_outputs, replacing
-from skhyst._model_files import save_model
 from skhyst.diagnosis import EffectSearchCV, Experiment
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import BacklashOperator
 from skhyst.linear import Gain
+from skhyst.persistence import save_model
 
 DRIVE = pd.Series(np.arange(900.0), pd.Index(1e-3 * np.arange(900), name="time"), name="drive")
 

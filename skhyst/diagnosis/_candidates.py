@@ -120,7 +120,8 @@ def halve(groups, parallel):
     groups : list of (list of Candidate, list of RecordData, float)
         Of each effect: its variants at starting values, the records they are refitted to, and the
         sum of squares of the model so far in these.
-    parallel : joblib.Parallel
+    parallel : callable
+        Takes delayed calls and returns what they return, None of one that fails.
 
     Returns
     -------
@@ -151,7 +152,8 @@ def _rung(found, groups, budget, parallel):
     fitted = iter(
         parallel(delayed(refitted)(c, c.structure, records, budget) for c, records in jobs)
     )
-    return [[next(fitted) for _ in own] for own in found]
+    refined = [[next(fitted) for _ in own] for own in found]
+    return [[c for c in own if c is not None] for own in refined]
 
 
 def _last(count):
@@ -272,6 +274,14 @@ def root_mean_square(residuals, weights):
         total += w[known] @ np.square(e[known])
         count += w[known].sum()
     return float(np.sqrt(total / count))
+
+
+def knows_less(candidate, left):
+    """Whether a candidate foretells what is held out far worse than its fit to everything.
+
+    Three times: a fold's own error then is not of the size of the noise, nor twice that.
+    """
+    return candidate.error >= 3.0 * root_mean_square(left, candidate.weights)
 
 
 def _fold_solution(problem, train, blocks, long):

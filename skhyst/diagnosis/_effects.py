@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
 
 from ..disturbance import Drift, Offset, PeriodicDisturbance
 from ..hysteresis import (
@@ -419,3 +422,18 @@ def unregister_effect(name):
 def effect_names():
     """Return the names of all effects that a search tries."""
     return list(EFFECTS)
+
+
+def chosen_effects(names):
+    """Return the effects that the parameter `effects` of a search names."""
+    names = np.ravel(names).tolist()
+    names = list(EFFECTS) if names == ["all"] else names
+    unknown = [name for name in names if name not in EFFECTS]
+    if unknown:
+        near = get_close_matches(str(unknown[0]), EFFECTS, cutoff=0.0)
+        raise ValueError(
+            "The 'effects' parameter of EffectSearchCV must be 'all' or names among those of "
+            f"effect_names(), such as {', '.join(near)}. Got {', '.join(map(repr, unknown))} "
+            "instead."
+        )
+    return [EFFECTS[name] for name in names]

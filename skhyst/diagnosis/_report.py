@@ -55,6 +55,8 @@ class Report:
     location, declared_location : list of dict
         Where what is left, and what the declared model leaves, stands out: the record, time, drive,
         rate and frequency at which its mean power is above that of the whole by a half.
+    failed : list of dict
+        Candidates that raised an error: round, effect, error.
     dropped, next_steps : list of str
         Effects that later claims made needless, and what to measure next.
     signals : dict
@@ -95,6 +97,7 @@ class Report:
     location: list
     declared_location: list
     dropped: list
+    failed: list
     next_steps: list
     signals: dict = dataclasses.field(repr=False)
 

@@ -69,6 +69,7 @@ def collect(search, command, held_out):
         "location": location,
         "declared_location": _location(declared, search.records_),
         "dropped": list(search.dropped_),
+        "failed": search.failed_.to_dict("records"),
         "next_steps": next_steps(
             claims, not_it, location, search.verdict_, data["faults"], settings
         ),
@@ -245,6 +246,15 @@ def looks(location):
 def is_full(claims, settings):
     """Whether a search ended because it had claimed as many effects as it may."""
     return len(claims) == settings["max_effects"]
+
+
+def failures(failed):
+    """Return the effects that were left out, once each, by the error."""
+    found = {}
+    for row in failed:
+        names = found.setdefault(row["error"], [])
+        names += [row["effect"]] * (row["effect"] not in names)
+    return found
 
 
 def next_steps(claims, not_it, location, verdict, faults, settings):

@@ -3,7 +3,7 @@
 import math
 
 from ._constants import NOTICEABLE
-from ._report_data import is_full, looks
+from ._report_data import failures, is_full, looks
 from ._report_text import change, listed, number, percent, plus_minus, share
 
 _NO_CLAIM = {
@@ -248,6 +248,8 @@ def _left(report, figures):
         was, it = ("was", "it") if len(report.dropped) == 1 else ("were", "them")
         names = listed(report.dropped)
         yield _text(f"{names} had been claimed first, and {was} dropped: later ones replace {it}.")
+    for error, names in failures(report.failed).items():
+        yield _text(f"Not everything was tried: {listed(names)} failed with {error}", "note")
     if report.verdict == "noise":
         return
     if report.claims and report.verdict == "unexplained":

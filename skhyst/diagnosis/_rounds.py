@@ -16,15 +16,19 @@ import time
 from dataclasses import dataclass, field, replace
 from math import comb
 
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from ._candidates import completed, halve, held_out, level_folds, predicted, refitted
 from ._constants import FACTOR
 from ._course import course_p_values
 from ._effects import EFFECTS
+from ._jobs import side_by_side
 from ._plausibility import has_its_name, is_plausible
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
+
+# what a search is decided by after a claim, see `Rounds.state`
+_STATE = ("records", "history", "ranking", "dropped", "failed", "_number", "_n_tried")
 
 
 @dataclass
@@ -50,8 +54,10 @@ class Rounds:
         Returns the judgement of what a candidate leaves.
     lost : list of ndarray of bool or None
         Lost readings of each record where the loss is Huber's; None where it is the square.
-    history, ranking : list of dict
-        A row a claim that is kept; a row a candidate and round.
+    keep : callable or None
+        Takes the state after each claim.
+    history, ranking, failed : list of dict
+        A row a claim that is kept; a row a candidate and round; a row a candidate that raised.
     dropped : list of str
         Claims that later ones made needless.
     judgement : Judgement or None
@@ -70,9 +76,11 @@ class Rounds:
     renew: object
     judge: object
     lost: list | None = None
+    keep: object = None
     history: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
+    failed: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
     judgement: object = None
     _number: int = 0
@@ -80,7 +88,30 @@ class Rounds:
     _n_tried: int = 0
 
     def _parallel(self, jobs):
-        return Parallel(n_jobs=self.n_jobs, batch_size=1)(jobs)
+        """Return what jobs return, None of one that fails: it costs its candidate."""
+        done, failures = side_by_side(jobs, self.n_jobs)
+        self.failed += [
+            {"round": self._number, "effect": effect, "error": error} for effect, error in failures
+        ]
+        return done
+
+    def _done(self, jobs):
+        """Return what jobs return that do not fail."""
+        return [own for own in self._parallel(jobs) if own is not None]
+
+    def state(self, base):
+        """Return what the search goes on from, see :meth:`resumed`."""
+        own = {name: getattr(self, name) for name in _STATE}
+        effects, claimed = [e.name for e in self.effects], [sorted(own) for own in self._claimed]
+        return own | {"base": base, "effects": effects, "claimed": claimed}
+
+    def resumed(self, state):
+        """Go on from a state; return the candidate."""
+        for name in _STATE:
+            setattr(self, name, state[name])
+        self.effects = [e for e in self.effects if e.name in state["effects"]]
+        self._claimed = set(map(frozenset, state["claimed"]))
+        return state["base"]
 
     def run(self, base):
         """Add effects to a candidate until none is better; return what it has become."""
@@ -116,6 +147,8 @@ class Rounds:
         if self.history:
             self.history[-1]["error_after"] = base.error
         self.records = self._records(base)
+        if self.keep is not None:
+            self.keep(self.state(base))
         return base
 
     def weighed(self, base):
@@ -193,7 +226,7 @@ class Rounds:
             delayed(predicted)(effect, c.structure, records)
             for (effect, c), (records, _) in zip(pairs, seen, strict=True)
         )
-        groups = [(own, *what) for own, what in zip(starts, seen, strict=True)]
+        groups = [(own or [], *what) for own, what in zip(starts, seen, strict=True)]
         return *halve(groups, self._parallel), seen
 
     def _fitted(self, bases, screened):
@@ -212,11 +245,12 @@ class Rounds:
             if c.promise < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
         ]
         tried = self._parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
-        own = {i: [c for (j, _), c in zip(jobs, tried, strict=True) if j == i] for i, _ in jobs}
+        tried = [(i, c) for (i, _), c in zip(jobs, tried, strict=True) if c is not None]
+        own = {i: [c for j, c in tried if j == i] for i, _ in tried}
         best = [self._variant(found) for found in own.values()]
         # of long records, what fits their first parts is near the solution
         budget = FACTOR if are_long(self.records) else FACTOR**3
-        return self._parallel(delayed(completed)(c, self.records, budget) for c in best)
+        return self._done(delayed(completed)(c, self.records, budget) for c in best)
 
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible
@@ -254,15 +288,11 @@ class Rounds:
     def _held_out(self, base, candidates):
         """Return the candidates held out."""
         if self.renew is None:
-            return self._parallel(
-                delayed(held_out)(c, self.records, self.folds) for c in candidates
-            )
-        rough = self._parallel(delayed(self.renew)(c, base, self.records) for c in candidates)
+            return self._done(delayed(held_out)(c, self.records, self.folds) for c in candidates)
+        rough = self._done(delayed(self.renew)(c, base, self.records) for c in candidates)
         rough.sort(key=lambda c: c.error)
         best = rough[: -(-len(rough) // FACTOR)]
-        fine = self._parallel(
-            delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best
-        )
+        fine = self._done(delayed(self.renew)(c, c, self._records(c), thorough=True) for c in best)
         return fine + rough[len(best) :]
 
     def _pairs(self, base, singles, effects):

@@ -3,8 +3,8 @@
 import sys
 import time
 from collections.abc import Iterable
-from difflib import get_close_matches
 from numbers import Integral, Real
+from os import PathLike
 
 import numpy as np
 import pandas as pd
@@ -18,12 +18,13 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds
 from ..records import resample_like, resample_records, resampling_error
 from ._black_box import declare
-from ._candidates import Candidate, extrapolated, fitted, held_out, root_mean_square
+from ._candidates import Candidate, extrapolated, fitted, held_out, knows_less
+from ._checkpoint import Checkpoint
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
 from ._data_quality import data_quality, lost_readings, with_reactions
-from ._effects import EFFECTS
+from ._effects import EFFECTS, chosen_effects
 from ._evidence import gather_evidence
 from ._inputs import (
     first_row,
@@ -102,6 +103,9 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Above 0, progress is written to the standard error stream.
     random_state : int, RandomState instance or None, default=None
         Seed of the black box that bounds the noise.
+    checkpoint : path-like or None, default=None
+        File that keeps, after each claim, what is finished (skops). A search of the same data with
+        the same parameters goes on from there and ends as it would have; any other is refused.
 
     Attributes
     ----------
@@ -134,6 +138,8 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
         ``claimed``.
+    failed_ : DataFrame
+        Candidates that raised an error, which cost them alone: ``round``, ``effect``, ``error``.
     dropped_ : list of str
         Effects that were claimed and then dropped, because later ones made them needless.
     evidence_ : dict of str to Evidence
@@ -209,6 +215,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
         "random_state": ["random_state"],
+        "checkpoint": [str, PathLike, None],
     }
 
     def __init__(
@@ -227,6 +234,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         n_jobs=None,
         verbose=0,
         random_state=None,
+        checkpoint=None,
     ):
         self.estimator = estimator
         self.effects = effects
@@ -241,6 +249,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.n_jobs = n_jobs
         self.verbose = verbose
         self.random_state = random_state
+        self.checkpoint = checkpoint
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -267,7 +276,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         RecordError
             If the response is constant or a column of X, or the drive is the time.
         """
-        effects = self._chosen_effects()
+        effects = chosen_effects(self.effects)
         declared = clone(self.estimator)
         even, response = self._even(X, y)
         self.resampling_error_ = 0.0
@@ -299,19 +308,6 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             return X, y
         found = resample_records(X, y, dt=self.resample)
         return (found, None) if y is None else found
-
-    def _chosen_effects(self):
-        names = np.ravel(self.effects).tolist()
-        names = list(EFFECTS) if names == ["all"] else names
-        unknown = [name for name in names if name not in EFFECTS]
-        if unknown:
-            near = get_close_matches(str(unknown[0]), EFFECTS, cutoff=0.0)
-            raise ValueError(
-                "The 'effects' parameter of EffectSearchCV must be 'all' or names among those of "
-                f"effect_names(), such as {', '.join(near)}. Got {', '.join(map(repr, unknown))} "
-                "instead."
-            )
-        return [EFFECTS[name] for name in names]
 
     def _search(self, declared, slices, effects, segments, folds):
         begin = time.perf_counter()
@@ -347,6 +343,11 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         )
         for _ in range(REWEIGHTED if rounds.lost else 0):
             base = first = rounds.weighed(base)
+        if self.checkpoint is not None:
+            kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
+            rounds.keep = kept.save
+            base = rounds.resumed(kept.load(rounds.state(base)))
+            self._say(f"{len(rounds.history)} claims are in {self.checkpoint}")
         base = rounds.run(base)
         self.seconds_ |= rounds.seconds
         self._declared_structure = structure
@@ -387,6 +388,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=_HISTORY)
         self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
+        self.failed_ = pd.DataFrame(rounds.failed, columns=["round", "effect", "error"])
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
     def _judge(self, measured, base, rounds, left):
@@ -401,7 +403,7 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.noise_model_ = judgement.noise
         if judgement.structured:
             self.verdict_ = "unexplained"
-        elif judgement.open or self._is_far_off(base, judgement) or _knows_less(base, left):
+        elif judgement.open or self._is_far_off(base, judgement) or knows_less(base, left):
             self.verdict_ = "undetermined"
 
     def _is_far_off(self, base, judgement):
@@ -489,11 +491,3 @@ class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         if "text/html" in bundle:
             bundle["text/html"] = self._with_result(bundle["text/html"])
         return bundle
-
-
-def _knows_less(candidate, left):
-    """Whether a candidate foretells what is held out far worse than its fit to everything.
-
-    Three times: a fold's own error then is not of the size of the noise, nor twice that.
-    """
-    return candidate.error >= 3.0 * root_mean_square(left, candidate.weights)

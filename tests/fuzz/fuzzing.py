@@ -91,8 +91,8 @@ def seeds(form):
 
 
 def _model_file():
-    from skhyst._model_files import save_model
     from skhyst.hysteresis import PrandtlIshlinskii
+    from skhyst.persistence import save_model
 
     u = np.sin(0.1 * np.arange(100))
     with TemporaryDirectory() as folder:
@@ -170,7 +170,7 @@ def _parse(path):
 
 
 def _load(path):
-    from skhyst._model_files import load_model
+    from skhyst.persistence import load_model
 
     load_model(path)
 

@@ -15,18 +15,68 @@ import joblib
 from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
-from ._files import check_input, replacing
+from .._files import check_input, replacing
+
+__all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
 
 def save_model(model, path):
-    """Write a model, as skops where the file's suffix is ``.skops`` and by joblib otherwise."""
-    dump = _skops(path).dump if Path(path).suffix.lower() == ".skops" else joblib.dump
+    """Write a fitted model or search into a file, whole or not at all.
+
+    Parameters
+    ----------
+    model : estimator
+    path : path-like
+        skops where it ends in ``.skops``, which :func:`load_model` reads without running anything;
+        by joblib otherwise, a pickle.
+
+    Raises
+    ------
+    ImportError
+        If skops is needed and missing.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from skhyst.linear import Gain
+    >>> from skhyst.persistence import load_model, save_model
+    >>> model = Gain().fit([[0.0], [1.0], [2.0]], [0.0, 2.0, 4.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "model.skops")
+    ...     save_model(model, path)
+    ...     load_model(path).predict([[3.0]])
+    array([6.])
+    """
+    dump = skops_io(path).dump if Path(path).suffix.lower() == ".skops" else joblib.dump
     with replacing(path) as (part,):
         dump(model, part)
 
 
 def load_model(path, trust=False):
-    """Return the fitted model in a file; what can run code is refused unless it is trusted."""
+    """Return the fitted model in a file; what can run code is refused unless it is trusted.
+
+    Parameters
+    ----------
+    path : path-like
+    trust : bool, default=False
+        Whether a pickle is loaded too, and types that are neither of skhyst nor known to skops:
+        both can run any code.
+
+    Returns
+    -------
+    estimator
+        Fitted.
+
+    Raises
+    ------
+    ValueError
+        If the file is broken, holds no fitted model, or can run code and is not trusted.
+    FileNotFoundError, OSError, ImportError
+        If there is no file, it is none, or skops is missing.
+    """
     path = Path(path)
     check_input(path)
     with path.open("rb") as file:
@@ -34,7 +84,8 @@ def load_model(path, trust=False):
     if not safe and not trust:
         raise ValueError(
             f"{path} is no skops file, and any other may run code when it is loaded. Save the "
-            "model as .skops; or, if it is a pickle and you trust whoever made it, add --trust."
+            "model as .skops; or, if it is a pickle and you trust whoever made it, add --trust (in "
+            "Python trust=True)."
         )
     load = _load_skops if safe else _load_pickle
     try:
@@ -65,13 +116,18 @@ def _load_pickle(path, trust):
 
 
 def _load_skops(path, trust):
-    skops = _skops(path)
+    return read_trusted(path, skops_io(path).get_untrusted_types(file=path) if trust else ())
+
+
+def read_trusted(path, known=()):
+    """Return what a skops file holds, of classes of skhyst and types with known names alone."""
+    skops = skops_io(path)
     named = skops.get_untrusted_types(file=path)
-    foreign = [] if trust else [name for name in named if not _is_own_class(name)]
+    foreign = [name for name in named if name not in known and not _is_own_class(name)]
     if foreign:
         raise _Refused(
             f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "
-            "trust whoever made the file, add --trust."
+            "trust whoever made the file, add --trust (in Python trust=True)."
         )
     return skops.load(path, trusted=named)
 
@@ -79,7 +135,7 @@ def _load_skops(path, trust):
 def _is_own_class(name):
     """Whether a qualified name is that of a class that a module of skhyst defines."""
     module, _, name = name.rpartition(".")
-    if module.partition(".")[0] != __package__:
+    if module.partition(".")[0] != __package__.partition(".")[0]:
         return False
     try:
         found = getattr(importlib.import_module(module), name, None)
@@ -88,7 +144,8 @@ def _is_own_class(name):
     return inspect.isclass(found) and found.__module__ == module
 
 
-def _skops(path):
+def skops_io(path):
+    """Return the module that reads and writes skops files, such as the one at ``path``."""
     try:
         import skops.io
     except ImportError as error:

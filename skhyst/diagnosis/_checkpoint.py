@@ -1,0 +1,70 @@
+"""What a search has finished, in a file from which a search of the same goes on.
+
+The file is written by skops as a whole after each claim. Reading it makes objects of those types
+alone that the new search consists of itself, and of skhyst: nothing is run. A search is decided by
+its data, its parameters and the version of the package; a digest of these has to be the same.
+"""
+
+import warnings
+from pathlib import Path
+
+import joblib
+
+from .. import __version__
+from .._files import check_input, replacing
+from ..persistence import read_trusted, skops_io
+
+_NOT_DECISIVE = ("checkpoint", "n_jobs", "verbose")
+
+
+class Checkpoint:
+    """A file that keeps the state of a search.
+
+    Parameters
+    ----------
+    path : path-like
+    search : EffectSearchCV
+    *data
+        What the search is about.
+    """
+
+    def __init__(self, path, search, *data):
+        self.path = Path(path)
+        self._skops = skops_io(self.path)
+        own = {k: v for k, v in search.get_params().items() if k not in _NOT_DECISIVE}
+        self._key = joblib.hash((__version__, own, data))
+
+    def load(self, state):
+        """Return the state that is kept, or ``state`` where there is none yet.
+
+        Raises
+        ------
+        ValueError
+            If the file is no checkpoint, or one of other data, parameters, or another version.
+        """
+        if not self.path.exists():
+            return state
+        check_input(self.path)
+        known = self._skops.get_untrusted_types(data=self._skops.dumps(state))
+        try:
+            kept = read_trusted(self.path, known)
+        except ImportError:
+            raise
+        except Exception as error:  # of a file that is something else anything may come
+            raise ValueError(f"{self.path} is no checkpoint of a search ({error}).") from error
+        if not isinstance(kept, dict) or kept.pop("key", None) != self._key:
+            raise ValueError(
+                f"{self.path} is the checkpoint of another search: data, parameters or the version "
+                "of skhyst differ. Name another file, or remove it."
+            )
+        return kept
+
+    def save(self, state):
+        """Keep a state; a file that cannot be written does not end the search."""
+        try:
+            with replacing(self.path) as (part,):
+                self._skops.dump({"key": self._key, **state}, part)
+        except Exception as error:  # a full disk, or an estimator that skops does not know
+            warnings.warn(
+                f"The checkpoint cannot be written: {error}", RuntimeWarning, stacklevel=2
+            )
