@@ -80,8 +80,8 @@ class Search:
 
 
 def is_gone(session):
-    """Whether no process of a session is left, one second later at most."""
-    for _ in range(20):
+    """Whether no process of a session is left, two seconds later at most."""
+    for _ in range(40):
         try:
             os.killpg(session, 0)
         except ProcessLookupError:
@@ -101,8 +101,9 @@ def by_signal(search, number, delay, expected):
         begin = time.perf_counter()
         process.communicate()
         seconds = time.perf_counter() - begin
-    finished = process.returncode == 0
-    kept = finished or search.result.read_text() == OLD
+    there = search.result.read_text()
+    finished = there != OLD and search.found() == expected  # whole, before the signal came
+    kept = finished or there == OLD
     ended = finished or process.returncode == 128 + number
     whole = not search.leftovers() and is_gone(process.pid)
     code, _ = search.run()

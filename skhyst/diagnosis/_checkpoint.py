@@ -6,11 +6,11 @@ its data, its parameters and the version of the package; a digest of these has t
 """
 
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 import joblib
 
-from .. import __version__
 from .._files import check_input, replacing
 from ..persistence import read_trusted, skops_io
 
@@ -32,7 +32,7 @@ class Checkpoint:
         self.path = Path(path)
         self._skops = skops_io(self.path)
         own = {k: v for k, v in search.get_params().items() if k not in _NOT_DECISIVE}
-        self._key = joblib.hash((__version__, own, data))
+        self._key = joblib.hash((version("skhyst"), own, data))
 
     def load(self, state):
         """Return the state that is kept, or ``state`` where there is none yet.

@@ -11,6 +11,8 @@ from sklearn.exceptions import FitFailedWarning
 from sklearn.linear_model import Ridge
 
 from skhyst.diagnosis import (
+    EFFECTS,
+    Effect,
     EffectSearchCV,
     _candidates,
     _checkpoint,
@@ -18,7 +20,6 @@ from skhyst.diagnosis import (
     register_effect,
     unregister_effect,
 )
-from skhyst.diagnosis._effects import EFFECTS, Effect
 from skhyst.diagnosis._jobs import side_by_side
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
