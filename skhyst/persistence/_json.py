@@ -1,0 +1,206 @@
+"""Parametric models as JSON: names of public classes and plain values, by ``model.schema.json``.
+
+What JSON has no word for is an object with one name of its own: ``{"tuple": [...]}``,
+``{"array": ...}``. Reading looks classes up among what the public modules of skhyst list, calls
+their constructors with the parameters, and puts the fitted attributes beside: no name in a file
+is imported, and nothing in it is run.
+"""
+
+import dataclasses
+import importlib
+import json
+import math
+import pkgutil
+from functools import cache
+from importlib.metadata import version
+
+import numpy as np
+from sklearn.base import BaseEstimator
+
+FORMAT = 1
+_VERSION = version("skhyst")
+_DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
+
+
+def to_json(model):
+    """Return a model, fitted or not, as JSON text; :func:`from_json` makes the same of it.
+
+    Parameters
+    ----------
+    model : estimator
+        A parametric model of skhyst or a composition of them.
+
+    Returns
+    -------
+    str
+        By the schema ``skhyst/persistence/model.schema.json``. Numbers keep every bit.
+
+    Raises
+    ------
+    TypeError
+        If a part is no public class of skhyst, such as an estimator of scikit-learn: skops takes
+        these, see :func:`save_model`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import Gain
+    >>> from skhyst.persistence import from_json, to_json
+    >>> u = np.arange(20.0).reshape(-1, 1)
+    >>> model = Gain().fit(u, 2.0 * u[:, 0] + 1.0)
+    >>> bool(np.all(from_json(to_json(model)).predict(u) == model.predict(u)))
+    True
+    """
+    versions = {"skhyst": __version__, "numpy": np.__version__}
+    content = {"format": f"skhyst.model/{FORMAT}", "versions": versions, "model": _plain(model)}
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def from_json(text):
+    """Return the model in a text that :func:`to_json` has made.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    estimator
+
+    Raises
+    ------
+    ValueError
+        If the text is no such model, is of a later format, or names what skhyst does not have.
+    """
+    try:
+        content = json.loads(text)
+        name, _, number = content["format"].partition("/")
+        written = content["versions"]["skhyst"]
+        known = name == "skhyst.model" and 1 <= int(number) <= FORMAT
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise ValueError(f"The text is no model of skhyst as JSON ({error!r}).") from error
+    if not known:
+        raise ValueError(
+            f"The model is of the format {content['format']!r}, written by skhyst {written}; "
+            f"skhyst {_VERSION} reads skhyst.model/1 to {FORMAT}."
+        )
+    try:
+        return _object(content["model"])
+    except Exception as error:  # of a broken text anything may come
+        raise ValueError(
+            f"The model, written by skhyst {written}, cannot be read by skhyst {_VERSION}: "
+            f"{error!r}."
+        ) from error
+
+
+@cache
+def _classes():
+    """Return the public estimators and dataclasses of skhyst by their public names."""
+    package, found = __package__.partition(".")[0], {}
+    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        if not module.name.startswith("_"):
+            name = f"{package}.{module.name}"
+            public = importlib.import_module(name)
+            for word in getattr(public, "__all__", ()):
+                member = getattr(public, word)
+                if isinstance(member, type) and (
+                    issubclass(member, BaseEstimator) or dataclasses.is_dataclass(member)
+                ):
+                    found[f"{name}.{word}"] = member
+    return found
+
+
+@cache
+def _names():
+    return {member: name for name, member in _classes().items()}
+
+
+def _plain(value):
+    """Return what JSON has in place of a value."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {"float": str(value)}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, tuple) and type(value) is tuple:
+        return {"tuple": [_plain(item) for item in value]}
+    if isinstance(value, slice):
+        return {"slice": [_plain(item) for item in (value.start, value.stop, value.step)]}
+    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        return {"dict": {key: _plain(item) for key, item in value.items()}}
+    if isinstance(value, np.ndarray):
+        return _plain_array(value)
+    return _plain_object(value)
+
+
+def _plain_array(array):
+    dtype = "str" if array.dtype.kind == "U" else str(array.dtype)
+    if dtype not in _DTYPES:
+        raise TypeError(f"An array of {dtype} cannot be written as JSON: save it as .skops.")
+    flat = array.ravel()
+    values = flat.view(float) if dtype == "complex128" else flat
+    return {"array": [_plain(v) for v in values], "dtype": dtype, "shape": list(array.shape)}
+
+
+def _plain_object(value):
+    name = _names().get(type(value))
+    if name is None:
+        kind = type(value)
+        raise TypeError(
+            f"{kind.__module__}.{kind.__qualname__} is no public class of skhyst, and cannot be "
+            "written as JSON: save the model as .skops."
+        )
+    if dataclasses.is_dataclass(value):
+        own = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"class": name, "parameters": own, "fitted": {}}
+    state = {k: v for k, v in value.__getstate__().items() if k != "_sklearn_version"}
+    parameters = {k: _plain(state.pop(k)) for k in value.get_params(deep=False)}
+    fitted = {k: _plain(v) for k, v in state.items()}
+    return {"class": name, "parameters": parameters, "fitted": fitted}
+
+
+def _value(plain):
+    """Return the value that :func:`_plain` was given."""
+    if isinstance(plain, list):
+        return [_value(item) for item in plain]
+    if not isinstance(plain, dict):
+        return plain
+    if "class" in plain:
+        return _object(plain)
+    if "array" in plain:
+        return _array(plain)
+    ((kind, own),) = plain.items()
+    if kind == "dict":
+        return {key: _value(item) for key, item in own.items()}
+    return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](own)
+
+
+def _tuple(items):
+    return tuple(_value(item) for item in items)
+
+
+def _array(plain):
+    dtype = plain["dtype"]
+    if dtype not in _DTYPES:
+        raise ValueError(f"There is no array of {dtype!r}.")
+    values = [_value(item) for item in plain["array"]]
+    if dtype == "complex128":
+        return np.array(values, dtype=float).view(complex).reshape(plain["shape"])
+    if dtype == "object":  # item by item: NumPy would look into sequences
+        array = np.empty(len(values), dtype=object)
+        array[:] = values
+        return array.reshape(plain["shape"])
+    return np.array(values, dtype=dtype).reshape(plain["shape"])
+
+
+def _object(plain):
+    if plain["class"] not in _classes():
+        raise ValueError(f"skhyst has no public class {plain['class']!r}")
+    parameters = {name: _value(item) for name, item in plain["parameters"].items()}
+    made = _classes()[plain["class"]](**parameters)
+    if plain["fitted"]:
+        vars(made).update({name: _value(item) for name, item in plain["fitted"].items()})
+    return made
