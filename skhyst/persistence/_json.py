@@ -51,7 +51,7 @@ def to_json(model):
     >>> bool(np.all(from_json(to_json(model)).predict(u) == model.predict(u)))
     True
     """
-    versions = {"skhyst": __version__, "numpy": np.__version__}
+    versions = {"skhyst": _VERSION, "numpy": np.__version__}
     content = {"format": f"skhyst.model/{FORMAT}", "versions": versions, "model": _plain(model)}
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
