@@ -51,7 +51,7 @@ from skhyst.linear import (
 )
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
-from skhyst.persistence import load_model, save_model
+from skhyst.persistence import from_json, load_model, save_model, to_json
 from skhyst.static import DeadZones, Saturation, SmoothCurve, SoftSaturation
 
 DT = 0.01
@@ -436,6 +436,11 @@ def test_model_files_are_safe(fitted, data, tmp_path):
     pytest.importorskip("skops.io")
     save_model(fitted, tmp_path / "model.skops")
     again = load_model(tmp_path / "model.skops")
+    np.testing.assert_array_equal(again.predict(data[0]), fitted.predict(data[0]))
+
+
+def test_a_model_is_the_same_as_json(fitted, data):
+    again = from_json(to_json(fitted))
     np.testing.assert_array_equal(again.predict(data[0]), fitted.predict(data[0]))
 
 
