@@ -40,6 +40,7 @@ from ._noise_model import NoiseModel
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._rounds import Rounds
+from ._tables import WithTables
 
 _HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 _HISTORY += ["provisional", "experiment", "evidence"]
@@ -47,7 +48,7 @@ _RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value
 _RANKING += ["n_parameters", "claimed"]
 
 
-class EffectSearchCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     """Find the physical effects that a declared model lacks, add them, and report the errors.
 
     Each round puts every effect into the model so far, at data-driven starting values, refits the

@@ -22,6 +22,7 @@ from skhyst.diagnosis import (
 )
 from skhyst.diagnosis._jobs import side_by_side
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.persistence import load_model, save_model
 
 N, DT = 600, 2e-3
 
@@ -183,3 +184,20 @@ def test_a_checkpoint_that_cannot_be_written_ends_nothing(recording, whole, tmp_
     with pytest.warns(RuntimeWarning, match="The checkpoint cannot be written"):
         found = search(checkpoint=path).fit(*recording)
     assert_same(found, whole)
+
+
+def test_a_search_is_the_same_in_a_file_that_runs_nothing(recording, whole, tmp_path):
+    pytest.importorskip("skops.io")
+    save_model(whole, tmp_path / "search.skops")
+    again = load_model(tmp_path / "search.skops")
+    assert_same(again, whole)
+    for name, value in vars(whole).items():
+        if isinstance(value, pd.DataFrame):
+            frames = [
+                frame.drop(columns="evidence", errors="ignore")
+                for frame in (getattr(again, name), value)
+            ]
+            pd.testing.assert_frame_equal(*frames)
+    np.testing.assert_array_equal(again.predict(recording[0]), whole.predict(recording[0]))
+    assert again.held_out_error(*recording) == whole.held_out_error(*recording)
+    assert again.report().to_markdown() == whole.report().to_markdown()
