@@ -264,8 +264,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "an effect may take over what another was",
-        "if not self._needs(base, reduced) and self._keeps_names(reduced.structure):",
-        "if not self._needs(base, reduced):",
+        "if not needed and self._keeps_names(reduced.structure):",
+        "if not needed:",
         "tests/diagnosis/test_timing.py",
     ),
 ]
