@@ -63,6 +63,20 @@ def record_data(s, drive, others, response, segments):
     )
 
 
+def scoring_folds(slices, segments, folds):
+    """Return the number of the fold that scores each row, -1 where none does."""
+    found = np.full(sum(s.n_samples for s in slices), -1)
+    spans = [
+        (s.rows.start + start, s.rows.start + stop)
+        for s, own in zip(slices, segments, strict=True)
+        for start, stop in own
+    ]
+    for number, (_, test) in enumerate(folds):
+        for segment in np.flatnonzero(test):
+            found[slice(*spans[segment])] = number
+    return found
+
+
 def first_row(search, record):
     """Return the row of a record that counts first; of a single one the past is unknown."""
     unknown = int(0.05 * record.n_samples) if len(search.records_) == 1 else 0

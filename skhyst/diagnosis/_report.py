@@ -1,6 +1,8 @@
 """What a search found, as plain data, and as a page to read."""
 
+import base64
 import dataclasses
+import hashlib
 import html
 import json
 import re
@@ -38,6 +40,8 @@ class Report:
     claims, ranking, not_it : list of dict
         For each effect claimed its law, errors, p-value, ambiguity, experiment and evidence; every
         candidate of every round; for each effect not claimed the round in which it helped most.
+    folds : list of dict
+        For each record and fold the samples scored and their errors ``before`` and ``after``.
     parameters : dict of str to list of dict
         ``"declared"`` and ``"augmented"``: name, value, standard error, unit ("" where it has none
         or is not known), and a note where it has no error: at a bound, or not determined by the
@@ -86,6 +90,7 @@ class Report:
     claims: list
     ranking: list
     not_it: list
+    folds: list
     parameters: dict
     data: dict
     settings: dict
@@ -155,7 +160,10 @@ class Report:
         return json.loads(text, parse_constant=lambda _: None)
 
     def to_html(self, path=None):
-        """Return a self-contained page: no script, no other file, nothing from a network.
+        """Return a self-contained page: no other file, nothing from a network.
+
+        One script of its own, which the page allows by its hash and no other, tells values under
+        the pointer and zooms: drag a rectangle, and a double click goes back.
 
         Parameters
         ----------
@@ -214,7 +222,10 @@ def _rendered(report, form):
     environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
     figures = report_figures(report) if form == "html" else None
     template, blocks = environment.get_template("report.j2"), page(report, figures)
-    return printable(template.render(form=form, headline=report.headline, blocks=blocks))
+    script = environment.loader.get_source(environment, "pictures.js")[0]
+    own = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    filled = {"form": form, "headline": report.headline, "blocks": blocks}
+    return printable(template.render(**filled, script=script, script_hash=own))
 
 
 def _markdown_text(value):

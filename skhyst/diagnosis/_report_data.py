@@ -57,6 +57,7 @@ def collect(search, command, held_out):
         "units": asdict(search.units_),
         "claims": claims,
         "ranking": ranking.to_dict("records"),
+        "folds": _folds(search),
         "not_it": not_it,
         "parameters": {name: _parameters(m, search.units_) for name, m in models.items()},
         "data": data,
@@ -75,6 +76,24 @@ def collect(search, command, held_out):
         ),
         "signals": signals | names,
     }
+
+
+def _folds(search):
+    """Return the held-out errors of every fold in every record."""
+    rows = []
+    for record in search.records_:
+        own = search.folds_[record.rows]
+        squares = {
+            f"error_{name}": getattr(search, f"residual_{name}_")[record.rows] ** 2
+            for name in ("before", "after")
+        }
+        scored = np.isfinite(sum(squares.values()))
+        for fold in np.unique(own[scored & (own >= 0)]):
+            at = scored & (own == fold)
+            errors = {name: float(np.sqrt(square[at].mean())) for name, square in squares.items()}
+            which = {"record": str(record.label), "fold": int(fold), "n_samples": int(at.sum())}
+            rows.append(which | errors)
+    return rows
 
 
 def _versions():

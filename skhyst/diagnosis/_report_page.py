@@ -15,6 +15,11 @@ _NO_CLAIM = {
     "unexplained": "No effect is claimed, though something is left: the error is above the noise "
     "floor, and none of the effects that were tried makes it significantly smaller.",
 }
+_LEFT = {
+    "noise": "what is left is noise",
+    "undetermined": "the recording cannot tell",
+    "unexplained": "something is left that no effect explains",
+}
 _PROVISIONAL = (
     "Provisional: in the end more than half of the structure before this claim is left. Another "
     "effect, or one that was not tried, may take its place."
@@ -97,10 +102,42 @@ def _found(report):
 
 
 def page(report, figures=None):
-    """Return the blocks of a report, from top to bottom: dicts with a ``kind``."""
-    sections = _errors, _signals, _candidates, _claims, _left, _not_it, _next, _parameters
-    sections += _data, _origin
-    return [block for section in sections for block in section(report, figures)]
+    """Return the blocks of a report, from top to bottom: dicts with a ``kind``.
+
+    What only a sceptic reads comes last, in one block that is folded and not printed.
+    """
+
+    def blocks(*sections):
+        return [block for section in sections for block in section(report, figures)]
+
+    everything = blocks(_candidates, _folds, _residuals, _parameters, _data, _origin)
+    title = "For the sceptic: every candidate, every fold, parameters, data, how it was made"
+    folded = {"kind": "folded", "text": title, "blocks": everything}
+    return [*blocks(_glance, _errors, _signals, _claims, _left, _next), folded]
+
+
+def _glance(report, figures):
+    """Yield what is missing, the errors, how sure that is and what comes next, in four lines."""
+    unit, floor = report.units["response"], number(report.noise_floor)
+    before, after = number(report.error_before), number(report.error_after)
+    sure = [_sure(claim) for claim in report.claims] or [_LEFT[report.verdict]]
+    parts = {
+        "Missing": ", ".join(report.effects) or report.headline,
+        "Error": f"{before} → {after} {unit}".rstrip() + f"; noise floor {floor}",
+        "How sure": "; ".join(sure),
+        "Next": (report.next_steps or ["nothing more to record"])[0],
+    }
+    yield {
+        **_table(["", "at a glance"], "ll", [list(row) for row in parts.items()]),
+        "kind": "glance",
+    }
+
+
+def _sure(claim):
+    text = f"{claim['effect']}: p = {number(claim['p_value'], 2)}"
+    if claim["ambiguous_with"]:
+        text += f", not told from {listed(claim['ambiguous_with'])}"
+    return text + (", provisional" if claim["provisional"] else "")
 
 
 def _heading(text, level=2):
@@ -127,10 +164,6 @@ def _error(report, value, whole=None):
     part = percent(value, report.response_range if whole is None else whole)
     unit = report.units["response"]
     return f"{f'{number(value)} {unit}'.strip()} ({part} of the range)"
-
-
-def _fall(before, after):
-    return f"{number(after)} instead of {number(before)} ({change(before, after)})"
 
 
 def _ambiguity(claim):
@@ -169,41 +202,60 @@ def _signals(report, figures):
             "Measured response against drive, and as predicted for samples not seen in fitting. "
             "Below, less the straight line through the measured points.",
         )
-        yield _figure(
-            figures["residuals"],
-            "Measured minus predicted. Lines in the branch pictures are means, bands one standard "
-            "deviation; the dotted line is white noise of the size of the noise floor.",
-        )
     if report.declared_location:
         place = looks(report.declared_location)
         yield _text(f"What the declared model leaves is strongest {place}.")
 
 
-def _candidates(report, figures):
-    yield _heading("Candidates")
-    for place, round in enumerate(report.rounds):
-        rows = [row for row in report.ranking if row["round"] == round]
-        strong = [i for i, row in enumerate(rows) if row["claimed"]]
-        claimed = ", ".join(rows[i]["effect"] for i in strong) or "nothing"
-        yield _heading(f"Round {round}: {claimed} claimed", 3)
-        if not any(math.isfinite(row["error_after"]) for row in rows):
-            yield _text("No candidate explains enough to be contested.")
-        elif figures:
-            yield _figure(figures["rankings"][place])
-        head = ["effect", "explains", "error", "change", "p", "parameters", ""]
-        yield _table(head, "lrrrrrl", [_candidate(row) for row in rows], strong)
-        if len(strong) > 1:
-            yield _text("Neither of the two qualifies alone; together they do.")
-    if report.rounds:
-        yield _text(
-            "“Explains” is the share of the residual's power that the effect removes when it is "
-            "put into the model and fitted briefly; only the best are contested on held-out data. "
-            "p is corrected for the number of candidates; an effect is claimed below "
-            f"{report.settings['alpha']}.",
-            "quiet",
+def _residuals(report, figures):
+    if figures:
+        yield _heading("Residuals")
+        yield _figure(
+            figures["residuals"],
+            "Measured minus predicted. Lines in the branch pictures are means, bands one standard "
+            "deviation; the dotted line is white noise of the size of the noise floor.",
         )
-    else:
+
+
+def _candidates(report, figures):
+    yield _heading("Every candidate")
+    if not report.rounds:
         yield _text("No effect was tried: the declared model leaves nothing.")
+        return
+    rows, strong = [], []
+    for place, round in enumerate(report.rounds):
+        own = [row for row in report.ranking if row["round"] == round]
+        claimed = [row["effect"] for row in own if row["claimed"]]
+        strong += [len(rows) + i for i, row in enumerate(own) if row["claimed"]]
+        rows += [[round, *_candidate(row)] for row in own]
+        said = f"Round {round}: {', '.join(claimed) or 'nothing'} claimed."
+        if not any(math.isfinite(row["error_after"]) for row in own):
+            said += " No candidate explains enough to be contested."
+        if len(claimed) > 1:
+            said += " Neither of the two qualifies alone; together they do."
+        yield _text(said)
+        if figures and figures["rankings"][place]:
+            yield _figure(figures["rankings"][place])
+    head = ["round", "effect", "explains", "error", "change", "p", "parameters", ""]
+    yield _table(head, "llrrrrrl", rows, strong)
+    yield _text(
+        "“Explains” is the share of the residual's power that the effect removes when it is "
+        "put into the model and fitted briefly; only the best are contested on held-out data. "
+        "p is corrected for the number of candidates; an effect is claimed below "
+        f"{report.settings['alpha']}.",
+        "quiet",
+    )
+
+
+def _folds(report, figures):
+    if report.folds:
+        yield _heading("Every fold")
+        rows = [
+            [row["record"], row["fold"], row["n_samples"]]
+            + [number(row[f"error_{name}"]) for name in ("before", "after")]
+            for row in report.folds
+        ]
+        yield _table(["record", "fold", "samples scored", "error before", "after"], "lrrrr", rows)
 
 
 def _candidate(row):
@@ -266,26 +318,6 @@ def _left(report, figures):
         ]
         head = ["by", "record", "from", "to", "unit", "share of its power", "times the mean"]
         yield _table(head, "llrrlrr", rows)
-
-
-def _not_it(report, figures):
-    yield _heading("What it was not")
-    if not report.not_it:
-        yield _text(
-            "Every effect that was tried was claimed, or fits as well as one that was."
-            if report.rounds
-            else "No effect was tried: the declared model leaves nothing."
-        )
-        return
-    rows = []
-    for row in report.not_it:
-        best = f"explains {share(row['screen'])} of the residual's power, not contested"
-        if math.isfinite(row["change"]):
-            best = f"error {_fall(row['error_before'], row['error_after'])} in round {row['round']}"
-        if math.isfinite(row["change"]) and row["claimed_instead"]:
-            best += f"; {row['claimed_instead']} reached {number(row['claimed_error'])}"
-        rows.append([row["effect"], best, number(row["p_value"], 2)])
-    yield _table(["effect", "at best", "p"], "llr", rows)
 
 
 def _next(report, figures):

@@ -31,6 +31,7 @@ from ._inputs import (
     held_out_error,
     record_data,
     refuse_no_experiment,
+    scoring_folds,
     units_of,
     with_others,
 )
@@ -164,6 +165,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice
+    folds_ : ndarray of shape (n_samples,)
+        Number of the fold that scores each sample, -1 where none does.
     units_ : Units
         Of drive, response and time, see :class:`skhyst.records.Units`. Without a time, of data
         whose index counts samples with ``dt`` at 1, frequencies are in cycles/sample.
@@ -288,6 +291,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
+        self.folds_ = scoring_folds(slices, segments, folds)
         refuse_no_experiment(every, response, slices)
         self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
         reference = self._reference = reference_of(self, every, slices)

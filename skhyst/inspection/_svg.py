@@ -2,6 +2,7 @@
 
 import html
 import io
+import json
 import re
 import warnings
 
@@ -64,9 +65,14 @@ def svg_text(draw, size, label):
             written.set_text(printable(written.get_text()))
         text = io.StringIO()
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        for number, ax in enumerate(figure.axes):
+            ax.set_gid(f"axes of the page {number}")
         figure.savefig(text, format="svg", facecolor="none", metadata=nothing)
+        axes = [_where(ax, figure) for ax in figure.axes]
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
+    for number, own in enumerate(axes):
+        svg = svg.replace(f'<g id="axes of the page {number}"', f'<g data-axes="{own}"', 1)
     svg = re.sub(r'<g id="[^"]*"', "<g", svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     opening = (
@@ -77,3 +83,15 @@ def svg_text(draw, size, label):
     svg = opening + svg[svg.index(">") + 1 :]
     svg = re.sub(r"(font:[^;\"]*?)'DejaVu Sans'[^;\"]*", r"\1var(--sans)", svg)
     return svg.replace(INK, "var(--ink)").replace(_PAPER, "var(--paper)")
+
+
+def _where(ax, figure):
+    """Return place, limits, names and scales of axes, as an attribute for a page's script."""
+    width, height = figure.get_size_inches() * 72.0
+    x, y, across, up = ax.get_position().bounds
+    place = [x * width, (1.0 - y - up) * height, across * width, up * height]
+    limits = [*ax.get_xlim(), *ax.get_ylim()]
+    names = [re.sub(r"\\(.)", r"\1", name) for name in (ax.get_xlabel(), ax.get_ylabel())]
+    logs = [ax.get_xscale() == "log", ax.get_yscale() == "log"]
+    numbers = [float(f"{value:.7g}") for value in place + limits]
+    return html.escape(json.dumps([*numbers, *names, *logs]))

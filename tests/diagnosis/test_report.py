@@ -1,6 +1,8 @@
 """The report: the numbers of the search, on a page that needs nothing and runs nothing."""
 
+import base64
 import dataclasses
+import hashlib
 import json
 import math
 import re
@@ -10,6 +12,7 @@ from html.parser import HTMLParser
 from itertools import groupby
 from xml.etree import ElementTree
 
+import html5lib
 import numpy as np
 import pandas as pd
 import pytest
@@ -97,14 +100,15 @@ class Page(HTMLParser):
     def handle_data(self, data):
         if "style" in self._open:
             self.style += data
-        elif "svg" not in self._open:
+        elif "svg" not in self._open and "script" not in self._open:
             self._text.append(data)
 
 
 def assert_needs_nothing(html):
     page = Page(html)
-    forbidden = {"script", "link", "iframe", "object", "embed", "base", "img", "form", "video"}
+    forbidden = {"link", "iframe", "object", "embed", "base", "img", "form", "video"}
     assert not page.tags & forbidden
+    assert html.count("<script") == 1  # that of the page
     for _, name, value in page.attributes:
         assert not name.startswith("on")
         if name in ("href", "xlink:href", "src", "srcset", "action", "data"):
@@ -128,11 +132,16 @@ def finite_only(text):
 # ------------------------------------------------------------------------------------------ page
 
 
-def test_page_needs_nothing_and_runs_nothing(html):
+def test_page_needs_nothing_and_runs_its_own_script_alone(html):
     page = assert_needs_nothing(html)
+    html5lib.HTMLParser(strict=True).parse(html)  # raises at the first error
+    assert len(html) < 3e6
     assert "svg" in page.tags
     policies = [value for tag, _, value in page.attributes if tag == "meta" and "-src" in value]
-    assert policies == ["default-src 'none'; style-src 'unsafe-inline'"]
+    (script,) = re.findall("<script>(.*?)</script>", html, re.DOTALL)
+    own = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    start = "default-src 'none'; style-src 'unsafe-inline'; script-src "
+    assert policies == [f"{start}'sha256-{own}'"]
 
 
 def test_page_tells_in_order(html, report):
@@ -141,13 +150,15 @@ def test_page_tells_in_order(html, report):
     page = " ".join(html.replace("&#39;", "'").split())
     landmarks = [
         f"<h1>{report.headline}</h1>",
+        "<dt>How sure</dt>",
         report.sentence,
         'aria-label="Loops',
-        'aria-label="Residuals',
-        'aria-label="Round 1"',
         claim["statement"],
         'aria-label="Evidence for resonance"',
-        "<h2>What it was not</h2>",
+        '<details class="sceptic">',
+        'aria-label="Round 1"',
+        "<h2>Every fold</h2>",
+        'aria-label="Residuals',
         "<h2>Parameters</h2>",
         "skhyst diagnose",
     ]
@@ -170,6 +181,7 @@ def test_page_and_markdown_show_the_same_numbers(html, markdown, report):
         shown += [plus_minus(r["value"], r["std"]) for r in rows if math.isfinite(r["std"])]
     shown += [number(r["error_after"]) for r in report.ranking if math.isfinite(r["error_after"])]
     shown += [row["effect"] for row in report.not_it]
+    shown += [number(row["error_after"]) for row in report.folds]
     shown += [*report.versions, *report.versions.values(), COMMAND]
     for text in texts:
         assert [own for own in shown if own not in text] == []
@@ -389,6 +401,15 @@ def test_residual_spectra_carry_the_residuals_power(report, search):
     for name, residual in (("before", search.residual_before_), ("after", search.residual_after_)):
         power = np.trapezoid(np.square(report.spectra[name]), frequency)
         assert 0.5 < power / np.nanvar(residual) < 1.5
+
+
+def test_folds_hold_all_that_is_scored(report, search):
+    n_samples = np.array([row["n_samples"] for row in report.folds])
+    assert n_samples.sum() == report.data["n_scored"]
+    for name in ("before", "after"):
+        squares = np.square([row[f"error_{name}"] for row in report.folds])
+        error = np.sqrt(np.average(squares, weights=n_samples))
+        assert error == pytest.approx(getattr(search, f"error_{name}_"))
 
 
 def test_same_search_same_report(report, search, recording, html):
