@@ -6,6 +6,7 @@ from ._evidence import Evidence
 from ._next_experiment import Experiment, next_experiment
 from ._noise_model import NoiseModel
 from ._pictures import Picture
+from ._progress import Progress
 from ._report import Report
 from ._search import EffectSearchCV
 
@@ -17,6 +18,7 @@ __all__ = [
     "Experiment",
     "NoiseModel",
     "Picture",
+    "Progress",
     "Report",
     "data_quality",
     "effect_names",

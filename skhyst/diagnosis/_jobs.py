@@ -9,7 +9,7 @@ from sklearn.exceptions import FitFailedWarning
 __all__ = ["side_by_side"]
 
 
-def side_by_side(jobs, n_jobs):
+def side_by_side(jobs, n_jobs, tell=lambda *step: None):
     """Return what jobs return, in order, and why those failed that did.
 
     Where a worker process dies, the jobs that ran beside it are lost too: each is done again alone,
@@ -20,6 +20,8 @@ def side_by_side(jobs, n_jobs):
     jobs : iterable of joblib.delayed calls
         The first argument is what a job is about: an effect or a candidate.
     n_jobs : int or None
+    tell : callable
+        Is called with what the next job is about, the number of those done, and of all.
 
     Returns
     -------
@@ -30,7 +32,7 @@ def side_by_side(jobs, n_jobs):
     """
     jobs = list(jobs)
     try:
-        done = _parallel(jobs, n_jobs)
+        done = _parallel(jobs, n_jobs, tell)
     except BrokenExecutor:
         done = [_alone(job, n_jobs) for job in jobs]
     failures = [
@@ -43,8 +45,27 @@ def side_by_side(jobs, n_jobs):
     return [result for result, _ in done], failures
 
 
-def _parallel(jobs, n_jobs):
-    return Parallel(n_jobs=n_jobs, batch_size=1)(delayed(_attempt)(job) for job in jobs)
+def _parallel(jobs, n_jobs, tell):
+    results, done = _results(jobs, n_jobs), []
+    try:
+        for _, (about, *_), _ in jobs:
+            tell(_about(about), len(done), len(jobs))
+            done.append(next(results))
+        tell("", len(done), len(jobs))
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # where `tell` raises, what still runs is cancelled
+            results.close()
+    return done
+
+
+def _results(jobs, n_jobs):
+    """Yield what jobs return, in order, as soon as it is there where the backend can do that."""
+    try:
+        parallel = Parallel(n_jobs=n_jobs, batch_size=1, return_as="generator")
+    except ValueError:
+        parallel = Parallel(n_jobs=n_jobs, batch_size=1)
+    yield from parallel(delayed(_attempt)(job) for job in jobs)
 
 
 def _attempt(job):
@@ -57,7 +78,7 @@ def _attempt(job):
 
 def _alone(job, n_jobs):
     try:
-        return _parallel([job], n_jobs)[0]
+        return _parallel([job], n_jobs, lambda *step: None)[0]
     except BrokenExecutor:
         return None, "its worker process has died twice, as where memory runs out"
 

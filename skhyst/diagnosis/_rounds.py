@@ -14,6 +14,7 @@ one may explain as well beside what was found later. So the order of claims does
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import comb
 
 from joblib import delayed
@@ -46,8 +47,9 @@ class Rounds:
         As of the search.
     negligible : float
         Held-out error below which nothing is sought.
-    say : callable
-        Takes a line about progress.
+    tell : callable
+        Takes a line about progress or "", and the round, what is tried, how many of the step are
+        done and how many there are.
     renew : callable or None
         Fits a declared black box again, see ``BlackBox.renew``.
     judge : callable
@@ -72,7 +74,7 @@ class Rounds:
     max_effects: int
     n_jobs: int | None
     negligible: float
-    say: object
+    tell: object
     renew: object
     judge: object
     lost: list | None = None
@@ -89,7 +91,7 @@ class Rounds:
 
     def _parallel(self, jobs):
         """Return what jobs return, None of one that fails: it costs its candidate."""
-        done, failures = side_by_side(jobs, self.n_jobs)
+        done, failures = side_by_side(jobs, self.n_jobs, partial(self.tell, "", self._number))
         self.failed += [
             {"round": self._number, "effect": effect, "error": error} for effect, error in failures
         ]
@@ -169,7 +171,7 @@ class Rounds:
     def _round(self, base):
         """Return the candidate that is claimed, or None."""
         effects = self._open(base)
-        self.say(f"round {self._number}: {len(effects)} effects are tried")
+        self._say(f"{len(effects)} effects are tried")
         singles, screened = self._singles(base, effects)
         begin = time.perf_counter()
         tested, chosen = singles, self._chosen(base, singles)
@@ -181,7 +183,7 @@ class Rounds:
         self._rank(base, effects, screened, tested, chosen)
         self._add_time("contest", begin)
         if chosen is None:
-            self.say(f"round {self._number}: nothing, held-out error {base.error:.4g}")
+            self._say(f"nothing, held-out error {base.error:.4g}")
         return chosen
 
     def _open(self, base):
@@ -342,10 +344,7 @@ class Rounds:
                     **_ambiguous(name, chosen, others),
                 }
             )
-            self.say(
-                f"round {self._number}: {name}, held-out error {before.error:.4g} -> "
-                f"{after.error:.4g}"
-            )
+            self._say(f"{name}, held-out error {before.error:.4g} -> {after.error:.4g}")
 
     def _rank(self, base, effects, screened, tested, chosen):
         tested = {c.effects[0]: c for c in tested if len(c.effects) == 1}
@@ -423,7 +422,7 @@ class Rounds:
         self.dropped += gone
         self._claimed.add(left)
         self.history = [row for row in self.history if row["effect"] in left]
-        self.say(f"not needed: {', '.join(gone)}; held-out error {reduced.error:.4g}")
+        self._say(f"not needed: {', '.join(gone)}; held-out error {reduced.error:.4g}")
 
     def _refreshed(self, base):
         """Return a candidate identified anew from nothing, where that foretells better."""
@@ -467,6 +466,9 @@ class Rounds:
             has_its_name(name, EFFECTS[name].plausible, tree, self.records, self.criterion.alpha)
             for name in tree.effects
         )
+
+    def _say(self, text):
+        self.tell(f"round {self._number}: {text}", self._number)
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin

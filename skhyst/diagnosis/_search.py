@@ -1,6 +1,5 @@
 """The search for the physical effect that a declared model lacks."""
 
-import sys
 import time
 from collections.abc import Iterable
 from numbers import Integral, Real
@@ -38,6 +37,7 @@ from ._inputs import (
 from ._location import locate
 from ._noise import judge_residual, repeatability
 from ._noise_model import NoiseModel
+from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._rounds import Rounds
@@ -102,7 +102,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         are many and short, so that threads would wait for each other's interpreter lock; the
         processes start once, in a second or two, and serve later searches too.
     verbose : int, default=0
-        Above 0, progress is written to the standard error stream.
+        Above 0, progress is written to the standard error stream: lines, and on a terminal or in a
+        notebook a bar below them where rich is installed (in a notebook ipywidgets too).
     random_state : int, RandomState instance or None, default=None
         Seed of the black box that bounds the noise.
     checkpoint : path-like or None, default=None
@@ -261,7 +262,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return tags
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y):
+    def fit(self, X, y, *, on_progress=None):
         """Search.
 
         Parameters
@@ -270,6 +271,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             Column 0 is the drive; the index carries records and time.
         y : array-like of shape (n_samples,)
             Response.
+        on_progress : callable or None, default=None
+            Is called with a :class:`Progress` before each step and at each claim. What it raises
+            ends the search; the ``checkpoint`` has what was claimed.
 
         Returns
         -------
@@ -303,8 +307,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._inputs = with_others(declared.drive(), drive)
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
-        with threadpool_limits(limits=1):
-            self._search(declared, slices, effects, segments, folds)
+        with threadpool_limits(limits=1), watched(self.verbose, on_progress) as tell:
+            self._search(declared, slices, effects, segments, folds, tell)
         return self
 
     def _even(self, X, y=None):
@@ -314,7 +318,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         found = resample_records(X, y, dt=self.resample)
         return (found, None) if y is None else found
 
-    def _search(self, declared, slices, effects, segments, folds):
+    def _search(self, declared, slices, effects, segments, folds, tell):
         begin = time.perf_counter()
         records = [
             record_data(s, *self._inputs, self.response_, own)
@@ -330,7 +334,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         base = Candidate((), structure, cost, cost, len(result.x), result.x)
         base = held_out(base, records, folds)
         self.declared_estimator_ = declared.fitted(result)
-        self._say(f"declared model: held-out error {base.error:.4g}")
+        tell(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
         first = base
         rounds = Rounds(
@@ -341,7 +345,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             self.max_effects,
             self.n_jobs,
             NEGLIGIBLE * np.ptp(self.response_),
-            self._say,
+            tell,
             declared.renew,
             lambda base: self._judged(declared.measured(rounds.records), base, rounds),
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
@@ -352,7 +356,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
             rounds.keep = kept.save
             base = rounds.resumed(kept.load(rounds.state(base)))
-            self._say(f"{len(rounds.history)} claims are in {self.checkpoint}")
+            tell(f"{len(rounds.history)} claims are in {self.checkpoint}")
         base = rounds.run(base)
         self.seconds_ |= rounds.seconds
         self._declared_structure = structure
@@ -437,10 +441,6 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         return judge_residual(*seen, rng, rounds.criterion, in_loop=in_loop)
-
-    def _say(self, text):
-        if self.verbose:
-            print(f"[EffectSearchCV] {text}", file=sys.stderr, flush=True)
 
     def predict(self, X):
         """Return the free run of the augmented model, shape (n_samples,).
