@@ -276,6 +276,18 @@ def root_mean_square(residuals, weights):
     return float(np.sqrt(total / count))
 
 
+def fold_errors(candidate, records, folds):
+    """Return the held-out error of each fold, of the samples that it is the last to score."""
+    spans = [(i, slice(*span)) for i, record in enumerate(records) for span in record.segments]
+    errors = []
+    for _, test in folds:
+        own = [spans[j] for j in np.flatnonzero(test)]
+        weights = [w if (w := candidate.weights[i]) is None else w[rows] for i, rows in own]
+        residuals = [candidate.residuals[i][rows] for i, rows in own]
+        errors.append(root_mean_square(residuals, weights))
+    return errors
+
+
 def knows_less(candidate, left):
     """Whether a candidate foretells what is held out far worse than its fit to everything.
 

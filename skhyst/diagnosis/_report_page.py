@@ -43,7 +43,7 @@ def _warnings(report):
         yield (
             f"The folds extrapolate: {share(part)} of the samples are held out where the drive "
             "goes beyond that of all records or blocks that they are foretold from. With several "
-            "records, cv='auto' holds out a part of each instead."
+            "records, an int as cv holds out a part of each instead."
         )
     faults = {fault["fault"] for fault in report.data["faults"]}
     if "noisy_drive" in faults:

@@ -19,7 +19,15 @@ from math import comb
 
 from joblib import delayed
 
-from ._candidates import completed, halve, held_out, level_folds, predicted, refitted
+from ._candidates import (
+    completed,
+    fold_errors,
+    halve,
+    held_out,
+    level_folds,
+    predicted,
+    refitted,
+)
 from ._constants import FACTOR
 from ._course import course_p_values
 from ._effects import EFFECTS
@@ -365,6 +373,7 @@ class Rounds:
                     "p_value": p_value,
                     "n_parameters": max(added, 0),
                     "claimed": effect.name in claimed,
+                    "fold_errors": fold_errors(c, self.records, self.folds) if c else None,
                 }
             )
 

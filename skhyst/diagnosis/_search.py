@@ -41,12 +41,7 @@ from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._rounds import Rounds
-from ._tables import WithTables
-
-_HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
-_HISTORY += ["provisional", "experiment", "evidence"]
-_RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
-_RANKING += ["n_parameters", "claimed"]
+from ._tables import HISTORY, RANKING, WithTables, cv_results
 
 
 class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -141,6 +136,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
         power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
         ``claimed``.
+    cv_results_ : dict of str to ndarray
+        The rows of ``ranking_`` as ``GridSearchCV`` has them: ``params``, ``param_round``,
+        ``param_effect``, ``split0_test_score`` and so on, the held-out errors of each fold with a
+        minus, NaN of what was not held out, ``mean_test_score``, ``std_test_score``,
+        ``rank_test_score``.
     failed_ : DataFrame
         Candidates that raised an error, which cost them alone: ``round``, ``effect``, ``error``.
     dropped_ : list of str
@@ -395,8 +395,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             row["evidence"] = gather_evidence(Claim(effect, *own), first.error, base.error)
             row["provisional"] = self._leaves_most(row["error_before"])
             self.evidence_[effect.name] = row["evidence"]
-        self.history_ = pd.DataFrame(history, columns=_HISTORY)
-        self.ranking_ = pd.DataFrame(rounds.ranking, columns=_RANKING)
+        self.history_ = pd.DataFrame(history, columns=HISTORY)
+        self.ranking_ = pd.DataFrame(rounds.ranking, columns=RANKING)
+        self.cv_results_ = cv_results(rounds.ranking, len(rounds.folds))
         self.failed_ = pd.DataFrame(rounds.failed, columns=["round", "effect", "error"])
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 

@@ -1,7 +1,13 @@
-"""Tables of a fitted estimator as plain columns: files without pickles have no word for frames."""
+"""The tables of a search; as plain columns in its state, since skops has no word for frames."""
 
+import numpy as np
 import pandas as pd
+from scipy.stats import rankdata
 
+HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
+HISTORY += ["provisional", "experiment", "evidence"]
+RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
+RANKING += ["n_parameters", "claimed"]
 _FRAME = "frame of columns"
 
 
@@ -32,3 +38,22 @@ def _frame(value):
         for name, (dtype, own) in value[_FRAME].items()
     }
     return pd.DataFrame(columns, index=index)
+
+
+def cv_results(rows, n_folds):
+    """Return what scikit-learn's searches call ``cv_results_``, of the rows of a ranking."""
+    params = [{name: row[name] for name in ("round", "effect")} for row in rows]
+    unknown = np.full(n_folds, np.nan)
+    scores = [unknown if (own := row["fold_errors"]) is None else np.negative(own) for row in rows]
+    scores = np.reshape(scores, (len(rows), n_folds))
+    mean = scores.mean(axis=1)
+    rank = rankdata(np.where(np.isnan(mean), np.inf, -mean), method="min")
+    return {
+        "param_round": np.array([own["round"] for own in params], dtype=int),
+        "param_effect": np.array([own["effect"] for own in params], dtype=object),
+        "params": np.array(params, dtype=object),
+        **{f"split{i}_test_score": scores[:, i] for i in range(n_folds)},
+        "mean_test_score": mean,
+        "std_test_score": scores.std(axis=1),
+        "rank_test_score": rank.astype(np.int32),
+    }

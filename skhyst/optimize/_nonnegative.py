@@ -1,4 +1,9 @@
-"""Quadratic programs of many unknowns that must not be negative."""
+"""Quadratic programs of many unknowns that must not be negative.
+
+``scipy.optimize.nnls`` changes one unknown at a time: on the programs of Preisach models of 200 to
+2,000 unknowns it finds the same to eleven digits in three to ten times the seconds, as
+``benchmarks/nonnegative.py`` measures.
+"""
 
 import numpy as np
 

@@ -154,6 +154,20 @@ def test_structure_of_no_known_effect_is_called_unexplained(law):
 # ---------------------------------------------------------------------- what it says about itself
 
 
+def test_candidates_are_told_as_a_grid_search_tells_them(found):
+    _, search = found("lag", "prandtl_ishlinskii")
+    results, ranking = search.cv_results_, search.ranking_
+    assert [(own["round"], own["effect"]) for own in results["params"]] == list(
+        zip(ranking["round"], ranking["effect"], strict=True)
+    )
+    names = [name for name in results if name.startswith("split")]
+    sizes = np.unique(search.folds_, return_counts=True)[1][-len(names) :]
+    squares = np.square([results[name] for name in names])
+    errors = np.sqrt(np.average(squares, axis=0, weights=sizes))
+    np.testing.assert_allclose(errors, ranking["error_after"])
+    assert results["rank_test_score"][np.nanargmax(results["mean_test_score"])] == 1
+
+
 def test_what_the_records_do_not_determine_is_no_verdict():
     """A curve of high degree follows each record, and foretells none that goes further."""
     rng = np.random.default_rng(0)
