@@ -62,6 +62,7 @@ def docs(session):
     """Build the documentation, without a warning."""
     session.install("-e", ".[docs]")
     session.run("sphinx-build", "-W", "--keep-going", "-q", "docs", "docs/_build/html")
+    session.run("python", "docs/check_pages.py", "docs/_build/html")
 
 
 @nox.session

@@ -21,15 +21,21 @@ release = version = installed_version("skhyst")
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.mathjax",
+    "mathml",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
 ]
 bibtex_bibfiles = ["references.bib"]
-exclude_patterns = ["_build", "auto_examples/**/*.ipynb"]
+exclude_patterns = [
+    "_build",
+    "auto_examples/**/*.ipynb",
+    "**/sg_execution_times.rst",  # its table fetches scripts
+    "sg_execution_times.rst",
+]
 templates_path = ["_templates"]
 default_role = "literal"
+html_math_renderer = "mathml"
 
 autosummary_generate = True
 autosummary_ignore_module_all = False  # a page shows the names in __all__, wherever they are from
