@@ -10,8 +10,10 @@ from itertools import chain
 import numpy as np
 
 from ._files import check_outputs
+from ._reading_options import find_columns, reading_options
 from .diagnosis import EffectSearchCV, Report, next_experiment
 from .discovery import parse_model
+from .exceptions import RecordError
 from .fleet import diagnose_files
 from .persistence import save_model
 from .records import read_records, record_slices
@@ -25,10 +27,6 @@ _DRAWN = ("jinja2", "matplotlib")
 _REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
 _NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
 _NEEDED[".skops"] = (("skops",), "io")  # what a file's suffix needs, and the extra that has it
-_READING = (  # options that are parameters of read_records
-    *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
-    *("on_missing", "missing_code", "delimiter", "decimal"),
-)
 _OF_ONE = (
     "rows",
     "train_fraction",
@@ -75,11 +73,12 @@ def _summarize(options):
         raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
     model, more = parse_model(options.model), _searching(options)
     search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
+    reading = _reading(options)
     try:
         table = diagnose_files(
             options.files,
             search,
-            reading=_reading(options),
+            reading=reading,
             summary=options.summary,
             force=options.force,
             n_jobs=options.jobs,
@@ -105,11 +104,22 @@ def _tell_rows(rows):
 
 
 def _reading(options):
-    """Return the options of read_records."""
-    reading = {name: getattr(options, name) for name in _READING}
-    reading["units"] = dict(_unit(text) for text in options.unit)
+    """Return the parameters of read_records, with the columns that no option names.
+
+    They are those of the first file that tells them; of a table one that is broken is a row.
+    """
+    reading = reading_options(options)
     if options.reference is not None:
         reading["auxiliary"] = [*options.auxiliary, options.reference]
+    for path in options.files:
+        try:
+            find_columns(path, reading)
+            break
+        except (RecordError, OSError) as error:
+            failure = error
+    else:
+        if None in (options.drive, options.response) or len(options.files) == 1:
+            raise failure
     return reading
 
 
@@ -229,13 +239,6 @@ def prepare(paths, inputs, options):
                 f"{path} needs {' and '.join(missing)}. "
                 f'Install with: python -m pip install "skhyst[{extra}]"'
             )
-
-
-def _unit(text):
-    column, _, unit = text.rpartition("=")
-    if not (column and unit):
-        raise ValueError(f"A unit must be given as COLUMN=UNIT. Got {text!r} instead.")
-    return column, unit
 
 
 def _rows(text):

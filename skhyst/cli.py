@@ -8,6 +8,7 @@ what a command runs is imported when it runs, so that help and usage errors come
 
 import argparse
 import importlib
+import re
 import shlex
 import sys
 import warnings
@@ -17,6 +18,11 @@ from . import __version__
 from ._signals import ending_on_signals
 
 __all__ = ["main"]
+
+_READING = (  # options that messages name as parameters
+    *("drive", "response", "time_unit", "sampling_rate", "on_missing", "missing_code"),
+    *("delimiter", "decimal", "resample"),
+)
 
 
 def main(argv=None):
@@ -32,20 +38,28 @@ def main(argv=None):
     options.command = shlex.join(["skhyst", *argv])
     try:
         with warnings.catch_warnings(), ending_on_signals():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = lambda message, *more, **named: _tell(message)
             options.run(options)
     except KeyboardInterrupt as ended:
         print(f"skhyst: {ended or 'interrupted'}", file=sys.stderr)
         return getattr(ended, "code", 130)
     except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
-        print(f"skhyst: {error}", file=sys.stderr)
+        _tell(error)
         return 1
     return 0
 
 
-def _show_warning(message, *args, **options):
-    """Print a warning without the line of source that it came from."""
-    print(f"skhyst: {message}", file=sys.stderr)
+def _tell(message):
+    """Print an error or a warning, its parameters of Python as options of the command line."""
+    names = "|".join(_READING)
+    text = re.sub(rf"\b({names})=('[^']*'|[\w.-]*\w)", _as_option, str(message))
+    text = re.sub(rf"'({names})'", _as_option, text)
+    print(f"skhyst: {text}", file=sys.stderr)
+
+
+def _as_option(found):
+    name, *value = found.groups()
+    return " ".join([f"--{name.replace('_', '-')}", *(text.strip("'") for text in value)])
 
 
 def _parser():
@@ -55,6 +69,7 @@ def _parser():
     )
     parser.add_argument("--version", action="version", version=f"skhyst {__version__}")
     commands = parser.add_subparsers(dest="subcommand", required=True, metavar="command")
+    _add_inspect(commands)
     _add_diagnose(commands)
     _add_next(commands)
     _add_compensate(commands)
@@ -87,6 +102,16 @@ def _later(module, name):
     return run
 
 
+def _add_inspect(commands):
+    parser = commands.add_parser(
+        "inspect", help="tell what is understood of recordings, and faults"
+    )
+    _add_reading(parser, nargs="+")
+    drawn = "draw the signals and the loop of one recording, .png, .svg or .pdf"
+    parser.add_argument("--picture", type=Path, metavar="FILE", help=drawn)
+    parser.set_defaults(run=_later("_inspect_command", "inspect"))
+
+
 def _add_diagnose(commands):
     parser = commands.add_parser("diagnose", help="search recordings for missing effects")
     _add_search(parser, nargs="+")
@@ -110,30 +135,33 @@ def _add_next(commands):
     parser.set_defaults(run=_later("_diagnose_command", "propose"))
 
 
-def _add_search(parser, nargs=1):
+def _add_reading(parser, nargs=1):
+    """Add the recordings, and what says how they are read."""
     add = parser.add_argument
-    add(
-        "files",
-        type=Path,
-        nargs=nargs,
-        metavar="file",
-        help="recording: csv, txt, mat, npy, npz, json, hdf5, parquet, tdms",
-    )
-    add("--drive", required=True, metavar="COL", help="column or variable of the drive")
-    add("--response", required=True, metavar="COL", help="column or variable of the response")
-    add("--time", metavar="COL", help="column of the time")
+    known = "csv, txt, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
+    add("files", type=Path, nargs=nargs, metavar="file", help=f"recording: {known}")
+    told = "(default: what its name and values say, if they do)"
+    add("--drive", metavar="COL", help=f"column or variable of the drive {told}")
+    add("--response", metavar="COL", help="column or variable of the response (likewise)")
+    add("--time", metavar="COL", help="column of the time (likewise)")
     add("--time-unit", help="unit of the time (default: that which the file says, else s)")
     unit = "unit of a column that the file does not say; repeatable"
     add("--unit", metavar="COL=UNIT", action="append", default=[], help=unit)
-    add("--record", metavar="COL", help="column that labels the records")
+    add("--record", metavar="COL", help="column that labels the records (likewise)")
     add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
-    loop = "column of the reference that the controller followed, where there was one"
-    add("--reference", metavar="COL", help=loop)
     add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
-    add("--missing-code", type=float, help="value that marks a lost reading")
+    lost = "value that marks a lost reading; nan: none does"
+    add("--missing-code", type=float, metavar="VALUE", help=lost)
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
     add("--delimiter", metavar="CHAR", help="of a text, where it is not found")
     add("--decimal", choices=(".", ","), help="decimal sign of a text, where it is not found")
+
+
+def _add_search(parser, nargs=1):
+    _add_reading(parser, nargs)
+    add = parser.add_argument
+    loop = "column of the reference that the controller followed, where there was one"
+    add("--reference", metavar="COL", help=loop)
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
     grid = "interpolate unevenly sampled records onto even grids, of their own or of S s"
     add("--resample", type=_grid, metavar="auto|S", help=grid)

@@ -100,6 +100,31 @@ def test_diagnose_equals_python(recording, tmp_path, capsys):
     assert printed.err == ""
 
 
+def test_columns_are_found_and_told(recording, capsys):
+    command = ["diagnose", str(recording), *arguments(recording)[8:]]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    for role, name in (("drive", "volt"), ("response", "um"), ("time", "t")):
+        assert f"{role}: '{name}' (by its name); --{role} chooses another" in printed
+    assert main(arguments(recording)) == 0
+    assert printed.endswith(capsys.readouterr().out)
+
+
+def test_inspect_tells_and_draws(recording, tmp_path, capsys):
+    picture = tmp_path / "rig.png"
+    assert main(["inspect", str(recording), "--picture", str(picture)]) == 0
+    printed = capsys.readouterr().out
+    assert "drive     'volt'" in printed
+    assert "3000 samples every 0.001 s" in printed
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    table = pd.read_csv(recording).rename(columns={"volt": "a", "um": "b"})
+    table.to_csv(tmp_path / "unknown.csv", index=False)
+    assert main(["inspect", str(tmp_path / "unknown.csv"), str(recording)]) == 0
+    assert "more than one column may be the drive" in capsys.readouterr().out
+    assert main(["diagnose", str(tmp_path / "unknown.csv")]) == 1
+    assert "pass --drive NAME. Candidates: 'a', 'b'" in capsys.readouterr().err
+
+
 def test_progress_goes_to_standard_error_and_no_pickle_is_loaded(recording, capsys, monkeypatch):
     def refuse(*args, **kwargs):
         raise AssertionError("something was unpickled")
@@ -130,7 +155,7 @@ def test_uneven_readings_are_refused_or_interpolated(recording, tmp_path, capsys
     path, found = tmp_path / "uneven.csv", tmp_path / "out.json"
     table.iloc[rows].to_csv(path, index=False)
     assert main(arguments(path)) == 1
-    assert "resample='auto'" in capsys.readouterr().err
+    assert "--resample auto" in capsys.readouterr().err
     more = "--resample", "auto", "--train-fraction", "0.6", "--json", str(found)
     assert main(arguments(path, *more)) == 0
     result = json.loads(found.read_text())
@@ -531,8 +556,10 @@ def test_units_are_told(recording, tmp_path, capsys):
     assert result["response_name"] == "um [um]"
 
 
-def test_without_a_time_it_is_said(recording, capsys):
-    without = arguments(recording)
+def test_without_a_time_it_is_said(recording, tmp_path, capsys):
+    path = tmp_path / "rig.csv"
+    pd.read_csv(recording).drop(columns="t").to_csv(path, index=False)
+    without = arguments(path)
     at = without.index("--time")
     del without[at : at + 2]
     assert main(without) == 0

@@ -11,6 +11,7 @@ from ._loop import HysteresisLoopDisplay
 from ._pole_zero import PoleZeroDisplay
 from ._prediction import PredictionDisplay
 from ._ranking import EffectRankingDisplay
+from ._recording import RecordingDisplay
 from ._residual import ResidualDisplay
 from ._signals import binned_statistics, branch, spectrum
 from ._svg import svg_text
@@ -23,6 +24,7 @@ __all__ = [
     "HysteresisLoopDisplay",
     "PoleZeroDisplay",
     "PredictionDisplay",
+    "RecordingDisplay",
     "ResidualDisplay",
     "binned_statistics",
     "branch",

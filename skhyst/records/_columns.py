@@ -2,6 +2,7 @@
 
 import re
 from bisect import bisect_right
+from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
@@ -111,6 +112,41 @@ def _at_position(path, variables, position):
     name = f"{variable.name}[{column}]" if variable.name else str(column)
     name = replace(variable, name=name).label
     return Column(name, _load(path, variable)[:, column], variable.interval)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a column stands: its position, and its address where it is one of several groups."""
+
+    position: int
+    address: str | int
+    name: str  # with its unit, within its group
+    full_name: str
+
+
+def long_columns(variables):
+    """Return the places of the columns that are as long as the longest.
+
+    Of a name that several groups have the first is returned; its address is the name in them.
+    """
+    usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
+    longest = max((_length(v.shape) for v in usable), default=0)
+    repeats = Counter(v.bare for v in usable)
+    found, position = {}, 0
+    for variable in (v for v in usable if _length(v.shape) == longest):
+        if _is_vector(variable.shape):
+            own = variable.bare if variable.group else position
+            address = own if repeats[variable.bare] > 1 else variable.name or position
+            names = (name or str(position) for name in (variable.bare_label, variable.label))
+            found.setdefault(address, Place(position, address, *names))
+            position += 1
+            continue
+        width = variable.shape[1]
+        for k in range(position, position + width if width <= _SHOWN else 0):
+            name = f"{variable.name}[{k - position}]" if variable.name else str(k)
+            found[k] = Place(k, k, *[replace(variable, name=name).label] * 2)
+        position += width
+    return list(found.values())
 
 
 def _load(path, variable):

@@ -11,7 +11,7 @@ import warnings
 import zipfile
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -37,6 +37,7 @@ class Variable:
     ``name`` is "" where the file holds one array without a name; ``refused`` says why it is not
     read, "" where it is. ``unit`` is what the file says of it elsewhere than in the name, ""
     where it does not; ``interval`` is the time from sample to sample in s, None where it is unsaid.
+    ``group`` is the beginning of the name that it shares with others: a group, struct or sheet.
     """
 
     name: str
@@ -45,12 +46,23 @@ class Variable:
     refused: str = ""
     unit: str = ""
     interval: float | None = None
+    group: str = ""
 
     @property
     def label(self):
         """The name with its unit."""
         said = self.unit and not unit_of(self.name)
         return f"{self.name} [{self.unit}]" if said else self.name
+
+    @property
+    def bare(self):
+        """The name within the group."""
+        return self.name[len(self.group) + 1 :] if self.group else self.name
+
+    @property
+    def bare_label(self):
+        """The name within the group with its unit."""
+        return replace(self, name=self.bare, group="").label
 
 
 def _file_variables(path, layout):
@@ -216,7 +228,7 @@ def _read_mat(path):
         check_tags(data)
     content = loadmat(io.BytesIO(data), struct_as_record=True, chars_as_strings=True)
     return [
-        variable
+        replace(variable, group=variable.name.rpartition(".")[0])
         for name, values in content.items()
         if not name.startswith("__")
         for variable in _held(name, values)
@@ -237,7 +249,8 @@ def _read_hdf5(path, matlab=False):
             load = partial(_hdf5_values, h5py, path, name, field, matlab)
             full = shown if field is None else f"{shown}.{field}"
             size = shape[::-1] if matlab else shape
-            variables.append(Variable(full, size, load, refused, *_hdf5_said(item)))
+            group = full[: -len(field or name.rpartition("/")[2]) - 1]
+            variables.append(Variable(full, size, load, refused, *_hdf5_said(item), group))
 
     with h5py.File(path, "r") as file:
         file.visititems(collect)  # follows no link to another file
@@ -298,12 +311,12 @@ def _read_json(path):
     return _json_variables("", content)
 
 
-def _json_variables(name, content):
+def _json_variables(name, content, group=""):
     if isinstance(content, dict):
         return [
             variable
             for key, value in content.items()
-            for variable in _json_variables(_join(name, key, "."), value)
+            for variable in _json_variables(_join(name, key, "."), value, name)
         ]
     try:
         values = np.asarray(content, dtype=float)
@@ -313,7 +326,7 @@ def _json_variables(name, content):
         return [Variable(name, (), partial(np.empty, 0), "neither numbers nor text")]
     if any(isinstance(value, list) for value in values.flat):
         return [Variable(name, values.shape, partial(np.empty, 0), "rows of different lengths")]
-    return [Variable(name, values.shape, lambda: values)]
+    return [Variable(name, values.shape, lambda: values, group=group)]
 
 
 def _read_parquet(path):
@@ -345,7 +358,7 @@ def _read_tdms(path):
         ]
     load = partial(_tdms_values, nptdms, path)
     return [
-        Variable(f"{g}/{c}", (length,), partial(load, g, c), "", *said)
+        Variable(f"{g}/{c}", (length,), partial(load, g, c), "", *said, g)
         for g, c, length, said in channels
     ]
 

@@ -1,5 +1,6 @@
 """Missing values: find them, name them, drop or interpolate them."""
 
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +8,9 @@ import pandas as pd
 
 from ..exceptions import RecordError
 from ._index import describe_rows
+
+_LIKELY = re.compile(r"9{2,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
+_FAR = 10.0  # times the other readings
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
@@ -73,3 +77,21 @@ def fill(values, stamps):
                     own[~known], own[known], column[known], left=np.nan, right=np.nan
                 )
     return values, np.isfinite(values).all(axis=1)
+
+
+def refuse_likely_codes(path, values, names):
+    """Refuse a reading that stands far from all others and looks like the code of a lost one."""
+    for name, column in zip(names, values.T, strict=True):
+        finite = column[np.isfinite(column)]
+        for code in {np.min(finite), np.max(finite)} if finite.size else ():
+            others = finite[finite != code]
+            if not others.size or not _LIKELY.fullmatch(f"{abs(code):.15g}"):
+                continue
+            low, high = np.min(others), np.max(others)
+            if max(low - code, code - high) > _FAR * max(high - low, np.abs([low, high]).max()):
+                raise RecordError(
+                    f"The reading {code:.15g} of {name!r} in {path.name}, "
+                    f"{len(finite) - len(others)} of {len(column)} rows, lies far from all others "
+                    f"({low:g} to {high:g}): pass missing_code={code:.15g} with on_missing='drop' "
+                    "or 'interpolate' if it marks lost ones, or missing_code=nan if it is one."
+                )

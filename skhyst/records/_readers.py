@@ -1,17 +1,20 @@
 """The front door to recordings in files."""
 
-import warnings
+from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
 import pandas as pd
 
-from ..exceptions import RecordError, TimeUnitWarning
+from ..exceptions import RecordError
+from ._clock import evenly, positions, record_labels, record_numbers, times
 from ._columns import load_column, numbers
-from ._formats import opened, reading
+from ._formats import opened
 from ._index import time_stamps
-from ._missing import fill, missing_rows
-from ._units import SECONDS, time_unit_of, without_unit
+from ._missing import fill, missing_rows, refuse_likely_codes
+from ._recognise import ROLES, recognised
+from ._several import labelled, record_groups, together
+from ._units import SECONDS, without_unit
 
 _POLICIES = ("raise", "drop", "interpolate")
 
@@ -19,7 +22,7 @@ _POLICIES = ("raise", "drop", "interpolate")
 def read_records(
     path,
     *,
-    drive,
+    drive=None,
     response=None,
     time=None,
     record=None,
@@ -36,19 +39,22 @@ def read_records(
 
     Parameters
     ----------
-    path : str, Path, or pandas or polars DataFrame
+    path : str, Path, pandas or polars DataFrame, or list of these
         A table, or a file whose suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
-        (delimited text; the delimiter, a decimal comma and the header are found), ``.mat`` (all
-        versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict of columns),
-        ``.h5``, ``.hdf5``, ``.parquet``, ``.tdms`` and ``.wav``. Version 7.3 of ``.mat``, HDF5,
-        Parquet and TDMS need ``skhyst[io]``.
-    drive : str or int
+        (delimited text; the delimiter, a decimal comma and the header are found), ``.xlsx``,
+        ``.mat`` (all versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict
+        of columns), ``.h5``, ``.hdf5``, ``.parquet``, ``.feather``, ``.tdms`` and ``.wav``.
+        Version 7.3 of ``.mat``, and ``.xlsx``, ``.h5``, ``.parquet``, ``.feather`` and ``.tdms``
+        need ``skhyst[io]``. Of a list each is a record, labelled by the name of its file.
+    drive : str or int, optional
         Column of the drive. A column is named as in the file; by its position, counted from 0; as
         ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
-        samples along the first); as ``struct.field`` or ``group/channel``, of which the last part
-        is enough where it is unique.
+        samples along the first); as ``struct.field``, ``group/channel`` or ``sheet/column``, of
+        which the last part is enough. Where several groups or sheets have all columns that are
+        asked for, each is a record. None: drive, response, time and record are those that
+        :func:`recognise_columns` finds, if they are not given.
     response : str or int, optional
-        Column of the response.
+        Column of the response; None: none is read, unless ``drive`` is None.
     time : str or int, optional
         Column of the time: numbers, ISO 8601 dates (in UTC where they carry an offset) or clock
         times ``hh:mm:ss``.
@@ -68,7 +74,8 @@ def read_records(
         Interpolation is linear in time and within a record; rows before the first and after the
         last reading of a record are dropped.
     missing_code : float or dict of column to float, optional
-        Reading that stands for a lost one, in all columns or by column.
+        Reading that stands for a lost one, in all columns or by column. None: one such as -9999
+        or 1e30 that lies far from all others is refused; NaN: it is a reading like any other.
     time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
         Unit of a time column of numbers. None: what the file says, in the column's name
         (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
@@ -91,8 +98,10 @@ def read_records(
     Raises
     ------
     RecordError
-        If the file is empty or broken, can be read in more than one way, has no such column, or
-        values are missing. Rows are counted from 0, without the header.
+        If the file is empty or broken, can be read in more than one way, has no such column, its
+        columns do not tell which is the drive, values are missing or look like codes of missing
+        ones, or files of a list differ in their columns. Rows are counted from 0, without the
+        header.
     ImportError
         If the format needs a package that is not installed.
 
@@ -118,35 +127,84 @@ def read_records(
     >>> X["V"].tolist(), y.loc[0].index.tolist()
     ([1.5, 2.5], [0.0, 0.1])
     """
-    single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
-    inputs = [drive, *([auxiliary] if single else auxiliary)]
+    if isinstance(path, list | tuple):
+        options = {"drive": drive, "response": response, "time": time, "record": record}
+        options |= {"auxiliary": auxiliary, "sampling_rate": sampling_rate, "units": units}
+        options |= {"on_missing": on_missing, "missing_code": missing_code, "time_unit": time_unit}
+        options |= {"delimiter": delimiter, "decimal": decimal}
+        return together({k: read_records(one, **options) for k, one in labelled(path).items()})
     _check_options(time, sampling_rate, on_missing, time_unit)
     _check_layout(delimiter, decimal)
     path, variables = opened(path, delimiter=delimiter, decimal=decimal)
-    wanted = inputs if response is None else [*inputs, response]
+    if drive is None:
+        roles = {"drive": None, "response": response, "time": time, "record": record}
+        found = recognised(path, variables, roles, timed=sampling_rate is not None)
+        drive, response, time, record = (found.get(role) for role in ROLES)
+    single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
+    inputs = [drive, *([auxiliary] if single else auxiliary)]
+    request = _Request(
+        inputs, response, time, record, sampling_rate, on_missing, missing_code, time_unit, units
+    )
+    groups = record_groups(variables, request.columns)
+    return together({label: _read(path, own, request) for label, own in groups.items()})
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What is asked of a file: parameters of `read_records`, with all inputs in one list."""
+
+    inputs: list
+    response: str | int | None
+    time: str | int | None
+    record: str | int | None
+    sampling_rate: float | None
+    on_missing: str
+    missing_code: float | dict | None
+    time_unit: str | None
+    units: dict | None
+
+    @property
+    def signals(self):
+        """Inputs and response."""
+        return self.inputs if self.response is None else [*self.inputs, self.response]
+
+    @property
+    def columns(self):
+        """All columns that are named."""
+        return [c for c in (*self.signals, self.time, self.record) if c is not None]
+
+
+def _read(path, variables, request):
+    """Return what is asked of one group of columns."""
+    n_inputs, wanted = len(request.inputs), request.signals
     columns = [load_column(path, variables, item) for item in wanted]
-    names = _with_units(wanted, [column.name for column in columns], units or {})
-    stamps, labels = (c if c is None else load_column(path, variables, c) for c in (time, record))
-    _refuse_mismatch(path, names[: len(inputs)], [*columns, stamps, labels])
+    names = _with_units(wanted, [column.name for column in columns], request.units or {})
+    stamps, labels = (
+        c if c is None else load_column(path, variables, c) for c in (request.time, request.record)
+    )
+    _refuse_mismatch(path, names[:n_inputs], [*columns, stamps, labels])
     values = np.column_stack([numbers(path, c.name, c.values) for c in columns])
-    stamps = None if stamps is None else _times(path, stamps, time_unit)
-    labels = None if labels is None else _labels(labels.values)
-    codes = _codes(missing_code, wanted, names)
-    keep = missing_rows(path, values, names, codes, stamps, labels, on_missing)
-    positions = _positions(labels, len(values))[keep]
+    stamps = None if stamps is None else times(path, stamps, request.time_unit)
+    labels = None if labels is None else record_labels(labels.values)
+    if request.missing_code is None:
+        refuse_likely_codes(path, values, names)
+    codes = _codes(request.missing_code, wanted, names)
+    keep = missing_rows(path, values, names, codes, stamps, labels, request.on_missing)
+    rows = positions(labels, len(values))[keep]
     values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
-    labels = _record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
+    labels = record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
     if stamps is None:
-        stamps = _evenly(path, columns, positions, sampling_rate)
+        stamps = evenly(path, columns, rows, request.sampling_rate)
     index = pd.MultiIndex.from_arrays([labels, stamps], names=["record", "time"])
-    if on_missing == "interpolate":
+    if request.on_missing == "interpolate":
         values, filled = fill(values, time_stamps(index))
         if not filled.any():
             raise RecordError(f"{path.name} has no record with readings in every column.")
         values, index = values[filled], index[filled]
-    X = pd.DataFrame(values[:, : len(inputs)], index, columns=names[: len(inputs)])
-    y = None if response is None else pd.Series(values[:, -1].copy(), index, name=names[-1])
-    return X, y
+    X = pd.DataFrame(values[:, :n_inputs], index, columns=names[:n_inputs])
+    if request.response is None:
+        return X, None
+    return X, pd.Series(values[:, -1].copy(), index, name=names[-1])
 
 
 def _check_options(time, sampling_rate, on_missing, time_unit):
@@ -225,101 +283,3 @@ def _by_column(parameter, given, wanted, names, default):
             f"read, {', '.join(map(repr, names))}. Got {unknown[0]!r} instead."
         )
     return [given.get(a, given.get(b, default)) for a, b in zip(wanted, names, strict=True)]
-
-
-def _evenly(path, columns, positions, sampling_rate):
-    """Return times in s by the rate that is given or the interval that the file says, or counts."""
-    if sampling_rate is not None:
-        return positions / float(sampling_rate)
-    said = {column.name: column.interval for column in columns if column.interval is not None}
-    if len(set(said.values())) > 1:
-        shown = ", ".join(f"{name!r} {value:g} s" for name, value in said.items())
-        raise RecordError(
-            f"The columns of {path.name} differ in their sampling intervals: {shown}. Bring them "
-            "to one, or pass 'sampling_rate' if the file is wrong."
-        )
-    return positions * next(iter(said.values())) if said else positions
-
-
-def _seconds(path, name, times, unit):
-    """Return times in s, and ask where nobody has said their unit and it is hardly that."""
-    if unit is None:
-        try:
-            unit = time_unit_of(name)
-        except ValueError as error:
-            raise RecordError(
-                f"The time {name!r} of {path.name} is in {str(error)!r}, which is no unit of time "
-                f"that is known: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
-                "instead of 'time'."
-            ) from None
-    steps = np.abs(np.diff(times))
-    step = np.median(steps[np.isfinite(steps)]) if np.isfinite(steps).any() else 0.0
-    if not unit and step >= 1.0:
-        warnings.warn(
-            f"The time {name!r} of {path.name} has no unit and is taken for seconds, {step:g} s "
-            "from sample to sample. Pass 'time_unit' if it counts s, ms or others, or "
-            "'sampling_rate' instead of 'time' if it counts samples.",
-            TimeUnitWarning,
-            stacklevel=4,
-        )
-    return times * SECONDS[unit or "s"]
-
-
-def _times(path, column, unit):
-    """Return s as floats, or datetimes or timedeltas as a pandas index."""
-    name, values = column.name, column.values
-    if values.dtype.kind in "biuf":
-        return _seconds(path, name, values.astype(float), unit)
-    if values.dtype.kind in "Mm":
-        return pd.Index(values)
-    column = pd.Series(values, dtype=object)
-    column = column.where(column.astype(str).str.strip() != "", None)
-    if pd.to_numeric(column, errors="coerce").notna().any():
-        return _seconds(path, name, numbers(path, name, values), unit)
-    clock = pd.to_timedelta(column, errors="coerce")
-    if clock.notna().any() and (clock.notna() | column.isna()).all():
-        return pd.TimedeltaIndex(clock)
-    with reading(path):
-        try:
-            dates = pd.to_datetime(column, format="ISO8601", utc=True)
-        except (ValueError, TypeError) as error:
-            first = str(column.dropna().iloc[0])[:40] if column.notna().any() else ""
-            raise RecordError(
-                f"the time {name!r} must be numbers, ISO 8601 dates (2024-05-31T12:00:00.5) or "
-                f"clock times (hh:mm:ss.fff). It starts with {first!r} instead"
-            ) from error
-    return pd.DatetimeIndex(dates).tz_localize(None)
-
-
-def _labels(values):
-    if values.dtype.kind == "f" and (values[np.isfinite(values)] % 1.0 == 0.0).all():
-        return pd.Index(values).astype("Int64") if np.isnan(values).any() else values.astype(int)
-    return values
-
-
-def _positions(labels, n):
-    """Return the number of each row within its record, from 0."""
-    rows = np.arange(n)
-    if labels is None:
-        return rows
-    starts = np.flatnonzero(np.diff(pd.factorize(labels)[0], prepend=-2))
-    return rows - np.repeat(starts, np.diff([*starts, n]))
-
-
-def _record_numbers(path, stamps, n):
-    """Return a label for each row: how often time has started again before it."""
-    if stamps is None:
-        return np.zeros(n, dtype=int)
-    still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
-    if still.size:
-        raise RecordError(
-            f"The time of {path.name} stands still at row {still[0]} ({still.size} rows in all), "
-            "so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
-        )
-    restarts = np.append(False, stamps[1:] < stamps[:-1])
-    if restarts.sum() > max(n // 4, 1):
-        raise RecordError(
-            f"The time of {path.name} runs backwards at {restarts.sum()} of {n} rows: the rows are "
-            "shuffled, or 'time' names another column. Sort the rows by time."
-        )
-    return np.cumsum(restarts)
