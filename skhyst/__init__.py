@@ -8,6 +8,34 @@ before and after. See :class:`skhyst.diagnosis.EffectSearchCV`.
 import importlib
 import importlib.metadata
 import pkgutil
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # a type checker does not see what is imported when it is asked for
+    from . import autoregressive as autoregressive
+    from . import base as base
+    from . import cli as cli
+    from . import compose as compose
+    from . import control as control
+    from . import datasets as datasets
+    from . import diagnosis as diagnosis
+    from . import discovery as discovery
+    from . import disturbance as disturbance
+    from . import exceptions as exceptions
+    from . import export as export
+    from . import fleet as fleet
+    from . import fluid as fluid
+    from . import hysteresis as hysteresis
+    from . import inspection as inspection
+    from . import linear as linear
+    from . import metrics as metrics
+    from . import model_selection as model_selection
+    from . import neural as neural
+    from . import operators as operators
+    from . import optimize as optimize
+    from . import persistence as persistence
+    from . import preprocessing as preprocessing
+    from . import records as records
+    from . import static as static
 
 __version__ = importlib.metadata.version(__name__)
 

@@ -1,6 +1,9 @@
 """The private names of scikit-learn that the package uses: here and nowhere else."""
 
-from sklearn.base import _fit_context as fit_context
+from collections.abc import Callable
+from typing import TypeVar
+
+from sklearn.base import _fit_context
 from sklearn.utils._param_validation import HasMethods, Interval, StrOptions, validate_params
 from sklearn.utils.metaestimators import _BaseComposition as BaseComposition
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
@@ -14,3 +17,11 @@ __all__ = [
     "fit_context",
     "validate_params",
 ]
+
+
+_Method = TypeVar("_Method", bound=Callable)
+
+
+def fit_context(*, prefer_skip_nested_validation) -> Callable[[_Method], _Method]:
+    """Return scikit-learn's decorator of `fit`, under which the method keeps its type."""
+    return _fit_context(prefer_skip_nested_validation=prefer_skip_nested_validation)

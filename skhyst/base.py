@@ -6,6 +6,7 @@ from abc import abstractmethod
 from dataclasses import replace
 from functools import cache
 from numbers import Real
+from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
@@ -173,7 +174,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self.method = method
 
     @property
-    def series_rank(self):
+    def series_rank(self) -> int:
         """Where the model stands in a series: the ``rank`` of its operator."""
         return self.operator_class.rank
 
@@ -185,7 +186,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         needs no start.
         """
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         """Return the names of entries that are held at their starting values.
 
         Those are by default the ones whose flag ``fit_<name>`` is False.
@@ -194,7 +195,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return frozenset(name[4:] for name, fit in flags if name[:4] == "fit_" and fit is False)
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Identify the parameters.
 
         Parameters
@@ -214,7 +215,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return self._fit_records(data)
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit_from(self, operator, X, y, *, records=None, method=None):
+    def fit_from(self, operator, X, y, *, records=None, method=None) -> Self:
         """Identify the parameters from those of an operator, such as another fit has found.
 
         Parameters
@@ -351,12 +352,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _adopt(self, result):
         """Store what identification found."""
         names = self._disturbance_names(len(result.disturbances))
-        self.operator_ = put_beside(result.operator, result.disturbances, names)
+        self.operator_: Operator = put_beside(result.operator, result.disturbances, names)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
-        self.params_ = result.params
-        self.params_std_ = result.params_std
-        self.params_std_white_ = result.params_std_white or result.params_std
+        self.params_: dict[str, float] = result.params
+        self.params_std_: dict[str, float] = result.params_std
+        self.params_std_white_: dict[str, float] = result.params_std_white or result.params_std
         self.identifiability_ = {
             "undetermined": result.undetermined,
             "condition_number": result.condition_number,
@@ -369,7 +370,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _disturbance_names(self, count):
         """Return names for what stands beside, None for those by number."""
 
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the free run: the response to the drive alone, each record from its own start.
 
         Parameters
@@ -387,7 +388,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         signal, schedules = self._signal(X, slices), self._schedules(slices, X)
         return run_records(self.operator_, signal, slices, self._free_run_state(), schedules)
 
-    def predict_from(self, X, y):
+    def predict_from(self, X, y) -> np.ndarray:
         """Return the free run of records that begin under way, from what ``y`` tells of that.
 
         The drive before each record is estimated, as in :meth:`fit` with the initial state
@@ -436,7 +437,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
         return np.concatenate(own)
 
-    def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None):
+    def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.
 
         Parameters

@@ -25,7 +25,7 @@ _READING = (  # options that messages name as parameters
 )
 
 
-def main(argv=None):
+def main(argv=None) -> int:
     """Run the command line; return the exit code.
 
     Parameters

@@ -15,7 +15,7 @@ from .operators import Operator
 __all__ = ["all_estimators", "all_operators", "declarable_models", "parse_model"]
 
 
-def all_estimators():
+def all_estimators() -> list[tuple[str, type]]:
     """Return every public estimator of skhyst.
 
     Returns
@@ -32,7 +32,7 @@ def all_estimators():
     return _public_subclasses(BaseEstimator)
 
 
-def all_operators():
+def all_operators() -> list[tuple[str, type]]:
     """Return every public operator of skhyst.
 
     Returns
@@ -49,7 +49,7 @@ def all_operators():
     return _public_subclasses(Operator)
 
 
-def declarable_models():
+def declarable_models() -> dict[str, type]:
     """Return the models that can be declared by their name alone.
 
     Returns
@@ -71,7 +71,7 @@ def declarable_models():
     }
 
 
-def parse_model(text):
+def parse_model(text) -> BaseEstimator:
     """Return the declared model that a text names.
 
     Parameters

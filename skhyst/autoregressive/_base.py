@@ -3,6 +3,7 @@
 import warnings
 from abc import abstractmethod
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
@@ -108,7 +109,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return X, check_feature_names_in(self, None)
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Fit the model.
 
         Parameters
@@ -141,7 +142,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             self.initial_outputs_ = np.array([start.history for start in starts])
         return self
 
-    def predict(self, X, y=None, horizon=None):
+    def predict(self, X, y=None, horizon=None) -> np.ndarray:
         """Return the free run, or the prediction some steps ahead.
 
         Parameters
@@ -196,7 +197,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             values[start.n_past :] = part
         return result
 
-    def predict_one_step(self, X, y):
+    def predict_one_step(self, X, y) -> np.ndarray:
         """Return the prediction one step ahead, from the measured past.
 
         Parameters
@@ -212,7 +213,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """
         return self.predict(X, y, horizon=1)
 
-    def score(self, X, y, sample_weight=None):
+    def score(self, X, y, sample_weight=None) -> float:
         """Return R2 of the free run.
 
         Parameters
@@ -231,7 +232,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """
         return r2_score(y, self.predict(X, y), sample_weight=sample_weight)
 
-    def stepper(self, dt=None, u0=0.0, initial_state=None):
+    def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
         Parameters

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import replace
 from operator import attrgetter
+from typing import Self
 
 import numpy as np
 from sklearn.frozen import FrozenEstimator
@@ -10,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition
 from ..base import ParametricModel, informed, with_params
-from ..operators import FrozenOperator, SeriesOperator, put_beside, take_apart
+from ..operators import FrozenOperator, Operator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # ranks, see Operator
@@ -70,7 +71,7 @@ class Composition(ParametricModel, BaseComposition):
         self.method = method
 
     @property
-    def named_steps(self):
+    def named_steps(self) -> dict[str, ParametricModel]:
         """The steps by name, each as the model that the fit has made of it.
 
         Unfitted before a fit, as ``steps`` are always, and where a step stands beside the others.
@@ -85,16 +86,16 @@ class Composition(ParametricModel, BaseComposition):
         return found
 
     @property
-    def operators_(self):
+    def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
         operator = self.operator_
         return dict(zip(operator.names, operator.stages, strict=True))
 
-    def get_params(self, deep=True):
+    def get_params(self, deep=True) -> dict:
         """Return the parameters of the composition and, with ``deep``, those of its steps."""
         return self._get_params("steps", deep=deep)
 
-    def set_params(self, **params):
+    def set_params(self, **params) -> Self:
         """Set parameters; ``name__parameter`` reaches into a step, ``name`` replaces it."""
         self._set_params("steps", **params)
         return self
@@ -174,7 +175,7 @@ class Composition(ParametricModel, BaseComposition):
         models = zip(self._driven_models(), operator.stages, strict=True)
         return self._compose(operator.names, [model._with_held(stage) for model, stage in models])
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         return frozenset(
             f"{name}__{entry}"
             for (name, _), model in zip(self.steps, self._models(), strict=True)

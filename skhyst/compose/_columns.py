@@ -186,7 +186,7 @@ class AroundModel(ParametricModel):
         "estimator": [HasMethods(["fit", "predict"])],
     }
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         return self.estimator.held_parameters()
 
     def _with_hold(self, hold):
@@ -220,7 +220,7 @@ class _ColumnModel(AroundModel):
         self.method = method
 
     @property
-    def series_rank(self):
+    def series_rank(self) -> int:
         return self.estimator.series_rank
 
     def _signal(self, X, slices):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
@@ -110,7 +111,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     @documented_like(ParametricModel.fit)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Fit the regressor and the effects in turn.
 
         Raises
@@ -181,17 +182,17 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return self
 
     @property
-    def params_(self):
+    def params_(self) -> dict[str, float]:
         """Parameters of the effects."""
         return self.effects_.params_
 
     @property
-    def params_std_(self):
+    def params_std_(self) -> dict[str, float]:
         """Standard errors of the parameters of the effects."""
         return self.effects_.params_std_
 
     @documented_like(ParametricModel.predict)
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the response, each record from its own start."""
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=self.dt)
@@ -201,7 +202,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         state = effects._free_run_state()
         return run_records(effects.operator_, signal, slices, state, schedules)
 
-    def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None):
+    def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
         A regressor that has a ``stepper``, as the models of skhyst have, is stepped by it; any

@@ -31,7 +31,7 @@ class Stage(NamedTuple):
     operator: Operator
 
 
-def snake_case(name):
+def snake_case(name) -> str:
     """Return ``PrandtlIshlinskii`` as ``prandtl_ishlinskii``."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 

@@ -105,7 +105,7 @@ class Sum(Composition):
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
 
     @property
-    def operators_(self):
+    def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
         driven, disturbances = take_apart(self.operator_)
         beside = self._disturbance_names(len(disturbances))

@@ -20,6 +20,7 @@ as exact as its sensor.
 
 import warnings
 from numbers import Integral, Real
+from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -116,14 +117,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     }
 
     def __init__(
-        self,
-        model,
-        *,
-        method="auto",
-        bandwidth=None,
-        drive_limits=None,
-        tol=1e-9,
-        max_iter=50,
+        self, model, *, method="auto", bandwidth=None, drive_limits=None, tol=1e-9, max_iter=50
     ):
         self.model = model
         self.method = method
@@ -133,7 +127,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         self.max_iter = max_iter
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Fit the model where it is not fitted, or its inverse.
 
         Parameters
@@ -161,7 +155,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 )
         return self
 
-    def predict(self, X, return_residual=False):
+    @overload
+    def predict(self, X, return_residual: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(self, X, return_residual: Literal[True]) -> tuple[np.ndarray, np.ndarray]: ...
+    def predict(self, X, return_residual=False) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the drive under which the response follows a reference.
 
         A record begins at rest at its first value. Where dynamics are inverted the drive moves
@@ -196,7 +194,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         drive = self._limited(drive)
         return (drive, residual) if return_residual else drive
 
-    def refine(self, X, measure, n_trials=6):
+    def refine(self, X, measure, n_trials=6) -> np.ndarray:
         """Return a drive that is learned on the device, trial by trial.
 
         Parameters
@@ -232,7 +230,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         drive, self.errors_ = self._improved(drive, wanted, plant, measured, n_trials, 0.0)
         return drive
 
-    def preview(self, dt=None):
+    def preview(self, dt=None) -> int:
         r"""Return how many samples ahead the :meth:`stepper` is fed the reference by default.
 
         What comes later changes the drive by a part ``tol`` at the most. Dynamics with a zero z
@@ -250,7 +248,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         """
         return self._backwards(dt).streamed(0.0, self._part_left_out())[1]
 
-    def stepper(self, dt=None, reference=0.0, preview=None):
+    def stepper(self, dt=None, reference=0.0, preview=None) -> Stepper:
         """Return the compensator as a device that is fed the reference sample by sample.
 
         It is fed the reference some samples ahead: the drive that it returns is for that many
@@ -287,7 +285,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = self._backwards(dt)
         return plant.stepper(float(reference), self._part_left_out(), preview)
 
-    def drive_for(self, reference, dt):
+    def drive_for(self, reference, dt) -> np.ndarray:
         """Return the drive (n_samples,) for one record of a reference (n_samples,), dt in s."""
         index = pd.Index(dt * np.arange(len(reference)), name="time")
         names = getattr(self, "feature_names_in_", range(self.n_features_in_))

@@ -7,6 +7,7 @@ integration), so that it does not wind up.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.signal import bilinear
@@ -114,7 +115,7 @@ class FeedforwardPI:
         self.damping = damping
         self.drive_limits = drive_limits
 
-    def stepper(self, dt, reference=0.0, u0=0.0):
+    def stepper(self, dt, reference=0.0, u0=0.0) -> Stepper:
         """Return the controller as a device that is fed rows, from rest.
 
         Parameters
@@ -155,7 +156,7 @@ class FeedforwardPI:
         step = following_step if follows else feedback_step
         return Stepper(LoweredStep(step, constants, state, 3 if follows else 2), dt)
 
-    def controlling(self, reference, dt, u0=None):
+    def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
         """Return a function of the number of a sample and of its reading: the drive until the next.
 
         Parameters

@@ -32,7 +32,7 @@ def simulate_loop(
     resolution=0.0,
     delay=0,
     random_state=None,
-):
+) -> Loop:
     """Close a loop around a device and run it along a reference.
 
     Parameters

@@ -10,6 +10,7 @@ often for nothing, is in :mod:`skhyst.control._local_tests`; what it was that ha
 
 from copy import copy
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from scipy.signal import lfilter
@@ -102,7 +103,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return {k: v for k, v in super().__getstate__().items() if k != "_columns"}  # compiled
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Fit the observer where it is not fitted, and learn what its innovations are like.
 
         Parameters
@@ -154,7 +155,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self._tests = LocalTests(*sums, dof, self.false_alarms, self.block)
         return self.reset()
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget all samples: the next one is the first of a device at rest."""
         self._tests.reset()
         self._columns, self._rows = None, []
@@ -189,7 +190,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             self._detected = bool(self._decide(self._columns, np.array(self._rows))[0])
             self._rows = []
 
-    def alarms(self, X, y):
+    def alarms(self, X, y) -> np.ndarray:
         """Return the samples of records at which there is an alarm.
 
         Parameters
@@ -217,7 +218,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return np.concatenate(found)
 
     @property
-    def drift_detected(self):
+    def drift_detected(self) -> bool:
         check_is_fitted(self)
         return self._detected
 

@@ -6,6 +6,7 @@ and an output that drifts. A Kalman filter estimates them, see :mod:`skhyst.cont
 """
 
 from numbers import Real
+from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin
@@ -13,7 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import ParametricModel, read_data
-from ..operators import LoweredSeries, SeriesOperator, Stepper, SumOperator, take_apart
+from ..operators import Lowered, LoweredSeries, SeriesOperator, Stepper, SumOperator, take_apart
 from ._compensator import _fitted
 from ._kalman import (
     LoweredObserver,
@@ -119,7 +120,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return {k: v for k, v in super().__getstate__().items() if k != "_stream"}  # compiled
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Fit the model where it is not fitted, and estimate the variances that are not given.
 
         Parameters
@@ -154,7 +155,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         self.reset()
         return self
 
-    def filter(self, X, y):
+    def filter(self, X, y) -> np.ndarray:
         """Return the estimates of the response in records, each from rest.
 
         Parameters
@@ -172,7 +173,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             [self.stepper(dt, u[0]).run(rows) for rows, u, dt in self._rows(X, y)]
         )
 
-    def innovations(self, X, y):
+    def innovations(self, X, y) -> np.ndarray:
         """Return each reading less what was foretold of it, (n_samples,), units of the response.
 
         ``X`` and ``y`` are as for :meth:`filter`.
@@ -183,7 +184,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             parts.append(lowered.innovating(lowered.state.copy())(rows))
         return np.concatenate(parts)
 
-    def lowered(self, dt=None, u0=0.0, operator=None):
+    def lowered(self, dt=None, u0=0.0, operator=None) -> Lowered:
         """Return one step in plain arithmetic, as :func:`skhyst.export.to_c` writes it.
 
         Parameters
@@ -205,7 +206,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         operator = self.model_.operator_ if operator is None else operator
         return self._lowered(self._interval(dt), u0, operator)
 
-    def stepper(self, dt=None, u0=0.0):
+    def stepper(self, dt=None, u0=0.0) -> Stepper:
         """Return the observer as a device that is fed rows of drive and reading.
 
         Parameters
@@ -220,12 +221,12 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         """
         return Stepper(self.lowered(dt, u0), self._interval(dt))
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget all readings: the next sample is the first one of a device at rest."""
         self._stream = None
         return self
 
-    def update(self, u, y):
+    def update(self, u, y) -> float:
         """Take the drive and the reading at the next sample, and return the estimate.
 
         The first sample after the fit or a :meth:`reset` is that of a device at rest.
@@ -264,15 +265,15 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         self._streaming()[1].state = values
 
     @property
-    def disturbance_estimate(self):
+    def disturbance_estimate(self) -> float:
         return self._told()[0]
 
     @property
-    def innovation(self):
+    def innovation(self) -> float:
         return self._told()[1]
 
     @property
-    def innovation_std(self):
+    def innovation_std(self) -> float:
         return self._told()[2]
 
     def _told(self):

@@ -13,7 +13,7 @@ _STEPS = 4  # of the slowest programme
 _FEWEST = 64  # samples, in which each of the signals has its form
 
 
-def signals_within(drive_limits, duration, dt, *, rate_limit=None):
+def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, np.ndarray]:
     r"""Sines, triangles, sweeps, multisines, steps and reversal curves that an amplifier can give.
 
     Each form comes over the whole range of the drive and over a third of it: in its middle and at

@@ -69,7 +69,7 @@ _LOOPS = {
 
 def walking_drive(
     n_steps=20, *, amplitude=5.0, frequency=10.0, direction=1, waveform="sine", dt=1e-4
-):
+) -> pd.DataFrame:
     r"""Return the four voltages that make the inchworm motor walk.
 
     The pairs of benders take turns: the one that is longer clamps the runner and carries it
@@ -141,7 +141,7 @@ def make_inchworm_motor(
     resolution=1e-4,
     substeps=10,
     random_state=None,
-):
+) -> tuple[pd.DataFrame, pd.Series, Bunch]:
     r"""Simulate the inchworm piezo motor.
 
     Two pairs of benders :math:`i = 1, 2` carry a runner,
@@ -251,7 +251,9 @@ def make_inchworm_motor(
     return X, np.round(y / resolution) * resolution if resolution else y, truth
 
 
-def inchworm_motor_stepper(u0=0.0, *, dt=1e-4, hysteresis="bouc_wen", effects=None, substeps=10):
+def inchworm_motor_stepper(
+    u0=0.0, *, dt=1e-4, hysteresis="bouc_wen", effects=None, substeps=10
+) -> DeviceStepper:
     """Return the inchworm motor as a device that is fed its drive sample by sample.
 
     Parameters

@@ -25,7 +25,7 @@ _SENSORS = {"displacement": (5.0, 5e-4), "velocity": (2e5, 20.0)}
 _BITS = 16
 
 
-def load_scanning_stage_parameters():
+def load_scanning_stage_parameters() -> Bunch:
     r"""Return the published parameters of the high-speed scanning stage.
 
     .. math:: \hat u = a_0 V + \sum_{i=1}^5 a_i F_{r_i}[V], \quad
@@ -93,7 +93,7 @@ def make_scanning_stage(
     quantize=True,
     dt=1.0 / _RATE,
     random_state=None,
-):
+) -> tuple[pd.DataFrame, pd.Series, Bunch]:
     """Return a recording of the simulated scanning stage, and the truth about it.
 
     It shares nothing with the models of skhyst: plays by their recursion, linear dynamics exactly
@@ -195,7 +195,7 @@ def make_scanning_stage(
     return X, pd.Series(y, X.index, name="response"), truth
 
 
-def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None):
+def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None) -> DeviceStepper:
     """Return the scanning stage as a device that is fed its drive sample by sample.
 
     Parameters

@@ -3,12 +3,15 @@
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 
 from .._documentation import documented_like
 from . import _checks as check
 
 
-def triangle(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False):
+def triangle(
+    amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False
+) -> pd.DataFrame:
     r"""Triangles, with a programme of amplitudes and frequencies.
 
     Stretch :math:`i` has ``n_cycles[i]`` whole cycles of ``amplitude[i]`` and ``frequency[i]``, and
@@ -57,7 +60,9 @@ def triangle(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, u
 
 
 @documented_like(triangle)
-def sine(amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False):
+def sine(
+    amplitude=1.0, frequency=1.0, *, n_cycles=1, dt=1e-3, offset=0.0, unipolar=False
+) -> pd.DataFrame:
     r"""Sines, with a programme of amplitudes and frequencies.
 
     .. math:: u = u_0 + a \sin 2 \pi \phi \quad\text{or, to one side,}\quad
@@ -108,7 +113,7 @@ def swept_sine(
     offset=0.0,
     phase=0.0,
     spacing="linear",
-):
+) -> pd.DataFrame:
     r"""A sine whose frequency moves from one value to another.
 
     .. math:: u = u_0 + a \sin\bigl(2 \pi \textstyle\int_0^t f + \varphi\bigr), \quad
@@ -175,7 +180,9 @@ def swept_sine(
 
 
 @documented_like(swept_sine)
-def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1e-4, offset=0.0):
+def decaying_sine(
+    amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1e-4, offset=0.0
+) -> pd.DataFrame:
     r"""A sine that dies away, and with it the hysteresis memory.
 
     .. math:: u = u_0 + a\,e^{-\lambda t} \sin 2 \pi f t
@@ -220,7 +227,7 @@ def decaying_sine(amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1
 
 
 @documented_like(triangle)
-def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3):
+def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3) -> pd.DataFrame:
     """Levels with rests: what shows creep, drift and ringing.
 
     Parameters
@@ -270,7 +277,7 @@ def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3):
 @documented_like(triangle)
 def first_order_reversal_curves(
     amplitude=1.0, n_curves=10, *, rate=1.0, dt=1e-3, offset=0.0, both_sides=False
-):
+) -> pd.DataFrame:
     r"""First-order reversal curves: from saturation to a reversal value and back, again and again.
 
     The drive goes from rest to ``offset + amplitude``, then for each curve down to its reversal

@@ -1,6 +1,7 @@
 """Test signals with random phases: multisines and band-limited noise."""
 
 import numpy as np
+import pandas as pd
 
 from .._documentation import documented_like
 from . import _checks as check
@@ -20,7 +21,7 @@ def multisine(
     n_inputs=1,
     dt=1e-3,
     random_state=None,
-):
+) -> pd.DataFrame:
     r"""Random-phase multisines: the excitation of a frequency response and of its distortion.
 
     .. math:: u = u_0 + \sum_k A_k \cos(2 \pi k t / T + \varphi_k)
@@ -150,7 +151,7 @@ def band_limited_noise(
     n_inputs=1,
     dt=1e-3,
     random_state=None,
-):
+) -> pd.DataFrame:
     """Gaussian noise without power outside a band.
 
     Its spectrum has independent complex Gaussian values at the lines within the band, and zeros

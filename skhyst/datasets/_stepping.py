@@ -1,6 +1,7 @@
 """A simulated device that is fed its drive sample by sample."""
 
 import copy
+from typing import Self
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class DeviceStepper:
         self._respond, self._n_inputs = respond, np.size(u0)
         self.run(np.reshape(u0, (1, -1)))
 
-    def step(self, u):
+    def step(self, u) -> float:
         """Return the response at the next sample, to which the drive is a straight line.
 
         Parameters
@@ -51,7 +52,7 @@ class DeviceStepper:
         """
         return float(self.run(np.reshape(u, (1, -1)))[0])
 
-    def run(self, u):
+    def run(self, u) -> np.ndarray:
         """Return the response to many samples, and stand behind the last.
 
         Parameters
@@ -75,6 +76,6 @@ class DeviceStepper:
             )
         return self._respond(rows)
 
-    def copy(self):
+    def copy(self) -> Self:
         """Return another one in the same state, which goes its own way."""
         return copy.deepcopy(self)

@@ -31,7 +31,7 @@ _PARAMETERS = {
 _INTERVAL = 0.000128  # s
 
 
-def load_tanh_parameters():
+def load_tanh_parameters() -> pd.DataFrame:
     """Return the published parameters of the hyperbolic tangent model.
 
     Returns
@@ -57,7 +57,9 @@ def load_tanh_parameters():
     return pd.DataFrame(settings | {name: np.ravel(t) for name, t in _PARAMETERS.items()})
 
 
-def make_tanh_recording(voltage=40, frequency=20.0, *, n_cycles=5, noise=0.0, random_state=None):
+def make_tanh_recording(
+    voltage=40, frequency=20.0, *, n_cycles=5, noise=0.0, random_state=None
+) -> tuple[pd.DataFrame, pd.Series]:
     """Return what the published parameters generate: (4) into (3), evaluated at the samples.
 
     Parameters

@@ -26,7 +26,7 @@ _ADVICE = {
 }
 
 
-def data_quality(X, y, records):
+def data_quality(X, y, records) -> pd.DataFrame:
     """Return the faults found in a recording.
 
     Parameters

@@ -376,7 +376,7 @@ _BUILT_IN = (
 EFFECTS = {effect.name: effect for effect in _BUILT_IN}
 
 
-def register_effect(effect):
+def register_effect(effect) -> None:
     """Make an effect of your own known to every later search under its name.
 
     Parameters
@@ -412,14 +412,14 @@ def register_effect(effect):
     EFFECTS[effect.name] = effect
 
 
-def unregister_effect(name):
+def unregister_effect(name) -> None:
     """Forget an effect that was registered."""
     if name not in EFFECTS:
         raise ValueError(f"No effect is named '{name}'. There are: {', '.join(EFFECTS)}.")
     del EFFECTS[name]
 
 
-def effect_names():
+def effect_names() -> list[str]:
     """Return the names of all effects that a search tries."""
     return list(EFFECTS)
 

@@ -37,7 +37,7 @@ class Experiment:
     reason: str
     expected_gain: float
 
-    def save(self, path, *, force=False):
+    def save(self, path, *, force=False) -> None:
         """Write time and drive as a CSV file.
 
         Parameters
@@ -56,7 +56,7 @@ class Experiment:
             self.drive.to_csv(part)
 
 
-def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None):
+def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None) -> Experiment:
     """Propose the drive that tells most of what a search has left open.
 
     Where claims are ambiguous, it tells them from their rivals. Otherwise, where the verdict is not

@@ -6,6 +6,7 @@ import hashlib
 import html
 import json
 import re
+from typing import Self
 
 from .._files import printable, replacing
 from ._report_data import collect
@@ -107,7 +108,7 @@ class Report:
     signals: dict = dataclasses.field(repr=False)
 
     @classmethod
-    def from_search(cls, search, command=None, *, held_out=None):
+    def from_search(cls, search, command=None, *, held_out=None) -> Self:
         """Collect what a fitted search found.
 
         Parameters
@@ -126,17 +127,17 @@ class Report:
         return cls(**collect(search, command, held_out))
 
     @property
-    def rounds(self):
+    def rounds(self) -> list[int]:
         """Numbers of the rounds, in order."""
         return sorted({row["round"] for row in self.ranking})
 
     @property
-    def headline(self):
+    def headline(self) -> str:
         """The verdict in a few words."""
         return verdict(self)[0]
 
     @property
-    def sentence(self):
+    def sentence(self) -> str:
         """The verdict, after what to beware of: what is missing, the errors, the noise floor."""
         return verdict(self)[1]
 
@@ -152,14 +153,14 @@ class Report:
         head = f"<b>{html.escape(self.headline)}</b><p>{html.escape(self.sentence)}</p>"
         return f"<div>{head}{f'<ul>{claims}</ul>' if claims else ''}</div>"
 
-    def to_dict(self):
+    def to_dict(self) -> dict:
         """Return everything but the signals, as plain Python data; NaN and infinity are None."""
         summary = {"headline": self.headline, "sentence": self.sentence}
         fields = {name: value for name, value in vars(self).items() if name != "signals"}
         text = json.dumps({"schema": "skhyst.report/1"} | summary | fields, default=_plain)
         return json.loads(text, parse_constant=lambda _: None)
 
-    def to_html(self, path=None):
+    def to_html(self, path=None) -> str:
         """Return a self-contained page: no other file, nothing from a network.
 
         One script of its own, which the page allows by its hash and no other, tells values under
@@ -183,11 +184,11 @@ class Report:
         """
         return _written(_rendered(self, "html"), path)
 
-    def to_markdown(self, path=None):
+    def to_markdown(self, path=None) -> str:
         """Return the text and the tables without pictures; otherwise as :meth:`to_html`."""
         return _written(_rendered(self, "markdown"), path)
 
-    def to_json(self, path=None):
+    def to_json(self, path=None) -> str:
         """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
         content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         return _written(printable(content), path)

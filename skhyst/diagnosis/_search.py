@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterable
 from numbers import Integral, Real
 from os import PathLike
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -262,7 +263,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return tags
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y, *, on_progress=None):
+    def fit(self, X, y, *, on_progress=None) -> Self:
         """Search.
 
         Parameters
@@ -332,11 +333,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, cost, len(result.x), result.x)
-        base = held_out(base, records, folds)
+        base = first = held_out(base, records, folds)
         self.declared_estimator_ = declared.fitted(result)
         tell(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
-        first = base
         rounds = Rounds(
             declared.effects(effects),
             records,
@@ -362,16 +362,17 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._declared_structure = structure
         self._conclude(declared, slices, rounds, first, base)
 
-    def _conclude(self, declared, slices, rounds, first, base):
+    def _conclude(self, declared, slices, rounds, first: Candidate, base: Candidate):
         """Store what was found between the first and the last candidate."""
         records, history = rounds.records, rounds.history
         begin = time.perf_counter()
         self.error_before_, self.error_after_ = first.error, base.error
-        self.effects_ = [row["effect"] for row in history]
+        self.effects_: list[str] = [row["effect"] for row in history]
         self.dropped_ = [n for n in dict.fromkeys(rounds.dropped) if n not in self.effects_]
-        for name, contestant in (("before", first), ("after", base)):
-            setattr(self, f"residual_{name}_", np.concatenate(contestant.residuals))
-            setattr(self, f"prediction_{name}_", np.concatenate(contestant.predictions))
+        self.residual_before_: np.ndarray = np.concatenate(first.residuals)
+        self.residual_after_: np.ndarray = np.concatenate(base.residuals)
+        self.prediction_before_: np.ndarray = np.concatenate(first.predictions)
+        self.prediction_after_: np.ndarray = np.concatenate(base.predictions)
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
@@ -443,7 +444,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         return judge_residual(*seen, rng, rounds.criterion, in_loop=in_loop)
 
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the free run of the augmented model, shape (n_samples,).
 
         Of a drive that is sampled unevenly, with ``resample``: that on even grids,
@@ -457,7 +458,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         found = self.best_estimator_.predict(own)
         return found if even is X else resample_like(pd.Series(found, even.index), X)
 
-    def held_out_error(self, X, y, *, declared=False):
+    def held_out_error(self, X, y, *, declared=False) -> float:
         """Return the root mean square error on records that the search has not seen.
 
         Constants that belong to a record (offset, drift, phase) are taken from every other
@@ -480,7 +481,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         check_is_fitted(self)
         return held_out_error(self, *self._even(X, y), declared)
 
-    def report(self, command=None):
+    def report(self, command=None) -> Report:
         """Return the :class:`Report`: HTML, Markdown, JSON."""
         check_is_fitted(self)
         return Report.from_search(self, command=command)

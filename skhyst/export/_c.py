@@ -124,7 +124,7 @@ def to_c(
     drive=None,
     input_unit=None,
     output_unit=None,
-):
+) -> list[Path]:
     """Write what is stepped as a C99 program, which answers sample by sample as it does.
 
     Three files are made: the header ``name.h`` with ``name_state``, ``name_init`` and

@@ -60,7 +60,7 @@ def to_fmu(
     u0=0.0,
     input_unit=None,
     output_unit=None,
-):
+) -> Path:
     """Write what is stepped as a functional mock-up unit (FMU) for co-simulation.
 
     The FMU holds the C99 program of :func:`to_c` in double precision, and, where there is a C

@@ -21,7 +21,7 @@ _BATCH = 8
 
 def diagnose_files(
     files, search, *, reading=None, summary=None, force=False, n_jobs=None, on_done=None
-):
+) -> pd.DataFrame:
     """Search each of many recordings for missing effects.
 
     Parameters
@@ -107,7 +107,7 @@ def diagnose_files(
     return done.sort_values("file", key=lambda names: names.map(order), ignore_index=True)
 
 
-def read_summary(path):
+def read_summary(path) -> pd.DataFrame:
     """Read a table that :func:`diagnose_files` has written.
 
     Parameters

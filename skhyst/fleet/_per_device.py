@@ -1,5 +1,7 @@
 """One fitted model for each device, or for whatever a level of the index tells apart."""
 
+from typing import Self
+
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
@@ -77,7 +79,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     @documented_like(ParametricModel.fit)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Fit one model a device.
 
         Raises
@@ -103,7 +105,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return self
 
     @documented_like(ParametricModel.predict)
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the response of each device by its own model; NaN where that could not be fitted.
 
         Raises
@@ -124,12 +126,12 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return response
 
     @property
-    def params_(self):
+    def params_(self) -> pd.DataFrame:
         """Parameters as a frame: one row a device, NaN where it could not be fitted."""
         return self._table("params_")
 
     @property
-    def params_std_(self):
+    def params_std_(self) -> pd.DataFrame:
         """Standard errors of the parameters, as a frame of the same shape."""
         return self._table("params_std_")
 

@@ -328,7 +328,7 @@ class TankChain(ParametricModel):
         self.hold = hold
         self.n_substeps = n_substeps
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         free = dict.fromkeys([f"exponents[{i}]" for i in range(self.n_tanks)], self.fit_exponents)
         free |= {"drive_offset": self.fit_offset, "intercept": self.fit_intercept}
         return frozenset(name for name, is_free in free.items() if not is_free)

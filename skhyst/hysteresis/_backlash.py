@@ -94,7 +94,7 @@ class Backlash(ParametricModel):
         self.rank = rank
 
     @property
-    def series_rank(self):
+    def series_rank(self) -> int:
         return 0 if self.rank == "drive" else 50
 
     def starting_values(self, records):

@@ -377,7 +377,7 @@ class BoucWen(ParametricModel):
         gain = others.pop(0) if self.fit_gain else 0.0
         return BoucWenOperator(gain, alpha, limit, ratio, exponent, intercept=sum(others))
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
         return held if self.exponent == "fit" else held | {"exponent"}
 

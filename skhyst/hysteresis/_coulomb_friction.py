@@ -271,6 +271,6 @@ class CoulombFriction(FrictionModel):
             if velocity > transition
         ]
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
         return held if self.stribeck else held | {"stribeck_velocity", "stribeck_force"}

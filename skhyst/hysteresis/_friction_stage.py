@@ -412,6 +412,6 @@ class FrictionStage(OscillatorModel):
         fast = np.sort(speeds)[-min(_N_RETRIES, len(speeds))]
         return [start for start, speed in zip(stages, speeds, strict=True) if speed >= fast]
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         fixed = super().held_parameters()
         return fixed if self.stribeck else fixed | {"stribeck_velocity", "coulomb_ratio"}

@@ -353,7 +353,7 @@ class JilesAtherton(ParametricModel):
             for shape, pinning, coupling in product(_SHAPES, _PINNINGS, _COUPLINGS)
         ]
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()
         return held if self.gain == "fit" else held | {"gain"}
 

@@ -230,6 +230,6 @@ class LuGre(FrictionModel):
             for part, velocity in product(_LENGTHS, velocities)
         ]
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()
         return held if self.stribeck else held | {"stribeck_velocity", "coulomb_ratio"}

@@ -150,7 +150,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         step = bounded_step(gram[:-1, :-1], gram[:-1, -1], lower, upper)
         return 1.0 + step[:n_zones], step[n_zones:-1], step[-1]
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         fitted = {"drive_offset": self.drive_offset == "fit", "intercept": self.fit_intercept}
         return frozenset(f"plays__{name}" for name, is_fitted in fitted.items() if not is_fitted)
 

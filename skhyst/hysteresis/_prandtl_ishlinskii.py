@@ -284,7 +284,7 @@ class PlayModel(ParametricModel):
         show(self, self._plays(), "thresholds", "weights", "intercept")
         return self
 
-    def inverse_predict(self, X):
+    def inverse_predict(self, X) -> np.ndarray:
         """Return the drive that makes the response follow column 0 of ``X``.
 
         The inverse is exact (Kuhnen 2003), but for thresholds or weights that follow the rate of
@@ -382,6 +382,6 @@ class PrandtlIshlinskii(PlayModel):
         zeros = np.zeros(len(thresholds))
         return [PrandtlIshlinskiiOperator(thresholds, zeros, 0.0, offset, **options)]
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()
         return held if self.drive_offset == "fit" else held | {"drive_offset"}

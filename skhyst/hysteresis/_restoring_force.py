@@ -407,7 +407,7 @@ class RestoringForce(OscillatorModel):
             scale=swing,
         )
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         fixed = super().held_parameters() - {"hysteresis"}
         if not self.fit_hysteresis:
             fixed |= {"hysteresis_stiffness", "slip_level"}

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Display(ABC):
         inherit_documentation(cls)
 
     @abstractmethod
-    def plot(self, ax=None):
+    def plot(self, ax=None) -> Self:
         """Draw it.
 
         Parameters
@@ -77,7 +78,7 @@ class SignalDisplay(Display):
         self.noise_floor = noise_floor
 
     @classmethod
-    def from_estimator(cls, estimator, X, y, *, ax=None, **plot_options):
+    def from_estimator(cls, estimator, X, y, *, ax=None, **plot_options) -> Self:
         """Draw a fitted estimator's free run beside the measured response.
 
         Parameters
@@ -106,7 +107,7 @@ class SignalDisplay(Display):
 
     @classmethod
     @documented_like(from_estimator)
-    def from_predictions(cls, X, y, y_pred, *, dt=1.0, ax=None, **plot_options):
+    def from_predictions(cls, X, y, y_pred, *, dt=1.0, ax=None, **plot_options) -> Self:
         """Draw predictions beside the measured response.
 
         Parameters
@@ -150,7 +151,7 @@ class SignalDisplay(Display):
 
     @classmethod
     @documented_like(from_estimator)
-    def from_search(cls, search, *, ax=None, **plot_options):
+    def from_search(cls, search, *, ax=None, **plot_options) -> Self:
         """Draw the held-out predictions of a fitted search, before and after.
 
         Parameters
@@ -175,7 +176,7 @@ class SignalDisplay(Display):
         return display.plot(ax=ax, **plot_options)
 
     @property
-    def units(self):
+    def units(self) -> Units:
         """Units of drive, response and time."""
         names = unit_of(self.drive_name), unit_of(self.response_name)
         return Units(*names, self.records[0].time_unit)
@@ -185,7 +186,7 @@ class SignalDisplay(Display):
         """Row slices of the records."""
         return [record.rows for record in self.records]
 
-    def running_time(self):
+    def running_time(self) -> np.ndarray:
         """Return the time of every sample in s: as recorded, or one record after the other.
 
         Recorded times stand where they rise from record to record; where records start anew, each

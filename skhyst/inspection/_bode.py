@@ -1,6 +1,7 @@
 """Bode diagrams of measured frequency responses, with models over them."""
 
 from itertools import count
+from typing import Self
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class FrequencyResponseDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_estimator)
-    def from_response(cls, response, models=None, *, ax=None, **plot_options):
+    def from_response(cls, response, models=None, *, ax=None, **plot_options) -> Self:
         """Draw a frequency response.
 
         Parameters
@@ -80,7 +81,7 @@ class FrequencyResponseDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_estimator)
-    def from_recording(cls, X, y, models=None, *, ax=None, **options):
+    def from_recording(cls, X, y, models=None, *, ax=None, **options) -> Self:
         """Estimate the frequency response of a recording and draw it.
 
         Parameters
@@ -97,7 +98,7 @@ class FrequencyResponseDisplay(Display):
         return cls.from_response(frequency_response(X, y, **options), models, ax=ax)
 
     @documented_like(Display.plot)
-    def plot(self, ax=None, *, level=0.95, log_frequency=True):
+    def plot(self, ax=None, *, level=0.95, log_frequency=True) -> Self:
         """Draw it.
 
         Parameters

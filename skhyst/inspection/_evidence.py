@@ -1,6 +1,7 @@
 """The picture that supports one claim."""
 
 from itertools import cycle
+from typing import Self
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class EvidenceDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_search)
-    def from_search(cls, search, effect, *, ax=None, **plot_options):
+    def from_search(cls, search, effect, *, ax=None, **plot_options) -> Self:
         """Draw the evidence for an effect that a search has claimed.
 
         Parameters
@@ -63,7 +64,7 @@ class EvidenceDisplay(Display):
         return cls(search.evidence_[effect].picture).plot(ax=ax, **plot_options)
 
     @documented_like(Display.plot)
-    def plot(self, ax=None, *, max_points=2000):
+    def plot(self, ax=None, *, max_points=2000) -> Self:
         """Draw the picture.
 
         Parameters

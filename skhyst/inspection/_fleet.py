@@ -1,5 +1,7 @@
 """Which parameter moved on which device when."""
 
+from typing import Self
+
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
@@ -46,7 +48,7 @@ class FleetDisplay(Display):
         self.params_std = params_std
 
     @classmethod
-    def from_estimator(cls, estimator, *, ax=None, **plot_options):
+    def from_estimator(cls, estimator, *, ax=None, **plot_options) -> Self:
         """Draw the parameters of a fitted :class:`skhyst.fleet.PerDevice` of two levels.
 
         Parameters
@@ -76,7 +78,7 @@ class FleetDisplay(Display):
 
     @classmethod
     @documented_like(from_estimator)
-    def from_summary(cls, table, devices, times, *, ax=None, **plot_options):
+    def from_summary(cls, table, devices, times, *, ax=None, **plot_options) -> Self:
         """Draw the parameters in a table of :func:`skhyst.fleet.diagnose_files`.
 
         Parameters
@@ -94,7 +96,7 @@ class FleetDisplay(Display):
         params, params_std = (frame.set_axis(index) for frame in frames)
         return cls(params, params_std).plot(ax=ax, **plot_options)
 
-    def changes(self):
+    def changes(self) -> pd.DataFrame:
         """Return the change of each value since the first of its device, in standard errors.
 
         Returns
@@ -111,7 +113,7 @@ class FleetDisplay(Display):
         )  # "first" passes over NaN
         return (params - first) / np.hypot(std, first_std)
 
-    def limit(self, alpha=0.01):
+    def limit(self, alpha=0.01) -> float:
         """Return the change beyond which a parameter has moved.
 
         Parameters
@@ -128,7 +130,7 @@ class FleetDisplay(Display):
         compared = int((changes.notna() & (changes != 0.0)).to_numpy().sum())
         return float(norm.isf(0.5 * alpha / max(compared, 1)))
 
-    def moves(self, alpha=0.01):
+    def moves(self, alpha=0.01) -> pd.DataFrame:
         """Return what has moved, the largest change first.
 
         Parameters
@@ -152,7 +154,7 @@ class FleetDisplay(Display):
         return table.sort_values("change", key=np.abs, ascending=False, ignore_index=True)
 
     @documented_like(Display.plot)
-    def plot(self, ax=None, *, alpha=0.01, max_parameters=6):
+    def plot(self, ax=None, *, alpha=0.01, max_parameters=6) -> Self:
         """Draw one panel a parameter: a row for each device, a column for each time.
 
         Parameters

@@ -1,5 +1,7 @@
 """Drive against response, with the loop of the model."""
 
+from typing import Self
+
 import numpy as np
 
 from .._documentation import documented_like
@@ -34,7 +36,7 @@ class HysteresisLoopDisplay(SignalDisplay):
     """
 
     @documented_like(SignalDisplay.plot)
-    def plot(self, ax=None, *, subtract_line=False, max_cycles=10):
+    def plot(self, ax=None, *, subtract_line=False, max_cycles=10) -> Self:
         """Draw the loops.
 
         Parameters

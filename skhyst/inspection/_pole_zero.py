@@ -1,5 +1,7 @@
 """Poles and zeros of linear models in the plane of s."""
 
+from typing import Self
+
 import numpy as np
 from scipy.stats import chi2
 from sklearn.utils.validation import check_is_fitted
@@ -54,7 +56,7 @@ class PoleZeroDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_estimator)
-    def from_estimator(cls, estimator, *, ax=None, **plot_options):
+    def from_estimator(cls, estimator, *, ax=None, **plot_options) -> Self:
         """Draw the poles and zeros of fitted linear models.
 
         Parameters
@@ -85,7 +87,7 @@ class PoleZeroDisplay(Display):
         return cls(poles, zeros, covariances, time_unit).plot(ax=ax, **plot_options)
 
     @documented_like(Display.plot)
-    def plot(self, ax=None, *, level=0.95, max_frequency=None, real_scale="auto"):
+    def plot(self, ax=None, *, level=0.95, max_frequency=None, real_scale="auto") -> Self:
         """Draw the poles and zeros.
 
         Parameters

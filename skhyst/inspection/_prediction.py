@@ -1,5 +1,7 @@
 """The response over time, measured and predicted."""
 
+from typing import Self
+
 import numpy as np
 
 from .._documentation import documented_like
@@ -30,7 +32,7 @@ class PredictionDisplay(SignalDisplay):
     slice(650, 750, None)
     """
 
-    def furthest_off(self, n_samples):
+    def furthest_off(self, n_samples) -> slice:
         """Return the rows around the largest error of the first model, within one record."""
         error = np.abs(self.response - next(iter(self.predictions.values())))
         worst = int(np.argmax(np.nan_to_num(error)))
@@ -39,7 +41,7 @@ class PredictionDisplay(SignalDisplay):
         return slice(start, min(start + n_samples, span.stop))
 
     @documented_like(SignalDisplay.plot)
-    def plot(self, ax=None, *, max_points=2000, n_samples=400):
+    def plot(self, ax=None, *, max_points=2000, n_samples=400) -> Self:
         """Draw the response.
 
         Parameters

@@ -1,5 +1,7 @@
 """The candidates of one round of a search, best first."""
 
+from typing import Self
+
 import numpy as np
 
 from .._documentation import documented_like
@@ -49,7 +51,7 @@ class EffectRankingDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_search)
-    def from_search(cls, search, *, round=1, ax=None, **plot_options):
+    def from_search(cls, search, *, round=1, ax=None, **plot_options) -> Self:
         """Draw one round of a fitted search.
 
         Parameters
@@ -81,7 +83,7 @@ class EffectRankingDisplay(Display):
         return display.plot(ax=ax, **plot_options)
 
     @documented_like(Display.plot)
-    def plot(self, ax=None, *, title=None):
+    def plot(self, ax=None, *, title=None) -> Self:
         """Draw the candidates.
 
         Parameters

@@ -1,5 +1,7 @@
 """What a model leaves over: in time, against drive and prediction, and its spectrum."""
 
+from typing import Self
+
 import numpy as np
 
 from .._documentation import documented_like
@@ -46,12 +48,12 @@ class ResidualDisplay(SignalDisplay):
     np.float64(0.1)
     """
 
-    def residuals(self):
+    def residuals(self) -> dict[str, np.ndarray]:
         """Return model name -> residual, arrays of shape (n_samples,), NaN where not scored."""
         return {name: self.response - values for name, values in self.predictions.items()}
 
     @documented_like(SignalDisplay.plot)
-    def plot(self, ax=None, *, kind="all", max_points=2000):
+    def plot(self, ax=None, *, kind="all", max_points=2000) -> Self:
         """Draw the residuals.
 
         Parameters

@@ -42,7 +42,7 @@ def cycle_length(drive):
     return 2.0 * len(drive) / max(passages + 1, 2)
 
 
-def branch(drive):
+def branch(drive) -> np.ndarray:
     """Return +1 where the drive rises and -1 where it falls, past sensor noise.
 
     Parameters
@@ -94,7 +94,9 @@ def loop_spans(drive, spans, max_cycles):
     return chosen
 
 
-def binned_statistics(x, values, n_bins=40, min_count=5):
+def binned_statistics(
+    x, values, n_bins=40, min_count=5
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the mean and the scatter of values in bins of equal width along a signal.
 
     Parameters
@@ -149,7 +151,7 @@ def finite_runs(values, spans):
     return runs
 
 
-def spectrum(values, spans, dt, max_segment=8192, per_decade=None):
+def spectrum(values, spans, dt, max_segment=8192, per_decade=None) -> tuple[np.ndarray, np.ndarray]:
     """Return the amplitude spectral density of a signal with gaps, averaged over its runs.
 
     Welch's method (Welch, *IEEE Transactions on Audio and Electroacoustics*, 1967) with Hann

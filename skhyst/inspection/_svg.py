@@ -12,7 +12,7 @@ from ._drawing import INK, import_matplotlib
 _PAPER = "#fdfdfe"
 
 
-def svg_text(draw, size, label):
+def svg_text(draw, size, label) -> str:
     """Draw, and return the SVG element for a page, without identifiers of its own.
 
     Ink, paper and font are those of the page (the CSS variables ``--ink``, ``--paper`` and

@@ -60,7 +60,7 @@ def frequency_response(
     transient_periods=1,
     min_excitation=1e-3,
     dt=1.0,
-):
+) -> FrequencyResponse:
     r"""Estimate the frequency response of a recording, without a model, and its uncertainty.
 
     **Noise and sweeps: "h1", "h2", "hv".** The spectra are averaged over segments of all records

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from numbers import Integral
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -99,7 +100,7 @@ class FrequencyResponse:
             object.__setattr__(self, name, value)
 
     @property
-    def n_inputs(self):
+    def n_inputs(self) -> int:
         """Number of inputs."""
         return self.response.shape[1]
 
@@ -116,7 +117,7 @@ class FrequencyResponse:
         pairs = ((name, getattr(self, name)) for name in names)
         return [(name, value) for name, value in pairs if value is not None]
 
-    def compensate_delay(self, delay):
+    def compensate_delay(self, delay) -> Self:
         r"""Take a known delay out: multiply by :math:`e^{+j \omega \tau}`.
 
         Parameters
@@ -136,7 +137,7 @@ class FrequencyResponse:
             )
         return self._scaled(np.exp(2j * np.pi * self.frequency[:, None] * delay))
 
-    def compensate_hold(self, hold="foh"):
+    def compensate_hold(self, hold="foh") -> Self:
         r"""Take out what the hold of a drive does that is not band-limited, up to half the rate.
 
         A drive that goes in straight lines between its samples is weaker at high frequency than
@@ -163,7 +164,7 @@ class FrequencyResponse:
             1.0 / (drop**2 if hold == "foh" else drop * np.exp(-1j * np.pi * cycles))
         )
 
-    def integrate(self, order=1):
+    def integrate(self, order=1) -> Self:
         r"""Integrate the response: divide by :math:`(j \omega)^{order}`.
 
         A measured velocity becomes a displacement. The line at zero, if any, is dropped.
@@ -185,7 +186,7 @@ class FrequencyResponse:
         kept = self._at(self.frequency > 0.0)
         return kept._scaled((2j * np.pi * kept.frequency[:, None]) ** -float(order))
 
-    def restrict(self, low=0.0, high=np.inf):
+    def restrict(self, low=0.0, high=np.inf) -> Self:
         """Keep the lines from ``low`` to ``high``.
 
         Parameters
@@ -206,7 +207,7 @@ class FrequencyResponse:
             )
         return self._at(kept)
 
-    def confidence_radius(self, level=0.95):
+    def confidence_radius(self, level=0.95) -> np.ndarray | None:
         r"""Return the radius of the circle around ``response`` that holds the true value.
 
         :math:`|\hat G - G|^2 / \sigma^2` has an F distribution with 2 and twice
@@ -228,7 +229,7 @@ class FrequencyResponse:
             return self.std * np.sqrt(-np.log1p(-level))
         return self.std * np.sqrt(f_distribution.ppf(level, 2.0, 2.0 * dof))
 
-    def to_frame(self):
+    def to_frame(self) -> pd.DataFrame:
         """Return a table.
 
         Returns

@@ -232,7 +232,7 @@ class LogCreep(LinearModel):
         self.dt = dt
         self.method = method
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         held = frozenset() if self.time_constant == "fit" else {"time_constant"}
         return super().held_parameters() | held
 

@@ -3,6 +3,7 @@
 import warnings
 from dataclasses import dataclass
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
@@ -229,7 +230,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.dt = dt
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Identify the model.
 
         Parameters
@@ -317,7 +318,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         by = by / np.where(slope == 0.0, 1.0, slope)[:, None]
         self._set_modes(warp(poles, dt), by, problem.pole_covariance(solution))
 
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the free run: the responses to the inputs alone, each record from its own start.
 
         Parameters
@@ -340,7 +341,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         y = run_records(self.operator_, array, slices, self.initial_state)
         return y[:, 0] if self._one_response else y
 
-    def stepper(self, dt=None, u0=0.0, initial_state=None):
+    def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
         Parameters

@@ -64,7 +64,7 @@ class ModesMixin:
         # the damping ratio of a real pole is what it is
         self.damping_ratios_std_ = np.where(p.imag > 0.0, _std(by_damping, spread), np.nan)
 
-    def poles_table(self):
+    def poles_table(self) -> pd.DataFrame:
         r"""Return the modes as a table, slowest first: one row a real pole or a pair.
 
         Standard errors follow from those of the parameters to first order, which is poor where

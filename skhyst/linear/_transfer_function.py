@@ -6,6 +6,7 @@ The law and its operators stand in ``_rational``, starting values in ``_transfer
 import warnings
 from functools import partial
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.utils.validation import check_array, check_is_fitted
@@ -157,7 +158,7 @@ class TransferFunction(ModesMixin, LinearModel):
         delays = np.broadcast_to(delays, n_inputs).astype(float)
         return delays if delays.any() else np.empty(0)
 
-    def held_parameters(self):
+    def held_parameters(self) -> frozenset[str]:
         fixed = super().held_parameters()
         if self._reads_columns:
             n_inputs = getattr(self, "_n_inputs", 1)
@@ -214,7 +215,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
-    def fit_frequency_response(self, response):
+    def fit_frequency_response(self, response) -> Self:
         r"""Identify the model from a frequency response.
 
         Minimises :math:`\sum_{k,i} |\hat G_i(f_k) - G_i(f_k)|^2 / \sigma_i(f_k)^2` over
@@ -301,7 +302,7 @@ class TransferFunction(ModesMixin, LinearModel):
         return operator, getattr(operator, "delays", 0.0)
 
     @classmethod
-    def from_system(cls, system, **params):
+    def from_system(cls, system, **params) -> Self:
         """Make a fitted model of a continuous-time system, such as one of a data sheet.
 
         Parameters
@@ -368,7 +369,7 @@ class TransferFunction(ModesMixin, LinearModel):
         check_is_fitted(self)
         return control_system(*self._rational())
 
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the free run: the response to the inputs alone, each record from its own start.
 
         Parameters

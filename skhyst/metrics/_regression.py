@@ -52,7 +52,9 @@ def _combine(errors, multioutput):
     )
 
 
-def nrmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
+def nrmse(
+    y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"
+) -> float | np.ndarray:
     r"""Root mean square error over the range of the measured response.
 
     .. math:: \mathrm{NRMSE} = \frac{\sqrt{\frac{1}{n} \sum_t (y_t - \hat y_t)^2}}
@@ -98,7 +100,9 @@ def nrmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
 
 
 @documented_like(nrmse)
-def fit_percent(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
+def fit_percent(
+    y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"
+) -> float | np.ndarray:
     r"""Part of the response that the model reproduces, in percent.
 
     .. math:: \mathrm{fit} = 100 \left(1 - \frac{\lVert y - \hat y \rVert_2}
@@ -135,7 +139,9 @@ def fit_percent(y_true, y_pred, *, sample_weight=None, multioutput="uniform_aver
 
 
 @documented_like(nrmse)
-def mape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
+def mape(
+    y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"
+) -> float | np.ndarray:
     r"""Mean absolute error relative to each measured value, in percent.
 
     .. math:: \mathrm{MAPE} = \frac{100}{n} \sum_t \left| \frac{\hat y_t - y_t}{y_t} \right|
@@ -182,7 +188,9 @@ def mape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
 
 
 @documented_like(nrmse)
-def smape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
+def smape(
+    y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"
+) -> float | np.ndarray:
     r"""Mean absolute error relative to the mean magnitude of both values, in percent.
 
     .. math:: \mathrm{SMAPE} = \frac{100}{n} \sum_t \frac{|\hat y_t - y_t|}

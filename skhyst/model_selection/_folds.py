@@ -12,7 +12,7 @@ import numpy as np
 _WASHOUT = 0.05  # of a block of a single record
 
 
-def by_content(records, X=None, y=None):
+def by_content(records, X=None, y=None) -> np.ndarray:
     """Return the numbers of the records in an order that their place in the data has no part in.
 
     By length, then by the mean of the response and of the drive: no choice of units changes it.
@@ -45,7 +45,7 @@ def by_content(records, X=None, y=None):
     return np.lexsort([*means, [r.n_samples for r in records]])
 
 
-def stretches(start, stop, most=32, shortest=16):
+def stretches(start, stop, most=32, shortest=16) -> list[tuple[int, int]]:
     """Cut rows into stretches of one length; the last takes what is over.
 
     Parameters
@@ -75,7 +75,7 @@ def stretches(start, stop, most=32, shortest=16):
 
 def segment_folds(
     records, cv=5, X=None, y=None, *, groups=None, washout=None, n_segments=32, shortest=16
-):
+) -> tuple[tuple, list[tuple[np.ndarray, np.ndarray]]]:
     """Cut records into segments, and folds over these segments.
 
     Parameters

@@ -15,7 +15,9 @@ BETTER_HIGH = ("_score",)
 BETTER_LOW = ("_error", "_loss", "_deviance")
 
 
-def washout_scorer(metric, *, washout, greater_is_better=None, **metric_options):
+def washout_scorer(
+    metric, *, washout, greater_is_better=None, **metric_options
+) -> Callable[..., float]:
     """Build a scorer that leaves the first samples of every record out.
 
     The estimator predicts all rows; the first ``washout`` samples of each record, which still

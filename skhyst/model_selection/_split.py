@@ -6,6 +6,7 @@ has nearly seen the other. So a fold consists of whole records, or of contiguous
 
 import warnings
 from abc import abstractmethod
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,7 @@ class _RecordSplitter(BaseCrossValidator):
         ``labelled`` says whether the index has a record level.
         """
 
-    def split(self, X, y=None, groups=None):
+    def split(self, X, y=None, groups=None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Return an iterator over the folds.
 
         Parameters
@@ -65,7 +66,7 @@ class _RecordSplitter(BaseCrossValidator):
         labelled = isinstance(getattr(X, "index", None), pd.MultiIndex)
         return self._row_numbers(records, labelled, self._folds(records, labelled, X, y))
 
-    def get_n_splits(self, X=None, y=None, groups=None):
+    def get_n_splits(self, X=None, y=None, groups=None) -> int:
         """Return the number of folds, an int; the parameters are ignored."""
         return self.n_splits
 

@@ -146,7 +146,7 @@ class GrayBoxHysteresis(ParametricModel):
         self.dt = dt
         self.method = method
 
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the free run: the response to the drive alone, each record from its own start.
 
         Parameters

@@ -6,6 +6,7 @@ part of any box. For either kind of node the scope is the steepest slope.
 
 import warnings
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
@@ -251,7 +252,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.random_state = random_state
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y):
+    def fit(self, X, y) -> Self:
         """Build the network.
 
         Parameters
@@ -418,7 +419,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 at = first[best]
                 yield nodes[best], scope, contraction[at], gains[best] - bounds[at] * squares
 
-    def predict(self, X):
+    def predict(self, X) -> np.ndarray:
         """Return the output of the network.
 
         Parameters
@@ -438,7 +439,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             hidden = gaussian(X @ self.scaling_, nodes)
         return hidden @ self.coef_.T + self.intercept_
 
-    def stepper(self, dt=None, u0=0.0, initial_state=None):
+    def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
         """Return the fitted network as a device that is fed its inputs sample by sample.
 
         It has no memory: the parameters, which are those of every model, change nothing.

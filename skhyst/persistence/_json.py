@@ -22,7 +22,7 @@ _VERSION = version("skhyst")
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
 
 
-def to_json(model):
+def to_json(model) -> str:
     """Return a model, fitted or not, as JSON text; :func:`from_json` makes the same of it.
 
     Parameters
@@ -56,7 +56,7 @@ def to_json(model):
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def from_json(text):
+def from_json(text) -> BaseEstimator:
     """Return the model in a text that :func:`to_json` has made.
 
     Parameters

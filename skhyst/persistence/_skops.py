@@ -12,6 +12,7 @@ import zipfile
 from pathlib import Path
 
 import joblib
+from sklearn.base import BaseEstimator
 from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
@@ -20,7 +21,7 @@ from .._files import check_input, replacing
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
 
-def save_model(model, path):
+def save_model(model, path) -> None:
     """Write a fitted model or search into a file, whole or not at all.
 
     Parameters
@@ -55,7 +56,7 @@ def save_model(model, path):
         dump(model, part)
 
 
-def load_model(path, trust=False):
+def load_model(path, trust=False) -> BaseEstimator:
     """Return the fitted model in a file; what can run code is refused unless it is trusted.
 
     Parameters

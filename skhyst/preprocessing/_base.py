@@ -2,8 +2,10 @@
 
 from abc import abstractmethod
 from numbers import Integral
+from typing import Self
 
 import numpy as np
+import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -80,7 +82,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         """Return the names of the features, given those of all input columns."""
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None):
+    def fit(self, X, y=None) -> Self:
         """Learn what depends on the range of the data.
 
         Parameters
@@ -105,7 +107,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         self._fit_records(array, self._records(X, array, y))
         return self
 
-    def transform(self, X):
+    def transform(self, X) -> pd.DataFrame:
         """Return the features, each record from its own start.
 
         Parameters
@@ -128,7 +130,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             return type(X)(features, index=X.index, columns=names, copy=False)
         return features
 
-    def get_feature_names_out(self, input_features=None):
+    def get_feature_names_out(self, input_features=None) -> np.ndarray:
         """Return the names of the features.
 
         Parameters
@@ -149,7 +151,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         return record_slices(X if hasattr(X, "iloc") else array, y, **options)
 
 
-def find_column(estimator, column, parameter):
+def find_column(estimator, column, parameter) -> int:
     """Return the position of a column given by position or name.
 
     Parameters

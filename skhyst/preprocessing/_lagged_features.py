@@ -73,7 +73,7 @@ class LaggedFeatures(RecordTransformer):
         return [f"{names[column]}_lag{lag}" for column, lag in self.lags_]
 
 
-def read_lags(estimator, parameter, lags, first=0):
+def read_lags(estimator, parameter, lags, first=0) -> list[int]:
     """Read lags that a user gave.
 
     Parameters
@@ -109,7 +109,7 @@ def read_lags(estimator, parameter, lags, first=0):
     return [int(lag) for lag in lags]
 
 
-def read_lag_table(estimator, parameter, columns):
+def read_lag_table(estimator, parameter, columns) -> tuple[int, int]:
     """Read the lags of each input from a parameter of a fitted or fitting estimator.
 
     Parameters
@@ -136,7 +136,7 @@ def read_lag_table(estimator, parameter, columns):
     )
 
 
-def lagged_columns(X, table, first=0, stop=None, out=None):
+def lagged_columns(X, table, first=0, stop=None, out=None) -> np.ndarray:
     """Return lagged inputs of one record, which have rested at their first values before it.
 
     Parameters

@@ -1,6 +1,7 @@
 """Put records together and take them apart."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, overload
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,7 @@ from ..exceptions import RecordError
 from ._index import record_slices, refuse_interval, time_level, time_stamps
 
 
-def iter_records(X, y=None, *, dt=1.0):
+def iter_records(X, y=None, *, dt=1.0) -> Iterator[tuple]:
     """Iterate over the records.
 
     Parameters
@@ -67,6 +68,12 @@ def refuse_lengths(X, y, caller):
         )
 
 
+@overload
+def stack_records(
+    records: Iterable[tuple] | Mapping[Any, tuple], labels=None, *, dt=None
+) -> tuple[pd.DataFrame, pd.Series]: ...
+@overload
+def stack_records(records, labels=None, *, dt=None) -> pd.DataFrame: ...
 def stack_records(records, labels=None, *, dt=None):
     """Put records together into one frame and one series that know where each record ends.
 

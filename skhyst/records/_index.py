@@ -176,7 +176,7 @@ def sampling_interval(X, *, dt=1.0) -> float:
     return records[0].dt
 
 
-def by_interval(records):
+def by_interval(records) -> dict[float, list[int]]:
     """Return which records are sampled alike.
 
     Parameters
@@ -201,7 +201,7 @@ def by_interval(records):
     return {dt: [i for i, r in enumerate(records) if r.dt == dt] for dt in intervals}
 
 
-def chosen_interval(records, dt, caller):
+def chosen_interval(records, dt, caller) -> float:
     """Return the sampling interval at which a fitted model is used.
 
     Parameters

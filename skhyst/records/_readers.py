@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from numbers import Real
+from typing import overload
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,12 @@ from ._units import SECONDS, without_unit
 _POLICIES = ("raise", "drop", "interpolate")
 
 
+@overload
+def read_records(path, *, drive, response: None = None, **options) -> tuple[pd.DataFrame, None]: ...
+@overload
+def read_records(
+    path, *, drive, response: str | int, **options
+) -> tuple[pd.DataFrame, pd.Series]: ...
 def read_records(
     path,
     *,

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from numbers import Real
+from typing import Any, overload
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,12 @@ PASSED = 0.8  # part of the new Nyquist frequency that the anti-alias filter pas
 BRIDGED = 5.0  # uneven records are interpolated over at most this many median intervals
 
 
+@overload
+def resample_records(X, y: None = None, *, dt, max_gap=None, anti_alias=True) -> pd.DataFrame: ...
+@overload
+def resample_records(
+    X, y: Any, *, dt, max_gap=None, anti_alias=True
+) -> tuple[pd.DataFrame, pd.Series]: ...
 def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     """Bring records to an even grid by linear interpolation.
 
@@ -116,7 +123,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     return new, pd.Series(values[:, n_inputs], index=index, name=names[n_inputs])
 
 
-def resampling_error(X, y, *, dt="auto", max_gap=None):
+def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
     r"""Return what :func:`resample_records` changes in a response, as far as its readings tell.
 
     A straight line between two readings, at the distances a and b from a point between them, is
@@ -221,7 +228,7 @@ def _left_out(seconds, values, back, ahead):
     return 0.25 * (a * b) ** 2, noise, np.square(values[places] - line)
 
 
-def resample_like(y, X):
+def resample_like(y, X) -> np.ndarray:
     """Read a series on its grid at the instants of other rows, by linear interpolation.
 
     Parameters

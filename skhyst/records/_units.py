@@ -22,7 +22,7 @@ _PER_SAMPLE = (  # where nobody has said how long a sample is
 )
 
 
-def unit_of(name):
+def unit_of(name) -> str:
     """Return the unit that a column's name carries in brackets, or "".
 
     Parameters
@@ -87,13 +87,13 @@ class Units:
     response: str = ""
     time: str = "s"
 
-    def in_time(self, text):
+    def in_time(self, text) -> str:
         """Return a text with its s and Hz in the unit of time."""
         for pattern, words in _PER_SAMPLE if self.time == "sample" else ():
             text = pattern.sub(words, text)
         return text
 
-    def of(self, unit):
+    def of(self, unit) -> str:
         """Return a unit that is written in terms of drive, response, s and Hz; "" for a ratio."""
         words = {"drive": self.drive, "response": self.response}
         unit = re.sub(
@@ -101,6 +101,6 @@ class Units:
         )
         return re.sub(r"^(\S+)/\1$", "", unit)
 
-    def label(self, text):
+    def label(self, text) -> str:
         """Return an axis's label with what stands in brackets at its end in these units."""
         return re.sub(r"\(([^()]+)\)$", lambda found: f"({self.of(found.group(1))})", text)

@@ -86,7 +86,7 @@ class SaturationModel(StaticModel):
     }
 
     @property
-    def series_rank(self):
+    def series_rank(self) -> int:
         return 0 if self.rank == "drive" else 50
 
 
