@@ -20,12 +20,15 @@ import pandas as pd
 
 from .._files import check_input
 from ..exceptions import RecordError
+from ._mat_objects import matlab_object, matlab_text
 from ._mat_tags import check_tags
 from ._sizes import DENSEST, check_array, check_size
 from ._text import read_table
 from ._units import unit_of
+from ._workbook import read_workbook
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
 _INTERVALS = ("dt", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
 
@@ -68,9 +71,10 @@ class Variable:
 def _file_variables(path, layout):
     """List the variables of a file by its suffix; ``layout`` holds options of a text."""
     if path.suffix.lower() not in _READERS:
+        remedy = _ELSEWHERE.get(path.suffix.lower(), "")
         raise RecordError(
             f"The 'path' parameter of read_records must end in one of {', '.join(_READERS)}. "
-            f"Got {path.name!r} instead."
+            f"Got {path.name!r} instead.{remedy}"
         )
     check_input(path)
     if path.stat().st_size == 0:
@@ -147,6 +151,8 @@ def _held(name, values):
     """Return the variables of an array in memory: a struct or a cell has more than one."""
     refused = _refusal(values)
     if refused:
+        if values.dtype.names == _OPAQUE:  # scipy has no name for it, but the first field
+            name = matlab_text(values.flat[0]["s0"])
         return [Variable(name, getattr(values, "shape", ()), lambda: values, refused)]
     if values.dtype.names and values.dtype.hasobject:  # MATLAB struct
         return [
@@ -169,8 +175,10 @@ def _refusal(values):
     kind = type(values).__name__
     if kind == "MatlabFunction":
         return "a MATLAB function handle"
-    if kind in ("MatlabObject", "MatlabOpaque"):
-        return "a MATLAB object"
+    if kind == "MatlabObject":
+        return matlab_object(values.classname)
+    if kind == "MatlabOpaque":
+        return matlab_object(values.flat[0]["s2"] if values.dtype.names == _OPAQUE else "object")
     return "" if isinstance(values, np.ndarray) else f"{kind}, not an array"
 
 
@@ -188,6 +196,22 @@ def _read_text(path, **layout):
     return [
         Variable(name, values.shape, partial(np.asarray, values), unit=unit)
         for name, unit, values in zip(*read_table(path, **layout), strict=True)
+    ]
+
+
+def _read_workbook(path):
+    sheets = read_workbook(path, _optional("openpyxl", path.suffix))
+    several = len(sheets) > 1
+    return [
+        Variable(
+            _join(sheet if several else "", name, "/"),
+            values.shape,
+            partial(np.asarray, values),
+            unit=unit,
+            group=sheet if several else "",
+        )
+        for sheet, *table in sheets
+        for name, unit, values in zip(*table, strict=True)
     ]
 
 
@@ -276,13 +300,12 @@ def _hdf5_said(item):
 
 
 def _hdf5_refusal(h5py, item):
-    kind = item.attrs.get("MATLAB_class", b"")
-    kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
+    kind = matlab_text(item.attrs.get("MATLAB_class", b""))
     objects = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
     reasons = {
         "a MATLAB function handle": kind == "function_handle",
         "MATLAB text or empty": kind == "char" or "MATLAB_empty" in item.attrs,
-        "a MATLAB object": "MATLAB_object_decode" in item.attrs,
+        matlab_object(kind): "MATLAB_object_decode" in item.attrs,
         "data that lie in another file": item.external or item.is_virtual,
         "empty": item.shape is None,
         "references or lists of different lengths": objects,
@@ -348,6 +371,22 @@ def _parquet_values(parquet, path, name, occurrence):
         return file.read(columns=[name]).column(occurrence).to_numpy()
 
 
+def _read_feather(path):
+    ipc, dataset = (_optional(f"pyarrow.{name}", path.suffix) for name in ("ipc", "dataset"))
+    with ipc.open_file(path) as file:
+        names = file.schema.names
+    rows = dataset.dataset(path, format="feather").count_rows()
+    check_size("its table", rows * np.dtype(float).itemsize, path.stat().st_size)
+    load = partial(_feather_values, ipc, path)
+    return [Variable(name, (rows,), partial(load, i)) for i, name in enumerate(names)]
+
+
+def _feather_values(ipc, path, column):
+    options = ipc.IpcReadOptions(included_fields=[column])
+    with ipc.open_file(path, options=options) as file:
+        return file.read_all().column(0).to_numpy()
+
+
 def _read_tdms(path):
     nptdms = _optional("nptdms", path.suffix)
     with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
@@ -389,6 +428,7 @@ _READERS = {
     ".txt": _TEXT,
     ".tsv": _TEXT,
     ".dat": _TEXT,
+    ".xlsx": (_read_workbook, "an Excel workbook"),
     ".mat": (_read_mat, "a MATLAB file"),
     ".npy": (_read_npy, "a NumPy array"),
     ".npz": (_read_npz, "an archive of NumPy arrays"),
@@ -396,6 +436,18 @@ _READERS = {
     ".h5": (_read_hdf5, "an HDF5 file"),
     ".hdf5": (_read_hdf5, "an HDF5 file"),
     ".parquet": (_read_parquet, "a Parquet file"),
+    ".feather": (_read_feather, "a Feather file of version 2"),
     ".tdms": (_read_tdms, "a TDMS file"),
     ".wav": (_read_wav, "a WAV file"),
+}
+_MDF = (
+    " An MDF file can be exported with asammdf: MDF('rig.mf4').export('parquet', 'rig.parquet', "
+    "single_time_base=True)."
+)
+_ELSEWHERE = {
+    ".mf4": _MDF,
+    ".mdf": _MDF,
+    ".xls": " Save the workbook as .xlsx.",
+    ".xlsm": " Save the workbook as .xlsx.",
+    ".ods": " Save the workbook as .xlsx.",
 }

@@ -2,8 +2,8 @@
 
 Such a file is a header of 128 bytes and a sequence of variables. A variable, compressed or not, is
 a sequence of elements: a tag with a type code and a length, the data, and padding to 8 bytes; up to
-4 bytes of data fit into the tag itself. Cells and structs hold variables in turn. scipy looks type
-codes up without a check, so that a wrong one ends the interpreter.
+4 bytes of data fit into the tag itself. Cells and structs hold variables in turn. scipy (1.15 as
+1.17) looks type codes up without a check, so that a wrong one ends the interpreter.
 
 Source: MathWorks, "MAT-File Format", version 5 and later; classes 16 and 17 as scipy reads them.
 """

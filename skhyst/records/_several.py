@@ -40,7 +40,7 @@ def record_groups(variables, wanted):
     if len(holding) < 2:
         return holding or {"": variables}
     return {
-        group: [replace(variable, name=variable.bare) for variable in own]
+        group: [replace(variable, name=variable.bare, group="") for variable in own]
         for group, own in holding.items()
     }
 

@@ -21,7 +21,11 @@ def read_table(path, delimiter=None, decimal=None):
     before the numbers, and a footer of words below them; names are their positions, and units "",
     where there is no such line.
     """
-    text = _decode(path.read_bytes())
+    return parse_table(_decode(path.read_bytes()), delimiter, decimal)
+
+
+def parse_table(text, delimiter=None, decimal=None):
+    """Return the names, units and columns of a table in a text, as `read_table` does."""
     layout, begin, end = _table(text, delimiter, decimal)
     separator = {None: _NOWHERE, " ": r"\s+"}.get(layout.delimiter, layout.delimiter)
     frame = pd.read_csv(

@@ -50,20 +50,27 @@ def sound_files():
     """Return a sound file of each binary or structured format, of one column u."""
     import h5py
     import nptdms
+    import openpyxl
     import pyarrow
+    import pyarrow.feather
     import pyarrow.parquet
     from scipy.io import savemat
 
     values = np.arange(2000.0)
-    files = {
-        suffix: io.BytesIO() for suffix in (".mat", ".npy", ".npz", ".h5", ".parquet", ".tdms")
-    }
+    binary = (".mat", ".npy", ".npz", ".h5", ".parquet", ".feather", ".tdms", ".xlsx")
+    files = {suffix: io.BytesIO() for suffix in binary}
     savemat(files[".mat"], {"u": values})
     np.save(files[".npy"], values)
     np.savez(files[".npz"], u=values)
     with h5py.File(files[".h5"], "w") as file:
         file["u"] = values
-    pyarrow.parquet.write_table(pyarrow.table({"u": values}), files[".parquet"])
+    table = pyarrow.table({"u": values})
+    pyarrow.parquet.write_table(table, files[".parquet"])
+    pyarrow.feather.write_feather(table, files[".feather"])
+    book = openpyxl.Workbook()
+    for value in ("u", *values):
+        book.active.append([value])
+    book.save(files[".xlsx"])
     with nptdms.TdmsWriter(files[".tdms"]) as writer:
         writer.write_segment([nptdms.ChannelObject("g", "u", values)])
     content = {suffix: file.getvalue() for suffix, file in files.items()}

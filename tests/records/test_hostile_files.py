@@ -9,6 +9,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import openpyxl
 import pytest
 from fuzzing import sound_files
 from scipy.io import savemat
@@ -20,7 +21,7 @@ from skhyst.records._formats import _held
 
 SUFFIXES = [
     *(".csv", ".txt", ".tsv", ".dat", ".mat", ".npy", ".npz"),
-    *(".json", ".h5", ".hdf5", ".parquet", ".tdms", ".wav"),
+    *(".json", ".h5", ".hdf5", ".parquet", ".feather", ".tdms", ".wav", ".xlsx"),
 ]
 GARBAGE = np.random.default_rng(0).integers(0, 256, 5000, dtype=np.uint8).tobytes()
 
@@ -149,13 +150,45 @@ def test_datasets_without_readings_are_refused_before_memory_is_taken(tmp_path, 
 
 def test_tables_of_more_rows_than_a_file_can_hold_are_refused(tmp_path, little_memory):
     import pyarrow
+    import pyarrow.feather
     import pyarrow.parquet
 
     rows = pyarrow.table({"u": pyarrow.chunked_array([np.zeros(10**6)] * 10)})
     pyarrow.parquet.write_table(rows, tmp_path / "rig.parquet", compression="zstd")
-    assert "declares" in refused(tmp_path / "rig.parquet", "u")
+    pyarrow.feather.write_feather(rows, tmp_path / "rig.feather", compression="zstd")
+    for suffix in (".parquet", ".feather"):
+        assert "declares" in refused(tmp_path / f"rig{suffix}", "u")
     text = json.dumps([{f"n{i}": 1} for i in range(20_000)])
     assert "share few" in refused(written(tmp_path, ".json", text), "n0")
+
+
+def test_a_workbook_of_few_cells_far_apart_is_refused(tmp_path, little_memory):
+    book = openpyxl.Workbook()
+    book.active["A1"], book.active["XFD1048576"] = 1, 2
+    book.save(tmp_path / "rig.xlsx")
+    assert "spreads few cells" in refused(tmp_path / "rig.xlsx")
+
+
+@pytest.mark.parametrize("bomb", ["dense", "overlapping", "entities"])
+def test_a_workbook_that_unpacks_to_much_more_is_refused(tmp_path, little_memory, bomb):
+    path = written(tmp_path, ".xlsx", WHOLE[".xlsx"])
+    with zipfile.ZipFile(path) as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    sheet = "xl/worksheets/sheet1.xml"
+    rows = content[sheet].replace(b"<v>1</v>", b"<v>1" + 2**24 * b" " + b"</v>")
+    entities = "".join(f'<!ENTITY e{i + 1} "{10 * f"&e{i};"}">' for i in range(9)).encode()
+    entities = b'<!DOCTYPE w [<!ENTITY e0 "0123456789">' + entities + b"]>"
+    content[sheet] = {
+        "dense": rows,
+        "overlapping": content[sheet],
+        "entities": entities + content[sheet].replace(b"<v>1</v>", b"<v>&e9;</v>"),
+    }[bomb]
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in content.items():
+            archive.writestr(name, data)
+        if bomb == "overlapping":
+            archive.filelist *= 3
+    refused(path)
 
 
 def test_a_channel_that_declares_more_is_read_as_far_as_it_goes(tmp_path, little_memory):
@@ -185,6 +218,24 @@ def test_matlab_functions_and_objects_are_refused_and_the_rest_is_read(tmp_path)
     assert "a MATLAB function handle" in refused(path, "f")
     assert "a MATLAB object" in refused(path, "o")
     assert len(read_records(path, drive="u")[0]) == 5
+
+
+@pytest.mark.parametrize(
+    ("kind", "line"),
+    [("timetable", "writetimetable"), ("iddata", "x.SamplingInstants"), ("rig", "struct(x)")],
+)
+def test_a_matlab_object_is_refused_with_the_line_that_exports_it(tmp_path, kind, line):
+    fields = (b"o", b"MCOS", kind.encode(), np.zeros(6, dtype=np.uint32))
+    opaque = np.array([fields], dtype=[(name, "O") for name in ("s0", "s1", "s2", "arr")])
+    (variable,) = _held("None", opaque.view(MatlabOpaque))
+    assert (variable.name, variable.refused.startswith(f"a MATLAB {kind} ")) == ("o", True)
+    path = tmp_path / "rig.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["o"] = np.zeros((1, 6), dtype=np.uint32)
+        file["o"].attrs["MATLAB_class"] = np.bytes_(kind)
+        file["o"].attrs["MATLAB_object_decode"] = 3
+    assert line in refused(path, "o")
+    assert line in variable.refused
 
 
 def test_matlab_cells_and_text(tmp_path):
@@ -299,7 +350,12 @@ def test_an_archive_of_other_things(tmp_path):
 def test_paths_that_are_no_files(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.csv"):
         read_records(tmp_path / "none.csv", drive="u")
-    for name in ("rig.xlsx", "rig.pkl", "rig"):
+    for name, remedy in (
+        ("rig.pkl", ""),
+        ("rig", ""),
+        ("rig.mf4", "asammdf"),
+        ("a.xls", r"\.xlsx"),
+    ):
         (tmp_path / name).write_text("u\n1\n")
-        with pytest.raises(RecordError, match=r"must end in one of \.csv.* Got 'rig"):
+        with pytest.raises(RecordError, match=rf"must end in one of \.csv.* Got '{name}.*{remedy}"):
             read_records(tmp_path / name, drive="u")

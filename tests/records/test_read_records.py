@@ -7,6 +7,7 @@ import sys
 import h5py
 import nptdms
 import numpy as np
+import openpyxl
 import pandas as pd
 import pytest
 from hypothesis import given, settings
@@ -45,6 +46,18 @@ def write_mat73(path):
         file.write(b"MATLAB 7.3 MAT-file, made for a test")
 
 
+def write_workbook(path, sheets):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, table in sheets.items():
+        sheet = book.create_sheet(title)
+        sheet.append(["Operator", "Smith"])
+        if table is not None:
+            for row in ([], table.columns.tolist(), *table.itertuples(index=False)):
+                sheet.append(list(row))
+    book.save(path)
+
+
 WRITERS = {
     "comma.csv": lambda p: TABLE.to_csv(p, index=False),
     "semicolon.csv": lambda p: TABLE.to_csv(p, index=False, sep=";", decimal=","),
@@ -68,7 +81,10 @@ WRITERS = {
     "groups.h5": write_hdf5,
     "groups.hdf5": write_hdf5,
     "table.parquet": lambda p: TABLE.to_parquet(p, index=False),
+    "table.feather": lambda p: TABLE.to_feather(p),
     "channels.tdms": write_tdms,
+    "sheet.xlsx": lambda p: write_workbook(p, {"Run 1": TABLE}),
+    "sheets.xlsx": lambda p: write_workbook(p, {"Notes": None, "Run 1": TABLE}),
 }
 
 
@@ -335,7 +351,8 @@ def test_times_too_coarse_or_out_of_order_and_nothing_left(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "package"), [("a.h5", "h5py"), ("a.parquet", "pyarrow"), ("a.tdms", "nptdms")]
+    ("name", "package"),
+    [("a.h5", "h5py"), ("a.parquet", "pyarrow"), ("a.tdms", "nptdms"), ("a.xlsx", "openpyxl")],
 )
 def test_a_package_that_is_not_installed_is_named(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b"something")
@@ -374,6 +391,22 @@ def test_what_a_file_says_of_interval_and_units_is_used(tmp_path, suffix, write)
     assert (list(X.columns), y.name) == (["run/u [V]"], "run/y [um]")
     X, _ = read_records(path, drive="run/u [V]", sampling_rate=100.0)  # what is given comes first
     assert record_slices(X)[0].dt == 0.01
+
+
+def test_sheets_with_units_below_the_names_are_records(tmp_path):
+    table = TABLE.rename(columns={"u": "voltage"}).assign(t=1e3 * T, day="2024-05-31", ok=True)
+    units = pd.DataFrame([["ms", "V", "K", "um", "", ""]], columns=table.columns)
+    table = pd.concat([units, table.astype(object)])
+    write_workbook(tmp_path / "rig.xlsx", {"up": table, "down": table[:11], "notes": None})
+    X, y = read_records(tmp_path / "rig.xlsx")
+    assert (list(X.columns), y.name) == (["voltage [V]"], "y [um]")
+    found = record_slices(X, y)
+    assert [(r.label, r.n_samples, r.dt) for r in found] == [
+        ("up", N, pytest.approx(0.002)),
+        ("down", 10, pytest.approx(0.002)),
+    ]
+    X, _ = read_records(tmp_path / "rig.xlsx", drive="down/ok", response="down/y")
+    assert X["down/ok"].tolist() == [1.0] * 10
 
 
 def test_channels_of_different_intervals_are_refused(tmp_path):

@@ -1,0 +1,91 @@
+"""Excel workbooks: the cells of each sheet, laid out as a text would be.
+
+A workbook is an archive of XML, which is read row by row. A row may stand anywhere among a million,
+a cell in any of 16,384 columns, whatever the size of the file: the rows and cells that are left
+blank in between count against the bytes of the archive.
+"""
+
+import re
+import warnings
+import zipfile
+from datetime import date, time
+
+from ..exceptions import RecordError
+from ._text import parse_table
+
+# An entry of a sound workbook is not compressed to less than a hundredth, as Apache POI has it
+# (ZipSecureFile.setMinInflateRatio), which lets the first 100 kB of an entry pass likewise.
+_DENSEST, _SPARED = 100, 100_000
+_NUMBER = re.compile(r"[-+.\d]")
+
+
+def read_workbook(path, openpyxl):
+    """Return (sheet, names, units, columns) of every sheet that holds a table.
+
+    Formulas count by the values that were saved with them.
+    """
+    budget = _declared(path)
+    found, reasons = [], ["it has no sheet"]
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of styles, charts and the like
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            rows, budget = _cells(sheet, budget)
+            try:
+                table = parse_table("\n".join(map(_as_line, rows)), "\t", ".")
+            except RecordError as error:  # a sheet of notes
+                reasons.append(f"in the sheet {sheet.title!r} {error}")
+            else:
+                found.append((sheet.title, *table))
+        book.close()
+    if not found:
+        raise RecordError(reasons[-1])
+    return found
+
+
+def _declared(path):
+    """Return the bytes of all entries; refuse what is denser than a workbook is."""
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+    size = path.stat().st_size
+    if sum(entry.compress_size for entry in entries) > size:
+        raise RecordError("its entries overlap")
+    for entry in entries:
+        if entry.file_size > _SPARED + _DENSEST * entry.compress_size:
+            raise RecordError(
+                f"{entry.filename} declares {entry.file_size} bytes, of which the file holds "
+                f"{entry.compress_size}"
+            )
+    return sum(entry.file_size for entry in entries)
+
+
+def _cells(sheet, budget):
+    """Return the rows of a sheet as texts of equal number, and what is left of the budget."""
+    sheet.reset_dimensions()  # what the sheet says of its size is not trusted
+    rows, width = [], 0
+    for row in sheet.iter_rows(values_only=True):
+        width = max(width, len(row))
+        rows.append([_cell(value) for value in row])
+        if (1 + width) * len(rows) > budget:
+            raise RecordError(f"the sheet {sheet.title!r} spreads few cells over a wide table")
+    used = [i for i in range(width) if any(row[i : i + 1] not in ([], [""]) for row in rows)]
+    rows = [[row[i] if i < len(row) else "" for i in used] for row in rows]
+    return rows, budget - (1 + width) * len(rows)
+
+
+def _cell(value):
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, date | time):
+        return value.isoformat()
+    return " ".join(str(value).replace('"', "'").split())
+
+
+def _as_line(row):
+    """Return a row as a line; a text that stands alone is without the blank cells beside it."""
+    (first, *more) = [cell for cell in row if cell] or [""]
+    if not more and not _NUMBER.match(first):
+        return first
+    return "\t".join(row if len(row) > 1 else [*row, ""])  # one column: every line ends in a tab
