@@ -22,7 +22,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
-    ("__init__", "_documentation", "_files", "_jit", "_sklearn", "exceptions", "records"),
+    (
+        "__init__",
+        "_documentation",
+        "_files",
+        "_jit",
+        "_sklearn",
+        "_validation",
+        "exceptions",
+        "records",
+    ),
     ("operators", "persistence"),
     ("optimize",),
     ("base",),
@@ -51,7 +60,13 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ),
 )
 # underscored, and there for every package
-SHARED = ("skhyst._documentation", "skhyst._files", "skhyst._jit", "skhyst._sklearn")
+SHARED = (
+    "skhyst._documentation",
+    "skhyst._files",
+    "skhyst._jit",
+    "skhyst._sklearn",
+    "skhyst._validation",
+)
 LONGEST_BODY = 60  # lines
 MOST_COMPLEX = 15
 # One search on the plant of `measured_search`, before models became one file each.

@@ -3,6 +3,7 @@
 import copy
 import warnings
 from abc import abstractmethod
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from numbers import Real
@@ -10,16 +11,12 @@ from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import (
-    check_array,
-    check_consistent_length,
-    check_is_fitted,
-    validate_data,
-)
+from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
+from ._validation import read_data
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, put_beside, run_records, take_apart
 from .optimize import (
@@ -31,7 +28,7 @@ from .optimize import (
     histories_of,
     identify,
 )
-from .records import chosen_interval, record_slices
+from .records import chosen_interval
 
 __all__ = [
     "ParametricModel",
@@ -42,36 +39,11 @@ __all__ = [
 ]
 
 _NAMED = 10  # undetermined parameters that a warning lists
+_OUT_OF_RANGE = (
+    "Identification has left the range of floating point: choose other units of X, y or time, in "
+    "which the numbers are nearer to one."
+)
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
-_EXTREME = 1e100  # sums of squares of larger values, or of the inverse of smaller ones, overflow
-
-
-def read_data(estimator, X, y=None, *, reset, dt):
-    """Validate X and y and return the records, the array X, and y where it was given.
-
-    The index is read before scikit-learn turns the frame into an array.
-    """
-    options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
-    sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
-    if y is None and not reset:
-        array = validate_data(estimator, X, reset=False, **options)
-        return record_slices(_indexed(X, array), **sampling), array, None
-    array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
-    response = np.asarray(response, dtype=float)
-    _refuse_extreme("X", array[:, 0])
-    _refuse_extreme("y", response)
-    return record_slices(_indexed(X, array), y, **sampling), array, response
-
-
-def _counts_samples(estimator):
-    """Whether an estimator, or a part of it, is right for one sampling interval only."""
-    try:
-        parts = estimator.get_params().values()
-    except TypeError:  # a class for a step, which is refused where steps are checked
-        parts = ()
-    return getattr(estimator, "_one_interval", True) or any(
-        getattr(part, "_one_interval", False) for part in parts
-    )
 
 
 @cache
@@ -82,6 +54,16 @@ def _threads():
 def one_thread():
     """Return a context in which linear algebra takes one thread."""
     return _threads().limit(limits=1, user_api="blas")
+
+
+@contextmanager
+def _calculable():
+    """Refuse, in a context, data with which identification leaves the range of floating point."""
+    try:
+        with one_thread(), np.errstate(over="ignore", invalid="ignore"):
+            yield
+    except np.linalg.LinAlgError as error:
+        raise RecordError(_OUT_OF_RANGE) from error
 
 
 def informed(model, parent):
@@ -99,19 +81,6 @@ def with_params(model, **params):
     model = copy.copy(model)
     vars(model).update(params)
     return model
-
-
-def _refuse_extreme(name, values):
-    largest = max(values.max(), -values.min())
-    if largest > _EXTREME or 0.0 < largest < 1.0 / _EXTREME:
-        raise RecordError(
-            f"The largest value of {name} is {largest:g}, beyond what floating point can square: "
-            "choose another unit."
-        )
-
-
-def _indexed(X, array):
-    return X if hasattr(X, "iloc") else array
 
 
 class ParametricModel(RegressorMixin, BaseEstimator):
@@ -162,6 +131,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     method = "variable_projection"  # of a constructor without it
     _reads_columns = False  # of X beside the first
     _one_interval = False  # an operator runs at the interval of each record
+    _extreme = 1e100  # values whose squares, and those of gains and their inverses, are finite
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
     def __init_subclass__(cls, **options):
@@ -211,7 +181,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         data = self._read_records(X, y)
         # the matrices are tiny: threads that wait for each other cost more than they do
-        with one_thread():
+        with _calculable():
             return self._fit_records(data)
 
     @fit_context(prefer_skip_nested_validation=True)
@@ -247,7 +217,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         data = self._read_records(X, y)
         data = data if records is None else list(records)
-        with one_thread():
+        with _calculable():
             driven, beside = take_apart(operator)
             result = self._refine([(self._with_held(driven), beside)], data, method)
             return self._finish(result, data)
@@ -325,6 +295,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _finish(self, result, data):
         """Store what identification found, and what came before the records where it is asked."""
+        if not np.isfinite(result.error):
+            raise RecordError(_OUT_OF_RANGE)
         if self.initial_state == "estimate":
             if any(record.before is None for record in data):
                 result, self.initial_drive_ = self._with_histories(result, data)

@@ -9,21 +9,18 @@ import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator, clone
 from sklearn.compose import ColumnTransformer
-from sklearn.linear_model import Ridge
 from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_score, cross_validate
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
+from small_estimators import small_estimators
 
-from skhyst.autoregressive import NARMAXRegressor
 from skhyst.base import ParametricModel
-from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
-from skhyst.control import InverseCompensator, Monitor, Observer
+from skhyst.compose import Cascade, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
-from skhyst.disturbance import Drift, Offset
+from skhyst.disturbance import Drift
 from skhyst.exceptions import RecordError
-from skhyst.fleet import PerDevice
 from skhyst.fluid import TankChain
 from skhyst.hysteresis import (
     BoucWenStage,
@@ -50,44 +47,14 @@ from skhyst.linear import (
     TransferFunction,
 )
 from skhyst.neural import GrayBoxHysteresis
-from skhyst.optimize import LevenbergMarquardt, VariableProjection
+from skhyst.optimize import LevenbergMarquardt
 from skhyst.persistence import from_json, load_model, save_model, to_json
 from skhyst.static import DeadZones, Saturation, SmoothCurve, SoftSaturation
 
 DT = 0.01
 N = 240
-BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of theirs
-
 # data from elsewhere do not determine all parameters of a model, and it says so
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
-
-EXAMPLES = {
-    "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
-    "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
-    "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
-    "InverseCompensator": lambda: InverseCompensator(Ridge(), method="learned"),
-    "Observer": lambda: Observer(FirstOrderLag()),
-    "Monitor": lambda: Monitor(Observer(FirstOrderLag())),
-    "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
-    "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
-    "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
-    "PerDevice": lambda: PerDevice(PrandtlIshlinskii(5)),
-    "KelvinVoigt": lambda: KelvinVoigt(1),
-    "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=BRIEFLY),
-    "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=BRIEFLY),
-    "FrictionStage": lambda: FrictionStage(
-        False, n_substeps=1, initial_state="zero", method=BRIEFLY
-    ),
-    "RestoringForce": lambda: RestoringForce(
-        1, damping_degree=1, n_substeps=1, initial_state="zero", method=BRIEFLY
-    ),
-    # on data without dynamics it would choose no term, or none with memory
-    "NARMAXRegressor": lambda: NARMAXRegressor(1, n_terms=None),
-    "GrayBoxHysteresis": lambda: GrayBoxHysteresis(method=LevenbergMarquardt(max_epochs=20)),
-    "EffectSearchCV": lambda: EffectSearchCV(
-        PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
-    ),
-}
 
 # nothing is remembered from one sample to the next
 MEMORYLESS = {
@@ -111,10 +78,6 @@ MEMORY = {
 }
 
 
-def make(name, cls):
-    return EXAMPLES.get(name, cls)()
-
-
 # its response is the drive itself, which a search refuses
 NO_EXPERIMENT = {"check_regressors_no_decision_function": "the response is a column of X"}
 
@@ -127,7 +90,7 @@ def expected_failed_checks(estimator):
 
 
 @parametrize_with_checks(
-    [make(name, cls) for name, cls in all_estimators()],
+    list(small_estimators().values()),
     expected_failed_checks=expected_failed_checks,
 )
 def test_scikit_learn(estimator, check):
@@ -136,17 +99,17 @@ def test_scikit_learn(estimator, check):
     check(estimator)
 
 
-@pytest.mark.parametrize(("name", "cls"), all_estimators())
-def test_wrong_parameters(name, cls):
+@pytest.mark.parametrize(("name", "estimator"), small_estimators().items())
+def test_wrong_parameters(name, estimator):
     """Every parameter is refused where its type or value is wrong, by name."""
-    check_param_validation(name, make(name, cls))
+    check_param_validation(name, estimator)
 
 
 def test_discovery():
     found = all_estimators()
     names = [name for name, _ in found]
     assert names == sorted(set(names))
-    assert set(EXAMPLES) | MEMORYLESS | {"PlayOperators", "TransferFunction"} < set(names)
+    assert MEMORYLESS | {"Cascade", "PlayOperators", "TransferFunction"} < set(names)
     for name, cls in found:
         assert issubclass(cls, BaseEstimator)
         assert cls.__name__ == name

@@ -126,6 +126,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 f"Got {effects!r} instead."
             )
         slices, columns, y = read_data(self, X, y, reset=True, dt=self.dt)
+        X = X if hasattr(X, "iloc") else columns
         if len(slices) == 1 and len(y) < self.cv:
             raise ValueError(
                 f"Corrected needs at least {self.cv} samples for {self.cv} folds. "
@@ -196,6 +197,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the response, each record from its own start."""
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=self.dt)
+        X = X if hasattr(X, "iloc") else columns
         p = np.ravel(self.estimator_.predict(X)).astype(float)
         effects, inputs = self.effects_, _as_first_column(p, columns)
         signal, schedules = effects._signal(inputs, slices), effects._schedules(slices, inputs)

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from ..base import ParametricModel, read_data
+from ..base import ParametricModel, one_thread, read_data
 from ..operators import Lowered, LoweredSeries, SeriesOperator, Stepper, SumOperator, take_apart
 from ._compensator import _fitted
 from ._kalman import (
@@ -150,7 +150,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         records = [(left[s.rows], s.dt) for s in slices]
         rounding = (np.finfo(float).eps * np.abs(response).max()) ** 2 or np.finfo(float).tiny
         tail = tail_of(self.model_.operator_)
-        variances = most_likely(tail, records, self._given(), rounding)
+        with one_thread():
+            variances = most_likely(tail, records, self._given(), rounding)
         self.noise_std_, self.drift_std_, self.process_std_ = map(float, np.sqrt(variances))
         self.reset()
         return self

@@ -87,7 +87,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ValueError
             If the index lacks the level. Where no device can be fitted, the error of the first.
         """
-        validate_data(self, X, reset=True, skip_check_array=True)
+        validate_data(self, X, reset=True, dtype=None, ensure_all_finite=False)
         devices = self._devices(X)
         jobs = [
             (clone(self.estimator), self._part(X, rows), self._part(y, rows))
@@ -157,6 +157,13 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             return {0: slice(None)}
         if not set(self._levels) <= set(index.names):
             raise ValueError(f"{_LACKS.format(self.level)} Got {list(index.names)} instead.")
+        for level in self._levels:
+            missing = index.get_level_values(level).isna()
+            if missing.any():
+                raise ValueError(
+                    f"Every row must have a label of {level!r}. Got row {missing.argmax()} without "
+                    "one instead."
+                )
         rows = pd.Series(np.arange(len(index)), index)
         return {
             label: part.to_numpy() for label, part in rows.groupby(level=self.level, sort=False)

@@ -305,6 +305,7 @@ class Duhem(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
+    _extreme = 1e30  # products of several values are squared
     operator_class = DuhemOperator
 
     def __init__(

@@ -224,6 +224,7 @@ class TanhHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
+    _extreme = 1e30  # products of several values are squared
     operator_class = TanhHysteresisOperator
 
     def __init__(

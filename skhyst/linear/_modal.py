@@ -10,8 +10,9 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._sklearn import Interval, StrOptions, fit_context
+from .._validation import as_numbers, refuse_extreme
 from ..base import one_thread
-from ..exceptions import ConvergenceWarning
+from ..exceptions import ConvergenceWarning, RecordError
 from ..operators import (
     LoweredColumn,
     LoweredStep,
@@ -246,7 +247,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         options = {"multi_output": True, "y_numeric": True, "ensure_min_samples": 2}
         array, response = validate_data(self, X, y, reset=True, dtype=np.float64, **options)
-        response = np.asarray(response, dtype=float)
+        response = as_numbers(response)
+        refuse_extreme(array, response)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = record_slices(X if hasattr(X, "iloc") else array, y, dt=self.dt)
@@ -275,6 +277,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
                 "ModalModel needs a record of at least 3 samples. Got "
                 f"{max(len(u) for u, _ in records)} in the longest instead."
             )
+        if not responses.any():
+            raise RecordError("ModalModel needs a response that changes. Got a constant instead.")
         n_unknowns = self.n_poles * (n_columns + n_outputs) + n_columns * n_outputs
         if 2 * responses.size <= n_unknowns:
             warnings.warn(
@@ -399,6 +403,8 @@ def _periodic_lines(records, dt, transient_periods):
         np.stack([part.mean(axis=0) for part in parts], axis=1) / np.sqrt(period)
         for parts in zip(*spectra, strict=True)
     )
+    if not len(drives):  # a period of two samples has no line below that of the sampling
+        return None
     strength = np.linalg.svd(drives, compute_uv=False)
     excited = strength[:, -1] > _EXCITED * strength[:, 0].max()
     if not excited.any():

@@ -38,7 +38,7 @@ def choose_orders(fit, n_poles, n_zeros, max_poles):
     def criterion(order):
         if order not in tried:
             result, n, power = fit(*order)
-            squares = max(result.error**2, _NOISELESS * power / n)
+            squares = max(result.error**2, _NOISELESS * power / n, np.finfo(float).tiny)
             tried[order] = n * np.log(squares) + len(result.params) * np.log(n), result
         return tried[order][0]
 

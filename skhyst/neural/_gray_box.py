@@ -116,6 +116,7 @@ class GrayBoxHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
+    _extreme = 1e30  # products of several values are squared
     operator_class = GrayBoxOperator
     _one_interval = True
 

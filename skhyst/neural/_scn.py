@@ -16,12 +16,14 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._sklearn import Interval, StrOptions, fit_context
+from .._validation import as_numbers, refuse_size
 from ..autoregressive import lowered_regressor
 from ..exceptions import ConvergenceWarning
 from ..operators import Stepper
 from ._scn_weights import Constructive, LeastSquares, Window
 
 _ROUND_OFF = 1e-13  # of the targets' standard deviation: what is left of an exact fit
+_EXTREME = 1e152  # largest value and, inverted, smallest, whose squares are finite
 _TRIES = 5  # candidates of a scope that may be refused for round-off before it is widened
 _DEPENDENT = 1e-10  # spread of a principal component, over the largest, that is round-off
 _FAINT = 1e-5  # root mean square of activations that count as none
@@ -275,9 +277,12 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         X, y = validate_data(
             self, X, y, dtype=np.float64, multi_output=True, y_numeric=True, ensure_min_samples=2
         )
+        y = as_numbers(y)
+        refuse_size("X", X, _EXTREME)
+        refuse_size("y", y, _EXTREME)
         scopes, contraction = self._read_grids()
         rng = check_random_state(self.random_state)
-        columns = np.asarray(y, dtype=np.float64).reshape(len(X), -1)
+        columns = y.reshape(len(X), -1)
         held_back = None
         if self.early_stopping:
             n_back = max(2, round(self.validation_fraction * len(X)))
@@ -306,7 +311,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self.scaling_ = scaling
         self.coef_ = (coef * y_scale).T
         self.intercept_ = y_mean + intercept * y_scale
-        if np.ndim(y) == 1:
+        if y.ndim == 1:
             self.coef_, self.intercept_ = self.coef_[0], float(self.intercept_[0])
         return self
 

@@ -11,7 +11,10 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
+from .._validation import refuse_large
 from ..records import record_slices
+
+_EXTREME = 1e250  # values whose differences over a short interval are finite
 
 
 class RecordTransformer(TransformerMixin, BaseEstimator):
@@ -104,6 +107,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             raise ValueError(
                 f"The 'columns' parameter of {type(self).__name__} must name at least one column."
             )
+        refuse_large("X", array[:, self.columns_], _EXTREME)
         self._fit_records(array, self._records(X, array, y))
         return self
 
@@ -122,6 +126,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         """
         check_is_fitted(self)
         array = validate_data(self, X, dtype=np.float64, reset=False)
+        refuse_large("X", array[:, self.columns_], _EXTREME)
         names = self.get_feature_names_out()
         features = np.empty((len(array), len(names)))
         for record in self._records(X, array):

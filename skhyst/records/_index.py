@@ -24,6 +24,9 @@ from ..exceptions import RecordError
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
+LONGEST = (
+    1e25  # interval in s; beyond, or below its inverse, squares of second derivatives overflow
+)
 DRIFT = 1e-3  # deviation of the clock from a straight line, in parts of the record's duration
 MISMATCH = 0.01  # relative difference between the intervals of two records
 
@@ -69,10 +72,11 @@ class RecordSlice:
 
 
 def refuse_interval(dt, caller):
-    """Refuse a sampling interval that is not a positive number."""
-    if not (isinstance(dt, Real) and 0 < dt < np.inf):
+    """Refuse a sampling interval that is no number of seconds with which one can calculate."""
+    if not (isinstance(dt, Real) and 1.0 / LONGEST <= dt <= LONGEST):
         raise RecordError(
-            f"The 'dt' parameter of {caller} must be a positive number. Got {dt!r} instead."
+            f"The 'dt' parameter of {caller} must be a positive number of seconds, between "
+            f"{1.0 / LONGEST:g} and {LONGEST:g}. Got {dt!r} instead."
         )
 
 
@@ -303,6 +307,12 @@ def _sampling_intervals(stamps, pieces, one_interval):
     spans = np.array([float(stamps.values[b - 1] - stamps.values[a]) for _, a, b in pieces])
     intervals = np.array([b - a - 1 for _, a, b in pieces])
     means = spans / intervals
+    shortest, longest = means.min() * stamps.unit, means.max() * stamps.unit
+    if not 1.0 / LONGEST <= shortest <= longest <= LONGEST:
+        raise RecordError(
+            f"The sampling interval must be between {1.0 / LONGEST:g} and {LONGEST:g} s. Got "
+            f"{shortest:g} to {longest:g} s instead; choose another unit of time."
+        )
     for (run, a, b), mean, span in zip(pieces, means, spans, strict=True):
         times = stamps.values[a:b] - stamps.values[a]
         stray = np.abs(times - mean * np.arange(b - a)).max()
@@ -431,6 +441,8 @@ def time_level(index) -> int:
 
 def _numbers(times, dt, codes=None):
     """Turn time labels into numbers; ``codes`` are the positions in a level of a MultiIndex."""
+    if isinstance(times.dtype, pd.ArrowDtype) and times.dtype.kind in "mM":
+        times = pd.Index(times.array.to_numpy())
     dtype = times.dtype
     counts = pd.api.types.is_integer_dtype(dtype)
     if dtype.kind in "mM":

@@ -1,0 +1,87 @@
+"""What is asked of the data of every estimator: numbers, of sizes to calculate with, in records."""
+
+import numpy as np
+from sklearn.utils.validation import validate_data
+
+from .exceptions import RecordError
+from .records import record_slices
+
+EXTREME = 1e100  # largest value and, inverted, smallest, of an estimator that does not say
+_TOO_FAR = (
+    "The largest value of {} is {:g}, too far from one to calculate with: choose another unit."
+)
+
+
+def read_data(estimator, X, y=None, *, reset, dt):
+    """Validate X and y and return the records, the array X, and y where it was given."""
+    options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
+    sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
+    if y is None and not reset:
+        array = validate_data(estimator, X, reset=False, **options)
+        return record_slices(_indexed(X, array), **sampling), array, None
+    with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
+        array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
+    response = as_numbers(response)
+    refuse_extreme(array[:, 0], response, _least(estimator))
+    return record_slices(_indexed(X, array), y, **sampling), array, response
+
+
+def _counts_samples(estimator):
+    """Whether an estimator, or a part of it, is right for one sampling interval only."""
+    return getattr(estimator, "_one_interval", True) or any(
+        getattr(part, "_one_interval", False) for part in _parts(estimator)
+    )
+
+
+def _least(estimator):
+    """Return the largest value that an estimator and all parts of it calculate with."""
+    own = getattr(estimator, "_extreme", EXTREME)
+    return min([own, *(getattr(part, "_extreme", own) for part in _parts(estimator))])
+
+
+def _parts(estimator):
+    try:
+        return estimator.get_params().values()
+    except TypeError:  # a class for a step, which is refused where steps are checked
+        return ()
+
+
+def as_numbers(response):
+    """Return the response as floating point, after scikit-learn has validated it."""
+    try:
+        return np.asarray(response, dtype=float)
+    except ValueError as error:  # text, which validate_data lets through
+        raise RecordError(
+            f"The response y must be numbers. Got {response[0]!r} instead."
+        ) from error
+
+
+def refuse_large(name, values, extreme=EXTREME):
+    """Refuse values of which one is too large to calculate with; return the largest size."""
+    largest = max(values.max(), -values.min())
+    if largest > extreme:
+        raise RecordError(_TOO_FAR.format(name, largest))
+    return largest
+
+
+def refuse_size(name, values, extreme=EXTREME):
+    """Refuse values that are too large or too small to calculate with; return the largest size."""
+    largest = refuse_large(name, values, extreme)
+    if 0.0 < largest < 1.0 / extreme:
+        raise RecordError(_TOO_FAR.format(name, largest))
+    return largest
+
+
+def refuse_extreme(drive, response, extreme=EXTREME):
+    """Refuse a drive and a response of sizes that are too far from one or from each other."""
+    u, y = refuse_size("X", drive, extreme), refuse_size("y", response, extreme)
+    ratio = y / (u or 1.0)
+    if ratio > extreme or 0.0 < ratio < 1.0 / extreme:
+        raise RecordError(
+            f"The largest value of y is {y:g} and that of X is {u:g}, too far apart to calculate "
+            "with: choose another unit of one of them."
+        )
+
+
+def _indexed(X, array):
+    return X if hasattr(X, "iloc") else array

@@ -1,0 +1,318 @@
+"""Attack every public estimator with the cases of `hostile_data`.
+
+    python tests/attack/attack.py [--examples 2000] [--minutes 60] [--seed 0] [--estimators A,B]
+
+An estimator that is given a case is right or it refuses. It refuses with an exception of the
+documented family, raised where the data are looked at, before it has changed anything; it is right
+when its result is finite, that of the same numbers as plain floating point in the same records, and
+scales with the units. It takes ten seconds of a processor at the most, and no warning is given but
+the documented ones. The table counts the cases of each estimator, and what broke that; each has a
+process of its own, of at most 4 GB more, so that what ends the interpreter is counted too. A case
+is given to `fit`, or to a fitted estimator.
+"""
+
+import argparse
+import copy
+import json
+import linecache
+import resource
+import signal
+import subprocess
+import sys
+import time
+import traceback
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import sklearn
+from hostile_data import DT, Case, cases
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, DataConversionWarning
+from small_estimators import small_estimators
+
+import skhyst
+from skhyst.exceptions import DivergenceWarning, ReachWarning
+
+__all__ = ["attack", "examine", "instance"]
+
+_SECONDS, _BYTES = 10, 4 * 2**30
+_OWN, _VALIDATION = (str(Path(package.__file__).parent) for package in (skhyst, sklearn))
+_WARNINGS = (ConvergenceWarning, DataConversionWarning, DivergenceWarning, ReachWarning)
+_ROUNDING = 1e-9  # of the range of the result
+_CLOCK = 1e-6  # where times are rounded
+_SINGLE = 1e-5  # where a regressor of scikit-learn calculates in single precision
+_ALIKE = 1e-3, 1.02  # results in other units differ by this, or fit worse by this factor
+
+# a regressor of scikit-learn within them has a penalty, which has a unit
+_WITH_A_UNIT = {"Corrected", "InverseCompensator"}
+# stopped after three steps, they are wherever these led
+_UNFINISHED = {"BoucWenStage", "EndStops", "FrictionStage", "GrayBoxHysteresis", "RestoringForce"}
+# both units are that of the drive
+_ONE_UNIT = {
+    "Backlash",
+    "DeadBand",
+    "DeadZones",
+    "Delay",
+    "Fold",
+    "Saturation",
+    "SlewLimit",
+    "SmoothCurve",
+    "SoftSaturation",
+    "TimeShift",
+}
+
+
+def instance(name):
+    """Return a new small estimator, whose interval is that of the data."""
+    estimator = small_estimators()[name]
+    own = estimator.get_params()
+    fixed = {"random_state": 0} if "random_state" in own else {}
+    return estimator.set_params(**fixed, **{key: DT for key in own if key.split("__")[-1] == "dt"})
+
+
+def fitted_use(estimator, X, y):
+    """Fit an estimator, and return what it says of the data."""
+    return use(clone(estimator).fit(X, y), X, y)
+
+
+def use(estimator, X, y):
+    """Return what a fitted estimator says of the data, (n_samples, ...)."""
+    for method in ("predict", "transform"):
+        if hasattr(estimator, method):
+            return np.asarray(getattr(estimator, method)(X))
+    return np.asarray(
+        (estimator.filter if hasattr(estimator, "filter") else estimator.alarms)(X, y)
+    )
+
+
+def _attempt(action, estimator, X, y):
+    """Return "refused" or "done", and why or the result; or what broke, in words, and None."""
+    before = [_copied(values) for values in (X, y)]
+    start = time.process_time()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            outcome, result = "done", action(estimator, X, y)
+        except Exception as error:
+            if not _is_refusal(error):
+                frames = traceback.extract_tb(error.__traceback__)
+                return f"{type(error).__name__}: {error} ({_place(frames)})", None
+            outcome, result = "refused", str(error)
+    for warning in caught:
+        named = "feature names" in str(warning.message)  # a frame for an array, or the reverse
+        if not (named or issubclass(warning.category, _WARNINGS)):
+            file = Path(warning.filename).name
+            return f"{warning.category.__name__}: {warning.message} ({file}:{warning.lineno})", None
+    if time.process_time() - start > _SECONDS:
+        return "too slow", None
+    if not all(map(_is_same, before, (X, y))):
+        return "its input is another", None
+    if outcome == "done" and not np.isfinite(result).all():
+        return "the result is not finite", None
+    return outcome, result
+
+
+def _place(frames):
+    own = [f for f in frames if f.filename.startswith(_OWN)]
+    return f"{Path(own[-1].filename).name}:{own[-1].lineno}" if own else "outside"
+
+
+def _is_refusal(error):
+    """Whether an error says in words what is wrong: raised by name here, or by scikit-learn."""
+    if not isinstance(error, ValueError | TypeError):
+        return False
+    for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
+        file = frame.f_code.co_filename
+        if file.startswith(_OWN):
+            return "raise " in linecache.getline(file, line)
+        if file.startswith(_VALIDATION):
+            return True
+    return False
+
+
+def _copied(values):
+    return None if hasattr(values, "__next__") else copy.deepcopy(values)
+
+
+def _is_same(before, values):
+    if hasattr(values, "equals"):
+        index = getattr(values, "index", None)
+        return values.equals(before) and (index is None or index.equals(before.index))
+    if isinstance(values, np.ndarray):
+        return values.dtype == before.dtype and values.tobytes() == before.tobytes()
+    return hasattr(values, "__next__") or hasattr(values, "nnz") or values == before
+
+
+def attack(name, case, fitted=None):
+    """Give a case to an estimator; return what broke, in words, or an empty text.
+
+    ``fitted`` is None for a fit, or the fitted estimator that only predicts.
+    """
+    action, estimator = (fitted_use, instance(name)) if fitted is None else (use, fitted)
+    outcome, found = _attempt(action, estimator, *case.given())
+    if outcome not in ("refused", "done"):
+        return outcome
+    told = case.told()
+    if name == "PerDevice" and case.index != "none":
+        told = None  # a record is a device
+    if told is not None:
+        plain, expected = _attempt(action, estimator, *told)
+        if plain != outcome:
+            why = found if expected is None else expected
+            return f"{outcome}, but as plain numbers {plain}: {why}"[:400]
+        if outcome == "done" and not _differ(found, expected) <= _tolerance(name, case):
+            return f"off by {_differ(found, expected):.1e} of the range from plain numbers"
+    if fitted is None and outcome == "done" and _scales(name, case):
+        return _in_other_units(estimator, case, found)
+    return ""
+
+
+def _tolerance(name, case):
+    if name in _WITH_A_UNIT and "32" in case.container:
+        return _SINGLE
+    return _ROUNDING if case.index == "none" else _CLOCK
+
+
+def _differ(found, expected):
+    found, expected = np.asarray(found, dtype=float), np.asarray(expected, dtype=float)
+    if found.shape != expected.shape:
+        return np.inf
+    with np.errstate(over="ignore"):  # the range of what has diverged
+        spread = np.ptp(expected) or np.abs(expected).max() or 1.0
+        return np.abs(found / spread - expected / spread).max()
+
+
+def _scales(name, case):
+    """Whether the result must be that of the same case in other units."""
+    if name in _WITH_A_UNIT | _UNFINISHED or case.values != "plain":
+        return False
+    if name in _ONE_UNIT and case.drive_scale != case.response_scale:
+        return False
+    return bool(case.drive_scale or case.response_scale)
+
+
+def _in_other_units(estimator, case, found):
+    own = {**vars(case), "drive_scale": 0, "response_scale": 0}
+    if not {case.container, case.response} <= {"float64", "list", "frame"}:
+        return ""  # rounded otherwise
+    outcome, expected = _attempt(fitted_use, estimator, *Case(**own).given())
+    if outcome != "done":
+        return f"in other units {outcome}: {expected}"
+    y = Case(**own).numbers()[1]
+    for scale in (case.response_scale, case.drive_scale):  # features have the unit of the drive
+        scaled = np.ldexp(np.asarray(found, dtype=float), -scale)
+        if _differ(scaled, expected) <= _ALIKE[0]:
+            return ""
+        if scaled.shape == y.shape and _error(scaled, y) <= _ALIKE[1] * _error(expected, y):
+            return ""
+    return f"off by {_differ(scaled, expected):.1e} of the range in other units"
+
+
+def _error(predicted, y):
+    return np.sqrt(np.mean((predicted - y) ** 2))
+
+
+def examine(name, n_examples, *, number=0, tell=None, seconds=np.inf):
+    """Attack an estimator with drawn cases; return how many, and the broken (how, case, what).
+
+    ``tell`` is called with how, "fit" or "fitted", and each case before it is given.
+    """
+    broken, n_given, end = [], 0, time.monotonic() + seconds
+    known = {"fit": None, "fitted": instance(name).fit(*Case().given())}
+
+    @seed(number)
+    @settings(
+        max_examples=n_examples,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.sampled_from(("fit", "fitted")), cases())
+    def give(how, case):
+        nonlocal n_given
+        if time.monotonic() > end:
+            return
+        if tell is not None:
+            tell(how, case)
+        n_given += 1
+        what = attack(name, case, known[how])
+        if what:
+            broken.append((how, case, what))
+
+    give()
+    return n_given, broken
+
+
+def _work(name, n_examples, number, seconds):
+    """Examine one estimator in this process; print each case, and what broke."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fitted_use(instance(name), *Case().given())  # compiles what there is
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + _BYTES, resource.RLIM_INFINITY))
+
+    def tell(how, case):
+        print(json.dumps(["at", how, vars(case)]), flush=True)
+        # the fit, that of plain numbers and that in other units; its default action ends all
+        signal.setitimer(signal.ITIMER_PROF, 3 * _SECONDS)
+
+    count, broken = examine(name, n_examples, number=number, tell=tell, seconds=seconds)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    found = [[how, _short(case), what] for how, case, what in broken]
+    print(json.dumps(["end", count, found]), flush=True)
+
+
+def _short(case):
+    usual = vars(Case())
+    return {key: value for key, value in vars(case).items() if value != usual[key]}
+
+
+def run(name, n_examples, number=0, seconds=3600.0):
+    """Attack one estimator from outside; return the number of cases and what broke."""
+    call = [sys.executable, __file__, "--work", json.dumps([name, n_examples, number, seconds])]
+    done = subprocess.run(call, capture_output=True, text=True)
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line[:1] == "["]
+    if lines and lines[-1][0] == "end":
+        return lines[-1][1:]
+    if not lines:
+        raise RuntimeError(f"The attack on {name} does not begin: {done.stderr[-500:]}")
+    _, how, case = lines[-1]
+    hung = done.returncode == -signal.SIGPROF
+    what = "hang" if hung else f"ends with {done.returncode}: {done.stderr[-200:]}"
+    return len(lines), [[how, _short(Case(**case)), what]]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add = parser.add_argument
+    add("--examples", type=int, default=2000, help="of each estimator")
+    add("--minutes", type=float, default=60.0, help="for all estimators together")
+    add("--seed", type=int, default=0)
+    add("--estimators", default=",".join(small_estimators()))
+    add("--work", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.work:
+        return _work(*json.loads(options.work))
+    names, total = options.estimators.split(","), 0
+    seconds = 60.0 * options.minutes / len(names)
+    print(f"{'estimator':32s}{'cases':>7s}{'broken':>8s}{'seconds':>9s}")
+    for name in names:
+        start = time.perf_counter()
+        count, broken = run(name, options.examples, options.seed, seconds)
+        took = time.perf_counter() - start
+        print(f"{name:32s}{count:7d}{len(broken):8d}{took:9.0f}", flush=True)
+        kinds = Counter(what[:60] for *_, what in broken)
+        for kind, times in kinds.most_common(10):
+            how, case, what = next(own for own in broken if own[2][:60] == kind)
+            print(f"    {times} x {how} {case}: {what[:300]}", flush=True)
+        total += len(broken)
+    return int(total > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""An instance of every public estimator, as small as the tests of all estimators can do with."""
+
+from sklearn.linear_model import Ridge
+
+from skhyst.autoregressive import NARMAXRegressor
+from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.control import InverseCompensator, Monitor, Observer
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.discovery import all_estimators
+from skhyst.disturbance import Offset
+from skhyst.fleet import PerDevice
+from skhyst.hysteresis import (
+    BoucWenStage,
+    EndStops,
+    FrictionStage,
+    PrandtlIshlinskii,
+    RestoringForce,
+)
+from skhyst.linear import FirstOrderLag, KelvinVoigt
+from skhyst.neural import GrayBoxHysteresis
+from skhyst.optimize import LevenbergMarquardt, VariableProjection
+
+__all__ = ["small_estimators"]
+
+_BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of theirs
+
+_EXAMPLES = {
+    "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
+    "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
+    "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
+    "InverseCompensator": lambda: InverseCompensator(Ridge(), method="learned"),
+    "Observer": lambda: Observer(FirstOrderLag()),
+    "Monitor": lambda: Monitor(Observer(FirstOrderLag())),
+    "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
+    "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
+    "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
+    "PerDevice": lambda: PerDevice(PrandtlIshlinskii(5)),
+    "KelvinVoigt": lambda: KelvinVoigt(1),
+    "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=_BRIEFLY),
+    "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=_BRIEFLY),
+    "FrictionStage": lambda: FrictionStage(
+        False, n_substeps=1, initial_state="zero", method=_BRIEFLY
+    ),
+    "RestoringForce": lambda: RestoringForce(
+        1, damping_degree=1, n_substeps=1, initial_state="zero", method=_BRIEFLY
+    ),
+    # on data without dynamics it would choose no term, or none with memory
+    "NARMAXRegressor": lambda: NARMAXRegressor(1, n_terms=None),
+    "GrayBoxHysteresis": lambda: GrayBoxHysteresis(method=LevenbergMarquardt(max_epochs=20)),
+    "EffectSearchCV": lambda: EffectSearchCV(
+        PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
+    ),
+}
+
+
+def small_estimators():
+    """Return name -> new instance, sorted by name."""
+    return {name: _EXAMPLES.get(name, cls)() for name, cls in all_estimators()}

@@ -1,0 +1,57 @@
+"""Every estimator is right or refuses, whatever it is given; `attack.py` has many more cases."""
+
+from zlib import crc32
+
+import pytest
+from attack import attack, examine, instance
+from hostile_data import Case
+from small_estimators import small_estimators
+
+pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+_SLOW = {  # a fit takes a tenth of a second or more
+    "BoucWenStage",
+    "EffectSearchCV",
+    "EndStops",
+    "FrictionStage",
+    "Monitor",
+    "Observer",
+    "RestoringForce",
+}
+
+# what was neither right nor refused
+FOUND = [
+    ("Corrected", Case(container="polars")),
+    ("FirstOrderLag", Case(index="1e300 s")),
+    ("FirstOrderLag", Case(index="dates, pyarrow")),
+    ("FirstOrderLag", Case(index="denormal seconds")),
+    ("FirstOrderLag", Case(response="text")),
+    ("GrayBoxHysteresis", Case(drive_scale=200)),
+    ("ModalModel", Case("changing sign")),
+    ("ModalModel", Case("no response")),
+    ("ModalModel", Case("1e300")),
+    ("PerDevice", Case("no samples")),
+    ("PerDevice", Case(container="dictionary")),
+    ("PerDevice", Case(index="no record")),
+    ("PlayOperators", Case("the largest numbers")),
+    ("PrandtlIshlinskii", Case("1e99 over 1e-99")),
+    ("SCNRegressor", Case("denormal drive")),
+    ("SCNRegressor", Case("the largest numbers")),
+    ("SystemLevelHysteresis", Case(drive_scale=250)),
+    ("TransferFunction", Case("no response")),
+]
+
+
+@pytest.mark.parametrize("name", small_estimators())
+def test_right_or_refused(name):
+    _, broken = examine(name, 1 if name in _SLOW else 4, number=crc32(name.encode()))
+    assert broken == []
+
+
+@pytest.mark.parametrize(("name", "case"), FOUND, ids=str)
+def test_what_was_found(name, case):
+    assert attack(name, case) == ""
+
+
+def test_features_too_large_for_the_fitted():
+    fitted = instance("PlayOperators").fit(*Case().given())
+    assert attack("PlayOperators", Case("the largest numbers"), fitted) == ""
