@@ -46,6 +46,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("export",),
     (
         "__main__",
+        "_app_command",
         "_compensate_command",
         "_demo",
         "_demo_command",
@@ -55,6 +56,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
         "_list_command",
         "_reading_options",
         "_signals",
+        "app",
         "cli",
         "discovery",
     ),

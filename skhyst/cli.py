@@ -83,6 +83,7 @@ def _parser():
     demo.set_defaults(run=_later("_demo_command", "demo"))
     for command in tuple(commands.choices.values()):
         command.add_argument("--force", action="store_true", help="write over files that are there")
+    _add_app(commands)
     for name, listed in (
         ("models", "models that can be declared"),
         ("effects", "effects that a search tries"),
@@ -91,6 +92,13 @@ def _parser():
             run=_later("_list_command", f"list_{name}")
         )
     return parser
+
+
+def _add_app(commands):
+    parser = commands.add_parser("app", help="do all of it in the browser, on this machine")
+    parser.add_argument("--port", type=int, default=8501, help="(default: 8501)")
+    parser.add_argument("--no-browser", action="store_true", help="serve, and open no browser")
+    parser.set_defaults(run=_later("_app_command", "app"))
 
 
 def _later(module, name):

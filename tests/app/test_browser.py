@@ -1,0 +1,97 @@
+"""`skhyst app` in a browser: from a measured recording to the named effect and a model to keep."""
+
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from urllib.request import urlopen
+
+import pytest
+from recordings import load_piezo_afm
+
+from skhyst.persistence import load_model
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = (
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+)
+PATIENCE = 60.0  # s
+
+
+@pytest.fixture(scope="module")
+def address():
+    """Address of a page that is served by the command."""
+    for module in ("streamlit", "skops", "matplotlib"):
+        pytest.importorskip(module)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "skhyst", "app", "--no-browser", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as server:
+        yield _answering(f"http://127.0.0.1:{port}", server)
+        server.terminate()
+
+
+def _answering(address, server):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end and server.poll() is None:
+        try:
+            urlopen(f"{address}/_stcore/health", timeout=5.0).close()
+            return address
+        except OSError:
+            time.sleep(0.2)
+    raise AssertionError("the page is not served")
+
+
+@pytest.fixture
+def page():
+    playwright = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS.split())
+        page = browser.new_page()
+        page.set_default_timeout(1e3 * PATIENCE)
+        yield page
+        browser.close()
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """A part of a measured recording, as a file of a laboratory."""
+    X, y, *_ = load_piezo_afm()
+    table = X.assign(gauge=y).iloc[::4].reset_index("time", drop=True)
+    table.columns = ["voltage [V]", "gauge [counts]"]
+    table.to_csv(tmp_path / "scanner.csv", index=False)
+    return tmp_path / "scanner.csv"
+
+
+@pytest.mark.needs_recordings("piezo_afm")
+def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, recording, tmp_path):
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(address)
+    page.locator("input[type=file]").set_input_files(recording)
+    page.get_by_text("Options").click()
+    effects = page.get_by_role("combobox", name="Effects")
+    for name in ("asymmetry", "lag"):
+        effects.press_sequentially(name)
+        effects.press("Enter")
+        page.locator(f"[data-tag][aria-label={name}]").first.wait_for()
+    effects.press("Escape")
+    page.get_by_role("button", name="Search").click()
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_role("button", name="Stop").wait_for(state="detached")
+    assert page.get_by_role("heading", name="Missing").count() == 0
+    page.get_by_role("button", name="Search").click()
+    page.get_by_role("heading", name="Missing: asymmetry").wait_for()
+    report = page.frame_locator("iframe").get_by_role("heading", name="Missing: asymmetry")
+    report.wait_for()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Model", exact=True).click()
+    download.value.save_as(tmp_path / "model.skops")
+    assert "asymmetry" in load_model(tmp_path / "model.skops").named_steps
+    elsewhere = [url for url in asked if url.startswith("http") and not url.startswith(address)]
+    assert elsewhere == []
