@@ -11,6 +11,7 @@ import pkgutil
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # a type checker does not see what is imported when it is asked for
+    from . import app as app
     from . import autoregressive as autoregressive
     from . import base as base
     from . import cli as cli

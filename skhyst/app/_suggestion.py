@@ -59,7 +59,7 @@ class Suggestion:
     reason: str
 
 
-def suggest_model(moves, *, rate_matters=None, rings=None):
+def suggest_model(moves, *, rate_matters=None, rings=None) -> Suggestion:
     """Suggest the model to declare for a device.
 
     Parameters
