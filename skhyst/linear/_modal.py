@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import as_numbers, refuse_extreme
 from ..base import one_thread
-from ..exceptions import ConvergenceWarning, RecordError
+from ..exceptions import ConvergenceWarning
 from ..operators import (
     LoweredColumn,
     LoweredStep,
@@ -277,8 +277,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
                 "ModalModel needs a record of at least 3 samples. Got "
                 f"{max(len(u) for u, _ in records)} in the longest instead."
             )
-        if not responses.any():
-            raise RecordError("ModalModel needs a response that changes. Got a constant instead.")
         n_unknowns = self.n_poles * (n_columns + n_outputs) + n_columns * n_outputs
         if 2 * responses.size <= n_unknowns:
             warnings.warn(

@@ -124,7 +124,8 @@ class ModalProblem:
         n_rows = 2 * self.responses.size
         variance = solution.cost / max(n_rows - n_unknowns, 1)
         chain = np.exp(solution.x[:k]) / scale[:k]
-        return variance * np.linalg.pinv(own, hermitian=True) * np.outer(chain, chain)
+        with np.errstate(over="ignore", invalid="ignore"):  # of what data do not determine
+            return variance * np.linalg.pinv(own, hermitian=True) * np.outer(chain, chain)
 
 
 def modal_start(poles, residues, n_poles):
