@@ -22,7 +22,7 @@ from .._files import check_input
 from ..exceptions import RecordError
 from ._mat_objects import matlab_object, matlab_text
 from ._mat_tags import check_tags
-from ._sizes import DENSEST, check_array, check_size
+from ._sizes import DENSEST, Finite, check_array, check_size
 from ._text import read_table
 from ._units import unit_of
 from ._workbook import read_workbook
@@ -389,7 +389,7 @@ def _feather_values(ipc, path, column):
 
 def _read_tdms(path):
     nptdms = _optional("nptdms", path.suffix)
-    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+    with Finite(path) as stream, nptdms.TdmsFile.open(stream) as file:
         channels = [
             (group.name, channel.name, len(channel), _tdms_said(channel.properties))
             for group in file.groups()
@@ -409,7 +409,7 @@ def _tdms_said(properties):
 
 
 def _tdms_values(nptdms, path, group, channel):
-    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+    with Finite(path) as stream, nptdms.TdmsFile.open(stream) as file:
         return np.asarray(file[group][channel][:])
 
 
@@ -418,7 +418,8 @@ def _read_wav(path):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of notes beside the samples
-        rate, values = wavfile.read(path)
+        warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
+        rate, values = wavfile.read(io.BytesIO(path.read_bytes()))  # a file: as long as it says
     return [Variable("channel", values.shape, lambda: values, interval=1.0 / rate)]
 
 

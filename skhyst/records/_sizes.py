@@ -44,3 +44,15 @@ def check_array(stream, size):
             f"its header declares {shape} elements of {dtype.itemsize} bytes, but "
             f"{size - head.tell()} bytes follow"
         )
+
+
+class Finite(io.BufferedReader):
+    """A file that takes memory for what is there alone, however much is asked for at once."""
+
+    def __init__(self, path):
+        super().__init__(io.FileIO(path))
+        self._size = path.stat().st_size
+
+    def read(self, size=-1):
+        """Return ``size`` bytes, or as many as are left."""
+        return super().read(min(size, max(self._size - self.tell(), 0)))

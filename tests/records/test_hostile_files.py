@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 import openpyxl
 import pytest
-from fuzzing import sound_files
 from scipy.io import savemat
 from scipy.io.matlab import MatlabFunction, MatlabOpaque
+from sound import sound_files
 
 from skhyst.exceptions import RecordError
 from skhyst.records import read_records
