@@ -402,6 +402,30 @@ def test_model_files_are_safe(fitted, data, tmp_path):
     np.testing.assert_array_equal(again.predict(data[0]), fitted.predict(data[0]))
 
 
+NOT_AS_JSON = {"Corrected", "EffectSearchCV", "InverseCompensator", "Monitor", "NARXRegressor"}
+NO_PREDICTION = {"Observer": "filter", "Monitor": "alarms"}
+
+
+@pytest.mark.parametrize("name", sorted({n for n, _ in all_estimators()} - set(MODELS)))
+def test_every_other_estimator_travels(name, tmp_path):
+    """What is no model of the tests below goes through skops and, if it can, JSON."""
+    X, y = make_records(("a", "b"), n=120)
+    estimator = make(name, dict(all_estimators())[name]).fit(X, y)
+    names = NO_PREDICTION.get(name), "predict", "transform"
+    call = next(n for n in names if n is not None and hasattr(estimator, n))
+    seen = (X, y) if name in NO_PREDICTION else (X,)
+    save_model(estimator, tmp_path / "it.skops")
+    again = [load_model(tmp_path / "it.skops")]
+    if name in NOT_AS_JSON:
+        with pytest.raises(TypeError, match=r"written as JSON: save the model as \.skops"):
+            to_json(estimator)
+    else:
+        again.append(from_json(to_json(estimator)))
+    for other in again:
+        found, expected = (np.asarray(getattr(e, call)(*seen)) for e in (other, estimator))
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_a_model_is_the_same_as_json(fitted, data):
     again = from_json(to_json(fitted))
     np.testing.assert_array_equal(again.predict(data[0]), fitted.predict(data[0]))

@@ -108,6 +108,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """
         return X, check_feature_names_in(self, None)
 
+    @property
+    def _lags(self):
+        return Lags(self.input_lags_, self.output_lags_, self._n_columns)
+
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
         """Fit the model.
@@ -127,7 +131,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self.input_lags_ = read_lag_table(self, "input_lags", range(X.shape[1]))
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
-        self._lags = Lags(self.input_lags_, self.output_lags_, X.shape[1])
+        self._n_columns = X.shape[1]
         self.lag_names_ = [_shifted(names[column], lag) for column, lag in self.input_lags_]
         self.lag_names_ += [_shifted("y", lag) for lag in self.output_lags_]
         self.records_ = records

@@ -190,11 +190,11 @@ class NARMAXRegressor(AutoregressiveRegressor):
             names = ["u"] if X.shape[1] == 1 else [f"u{i + 1}" for i in range(X.shape[1])]
         if reset:
             self.transformers_ = self._fit_features(X, records[0].dt)
-        wide, signs = [X], set()
+        wide, signs = [X], []
         for label, transformer in self.transformers_:
             parts = [transformer.transform(X[record.rows, :1]) for record in records]
             if label == "rate_sign":
-                signs.add(len(names))
+                signs.append(len(names))
             wide.append(np.concatenate(parts).astype(float, copy=False))
             n_made = wide[-1].shape[1]
             names += [label] if n_made == 1 else [f"{label}{i}" for i in range(n_made)]
@@ -351,8 +351,19 @@ class NARMAXRegressor(AutoregressiveRegressor):
         self.term_factors_, self._theta = factors, theta
         self.error_reduction_ratio_ = np.array(ratios)
         self.noise_std_ = float(sigma * self._output_scale)
-        known = self._without_noise(factors)
-        self._step = PolynomialStep(self._lags, factors[known], theta[known])
+        self._step = self._polynomial()
+
+    def _polynomial(self):
+        known = self._without_noise(self.term_factors_)
+        return PolynomialStep(self._lags, self.term_factors_[known], self._theta[known])
+
+    def __getstate__(self):
+        return {k: v for k, v in super().__getstate__().items() if k != "_step"}
+
+    def __setstate__(self, state):
+        super().__setstate__(state)
+        if "coef_" in state:
+            self._step = self._polynomial()
 
     # ----------------------------------------------------------------------------------- the runs
 

@@ -28,7 +28,9 @@ def to_json(model) -> str:
     Parameters
     ----------
     model : estimator
-        A parametric model of skhyst or a composition of them.
+        A parametric model of skhyst, a composition of them, a polynomial
+        (:class:`~skhyst.autoregressive.NARMAXRegressor`), or another estimator that is made of
+        public classes of skhyst, numbers and names alone.
 
     Returns
     -------
@@ -202,5 +204,5 @@ def _object(plain):
     parameters = {name: _value(item) for name, item in plain["parameters"].items()}
     made = _classes()[plain["class"]](**parameters)
     if plain["fitted"]:
-        vars(made).update({name: _value(item) for name, item in plain["fitted"].items()})
+        made.__setstate__({name: _value(item) for name, item in plain["fitted"].items()})
     return made

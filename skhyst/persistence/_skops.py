@@ -3,12 +3,15 @@
 skops writes names of types and their fields; reading makes objects of those types alone that are
 trusted. Trusted are the classes of skhyst, whose construction sets fields and no more, and what
 skops trusts itself: the types of NumPy and the estimators of scikit-learn. Functions, methods and
-whatever else a file may name are refused.
+whatever else a file may name are refused. The version of skhyst that has written a skops file is
+a further member of it.
 """
 
 import importlib
 import inspect
+import warnings
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import joblib
@@ -20,9 +23,12 @@ from .._files import check_input, replacing
 
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
+_VERSION = version("skhyst")
+_MEMBER = "skhyst.version"
+
 
 def save_model(model, path) -> None:
-    """Write a fitted model or search into a file, whole or not at all.
+    """Write a fitted estimator into a file, whole or not at all.
 
     Parameters
     ----------
@@ -51,13 +57,18 @@ def save_model(model, path) -> None:
     ...     load_model(path).predict([[3.0]])
     array([6.])
     """
-    dump = skops_io(path).dump if Path(path).suffix.lower() == ".skops" else joblib.dump
+    skops = skops_io(path) if Path(path).suffix.lower() == ".skops" else None
     with replacing(path) as (part,):
-        dump(model, part)
+        if skops is None:
+            joblib.dump(model, part)
+        else:
+            skops.dump(model, part)
+            with zipfile.ZipFile(part, "a") as file:
+                file.writestr(_MEMBER, _VERSION)
 
 
 def load_model(path, trust=False) -> BaseEstimator:
-    """Return the fitted model in a file; what can run code is refused unless it is trusted.
+    """Return the fitted estimator in a file; what can run code is refused unless it is trusted.
 
     Parameters
     ----------
@@ -74,9 +85,15 @@ def load_model(path, trust=False) -> BaseEstimator:
     Raises
     ------
     ValueError
-        If the file is broken, holds no fitted model, or can run code and is not trusted.
+        If the file is broken, holds no fitted estimator, can run code and is not trusted, or was
+        written by a version whose objects this one does not have.
     FileNotFoundError, OSError, ImportError
         If there is no file, it is none, or skops is missing.
+
+    Warns
+    -----
+    UserWarning
+        If another version of skhyst has written the file.
     """
     path = Path(path)
     check_input(path)
@@ -88,16 +105,36 @@ def load_model(path, trust=False) -> BaseEstimator:
             "model as .skops; or, if it is a pickle and you trust whoever made it, add --trust (in "
             "Python trust=True)."
         )
-    load = _load_skops if safe else _load_pickle
+    load, written = _load_skops if safe else _load_pickle, None
     try:
+        written = _writer(path) if safe else None
         model = load(path, trust)
     except (ImportError, _Refused):
         raise
     except Exception as error:  # of a broken file anything may come
-        raise ValueError(f"{path} is broken: no model can be read from it ({error!r}).") from error
-    if not (hasattr(model, "stepper") and _is_fitted(model)):
-        raise ValueError(f"{path} holds {type(model).__name__}, not a fitted model of skhyst.")
+        by = f", written by skhyst {written}," if written else ""
+        raise ValueError(
+            f"{path}{by} is broken, or nothing that skhyst {_VERSION} can read ({error!r})."
+        ) from error
+    if not (hasattr(model, "get_params") and _is_fitted(model)):
+        raise ValueError(f"{path} holds {type(model).__name__}, not a fitted estimator.")
+    if written not in (None, _VERSION):
+        warnings.warn(
+            f"{path} was written by skhyst {written}, this is {_VERSION}: compare its predictions "
+            "with ones that are known, or fit it again.",
+            UserWarning,
+            stacklevel=2,
+        )
     return model
+
+
+def _writer(path):
+    """Return the version of skhyst that has written a skops file, where the file says it."""
+    with zipfile.ZipFile(path) as file:
+        if _MEMBER not in file.namelist():
+            return None
+        with file.open(_MEMBER) as member:
+            return member.read(40).decode(errors="replace")
 
 
 def _is_fitted(model):

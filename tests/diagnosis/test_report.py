@@ -9,6 +9,7 @@ import re
 import sys
 from html import unescape
 from html.parser import HTMLParser
+from importlib.resources import files
 from itertools import groupby
 from xml.etree import ElementTree
 
@@ -18,6 +19,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jsonschema import ValidationError, validate
 from plants import make_recording
 from sklearn.base import clone
 
@@ -338,6 +340,16 @@ def test_held_out_data_are_reported(search, recording):
 
 def by_candidate(rows):
     return pd.DataFrame(rows).set_index(["round", "effect"]).sort_index().astype(float)
+
+
+@pytest.mark.parametrize("which", ["report", "nothing"])
+def test_json_follows_the_published_schema(which, request):
+    schema = json.loads(files("skhyst.diagnosis").joinpath("report.schema.json").read_text())
+    data = json.loads(request.getfixturevalue(which).to_json())
+    validate(data, schema)
+    for wrong in ({"verdict": "perhaps"}, {"error_after": None}, {"claims": [{"effect": "lag"}]}):
+        with pytest.raises(ValidationError):
+            validate(data | wrong, schema)
 
 
 def test_json_is_finite_and_equals_the_search(report, search):

@@ -60,3 +60,12 @@ def test_other_texts_are_refused(change, match):
     for text in ("", "[]", "[" * 100_000):
         with pytest.raises(ValueError, match="no model"):
             from_json(text)
+
+
+def test_what_an_earlier_version_has_written_is_read():
+    model = Gain().fit(U, Y)
+    content = json.loads(to_json(model)) | {"versions": {"skhyst": "0.0.1"}}
+    np.testing.assert_array_equal(from_json(json.dumps(content)).predict(U), model.predict(U))
+    content["model"]["class"] = "skhyst.linear.Amplifier"  # as it might have been called
+    with pytest.raises(ValueError, match=r"written by skhyst 0\.0\.1, cannot be read.*Amplifier"):
+        from_json(json.dumps(content))
