@@ -111,13 +111,25 @@ def opened(source, **layout):
 
 
 def _frame_variables(frame):
-    """List the columns of a pandas or polars frame, and the levels of an index that says much."""
+    """List the columns of a frame or table, and the levels of an index that says much.
+
+    Units are those of pint, or of a dict ``frame.attrs["units"]``.
+    """
+    if hasattr(frame, "column_names"):  # of Arrow
+        frame = frame.to_pandas()
+    said = getattr(frame, "attrs", {}).get("units", {})
     if hasattr(frame, "iloc") and not isinstance(frame.index, pd.RangeIndex):
         frame = frame.reset_index()
     columns = [
         frame.iloc[:, i] if hasattr(frame, "iloc") else frame[:, i] for i in range(frame.shape[1])
     ]
-    return [Variable(str(c.name), (len(c),), c.to_numpy) for c in columns]
+    units = [getattr(c.dtype, "units", None) for c in columns]
+    return [
+        Variable(str(c.name), (len(c),), c.to_numpy, unit=str(said.get(c.name, "")))
+        if unit is None
+        else Variable(str(c.name), (len(c),), partial(c.to_numpy, dtype=float), unit=f"{unit:~}")
+        for c, unit in zip(columns, units, strict=True)
+    ]
 
 
 @contextmanager

@@ -174,7 +174,8 @@ def as_frame(x):
         return x
     if isinstance(x, pd.Series):
         return x.to_frame("drive" if x.name is None else x.name)
-    columns = getattr(x, "columns", None)  # of a polars frame
+    # of a table of Arrow or a polars frame
+    columns = getattr(x, "column_names", getattr(x, "columns", None))
     x = np.asarray(x)
     if x.ndim == 1:
         x = x[:, None]

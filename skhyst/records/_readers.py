@@ -21,11 +21,17 @@ _POLICIES = ("raise", "drop", "interpolate")
 
 
 @overload
-def read_records(path, *, drive, response: None = None, **options) -> tuple[pd.DataFrame, None]: ...
+def read_records(
+    path, *, drive: None = None, response: str | int | None = None, **options
+) -> tuple[pd.DataFrame, pd.Series]: ...
 @overload
 def read_records(
-    path, *, drive, response: str | int, **options
+    path, *, drive: str | int, response: str | int, **options
 ) -> tuple[pd.DataFrame, pd.Series]: ...
+@overload
+def read_records(
+    path, *, drive: str | int, response: None = None, **options
+) -> tuple[pd.DataFrame, None]: ...
 def read_records(
     path,
     *,
@@ -46,7 +52,7 @@ def read_records(
 
     Parameters
     ----------
-    path : str, Path, pandas or polars DataFrame, or list of these
+    path : str, Path, pandas or polars DataFrame, table of Arrow, or list of these
         A table, or a file whose suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
         (delimited text; the delimiter, a decimal comma and the header are found), ``.xlsx``,
         ``.mat`` (all versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict
@@ -98,8 +104,9 @@ def read_records(
     -------
     X : DataFrame of shape (n_samples, n_inputs)
         Drive, then auxiliary inputs, named as in the file; the unit that a line of units, a TDMS
-        ``unit_string`` or an HDF5 attribute says stands in brackets behind the name. Its index has
-        the levels ``record`` and ``time`` (s, datetimes or timedeltas).
+        ``unit_string``, an HDF5 attribute, ``frame.attrs["units"]`` or a column of pint says stands
+        in brackets behind the name. Its index has the levels ``record`` and ``time`` (s, datetimes
+        or timedeltas).
     y : Series of shape (n_samples,), or None
 
     Raises

@@ -455,9 +455,12 @@ def test_a_time_without_a_unit_that_counts_in_seconds_is_questioned(tmp_path):
     read(tmp_path, table, time="t", time_unit="s")  # no question where it is said
 
 
-@pytest.mark.parametrize("library", ["pandas", "polars"])
-def test_a_table_in_memory_is_read_as_a_file_is(library):
-    table = pytest.importorskip(library).DataFrame({"time_ms": 1e3 * T, "u [V]": U, "y": Y})
+@pytest.mark.parametrize(
+    ("library", "kind"), [("pandas", "DataFrame"), ("polars", "DataFrame"), ("pyarrow", "table")]
+)
+def test_a_table_in_memory_is_read_as_a_file_is(library, kind):
+    make = getattr(pytest.importorskip(library), kind)
+    table = make({"time_ms": 1e3 * T, "u [V]": U, "y": Y})
     X, y = read_records(table, drive="u", response="y", time="time_ms")
     np.testing.assert_array_equal(X["u [V]"], U)
     np.testing.assert_array_equal(y, Y)
@@ -472,12 +475,23 @@ def test_an_index_of_a_table_can_be_named_as_a_column():
     assert record_slices(X)[0].dt == 0.002
 
 
-def test_a_polars_frame_counts_samples_and_keeps_its_names():
-    frame = pytest.importorskip("polars").DataFrame({"u": U, "w": W})
+@pytest.mark.parametrize(("library", "kind"), [("polars", "DataFrame"), ("pyarrow", "table")])
+def test_a_frame_without_an_index_counts_samples_and_keeps_its_names(library, kind):
+    frame = getattr(pytest.importorskip(library), kind)({"u": U, "w": W})
     X = stack_records([frame], labels=["a"], dt=0.002)
     assert list(X.columns) == ["u", "w"]
     assert record_slices(X)[0].time_unit == "s"
     assert record_slices(frame)[0].time_unit == "sample"
+
+
+def test_units_that_a_frame_says_are_those_of_the_columns():
+    table = TABLE.copy()
+    table.attrs["units"] = {"u": "V", "y": "um"}
+    X, y = read_records(table, drive="u", response="y", time="t")
+    assert (list(X.columns), y.name) == (["u [V]"], "y [um]")
+    pytest.importorskip("pint_pandas")
+    of_pint = TABLE.astype({"u": "pint[mV]"})
+    np.testing.assert_array_equal(read_records(of_pint, drive="u", time="t")[0]["u [mV]"], U)
 
 
 def test_units_are_given_in_place_of_those_of_the_file(tmp_path):
