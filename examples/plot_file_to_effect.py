@@ -61,7 +61,7 @@ print(f"{search.error_before_:.3f} um -> {search.error_after_:.3f} um, held out"
 print(search.evidence_["resonance"].statement)
 
 # %%
-# The residual rings where the drive excites it, and no longer afterwards.
+# What comes between the declared model and the response: a peak, and half a turn of phase.
 
 EvidenceDisplay.from_search(search, effect="resonance")
 PredictionDisplay.from_search(search)

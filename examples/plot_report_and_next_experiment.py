@@ -58,7 +58,9 @@ print(f"report.html: {len(page) / 1e6:.2f} MB, nothing from a network")
 experiment = next_experiment(search, (-1.0, 1.0), rate_limit=50.0)
 print(experiment.reason)
 experiment.save(Path(folder.name, "next_drive.csv"))
-experiment.drive.plot(figsize=(7.0, 2.6), xlabel="time (s)", ylabel="drive (V)")
+figure, axes = plt.subplots(figsize=(7.0, 2.6), layout="constrained")
+axes.plot(experiment.drive[:0.5])
+axes.set(xlabel="time (s)", ylabel="drive (V)")
 plt.show()
 
 # %%
