@@ -6,7 +6,7 @@ _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
     *("on_missing", "missing_code", "delimiter", "decimal"),
 )
-_KNOWN = ("drive", "response", "time", "record", "sampling_rate", "delimiter", "decimal")
+_KNOWN = tuple(name for name in _READING if name not in ("time_unit", "on_missing", "missing_code"))
 
 
 def reading_options(options):

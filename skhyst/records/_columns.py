@@ -53,6 +53,12 @@ def load_column(path, variables, wanted):
     return Column(name, _indexed(path, variable, wanted, match["index"]), variable.interval)
 
 
+def as_columns(columns):
+    """Return one column or a sequence of them as a list."""
+    single = isinstance(columns, str) or not np.iterable(columns)
+    return [columns] if single else list(columns)
+
+
 def _named(path, variables, name):
     parts = [re.split(r"[/.]", v.name) for v in variables]
     bare = [re.split(r"[/.]", without_unit(v.name)) for v in variables]

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._columns import load_column, long_columns, numbers
+from ._columns import as_columns, load_column, long_columns, numbers
 from ._formats import opened
 from ._index import record_slices
 from ._readers import read_records
-from ._recognise import find_roles
+from ._recognise import ROLES, find_roles
 from ._several import record_groups
 
 _MOST = 100  # columns that are looked at
@@ -28,7 +28,7 @@ class ColumnOverview:
     ----------
     name : str
         With its unit.
-    role : {"drive", "response", "time", "record", "auxiliary", ""}
+    role : {"drive", "response", "time", "record", ""}
     reason : str
         What tells the role.
     kind : str
@@ -126,37 +126,47 @@ def inspect_recording(path, **reading):
     """
     layout = {name: reading.get(name) for name in ("delimiter", "decimal")}
     source, variables = opened(path, **layout)
-    roles = {name: reading.get(name) for name in ("drive", "response", "time", "record")}
-    faults, found = [], {}
-    try:
-        found = find_roles(source, variables, roles, reading.get("sampling_rate") is not None)
-    except RecordError as error:
-        faults.append(str(error))
-    given = {role: (column, "as given") for role, column in roles.items() if column is not None}
-    known = given | {role: (one.column, one.reason) for role, one in found.items()}
-    own = next(iter(record_groups(variables, [column for column, _ in known.values()]).values()))
-    tell = {
+    faults = []
+    roles = _roles(source, variables, reading, faults)
+    own = next(iter(record_groups(variables, [column for column, _ in roles.values()]).values()))
+    told = {
         load_column(source, own, column).name: (role, reason)
-        for role, (column, reason) in known.items()
+        for role, (column, reason) in roles.items()
     }
     columns, signals = [], {}
     for place in long_columns(own)[:_MOST]:
         values = load_column(source, own, place.position).values
-        role, reason = tell.get(place.name) or tell.get(place.full_name) or ("", "not used")
+        role, reason = told.get(place.name) or told.get(place.full_name) or ("", "not used")
         columns.append(_overview(source, place.name, role, reason, values))
         signals[place.name] = role, values
     faults += _faults_of_columns(source, signals)
     X = y = None
-    records = ()
-    if {"drive", "response"} <= known.keys():
-        options = reading | {role: column for role, (column, _) in known.items()}
+    if {"drive", "response"} <= roles.keys():
+        options = reading | {role: column for role, (column, _) in roles.items()}
         X, y = _read(path, options, faults)
-    if X is not None:
-        try:
-            records = record_slices(X, y, one_interval=False)
-        except RecordError as error:
-            faults.append(str(error))
+    records = _records(X, y, faults)
     return RecordingOverview(source.name, tuple(columns), records, tuple(faults), X, y)
+
+
+def _roles(source, variables, reading, faults):
+    """Return (column, reason) by role; what nothing tells is added to the faults."""
+    given = {name: reading.get(name) for name in ROLES}
+    timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
+    known = {role: (column, "as given") for role, column in given.items() if column is not None}
+    try:
+        found = find_roles(source, variables, given, as_columns(others), timed=timed)
+    except RecordError as error:
+        faults.append(str(error))
+        return known
+    return known | {role: (one.column, one.reason) for role, one in found.items()}
+
+
+def _records(X, y, faults):
+    try:
+        return () if X is None else record_slices(X, y, one_interval=False)
+    except RecordError as error:
+        faults.append(str(error))
+        return ()
 
 
 def _overview(source, name, role, reason, values):
@@ -176,7 +186,7 @@ def _read(path, options, faults):
     except RecordError as error:
         faults.append(str(error))
     try:
-        return read_records(path, **options | {"on_missing": "interpolate", "missing_code": np.nan})
+        return read_records(path, **options | {"on_missing": "interpolate"})
     except RecordError:
         return None, None
 

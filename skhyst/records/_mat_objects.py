@@ -1,4 +1,8 @@
-"""Objects of MATLAB: their numbers lie in a format that is not published, so they are not read."""
+"""Objects of MATLAB, which are refused with the line that brings out their numbers.
+
+Their format is not published. The package mat-io (1.0.2) reads tables, but a broken file ends the
+interpreter: one in fifty with a few bytes changed.
+"""
 
 _EXPORTS = {  # lines of MATLAB after which the numbers of x are in a file that is read
     "timetable": "writetimetable(x, 'x.csv')",

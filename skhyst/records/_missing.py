@@ -79,19 +79,28 @@ def fill(values, stamps):
     return values, np.isfinite(values).all(axis=1)
 
 
-def refuse_likely_codes(path, values, names):
-    """Refuse a reading that stands far from all others and looks like the code of a lost one."""
-    for name, column in zip(names, values.T, strict=True):
+def likely_codes(path, values, names, on_missing):
+    """Return a code of lost readings for each column, NaN where it seems to have none.
+
+    It stands far from all others and looks like one. It is refused where nobody has said what
+    happens to lost readings.
+    """
+    codes = np.full(len(names), np.nan)
+    for i, column in enumerate(values.T):
         finite = column[np.isfinite(column)]
         for code in {np.min(finite), np.max(finite)} if finite.size else ():
             others = finite[finite != code]
             if not others.size or not _LIKELY.fullmatch(f"{abs(code):.15g}"):
                 continue
             low, high = np.min(others), np.max(others)
-            if max(low - code, code - high) > _FAR * max(high - low, np.abs([low, high]).max()):
+            if max(low - code, code - high) <= _FAR * max(high - low, abs(low), abs(high)):
+                continue
+            if on_missing == "raise":
                 raise RecordError(
-                    f"The reading {code:.15g} of {name!r} in {path.name}, "
-                    f"{len(finite) - len(others)} of {len(column)} rows, lies far from all others "
-                    f"({low:g} to {high:g}): pass missing_code={code:.15g} with on_missing='drop' "
-                    "or 'interpolate' if it marks lost ones, or missing_code=nan if it is one."
+                    f"The reading {code:.15g} of {names[i]!r} in {path.name}, "
+                    f"{finite.size - others.size} of {len(column)} rows, lies far from all others "
+                    f"({low:g} to {high:g}). Pass on_missing='interpolate' or on_missing='drop' "
+                    "if it marks lost ones, missing_code=nan if it is one like any other."
                 )
+            codes[i] = code
+    return codes

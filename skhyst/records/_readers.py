@@ -9,11 +9,11 @@ import pandas as pd
 
 from ..exceptions import RecordError
 from ._clock import evenly, positions, record_labels, record_numbers, times
-from ._columns import load_column, numbers
+from ._columns import as_columns, load_column, numbers
 from ._formats import opened
 from ._index import time_stamps
-from ._missing import fill, missing_rows, refuse_likely_codes
-from ._recognise import ROLES, recognised
+from ._missing import fill, likely_codes, missing_rows
+from ._recognise import find_roles
 from ._several import labelled, record_groups, together
 from ._units import SECONDS, without_unit
 
@@ -88,7 +88,8 @@ def read_records(
         last reading of a record are dropped.
     missing_code : float or dict of column to float, optional
         Reading that stands for a lost one, in all columns or by column. None: one such as -9999
-        or 1e30 that lies far from all others is refused; NaN: it is a reading like any other.
+        or 1e30 that lies far from all others is lost, so that ``on_missing`` has to say what
+        happens to it. NaN: it is a reading like any other.
     time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
         Unit of a time column of numbers. None: what the file says, in the column's name
         (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
@@ -150,14 +151,20 @@ def read_records(
     _check_options(time, sampling_rate, on_missing, time_unit)
     _check_layout(delimiter, decimal)
     path, variables = opened(path, delimiter=delimiter, decimal=decimal)
+    others = as_columns(auxiliary)
+    roles = {"drive": drive, "response": response, "time": time, "record": record}
     if drive is None:
-        roles = {"drive": None, "response": response, "time": time, "record": record}
-        found = recognised(path, variables, roles, timed=sampling_rate is not None)
-        drive, response, time, record = (found.get(role) for role in ROLES)
-    single = isinstance(auxiliary, str) or not np.iterable(auxiliary)
-    inputs = [drive, *([auxiliary] if single else auxiliary)]
+        found = find_roles(path, variables, roles, others, timed=sampling_rate is not None)
+        roles |= {role: one.column for role, one in found.items()}
+    inputs = [roles.pop("drive"), *others]
     request = _Request(
-        inputs, response, time, record, sampling_rate, on_missing, missing_code, time_unit, units
+        inputs,
+        **roles,
+        sampling_rate=sampling_rate,
+        on_missing=on_missing,
+        missing_code=missing_code,
+        time_unit=time_unit,
+        units=units,
     )
     groups = record_groups(variables, request.columns)
     return together({label: _read(path, own, request) for label, own in groups.items()})
@@ -201,8 +208,9 @@ def _read(path, variables, request):
     stamps = None if stamps is None else times(path, stamps, request.time_unit)
     labels = None if labels is None else record_labels(labels.values)
     if request.missing_code is None:
-        refuse_likely_codes(path, values, names)
-    codes = _codes(request.missing_code, wanted, names)
+        codes = likely_codes(path, values, names, request.on_missing)
+    else:
+        codes = _codes(request.missing_code, wanted, names)
     keep = missing_rows(path, values, names, codes, stamps, labels, request.on_missing)
     rows = positions(labels, len(values))[keep]
     values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
@@ -284,7 +292,7 @@ def _with_units(wanted, names, units):
 def _codes(missing_code, wanted, names):
     """Return the code of each column, NaN where it has none."""
     if not isinstance(missing_code, dict):
-        return np.full(len(names), np.nan if missing_code is None else float(missing_code))
+        return np.full(len(names), float(missing_code))
     return np.array(_by_column("missing_code", missing_code, wanted, names, np.nan), dtype=float)
 
 

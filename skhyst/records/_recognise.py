@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..exceptions import RecordError
-from ._columns import load_column, long_columns, numbers
+from ._columns import as_columns, load_column, long_columns, numbers
 from ._formats import opened
 from ._index import JITTER
 from ._several import record_groups
@@ -71,6 +71,7 @@ def recognise_columns(
     response=None,
     time=None,
     record=None,
+    auxiliary=(),
     sampling_rate=None,
     delimiter=None,
     decimal=None,
@@ -83,6 +84,8 @@ def recognise_columns(
         Recording, as :func:`read_records` reads it.
     drive, response, time, record : str or int, optional
         Columns that are known already.
+    auxiliary : sequence of str or int, default=()
+        Columns that are auxiliary inputs.
     sampling_rate : float, optional
         In Hz; where it is given no time is looked for.
     delimiter, decimal : str, optional
@@ -110,19 +113,14 @@ def recognise_columns(
     """
     path, variables = opened(path, delimiter=delimiter, decimal=decimal)
     roles = {"drive": drive, "response": response, "time": time, "record": record}
-    return find_roles(path, variables, roles, timed=sampling_rate is not None)
+    return find_roles(
+        path, variables, roles, as_columns(auxiliary), timed=sampling_rate is not None
+    )
 
 
-def recognised(path, variables, roles, *, timed):
-    """Return the columns of all roles, those that are given among them."""
-    given = {role: column for role, column in roles.items() if column is not None}
-    found = find_roles(path, variables, roles, timed)
-    return given | {role: column.column for role, column in found.items()}
-
-
-def find_roles(path, variables, roles, timed):
-    """Return a RecognisedColumn for each role that no column is given for."""
-    given = [column for column in roles.values() if column is not None]
+def find_roles(path, variables, roles, others=(), *, timed):
+    """Return a RecognisedColumn for each role that no column is given for, by its name."""
+    given = [column for column in (*roles.values(), *others) if column is not None]
     own = next(iter(record_groups(variables, given).values()))
     taken = {load_column(path, own, column).name for column in given}
     free = [

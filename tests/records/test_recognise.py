@@ -75,6 +75,7 @@ def test_what_nothing_tells_is_asked_for(table, message):
 def test_what_is_given_is_no_candidate():
     table = {"a": T, "b": U, "c": Y}
     assert recognised(table, drive="b") == ("a", None, "c")
+    assert recognised(table | {"d": Z}, drive="b", auxiliary=["d"]) == ("a", None, "c")
     assert recognised(table, drive=2, sampling_rate=1e3, response="b") == (None, None, None)
 
 
@@ -131,10 +132,11 @@ def test_files_are_records_of_their_names(tmp_path):
 @pytest.mark.parametrize("code", [-9999.0, 999.9, 1e30, 9.91e37])
 def test_a_reading_that_may_stand_for_a_lost_one_is_asked_for(code):
     table = pd.DataFrame({"t": T, "u": U, "y": np.where(np.arange(N) % 50 == 7, code, Y)})
-    with pytest.raises(RecordError, match=rf"missing_code={code:.15g} ".replace("+", r"\+")):
+    message = rf"The reading {code:.15g} of 'y' .* 4 of 200 .*on_missing='interpolate'"
+    with pytest.raises(RecordError, match=message.replace("+", r"\+")):
         read_records(table)
-    X, _ = read_records(table, missing_code=code, on_missing="drop")
-    assert len(X) == N - 4
+    for given in ({}, {"missing_code": code}):
+        assert len(read_records(table, on_missing="drop", **given)[0]) == N - 4
     assert len(read_records(table, missing_code=np.nan)[0]) == N
     near = table.assign(y=np.where(np.arange(N) % 50 == 7, code, code * (0.5 + 0.1 * Y)))
     assert len(read_records(near)[0]) == N
@@ -151,7 +153,7 @@ def faults(table, **options):
         ({"y": U}, "'u' and 'y' are the same signal"),
         ({"y": np.full(N, 3.0)}, "'y' does not move: it is 3 throughout"),
         ({"y": np.where(T[9] == T, np.nan, Y)}, r"y: 1 row\(s\) \(9\)"),
-        ({"y": np.where(T[9] == T, -9999.0, Y)}, "missing_code=-9999"),
+        ({"y": np.where(T[9] == T, -9999.0, Y)}, "The reading -9999 of 'y'"),
         ({"w": np.where(T[9] == T, np.nan, Y)}, "'w' misses 1 of 200"),
         ({"t": T + 4e-4 * U}, "must be even"),
         ({"u": ["on"] * N}, "Got 'on' in row 0"),
