@@ -164,10 +164,10 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     f"Every row must have a label of {level!r}. Got row {missing.argmax()} without "
                     "one instead."
                 )
+        by = [index.get_level_values(level) for level in self._levels]
         rows = pd.Series(np.arange(len(index)), index)
-        return {
-            label: part.to_numpy() for label, part in rows.groupby(level=self.level, sort=False)
-        }
+        groups = rows.groupby(by[0] if isinstance(self.level, str) else by, sort=False)
+        return {label: part.to_numpy() for label, part in groups}
 
     def _part(self, values, rows):
         """Return the rows of a device, whose index says no longer which device it is."""

@@ -257,7 +257,10 @@ def test_records_that_start_anew_follow_each_other():
 def test_a_prediction_is_shown_where_it_is_furthest_off_within_one_record():
     drive, response = sweep(1000)
     index = pd.MultiIndex.from_product([[0, 1], 0.1 * np.arange(500)], names=["record", "time"])
-    X, y = pd.DataFrame({"u": drive}, index=index), pd.Series(response, index=index, name="x [um]")
+    X, y = (
+        pd.DataFrame({"u": drive}, index=index),
+        pd.Series(response.copy(), index=index, name="x [um]"),
+    )
     y.iloc[510] += 3.0
     given = {"first": response, "second": np.full(1000, np.nan)}
     display = PredictionDisplay.from_predictions(X, y, given, n_samples=100)

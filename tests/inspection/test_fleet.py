@@ -51,7 +51,7 @@ def test_it_is_made_from_models_and_from_a_table():
     index.names = ["device", "day", "time"]
     X = pd.DataFrame({"drive": rng.normal(size=len(index))}, index)
     y = 2.0 * X["drive"] + 0.01 * rng.normal(size=len(index))
-    y.loc["b", 2] *= 1.5
+    y.loc["b", 2] = 1.5 * y.loc["b", 2].to_numpy()
     model = PerDevice(Gain(), ["device", "day"]).fit(X, y)
     display = FleetDisplay.from_estimator(model)
     assert ("b", 2) in set(zip(display.moves()["device"], display.moves()["when"], strict=True))
