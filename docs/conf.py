@@ -10,8 +10,11 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, os.path.abspath("."))
 sys.path.insert(0, os.path.abspath(os.path.join("..", "benchmarks")))
 
+from cheat_sheet import draw_cheat_sheet
 from citations import add_keys, read_references
+from loop_picture import draw_loop
 from recordings import SHARED
+from signatures import draw_signatures
 
 project = "skhyst"
 author = "The skhyst developers"
@@ -75,7 +78,14 @@ sphinx_gallery_conf = {
 
 html_theme = "pydata_sphinx_theme"
 html_title = "skhyst"
-html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False}
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "header_links_before_dropdown": 7,
+    "navbar_persistent": ["search-button"],  # a field would not stand in the same line
+}
+html_static_path = ["_static"]
+html_css_files = ["skhyst.css"]
 html_show_sourcelink = False
 
 warnings.filterwarnings("error", module="skhyst")
@@ -85,6 +95,21 @@ def _drop_guide_links(app, what, name, obj, options, lines):
     """Leave out links of scikit-learn's docstrings to its user guide, which is not here."""
     if (getattr(obj, "__module__", None) or "").startswith("sklearn."):
         lines[:] = [line for line in lines if not line.startswith("Read more in the :ref:")]
+
+
+def _draw_pictures(app):
+    """Draw what the pages show, where a script is newer than its pictures."""
+    folder = Path(app.srcdir) / "pictures"
+    for draw, script, target in (
+        (draw_signatures, "signatures.py", folder / "effects"),
+        (draw_loop, "loop_picture.py", folder / "loop.svg"),
+        (draw_cheat_sheet, "cheat_sheet.py", folder / "cheat_sheet.svg"),
+        (draw_cheat_sheet, "cheat_sheet.py", folder / "cheat_sheet.pdf"),
+    ):
+        made = target.stat().st_mtime if target.exists() else 0.0
+        if made < Path(app.srcdir, script).stat().st_mtime:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            draw(target)
 
 
 REFERENCES = read_references()
@@ -100,6 +125,7 @@ def _link_citations_of_page(app, docname, source):
 
 
 def setup(app):
+    app.connect("builder-inited", _draw_pictures)
     app.connect("autodoc-process-docstring", _drop_guide_links)
     app.connect("autodoc-process-docstring", _link_citations)
     app.connect("source-read", _link_citations_of_page)

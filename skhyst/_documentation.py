@@ -37,6 +37,7 @@ def documented_like(*others):
 def _completed(docstring, order, sources, titles):
     """Return a docstring with the entries of sources; ``order`` are the names of parameters."""
     lines = inspect.cleandoc(docstring).split("\n")
+    lines += [""] * (len(lines) == 1)  # between a summary alone and its first section
     for title in titles:
         start, stop = _section(lines, title)
         entries = _entries(lines[start:stop])

@@ -1,11 +1,23 @@
-"""The checker of built pages finds what it looks for."""
+"""Pages lead to each other, their code runs, and the checker of built pages finds its faults."""
 
+import doctest
+import importlib
+import pkgutil
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import check_pages
 import pytest
+import recordings
 
+import skhyst
+from skhyst.diagnosis import effect_names
+
+DOCS = Path(__file__).parents[1] / "docs"
+COMMANDS = {"cli"}  # the user guide has them
+FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 PAGE = '<html><body id="top"><h1>Title</h1>{}</body></html>'
 
 
@@ -63,3 +75,62 @@ def test_command_fails_where_there_are_no_pages(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert "has no pages" in done.stdout
+
+
+def in_toctrees(name):
+    """Return the pages below a page in the tables of contents, itself included."""
+    text = (DOCS / f"{name}.rst").read_text(encoding="utf-8")
+    found = {name}
+    for block in re.findall(r"\.\. toctree::\n((?: +.*\n|\n)+)", text):
+        for entry in re.findall(r"^ +([\w/]+)$", block, re.MULTILINE):
+            path = Path(entry[1:]) if entry.startswith("/") else Path(name).parent / entry
+            if not path.parts[0].startswith("auto_examples"):
+                found |= in_toctrees(path.as_posix())
+    return found
+
+
+def test_every_page_is_in_a_table_of_contents():
+    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.rst")}
+    built = ("_", "auto_examples", "api/generated", "sg_execution_times")
+    assert in_toctrees("index") == {page for page in pages if not page.startswith(built)}
+
+
+def test_each_effect_has_a_page_and_a_picture():
+    overview = (DOCS / "howto" / "which_effect.rst").read_text(encoding="utf-8")
+    for name in effect_names():
+        page = (DOCS / "user_guide" / "effects" / f"{name}.rst").read_text(encoding="utf-8")
+        assert f"/pictures/effects/{name}.svg" in page
+        assert f"/pictures/effects/{name}.svg" in overview
+
+
+def test_each_public_module_is_in_the_reference():
+    text = (DOCS / "api" / "index.rst").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^   (skhyst\.\w+)$", text, re.MULTILINE))
+    for module in pkgutil.iter_modules(skhyst.__path__, "skhyst."):
+        name = module.name.rpartition(".")[2]
+        if not name.startswith("_") and name not in COMMANDS:
+            public = getattr(importlib.import_module(module.name), "__all__", ())
+            assert module.name in listed or not public, module.name
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        "understand/play",
+        *(f"howto/{name}" for name in ("closed_loop", "compare_models", "data", "deploy")),
+        "howto/several_records",
+    ],
+)
+def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = str(DOCS / f"{page}.rst")
+    failed, tried = doctest.testfile(path, module_relative=False, optionflags=FLAGS)
+    assert tried > 0
+    assert failed == 0
+
+
+@pytest.mark.needs_recordings("silverbox", named=True)
+def test_the_tutorial_is_told_as_it_is(monkeypatch):
+    monkeypatch.chdir(recordings.SHARED)
+    path = str(DOCS / "tutorial.rst")
+    assert doctest.testfile(path, module_relative=False, optionflags=FLAGS).failed == 0

@@ -1,0 +1,90 @@
+"""Draw the loop of the landing page: `python docs/loop_picture.py FILE.svg`.
+
+A simulated plant with hysteresis and creep, which shares nothing with the models, and a search that
+is told the recording and the declared model. The building of the pages calls :func:`draw_loop`.
+"""
+
+import sys
+from functools import partial
+
+import matplotlib.pyplot as plt
+import numpy as np
+from signatures import BOTH, DOWN, GREY, STYLE, UP
+
+from skhyst.datasets import steps, triangle
+from skhyst.datasets.simulation import Effect, Plant, kelvin_voigt, plays
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.records import iter_records, stack_records
+
+__all__ = ["draw_loop"]
+
+DT = 0.02  # s
+NOISE = 0.01  # um
+CANDIDATES = ["creep", "lag", "resonance", "drift", "rate_dependence", "static_nonlinearity"]
+
+
+def _recording():
+    """Return two records of steps and two of triangles, um over V."""
+    core = partial(plays, thresholds=[0, 3, 8, 15, 25], weights=[0.06, 0.02, 0.015, 0.01, 0.008])
+    creep = Effect("dynamics", partial(kelvin_voigt, taus=[0.1, 1.0], compliances=[0.07, 0.09]))
+    (plant,) = creep.changes([Plant({"core": (core,), "dynamics": ()})])
+    rng = np.random.default_rng(0)
+    levels = [[0, 40, 10, -35, -10, 25], [0, -30, 20, 45, -20, 5]]
+    drives = [steps(some, hold=1.2, dt=DT)["drive"].to_numpy() for some in levels]
+    drives += [triangle(a, 1.2, n_cycles=3, dt=DT)["drive"].to_numpy() for a in (45.0, 30.0)]
+    responses = [plant.respond(drive, dt=DT) for drive in drives]
+    noisy = [response + NOISE * rng.normal(size=response.size) for response in responses]
+    X, y = stack_records(list(zip(drives, noisy, strict=True)), dt=DT)
+    return X.set_axis(["drive (V)"], axis=1), y.rename("position (µm)")
+
+
+def draw_loop(path):
+    """Search a simulated recording and draw each station of the loop into a file."""
+    X, y = _recording()
+    search = EffectSearchCV(PrandtlIshlinskii(), effects=CANDIDATES, random_state=0).fit(X, y)
+    (effect,) = search.effects_
+    declared = search.declared_estimator_.predict(X)
+    _, X_first, y_first = next(iter_records(X, y))
+    time, first = DT * np.arange(len(y_first)), slice(0, len(y_first))
+    with plt.rc_context(STYLE):
+        figure = plt.figure(figsize=(12.5, 2.7), layout="constrained")
+        panels = figure.subplots(1, 5, gridspec_kw={"width_ratios": [1, 1, 1, 1, 0.7]})
+        recording, model, residual, named, errors = panels
+        drive = X_first.to_numpy()[:, 0]
+        recording.plot(time, drive * np.ptp(y_first) / np.ptp(drive), color=GREY, label="drive")
+        recording.plot(time, y_first, color=BOTH, label="response")
+        model.plot(time, y_first, color=BOTH, label="measured")
+        model.plot(time, declared[first], color=UP, lw=1.2, label="predicted")
+        residual.plot(time, 1e3 * (y_first - declared[first]), color=UP, lw=0.8)
+        tried = search.ranking_[search.ranking_["round"] == 1].sort_values("screen")
+        colors = [DOWN if name == effect else GREY for name in tried["effect"]]
+        named.barh(tried["effect"].str.replace("_", " "), 100 * tried["screen"], color=colors)
+        before, after, floor = (
+            1e3 * value
+            for value in (search.error_before_, search.error_after_, search.noise_floor_)
+        )
+        errors.bar(["before", "after"], [before, after], color=[UP, DOWN], width=0.6)
+        errors.axhline(floor, color=BOTH, lw=1, ls="--")
+        errors.text(1.4, floor, "noise floor", ha="right", va="bottom", fontsize=8, color=BOTH)
+        titles = [
+            "1  Record",
+            "2  Declare a model",
+            "3  Look at the residual",
+            f"4  Missing: {effect}",
+            "5  Held-out error",
+        ]
+        for axes, title in zip(panels, titles, strict=True):
+            axes.set_title(title, loc="left", fontweight="bold", fontsize=10)
+        for axes, name in ((recording, "position (µm)"), (model, ""), (residual, "nm")):
+            axes.set(xlabel="time (s)", ylabel=name)
+        named.set_xlabel("explains of the residual (%)")
+        for axes in (recording, model):
+            axes.legend(frameon=False, fontsize=8)
+        errors.set_ylabel("nm")
+        figure.savefig(path, metadata={"Date": None})
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    draw_loop(sys.argv[1])
