@@ -54,6 +54,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
         "_export_command",
         "_inspect_command",
         "_list_command",
+        "_messages",
         "_reading_options",
         "_signals",
         "app",

@@ -1,6 +1,7 @@
 """`skhyst inspect`: what is understood of recordings, and their faults."""
 
 from ._files import check_outputs, replacing
+from ._messages import as_options
 from ._reading_options import reading_options
 from .inspection import RecordingDisplay
 from .records import inspect_recording
@@ -14,7 +15,7 @@ def inspect(options):
     check_outputs([picture] if picture else [], options.files, force=options.force)
     for number, path in enumerate(options.files):
         overview = inspect_recording(path, **reading_options(options))
-        print(f"{chr(10) if number else ''}{overview}")
+        print(as_options(f"\n{overview}" if number else str(overview)))
     if picture:
         if overview.X is None or overview.y is None:
             raise ValueError(f"{path} is not drawn: its drive and response are not known.")

@@ -8,21 +8,16 @@ what a command runs is imported when it runs, so that help and usage errors come
 
 import argparse
 import importlib
-import re
 import shlex
 import sys
 import warnings
 from pathlib import Path
 
 from . import __version__
+from ._messages import as_options
 from ._signals import ending_on_signals
 
 __all__ = ["main"]
-
-_READING = (  # options that messages name as parameters
-    *("drive", "response", "time_unit", "sampling_rate", "on_missing", "missing_code"),
-    *("delimiter", "decimal", "resample"),
-)
 
 
 def main(argv=None) -> int:
@@ -50,16 +45,7 @@ def main(argv=None) -> int:
 
 
 def _tell(message):
-    """Print an error or a warning, its parameters of Python as options of the command line."""
-    names = "|".join(_READING)
-    text = re.sub(rf"\b({names})=('[^']*'|[\w.-]*\w)", _as_option, str(message))
-    text = re.sub(rf"'({names})'", _as_option, text)
-    print(f"skhyst: {text}", file=sys.stderr)
-
-
-def _as_option(found):
-    name, *value = found.groups()
-    return " ".join([f"--{name.replace('_', '-')}", *(text.strip("'") for text in value)])
+    print(f"skhyst: {as_options(str(message))}", file=sys.stderr)
 
 
 def _parser():

@@ -123,6 +123,10 @@ def test_inspect_tells_and_draws(recording, tmp_path, capsys):
     assert "more than one column may be the drive" in capsys.readouterr().out
     assert main(["diagnose", str(tmp_path / "unknown.csv")]) == 1
     assert "pass --drive NAME. Candidates: 'a', 'b'" in capsys.readouterr().err
+    table.assign(b=[-9999.0, *table["b"][1:]]).to_csv(tmp_path / "coded.csv", index=False)
+    columns = ["--drive", "a", "--response", "b"]
+    assert main(["inspect", str(tmp_path / "coded.csv"), *columns]) == 0
+    assert "Pass --on-missing interpolate or --on-missing drop" in capsys.readouterr().out
 
 
 def test_progress_goes_to_standard_error_and_no_pickle_is_loaded(recording, capsys, monkeypatch):

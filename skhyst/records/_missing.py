@@ -9,8 +9,8 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._index import describe_rows
 
-_LIKELY = re.compile(r"9{2,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
-_FAR = 10.0  # times the other readings
+_LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
+_FAR = 5.0  # times as large as any other
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
@@ -93,7 +93,7 @@ def likely_codes(path, values, names, on_missing):
             if not others.size or not _LIKELY.fullmatch(f"{abs(code):.15g}"):
                 continue
             low, high = np.min(others), np.max(others)
-            if max(low - code, code - high) <= _FAR * max(high - low, abs(low), abs(high)):
+            if abs(code) / _FAR <= max(-low, high):
                 continue
             if on_missing == "raise":
                 raise RecordError(

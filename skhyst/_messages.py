@@ -1,0 +1,22 @@
+"""Messages name parameters of Python: on the command line these are options."""
+
+import re
+
+_NAMES = "|".join(
+    [
+        *("drive", "response", "time_unit", "sampling_rate", "on_missing", "missing_code"),
+        *("delimiter", "decimal", "resample"),
+    ]
+)
+_GIVEN = re.compile(rf"\b({_NAMES})=('[^']*'|[\w.-]*\w)")
+_NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # no column's name
+
+
+def as_options(text):
+    """Return a message with its parameters as options, ``time_unit='ms'`` as ``--time-unit ms``."""
+    return _NAMED.sub(_option, _GIVEN.sub(_option, text))
+
+
+def _option(found):
+    name, *value = found.groups()
+    return " ".join([f"--{name.replace('_', '-')}", *(given.strip("'") for given in value)])
