@@ -1,6 +1,6 @@
 """What to record next: the drive from which a search would learn most, as a file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ class Experiment:
         Information in nats, see :func:`next_experiment`.
     """
 
-    drive: pd.Series
+    drive: pd.Series = field(repr=False)
     signal: str
     reason: str
     expected_gain: float

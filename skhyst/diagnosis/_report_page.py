@@ -4,7 +4,7 @@ import math
 
 from ._constants import NOTICEABLE
 from ._report_data import failures, is_full, looks
-from ._report_text import change, listed, number, percent, plus_minus, share
+from ._report_text import chance, change, listed, number, percent, plus_minus, share
 
 _NO_CLAIM = {
     "noise": "Nothing is missing: no effect that was tried makes the held-out error significantly "
@@ -134,7 +134,7 @@ def _glance(report, figures):
 
 
 def _sure(claim):
-    text = f"{claim['effect']}: p = {number(claim['p_value'], 2)}"
+    text = f"{claim['effect']}: {chance(claim['p_value'])}"
     if claim["ambiguous_with"]:
         text += f", not told from {listed(claim['ambiguous_with'])}"
     return text + (", provisional" if claim["provisional"] else "")
@@ -278,8 +278,8 @@ def _claims(report, figures):
         yield _heading(f"{place + 1}. {claim['effect']}", 3)
         yield _text(claim["statement"])
         fall = [_error(report, claim[f"error_{name}"]) for name in ("before", "after")]
-        p_value = number(claim["p_value"], 2)
-        yield _text(f"The held-out error goes from {' to '.join(fall)}, p = {p_value}.")
+        told = f"{' to '.join(fall)}, {chance(claim['p_value'])}"
+        yield _text(f"The held-out error goes from {told}.")
         if claim["provisional"]:
             yield _text(_PROVISIONAL, "note")
         rows = [[r["name"], plus_minus(r["value"], r["std"]), r["unit"]] for r in claim["numbers"]]

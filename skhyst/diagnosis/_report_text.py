@@ -64,6 +64,17 @@ def share(value):
     return f"{number(100.0 * value, 2)} %" if value >= 0.001 else "< 0.1 %"
 
 
+def chance(p_value):
+    """Write a p-value; of those that no assumption about noise supports, a bound.
+
+    Examples
+    --------
+    >>> chance(0.00213), chance(0.0)
+    ('p = 0.0021', 'p < 10⁻¹²')
+    """
+    return f"p = {number(p_value, 2)}" if p_value >= 1e-12 else "p < 10⁻¹²"
+
+
 def percent(value, whole):
     """Write a value as a percentage of another.
 

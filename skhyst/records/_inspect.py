@@ -1,6 +1,6 @@
 """What is understood of a recording, and what is wrong with it, before any model is fitted."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -49,7 +49,7 @@ class ColumnOverview:
         return f"{self.role or '-':10s}{self.name!r}: {span} ({self.kind}; {self.reason})"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RecordingOverview:
     """What is understood of a recording. Printing it tells all.
 
@@ -71,10 +71,10 @@ class RecordingOverview:
     columns: tuple
     records: tuple
     faults: tuple
-    X: pd.DataFrame | None = field(repr=False)
-    y: pd.Series | None = field(repr=False)
+    X: pd.DataFrame | None
+    y: pd.Series | None
 
-    def __str__(self):
+    def __repr__(self):
         lines = [self.name, *(f"  {column}" for column in self.columns)]
         for record in self.records[:_MOST]:
             every = "at an unknown interval (samples are counted)"

@@ -53,6 +53,11 @@ def test_the_record_settles_what_was_ambiguous(slow, experiment):
     assert search.history_["ambiguous_with"].tolist() == [()]
 
 
+def test_its_representation_is_short(experiment):
+    assert experiment.reason in repr(experiment)
+    assert len(repr(experiment)) < len(experiment.reason) + 200
+
+
 def test_the_reason_says_what_it_tells_apart(experiment):
     assert experiment.reason.startswith(experiment.signal[0].upper())
     assert "it tells delay from lag (" in experiment.reason

@@ -25,7 +25,7 @@ for (const svg of document.querySelectorAll("figure svg")) {
       const box = svg.parentNode.getBoundingClientRect();
       const far = event.clientX - box.left > box.width / 2;
       label.hidden = false;
-      label.style.left = `${event.clientX - box.left + (far ? -14 - label.offsetWidth : 14)}px`;
+      label.style.left = `${svg.parentNode.scrollLeft + event.clientX - box.left + (far ? -14 - label.offsetWidth : 14)}px`;
       label.style.top = `${event.clientY - box.top + 14}px`;
     }
   });
