@@ -5,7 +5,13 @@ import pytest
 from recordings import SHARED as DATA
 
 from skhyst.exceptions import RecordError
-from skhyst.records import iter_records, read_records, record_slices, resample_records
+from skhyst.records import (
+    iter_records,
+    read_records,
+    recognise_columns,
+    record_slices,
+    resample_records,
+)
 
 pytestmark = pytest.mark.needs_recordings
 
@@ -47,6 +53,18 @@ def test_a_published_recording_is_one_even_record(name):
     assert np.isfinite(X).all(axis=None)
     assert X.iloc[:, 0].std() > 0
     assert y is None or y.std() > 0
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_column_of_a_published_recording_is_guessed_wrongly(name):
+    options, *_ = CASES[name]
+    try:
+        found = recognise_columns(DATA / name)
+    except RecordError as error:
+        assert "Candidates" in str(error)  # noqa: PT017
+        return
+    for role in ("drive", "response"):
+        assert str(options[role]).rpartition("/")[2] == found[role].name
 
 
 def test_positions_and_names_address_the_same_column():
