@@ -52,7 +52,9 @@ def _diagnose_one(options):
     if options.report and options.report.suffix.lower() not in _REPORTS:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     model = parse_model(options.model)
-    prepare([path for path in outputs if path], options.files, options)
+    checkpoint = [options.checkpoint] if options.checkpoint else []
+    prepare([path for path in outputs if path], [*options.files, *checkpoint], options)
+    check_outputs(checkpoint, options.files, force=True)  # of another search it refuses itself
     X, y = read_records(options.files[0], **_reading(options))
     if options.rows:
         rows = _rows(options.rows)

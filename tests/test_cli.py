@@ -259,6 +259,15 @@ def test_no_input_and_no_other_file_is_written_over(
     both = [str(tmp_path / "one"), "--save", str(tmp_path / "new" / ".." / "one")]
     assert main(arguments(recording, "--json", *both)) == 1
     assert "two outputs" in capsys.readouterr().err
+    (tmp_path / "protected").write_text("")
+    for checkpoint, message in (
+        (tmp_path / "one", "is what is read"),  # of the checkpoint, by the output of that name
+        (recording, "is what is read"),
+        (tmp_path / "protected" / "search.skops", "search.skops cannot be written"),
+    ):
+        more = ["--json", str(tmp_path / "one"), "--checkpoint", str(checkpoint)]
+        assert main(arguments(recording, *more)) == 1
+        assert message in capsys.readouterr().err
     assert not (tmp_path / "one").exists()
 
 
