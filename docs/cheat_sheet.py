@@ -35,7 +35,8 @@ search.held_out_error(X_new, y_new)""",
         (
             "What to record next",
             """next_experiment(search, drive_limits=(0, 100),
-    rate_limit=2000, duration=2, dt=1e-3).save("drive.csv")""",
+    rate_limit=2000, duration=2, dt=1e-3
+    ).save("drive.csv")""",
         ),
     ],
     [
@@ -86,13 +87,14 @@ to_fmu(model, "stage_x.fmu")""",
         ),
         (
             "Command line",
-            """skhyst diagnose run.csv --drive u --response y --time t
+            """skhyst inspect run.csv
+skhyst diagnose run.csv --drive u --response y --time t
   --model prandtl_ishlinskii --report r.html
   --save m.skops
 skhyst next run.csv ... -o drive.csv --limits 0 100
 skhyst compensate m.skops reference.csv -o drive.csv
 skhyst export m.skops --c controller --name stage_x
-skhyst models; skhyst effects; skhyst demo""",
+skhyst models; skhyst effects; skhyst demo; skhyst app""",
         ),
         (
             "Effects, in the order of the signal",

@@ -14,7 +14,7 @@ from cheat_sheet import draw_cheat_sheet
 from citations import add_keys, read_references
 from loop_picture import draw_loop
 from recordings import SHARED
-from signatures import draw_signatures
+from signatures import draw_signatures, draw_thumbnail
 
 project = "skhyst"
 author = "The skhyst developers"
@@ -68,6 +68,7 @@ sphinx_gallery_conf = {
     "filename_pattern": _examples_to_run(),
     "ignore_pattern": r"^_",
     "abort_on_example_error": True,
+    "default_thumb_file": os.path.abspath("pictures/thumbnail.png"),
     "show_memory": False,
     "download_all_examples": False,
     "within_subsection_order": "NumberOfCodeLinesSortKey",
@@ -102,6 +103,7 @@ def _draw_pictures(app):
     folder = Path(app.srcdir) / "pictures"
     for draw, script, target in (
         (draw_signatures, "signatures.py", folder / "effects"),
+        (draw_thumbnail, "signatures.py", folder / "thumbnail.png"),
         (draw_loop, "loop_picture.py", folder / "loop.svg"),
         (draw_cheat_sheet, "cheat_sheet.py", folder / "cheat_sheet.svg"),
         (draw_cheat_sheet, "cheat_sheet.py", folder / "cheat_sheet.pdf"),
@@ -125,7 +127,7 @@ def _link_citations_of_page(app, docname, source):
 
 
 def setup(app):
-    app.connect("builder-inited", _draw_pictures)
+    app.connect("builder-inited", _draw_pictures, priority=100)  # before the gallery takes one
     app.connect("autodoc-process-docstring", _drop_guide_links)
     app.connect("autodoc-process-docstring", _link_citations)
     app.connect("source-read", _link_citations_of_page)

@@ -27,7 +27,7 @@ from skhyst.datasets.simulation import (
     slew_limited,
 )
 
-__all__ = ["SIGNATURES", "draw_signatures"]
+__all__ = ["SIGNATURES", "draw_signatures", "draw_thumbnail"]
 
 DT = 1e-3  # s
 TIME = DT * np.arange(4000)
@@ -281,6 +281,16 @@ def draw_signatures(folder):
     with plt.rc_context(STYLE):
         for name, signature in SIGNATURES.items():
             draw_signature(signature, folder / f"{name}.svg")
+
+
+def draw_thumbnail(path):
+    """Draw a loop, which stands for an example that was not run, into a file."""
+    figure, axes = plt.subplots(figsize=(4.0, 2.8), layout="constrained")
+    axes.plot(SLOW, LOOP(SLOW), color=DOWN, lw=2)
+    axes.set_axis_off()
+    axes.set_title("not run in this build", color=BOTH, fontsize=13)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import check_pages
+import numpy as np
 import pytest
 import recordings
 
@@ -101,6 +102,15 @@ def test_each_effect_has_a_page_and_a_picture():
         page = (DOCS / "user_guide" / "effects" / f"{name}.rst").read_text(encoding="utf-8")
         assert f"/pictures/effects/{name}.svg" in page
         assert f"/pictures/effects/{name}.svg" in overview
+
+
+def test_each_effect_shows_in_its_picture():
+    pytest.importorskip("matplotlib", reason="the pictures are drawn with it")
+    signatures = importlib.import_module("signatures")
+    assert set(signatures.SIGNATURES) == set(effect_names())
+    for name, signature in signatures.SIGNATURES.items():
+        y, model = signature.responses()
+        assert np.abs(y - model).max() > 8.0 * signatures.NOISE * np.ptp(y), name
 
 
 def test_each_public_module_is_in_the_reference():
