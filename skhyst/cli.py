@@ -8,6 +8,7 @@ what a command runs is imported when it runs, so that help and usage errors come
 
 import argparse
 import importlib
+import os
 import shlex
 import sys
 import warnings
@@ -29,12 +30,19 @@ def main(argv=None) -> int:
         Arguments, without the name of the program.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
-    options = _parser().parse_args(argv)
+    parser = _parser()
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks what may follow
+        importlib.import_module("argcomplete").autocomplete(parser)
+    options = parser.parse_args(argv)
     options.command = shlex.join(["skhyst", *argv])
     try:
         with warnings.catch_warnings(), ending_on_signals():
             warnings.showwarning = lambda message, *more, **named: _tell(message)
             options.run(options)
+            sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads has seen enough: `skhyst models | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt as ended:
         print(f"skhyst: {ended or 'interrupted'}", file=sys.stderr)
         return getattr(ended, "code", 130)

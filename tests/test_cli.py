@@ -629,6 +629,25 @@ def test_what_needs_no_model_is_told_at_once(asked):
     assert found.stderr == ""
 
 
+def test_a_reader_may_leave_early(monkeypatch):
+    """As `skhyst models | head -1` does."""
+
+    def leave(options):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("skhyst._list_command.list_models", leave)
+    monkeypatch.setattr("os.dup2", lambda *files: None)
+    assert main(["models"]) == 0
+
+
+def test_a_shell_completes_commands(tmp_path):
+    pytest.importorskip("argcomplete")
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": "skhyst dia", "COMP_POINT": "10"}
+    asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "found"), "_ARGCOMPLETE_IFS": "\n"}
+    subprocess.run([sys.executable, "-m", "skhyst"], env=os.environ | asked, check=True)
+    assert (tmp_path / "found").read_text().split() == ["diagnose"]
+
+
 def test_subpackages_are_there_when_they_are_asked_for():
     code = "import sys, skhyst; assert 'numpy' not in sys.modules; print(skhyst.diagnosis.EFFECTS)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

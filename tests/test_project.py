@@ -28,6 +28,14 @@ def test_all_name_the_same_pythons():
     assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
 
 
+def test_the_recipe_of_conda_needs_what_the_project_needs():
+    recipe = (ROOT / ".conda" / "recipe.yaml").read_text(encoding="utf-8")
+    run = re.search(r"\n  run:\n((?:    - .*\n)+)", recipe)[1]
+    needed = {line.replace(" ", "") for line in re.findall(r"- (.*)", run)[1:]}
+    assert needed == set(PROJECT["dependencies"])
+    assert PROJECT["version"].startswith(re.search(r"\n  version: (\S+)", recipe)[1])
+
+
 def test_the_citation_is_of_this_version():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {PROJECT['version']}\n" in citation

@@ -120,7 +120,8 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 
     def _arguments(self):
         """Return thresholds, their growth, weights and those of the rate, (n_plays,) each."""
-        rate_weights = self.rate_weights if self.rate_weights.size else np.zeros_like(self.weights)
+        none = as_signal(np.zeros_like(self.weights))
+        rate_weights = self.rate_weights if self.rate_weights.size else none
         growth = self.dilation * (self.thresholds > 0.0) + self.stretch * self.thresholds
         return self.thresholds, growth, self.weights, rate_weights
 

@@ -26,7 +26,7 @@ import dataclasses
 import numpy as np
 
 from .._jit import jit
-from ._protocol import Operator, as_constant, as_signal
+from ._protocol import Operator, as_constant
 
 
 @jit
@@ -186,7 +186,8 @@ def play_sum_run(u, offset, intercept, tables, turning_points, last):
     if turning_points.size > size - 2:
         size += turning_points.size
     points, values = np.empty((2, size))
-    top = _restore_stack(as_signal(turning_points), points, values, *tables)
+    # a copy that can be written to, as `_compress_stack` hands on: one kind of array to compile for
+    top = _restore_stack(np.array(turning_points, dtype=float), points, values, *tables)
     y = np.empty(u.size)
     top, last = _run(u, offset, intercept, *tables, points, values, top, last, y)
     return y, points[1 : top + 1].copy(), last

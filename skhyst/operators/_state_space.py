@@ -161,7 +161,7 @@ def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, 
     dw[:, :m] += np.outer(b0, du0)
     dw[:, m:] += (dad @ x + db0 * u0).T
     columns = np.ascontiguousarray(by), np.ascontiguousarray(output_by)
-    system = ad, b, c, float(direct), *columns, ad @ x + b0 * u0, dw, u, du
+    system = np.ascontiguousarray(ad), b, c, float(direct), *columns, ad @ x + b0 * u0, dw, u, du
     return _second_order_tangents(*system) if len(x) == 2 else _tangent_loop((0,) * len(x), *system)
 
 
