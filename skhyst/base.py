@@ -1,12 +1,14 @@
 """The base of every parametric model: validation, records, identification, free run."""
 
 import copy
+import os
 import warnings
 from abc import abstractmethod
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from numbers import Real
+from threading import Lock
 from typing import Self
 
 import numpy as np
@@ -46,14 +48,42 @@ _OUT_OF_RANGE = (
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
+class _OneThread:
+    """A context in which linear algebra takes one thread, until the last of those in it has left.
+
+    The number of threads is that of the process: were each to restore what it has found, fits that
+    overlap would leave one thread behind.
+    """
+
+    def __init__(self):
+        self._lock, self._n_within, self._limits = Lock(), 0, None
+
+    def __enter__(self):
+        with self._lock:
+            if not self._n_within:
+                self._limits = _threads().limit(limits=1, user_api="blas")
+            self._n_within += 1
+
+    def __exit__(self, *_):
+        with self._lock:
+            self._n_within -= 1
+            if not self._n_within:
+                self._limits.restore_original_limits()
+
+
 @cache
 def _threads():
     return ThreadpoolController()  # looks through all loaded libraries: once
 
 
+_ONE_THREAD = _OneThread()
+if hasattr(os, "register_at_fork"):  # the lock may be taken by a thread that the child lacks
+    os.register_at_fork(after_in_child=_ONE_THREAD.__init__)
+
+
 def one_thread():
     """Return a context in which linear algebra takes one thread."""
-    return _threads().limit(limits=1, user_api="blas")
+    return _ONE_THREAD
 
 
 @contextmanager

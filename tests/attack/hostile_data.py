@@ -312,14 +312,14 @@ INDEXES = {
         (_counted(n, 24), DT * (np.arange(n) % 24)),
     ),
     "records of one": lambda n: (_records(np.arange(n), np.zeros(n)), None),
-    "counted": lambda n: (pd.Index(np.arange(7, n + 7)), (np.zeros(n), np.arange(float(n)))),
+    "counted": lambda n: (pd.Index(np.arange(7, n + 7)), (np.zeros(n), DT * np.arange(n))),
     "counted, Int64": lambda n: (
         pd.Index(np.arange(n), dtype="Int64"),
-        (np.zeros(n), np.arange(float(n))),
+        (np.zeros(n), DT * np.arange(n)),
     ),
     "counted, uint8": lambda n: (
         pd.Index(np.arange(n, dtype=np.uint8)),
-        (np.zeros(n), np.arange(float(n))),
+        (np.zeros(n), DT * np.arange(n)),
     ),
     "every second": lambda n: (pd.RangeIndex(0, 2 * n, 2), None),
     "down": lambda n: (pd.RangeIndex(n, 0, -1), None),
