@@ -65,6 +65,7 @@ def differing(found, expected):
 
 
 def tell(what, found, expected, start):
+    faulthandler.dump_traceback_later(LIMIT, exit=True)  # anew for the next step
     count = differing(found, expected)
     took = time.perf_counter() - start
     print(f"{what:60s}{len(found):5d}{count:5d}{took:8.0f} s", flush=True)
@@ -133,8 +134,8 @@ def main():
     }
     total = 0
     print(f"{'':60s}{'fits':>5s}{'other':>6s}")
+    faulthandler.dump_traceback_later(LIMIT, exit=True)
     for part in options.parts.split(","):
-        faulthandler.dump_traceback_later(LIMIT, exit=True)
         total += parts[part]()
     faulthandler.cancel_dump_traceback_later()
     return int(total > 0)

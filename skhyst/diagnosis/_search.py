@@ -197,7 +197,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     ['output_saturation']
     """
 
-    _one_interval = False  # unless the declared model asks for one
+    _one_interval, _extreme = False, 1e30  # unless the model asks for one; squares are squared
     stepper = property(
         lambda self: self.best_estimator_.stepper, doc="That of the augmented model."
     )

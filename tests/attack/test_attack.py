@@ -21,6 +21,7 @@ _SLOW = {  # a fit takes a tenth of a second or more
 # what was neither right nor refused
 FOUND = [
     ("Corrected", Case(container="polars")),
+    ("EffectSearchCV", Case(response_scale=330, n_further=2)),
     ("FirstOrderLag", Case(index="1e300 s")),
     ("FirstOrderLag", Case(index="dates, pyarrow")),
     ("FirstOrderLag", Case(index="denormal seconds")),
