@@ -1,7 +1,6 @@
 """Files are written whole or not at all, and nothing but a file is read or replaced."""
 
 import os
-import resource
 import stat
 
 import numpy as np
@@ -15,6 +14,7 @@ from skhyst.hysteresis import BacklashOperator
 from skhyst.linear import Gain
 from skhyst.persistence import save_model
 
+resource = pytest.importorskip("resource", reason="limits of POSIX")
 DRIVE = pd.Series(np.arange(900.0), pd.Index(1e-3 * np.arange(900), name="time"), name="drive")
 
 

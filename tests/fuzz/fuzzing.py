@@ -30,7 +30,7 @@ import sys
 import sysconfig
 import time
 from collections import Counter
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -63,10 +63,14 @@ def _read(path):
     from skhyst.exceptions import RecordError
     from skhyst.records import read_records
 
-    with suppress(RecordError):
-        for column in range(3):
-            read_records(path, drive=column)
-    read_records(path, drive=1, time=0)
+    errors = []
+    for columns in ({"drive": 0}, {"drive": 1}, {"drive": 2}, {"drive": 1, "time": 0}):
+        try:
+            read_records(path, **columns)
+        except RecordError as error:
+            errors.append(error)
+    if errors:
+        raise max(errors, key=_is_of_memory)
 
 
 def _parse(path):
@@ -113,9 +117,8 @@ def attack(form, path):
             FORMATS[form](path)
     except Exception as error:
         _WATCHED.clear()
-        chain = list(_chain(error))
-        reason = _reason(chain)
-        if any(isinstance(own, MemoryError) for own in chain):
+        reason = _reason(list(_chain(error)))
+        if _is_of_memory(error):
             broken.append("memory")
         elif not _is_documented(form, error):
             broken.append(f"{type(error).__name__}: {error}"[:80])
@@ -136,6 +139,10 @@ def _chain(error):
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
+
+
+def _is_of_memory(error):
+    return any(isinstance(own, MemoryError) for own in _chain(error))
 
 
 def _reason(chain):

@@ -5,9 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import fuzzing
 import pytest
 
+fuzzing = pytest.importorskip("fuzzing")  # it sets limits of POSIX
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits and /proc of Linux")
 
 FAULTY = f"""
