@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from sklearn.base import _fit_context
+from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.utils._param_validation import HasMethods, Interval, StrOptions, validate_params
 from sklearn.utils.metaestimators import _BaseComposition as BaseComposition
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
@@ -14,6 +15,7 @@ __all__ = [
     "Interval",
     "StrOptions",
     "check_feature_names_in",
+    "diagram_of",
     "fit_context",
     "validate_params",
 ]
@@ -25,3 +27,9 @@ _Method = TypeVar("_Method", bound=Callable)
 def fit_context(*, prefer_skip_nested_validation) -> Callable[[_Method], _Method]:
     """Return scikit-learn's decorator of `fit`, under which the method keeps its type."""
     return _fit_context(prefer_skip_nested_validation=prefer_skip_nested_validation)
+
+
+def diagram_of(steps, *, parallel):
+    """Return what scikit-learn's display draws of named steps: a series, or side by side."""
+    kind = FeatureUnion if parallel else Pipeline
+    return kind(list(steps.items()))._sk_visual_block_()

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from .._sklearn import BaseComposition
+from .._sklearn import BaseComposition, diagram_of
 from ..base import ParametricModel, informed, with_params
 from ..operators import FrozenOperator, Operator, SeriesOperator, put_beside, take_apart
 from ..optimize import VariableProjection
@@ -63,6 +63,7 @@ class Composition(ParametricModel, BaseComposition):
     """
 
     _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
+    _parallel = False
 
     def __init__(self, steps, *, initial_state="rest", dt=1.0, method="variable_projection"):
         self.steps = steps
@@ -84,6 +85,9 @@ class Composition(ParametricModel, BaseComposition):
                 if name in stages and not isinstance(step, FrozenEstimator):
                     found[name] = self._fitted_step(name, model, stages[name])
         return found
+
+    def _sk_visual_block_(self):
+        return diagram_of(self.named_steps, parallel=self._parallel)
 
     @property
     def operators_(self) -> dict[str, Operator]:

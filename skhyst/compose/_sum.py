@@ -37,6 +37,8 @@ class Sum(Composition):
     True
     """
 
+    _parallel = True
+
     def _models(self):
         """Return the steps as models; beside one that reads columns the others read the first."""
         models = super()._models()

@@ -1,5 +1,6 @@
 """Every composition: fitted from the operator that it has, taken apart and put together again."""
 
+import re
 import warnings
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
+from sklearn.utils import estimator_html_repr
 
 from skhyst.compose import (
     Cascade,
@@ -202,3 +204,12 @@ def test_gain_and_intercept_of_linear_stages_move_and_do_not_vanish(without):
     (stage,) = whole.without(without).stages
     at_rest = np.full(5, 1.7)
     np.testing.assert_allclose(stage.run(at_rest, DT)[0], whole.run(at_rest, DT)[0])
+
+
+def test_the_diagram_shows_what_stands_behind_and_what_beside():
+    beside = Sum([("plays", PrandtlIshlinskii()), ("drift", Drift())])
+    drawn = estimator_html_repr(Cascade([("stage", beside), ("lag", FirstOrderLag())]))
+    serial, parallel = (re.search(rf'class="sk-{kind}"', drawn) for kind in ("serial", "parallel"))
+    assert serial.start() < parallel.start()
+    places = [drawn.index(f"<div>{name}</div>") for name in ("PrandtlIshlinskii", "Drift")]
+    assert parallel.start() < min(places) < max(places) < drawn.index("<div>FirstOrderLag</div>")
