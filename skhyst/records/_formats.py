@@ -262,7 +262,9 @@ def _read_mat(path):
     data = path.read_bytes()  # what is looked over is what is read
     if matfile_version(io.BytesIO(data))[0] == 1:
         check_tags(data)
-    content = loadmat(io.BytesIO(data), struct_as_record=True, chars_as_strings=True)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*`spmatrix`", DeprecationWarning)  # either is refused
+        content = loadmat(io.BytesIO(data), struct_as_record=True, chars_as_strings=True)
     return [
         replace(variable, group=variable.name.rpartition(".")[0])
         for name, values in content.items()
