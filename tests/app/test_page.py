@@ -1,6 +1,7 @@
 """The page of `skhyst app`, clicked through without a browser."""
 
 import shlex
+import sys
 import tempfile
 from pathlib import Path
 
@@ -54,6 +55,8 @@ def recording(top=np.inf, **names):
 @pytest.fixture
 def page(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    # the page takes this place, from where new processes would run it
+    monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     pytest.importorskip("streamlit")
     pytest.importorskip("skops")
     pytest.importorskip("matplotlib")
