@@ -16,10 +16,10 @@ def read_data(estimator, X, y=None, *, reset, dt):
     """Validate X and y and return the records, the array X, and y where it was given."""
     options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
     sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
-    if y is None and not reset:
-        array = validate_data(estimator, X, reset=False, **options)
-        return record_slices(_indexed(X, array), **sampling), array, None
     with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
+        if y is None and not reset:
+            array = validate_data(estimator, X, reset=False, **options)
+            return record_slices(_indexed(X, array), **sampling), array, None
         array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
     response = as_numbers(response)
     refuse_extreme(array[:, 0], response, _least(estimator))

@@ -15,13 +15,15 @@ def run_records(operator, signal, slices, initial_state="rest", schedules=None):
     """
     signal = np.ascontiguousarray(signal)
     parts = []
-    for record, schedule in zip(slices, schedules or [None] * len(slices), strict=True):
-        u = signal[record.rows]
-        own = operator if schedule is None else operator.at(schedule)
-        parts.append(own.run(u, record.dt, own.init(u[0], initial_state))[0])
-    y = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    # one pass where all is well; a sum may overflow where the values do not
-    if not (np.isfinite(y.sum()) or np.isfinite(y).all()):
+    with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told below
+        for record, schedule in zip(slices, schedules or [None] * len(slices), strict=True):
+            u = signal[record.rows]
+            own = operator if schedule is None else operator.at(schedule)
+            parts.append(own.run(u, record.dt, own.init(u[0], initial_state))[0])
+        y = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        # one pass where all is well; a sum may overflow where the values do not
+        is_finite = np.isfinite(y.sum()) or np.isfinite(y).all()
+    if not is_finite:
         warnings.warn(
             "The simulation diverged; values beyond the range of floating point were cut off.",
             DivergenceWarning,

@@ -53,6 +53,16 @@ def test_what_was_found(name, case):
     assert attack(name, case) == ""
 
 
-def test_features_too_large_for_the_fitted():
-    fitted = instance("PlayOperators").fit(*Case().given())
-    assert attack("PlayOperators", Case("the largest numbers"), fitted) == ""
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        ("DeadBand", Case("1e300", drive_scale=330)),
+        ("Gain", Case("the largest numbers")),
+        ("PlayOperators", Case("the largest numbers")),
+        ("RateDependentPrandtlIshlinskii", Case("the largest numbers")),
+    ],
+    ids=str,
+)
+def test_what_is_too_large_for_the_fitted(name, case):
+    fitted = instance(name).fit(*Case().given())
+    assert attack(name, case, fitted) == ""
