@@ -1,5 +1,6 @@
 """Files are written whole or not at all, and nothing but a file is read or replaced."""
 
+import gc
 import os
 import stat
 
@@ -37,6 +38,10 @@ WRITERS = {  # each writer of the package, by the file that it writes
 }
 
 
+# where writing fails, the pickler of Python 3.13 leaves a buffer that is still seen
+@pytest.mark.filterwarnings(
+    "ignore:Exception ignored.*BytesIO:pytest.PytestUnraisableExceptionWarning"
+)
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_the_old_file_whole(search, tmp_path, name):
     path, write = tmp_path / name, WRITERS[name]
@@ -51,6 +56,7 @@ def test_a_full_disk_leaves_the_old_file_whole(search, tmp_path, name):
             write(search, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, room)
+    gc.collect()
     found = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     assert found == whole | {name: b"mine"}
     write(search, path)
