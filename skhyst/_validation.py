@@ -6,7 +6,9 @@ from sklearn.utils.validation import validate_data
 from .exceptions import RecordError
 from .records import record_slices
 
-EXTREME = 1e100  # largest value and, inverted, smallest, of an estimator that does not say
+# Largest value and, inverted, smallest, of an estimator without `_extreme` of its own: squares of
+# such values, and those of gains and their inverses, are finite.
+EXTREME = 1e100
 _TOO_FAR = (
     "The largest value of {} is {:g}, too far from one to calculate with: choose another unit."
 )

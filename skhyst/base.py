@@ -161,7 +161,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     method = "variable_projection"  # of a constructor without it
     _reads_columns = False  # of X beside the first
     _one_interval = False  # an operator runs at the interval of each record
-    _extreme = 1e100  # values whose squares, and those of gains and their inverses, are finite
     _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
 
     def __init_subclass__(cls, **options):

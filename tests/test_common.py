@@ -13,7 +13,7 @@ from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_sc
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
-from small_estimators import small_estimators
+from small_estimators import NO_GAIN, small_estimators
 
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Sum
@@ -181,19 +181,6 @@ PLAYS = {
     "Preisach",
     "KrasnoselskiiPokrovskii",
     "MaxwellSlip",
-}
-# the response has the unit of the drive, so that it cannot be scaled alone
-NO_GAIN = {
-    "Backlash",
-    "DeadBand",
-    "Delay",
-    "DeadZones",
-    "Fold",
-    "Saturation",
-    "SlewLimit",
-    "SmoothCurve",
-    "SoftSaturation",
-    "TimeShift",
 }
 # weights that are not negative; one side that is clipped, or where there is a stop or a fold
 ONE_SIGN = PLAYS | {

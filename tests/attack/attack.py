@@ -32,7 +32,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, DataConversionWarning
-from small_estimators import small_estimators
+from small_estimators import NO_GAIN, small_estimators
 
 import skhyst
 from skhyst.exceptions import DivergenceWarning, ReachWarning
@@ -51,19 +51,6 @@ _ALIKE = 1e-3, 1.02  # results in other units differ by this, or fit worse by th
 _WITH_A_UNIT = {"Corrected", "InverseCompensator"}
 # stopped after three steps, they are wherever these led
 _UNFINISHED = {"BoucWenStage", "EndStops", "FrictionStage", "GrayBoxHysteresis", "RestoringForce"}
-# both units are that of the drive
-_ONE_UNIT = {
-    "Backlash",
-    "DeadBand",
-    "DeadZones",
-    "Delay",
-    "Fold",
-    "Saturation",
-    "SlewLimit",
-    "SmoothCurve",
-    "SoftSaturation",
-    "TimeShift",
-}
 
 
 def instance(name):
@@ -190,7 +177,7 @@ def _scales(name, case):
     """Whether the result must be that of the same case in other units."""
     if name in _WITH_A_UNIT | _UNFINISHED or case.values != "plain":
         return False
-    if name in _ONE_UNIT and case.drive_scale != case.response_scale:
+    if name in NO_GAIN and case.drive_scale != case.response_scale:
         return False
     return bool(case.drive_scale or case.response_scale)
 

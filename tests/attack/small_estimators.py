@@ -20,7 +20,7 @@ from skhyst.linear import FirstOrderLag, KelvinVoigt
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
 
-__all__ = ["small_estimators"]
+__all__ = ["NO_GAIN", "small_estimators"]
 
 _BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of theirs
 
@@ -50,6 +50,20 @@ _EXAMPLES = {
     "EffectSearchCV": lambda: EffectSearchCV(
         PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
     ),
+}
+
+# the response has the unit of the drive, so that it cannot be scaled alone
+NO_GAIN = {
+    "Backlash",
+    "DeadBand",
+    "Delay",
+    "DeadZones",
+    "Fold",
+    "Saturation",
+    "SlewLimit",
+    "SmoothCurve",
+    "SoftSaturation",
+    "TimeShift",
 }
 
 
