@@ -16,6 +16,7 @@ for that with files made for it.
 """
 
 import argparse
+import ast
 import hashlib
 import io
 import json
@@ -142,19 +143,24 @@ def _chain(error):
 
 
 def _is_of_memory(error):
-    return any(isinstance(own, MemoryError) for own in _chain(error))
+    # CPython's parser raises the same for what nests too deeply, whatever the memory.
+    return any(
+        isinstance(own, MemoryError) and _place(own)[0] != ast.__file__ for own in _chain(error)
+    )
 
 
 def _reason(chain):
     """Return what tells refusals apart: where each was raised, and the words of the first."""
-    places = []
-    for error in chain:
-        trace = error.__traceback__
-        while trace and trace.tb_next:
-            trace = trace.tb_next
-        places.append(trace and (trace.tb_frame.f_code.co_filename, trace.tb_lineno))
     words = re.sub(r"'.*?'|[^a-z ]", "", str(chain[-1]))[:40]
-    return f"{places} {words}"
+    return f"{[_place(error) for error in chain]} {words}"
+
+
+def _place(error):
+    """Return the file and the line where an exception was raised."""
+    trace = error.__traceback__
+    while trace and trace.tb_next:
+        trace = trace.tb_next
+    return (trace.tb_frame.f_code.co_filename, trace.tb_lineno) if trace else ("", 0)
 
 
 _WATCHED = []  # of the file that is read: what it did, and the folder that it lies in
