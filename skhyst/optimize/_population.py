@@ -8,11 +8,12 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from ._variable_projection import (
+    CANCELLED,
     Method,
     Solution,
+    eliminate,
     restrict,
     search_box,
-    solve_linear,
     variable_projection,
 )
 
@@ -110,14 +111,15 @@ class _Objective:
             self.n_evaluations >= self.method.max_evaluations
         ):
             raise _Finished
-        x = self.problem.x0.copy()
+        x = self.best.copy()  # whose linear part has the size of the solution's
         x[self.searched] = candidate
         gram = self.problem.total(self.problem.evaluate(x, jacobian=self.method.project))
         self.n_evaluations += 1
         if not np.isfinite(gram).all():
             return np.inf
         if self.method.project:
-            x, gram = solve_linear(self.problem, x, gram)
+            x, gram, more = eliminate(self.problem, x, gram, CANCELLED)
+            self.n_evaluations += more
         cost = gram[-1, -1]
         if cost < self.least:
             self.least, self.best = cost, x

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._variable_projection import STALE, damped_step, solve_linear
+from ._variable_projection import STALE, damped_step, eliminate
 
 _PARTS_OF_STEP = (1.0, 0.25, 0.06)
 
@@ -15,12 +15,9 @@ def predicted_cost(problem, x):
     gram = problem.total(problem.evaluate(x))
     if not np.isfinite(gram).all():
         return np.inf
-    before = gram[-1, -1]
-    x, gram = solve_linear(problem, x, gram)
-    if gram[-1, -1] < before * (1.0 - STALE):
-        gram = problem.total(problem.evaluate(x))
-        if not np.isfinite(gram).all():
-            return np.inf
+    x, gram, _ = eliminate(problem, x, gram, 1.0 - STALE)
+    if not np.isfinite(gram).all():
+        return np.inf
     return max(gram[-1, -1] - damped_step(problem, x, gram)[1], 0.0)
 
 

@@ -27,7 +27,7 @@ from .._documentation import inherit_documentation
 _LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 _LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
-_CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
+CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
 STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
 _DECADES = 1.5  # beyond the starting values of a positive parameter without bounds
 _REACH = 2.0  # beyond those of any other, in their own size
@@ -194,11 +194,9 @@ def variable_projection(
         solution.message = "The model is not finite at the starting values."
     else:
         if problem.linear.any():
-            solution.x, gram = solve_linear(problem, x, gram)
             # the other columns were taken at the old linear part
-            if not project or gram[-1, -1] < solution.cost * (1.0 - STALE):
-                gram = problem.total(problem.evaluate(solution.x, select=select), select)
-                solution.n_evaluations += 1
+            solution.x, gram, more = eliminate(problem, x, gram, 1.0 - STALE, select)
+            solution.n_evaluations += more
             solution.gram, solution.cost = gram, gram[-1, -1]
         solution.history.append((solution.n_evaluations, solution.cost))
         if project and problem.linear.all():
@@ -264,11 +262,8 @@ def _tried(problem, x, select, project):
     gram = problem.total(problem.evaluate(x, select=select), select)
     if not (project and np.isfinite(gram).all()):
         return x, gram, 1
-    before = gram[-1, -1]
-    x, gram = solve_linear(problem, x, gram)
-    if gram[-1, -1] >= _CANCELLED * before:
-        return x, gram, 1
-    return x, problem.total(problem.evaluate(x, select=select), select), 2
+    x, gram, more = eliminate(problem, x, gram, CANCELLED, select)
+    return x, gram, 1 + more
 
 
 def damped_step(problem, x, gram, damping=0.0):
@@ -302,6 +297,24 @@ def solve_linear(problem, x, gram):
     moved[-1, :] = moved[:, -1]
     moved[-1, -1] = max(step @ gram @ step, 0.0)
     return np.clip(x + step[:-1], problem.lower, problem.upper), moved
+
+
+def eliminate(problem, x, gram, part, select=None):
+    """Solve the linear parameters exactly, and evaluate where that leaves less than a part.
+
+    From far away, as 1 is from a gain in other units, rounding errors may be larger than the
+    response: then it is solved again.
+    """
+    n_evaluations = 0
+    while True:
+        before = gram[-1, -1]
+        x, gram = solve_linear(problem, x, gram)
+        if gram[-1, -1] >= part * before:
+            return x, gram, n_evaluations
+        gram = problem.total(problem.evaluate(x, select=select), select)
+        n_evaluations += 1
+        if not problem.scale < gram[-1, -1] < part * before:
+            return x, gram, n_evaluations
 
 
 @dataclass(frozen=True, kw_only=True)

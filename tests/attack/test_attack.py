@@ -38,6 +38,7 @@ FOUND = [
     ("SCNRegressor", Case("denormal drive")),
     ("SCNRegressor", Case("the largest numbers")),
     ("SystemLevelHysteresis", Case(drive_scale=250)),
+    ("TankChain", Case(drive_scale=-200, response_scale=-200)),
     ("TransferFunction", Case("no response")),
 ]
 

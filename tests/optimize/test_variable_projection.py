@@ -416,7 +416,7 @@ def test_the_cost_is_that_of_the_solution(rate):
 def test_a_refused_step_is_halved_at_least():
     """A step that was refused is not tried again at about the same length."""
     truth, _ = CASES["mode"]
-    problem = OperatorProblem(SecondOrderModeOperator(100.0, 0.01), records(truth))
+    problem = OperatorProblem(SecondOrderModeOperator(150.0, 0.01), records(truth))
     tried, evaluate = [], problem.evaluate
 
     def remembered(x, **options):
