@@ -67,10 +67,9 @@ class NoiseModel:
     @cached_property
     def _forecast(self):
         """Weights of the past samples, the last one first, that foretell the next."""
-        lags = np.arange(LAGS[-1] + 1)
-        frequency = np.arange(0.5, 8 * len(lags)) / (16 * len(lags))  # fine enough for these lags
-        power = self.spectrum(frequency) / len(frequency)
-        correlations = np.cos(2.0 * np.pi * np.outer(lags, frequency)) @ power
+        n = 8 * (LAGS[-1] + 1)  # fine enough for these lags
+        power = self.spectrum(np.arange(0.5, n) / (2 * n))
+        correlations = dct(power)[: LAGS[-1] + 1] / (2 * n)
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def innovations(self, series):
