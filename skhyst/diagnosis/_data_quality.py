@@ -108,7 +108,8 @@ def with_reactions(table, drive, residuals, records):
         if len(records) * p_value < 0.001 and record.label not in others:
             rows = np.arange(record.rows.start, record.rows.stop)
             found.append(("closed_loop", record.label, rows, p_value))
-    return pd.concat([table, _table(found)], ignore_index=True) if found else table
+    tables = [own for own in (table, _table(found)) if len(own)]
+    return pd.concat(tables, ignore_index=True) if tables else table
 
 
 def _table(found):

@@ -64,7 +64,7 @@ def washout_scorer(
     >>> from skhyst.model_selection import washout_scorer
     >>> X, y = np.zeros((5, 1)), np.array([9.0, 9.0, 1.0, 2.0, 3.0])
     >>> model = DummyRegressor(strategy="constant", constant=2.0).fit(X, y)
-    >>> washout_scorer(max_error, washout=2)(model, X, y)
+    >>> print(washout_scorer(max_error, washout=2)(model, X, y))
     -1.0
     """
     if not callable(metric):

@@ -74,12 +74,12 @@ def choose(page, widget, name):
     from playwright.sync_api import TimeoutError as Missed
 
     option, end = page.get_by_role("option", name=name, exact=True), time.monotonic() + PATIENCE
+    chosen = page.locator("[data-tag], [data-baseweb=tag]")  # of newer and older Streamlit
     while time.monotonic() < end:
-        widget.fill("")
         widget.fill(name)
         with suppress(Missed):
             option.click(timeout=5e3)
-            page.locator(f"[data-tag][aria-label={name}]").first.wait_for(timeout=5e3)
+            chosen.filter(has_text=name).first.wait_for(timeout=5e3)
             return
     raise AssertionError(f"{name} cannot be chosen")
 
@@ -90,7 +90,7 @@ def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, record
     page.on("request", lambda request: asked.append(request.url))
     page.goto(address)
     page.locator("input[type=file]").set_input_files(recording)
-    page.get_by_text("Options").click()
+    page.get_by_text("Options", exact=True).click()
     effects = page.get_by_role("combobox", name="Effects")
     for name in ("asymmetry", "lag"):
         choose(page, effects, name)

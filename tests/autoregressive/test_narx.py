@@ -250,7 +250,7 @@ def test_steps_ahead_are_a_run_from_what_was_measured(name, data):
     estimator = clone(COMPILED[name]) if name in COMPILED else KNeighborsRegressor(3)
     model = narx(estimator).fit(X, y)
     ahead, k = model.predict(X, y, horizon=4), 50
-    past = [0.0, 0.0, *y.loc["b"][: k - 3]]
+    past = [0.0, 0.0, *y.loc["b"].iloc[: k - 3]]
     run = row_by_row(model.estimator_, X.loc[["b"]].iloc[: k + 1], past)
     np.testing.assert_allclose(ahead[150 + k], run[k], rtol=1e-10)
 

@@ -228,7 +228,7 @@ def test_splitters_inside_scikit_learn(cv, routing):
     RecordCounter.seen = ()
     with sklearn.config_context(enable_metadata_routing=routing):
         search = GridSearchCV(pipeline, {"ridge__alpha": [1e-6, 1e6]}, cv=cv).fit(X, y)
-        scores = cross_val_score(RecordCounter(), X, y, cv=cv, scoring="r2")
+        scores = cross_val_score(RecordCounter(), X, y, cv=cv, scoring="r2", params={})
     assert search.best_params_ == {"ridge__alpha": 1e-6}
     assert check_cv(cv) is cv
     assert scores.shape == (3,)
