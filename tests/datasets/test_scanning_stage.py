@@ -61,7 +61,9 @@ def test_stage_by_an_ordinary_differential_equation():
     for i, value in enumerate(drive):
         play = np.clip(play, value - STAGE.thresholds, value + STAGE.thresholds)
         hysteresis[i] = STAGE.weights @ play
-    np.testing.assert_allclose(hysteresis[::40], truth.hysteresis.loc["1000 Hz"].iloc[:250], atol=1e-9)
+    np.testing.assert_allclose(
+        hysteresis[::40], truth.hysteresis.loc["1000 Hz"].iloc[:250], atol=1e-9
+    )
     unit = 1e5  # rad/s
     powers = unit ** np.arange(9.0)
     denominator = STAGE.denominator / powers
