@@ -16,7 +16,7 @@ from ..exceptions import RecordError
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
 _FORMS = 20  # forms of rows that are looked at, from the most frequent
-_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _INTEGER = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"0\d+([eE][+-]?\d+)?")
