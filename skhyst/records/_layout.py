@@ -88,7 +88,11 @@ class Layout:
 
     def ends(self, rows):
         """Return how many rows it is to the end of the table; what follows must be a footer."""
-        fitting = [i for i, row in enumerate(rows) if fits(self.form, self.form_of(row))]
+        fitting = [
+            i
+            for i, row in enumerate(rows)
+            if fits(self.form, self.form_of(row)) and _names_value(row) <= _names_value(rows[0])
+        ]
         if not fitting:
             raise RecordError("its last lines are no rows of the table that it begins with")
         for row in rows[fitting[-1] + 1 :]:
@@ -101,7 +105,7 @@ class Layout:
         kinds = self.form_of(row)
         key = next(i for i, kind in enumerate(self.form) if kind in "ns")
         told = kinds[key : key + 1] or kinds.replace("s", "n")
-        return set(kinds) == {"b"} or not set(told) & {"n", "s", "b"}
+        return set(kinds) == {"b"} or _names_value(row) or not set(told) & {"n", "s", "b"}
 
     def form_of(self, row):
         """Return a letter for each field: a number, a time, text, blank, or "x": not split."""
@@ -154,6 +158,11 @@ def fits(form, kinds):
         and any(kind in "ns" for kind in kinds)
         and all(a == b or a in "tb" or b == "b" for a, b in zip(form, kinds, strict=True))
     )
+
+
+def _names_value(row):
+    """Whether a row is a name with its value, as "mean: 1.25" below a column of labels."""
+    return row[0].endswith(":")
 
 
 def _under(lines, delimiter, decimal):
