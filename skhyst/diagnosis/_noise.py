@@ -164,11 +164,13 @@ def _wiped(u):
 def _settled(difference):
     """Return the sum of squares of a difference without its start and drift, and its freedom."""
     rest = difference
+    # of a sum of so many
+    rounding = (len(difference) * np.spacing(np.max(np.abs(difference), initial=0.0))) ** 2
     for _ in range(BLOCKS // 2):
         rest = difference - _slow(difference)
         size = max(len(difference) // BLOCKS, 1)
         blocks = [np.mean(np.square(rest[k : k + size])) for k in range(0, len(rest), size)]
-        if len(blocks) < 4 or blocks[0] <= TRANSIENT * np.median(blocks[1:]):
+        if len(blocks) < 4 or blocks[0] <= TRANSIENT * max(np.median(blocks[1:]), rounding):
             break
         difference = difference[size:]
     return float(rest @ rest), max(len(rest) - SLOW - 1, 0)

@@ -1,5 +1,6 @@
 """Identification: least squares over operators. Knows no estimator."""
 
+from ._bounded_step import bounded_step
 from ._frequency_problem import FrequencyProblem, identify_response
 from ._histories import estimate_histories, histories_of
 from ._identify import METHODS, IdentificationResult, identify
@@ -20,7 +21,6 @@ from ._starts import distribute_poles, pole_starts, record_poles, sections, warp
 from ._variable_projection import (
     Method,
     VariableProjection,
-    bounded_step,
     restrict,
     search_box,
     variable_projection,

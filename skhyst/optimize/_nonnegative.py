@@ -7,7 +7,7 @@
 
 import numpy as np
 
-from ._variable_projection import solve_definite
+from ._bounded_step import solve_definite
 
 _TOLERANCE = 1e-11  # relative to the largest unknown or slope
 _PATIENCE = 3  # exchanges of whole blocks without progress
