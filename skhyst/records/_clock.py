@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError, TimeUnitWarning
-from ._columns import numbers
+from ._columns import coerced, numbers
 from ._formats import reading
 from ._units import SECONDS, time_unit_of
 
@@ -61,7 +61,7 @@ def times(path, column, unit):
         return pd.Index(values)
     column = pd.Series(values, dtype=object)
     column = column.where(column.astype(str).str.strip() != "", None)
-    if pd.to_numeric(column, errors="coerce").notna().any():
+    if coerced(path, name, column).notna().any():
         return _seconds(path, name, numbers(path, name, values), unit)
     clock = pd.to_timedelta(column, errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():

@@ -202,7 +202,7 @@ def numbers(path, name, values):
         return values.astype(float)
     if values.dtype.kind in "OUSTV":
         column = pd.Series(values, dtype=object)
-        found = pd.to_numeric(column, errors="coerce")
+        found = coerced(path, name, column)
         text = column.notna() & (column.astype(str).str.strip() != "")
         wrong = np.flatnonzero(found.isna() & text)
         if not len(wrong) and found.dtype.kind in "biuf":
@@ -215,3 +215,13 @@ def numbers(path, name, values):
     raise RecordError(
         f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
     )
+
+
+def coerced(path, name, column):
+    """Return a series as numbers, NaN where a cell is none."""
+    try:
+        return pd.to_numeric(column, errors="coerce")
+    except OverflowError as error:
+        raise RecordError(
+            f"Column {name!r} of {path.name} has an integer beyond all floating-point numbers."
+        ) from error

@@ -101,6 +101,13 @@ def test_a_footer_behind_many_rows_is_left_out(tmp_path):
     assert column == [0.25] * 20_000
 
 
+@pytest.mark.parametrize("columns", [{"drive": 0}, {"drive": 1, "time": 0}])
+def test_an_integer_beyond_floating_point_is_refused(tmp_path, columns):
+    (tmp_path / "a.csv").write_text(f"0;1\n1{'0' * 400};2\n")
+    with pytest.raises(RecordError, match="beyond all floating-point numbers"):
+        read_records(tmp_path / "a.csv", **columns)
+
+
 def test_a_value_by_name_below_labels_is_no_row(tmp_path):
     (tmp_path / "a.csv").write_text("run0 2.5\nrun1 3.5\nmean: 3.0\n")
     assert read_records(tmp_path / "a.csv", drive=1)[0].iloc[:, 0].tolist() == [2.5, 3.5]
