@@ -118,11 +118,10 @@ def variable_projection(
         solution.cost, solution.n_evaluations = np.inf, 1
         solution.message = "The model is not finite at the starting values."
     else:
-        if problem.linear.any():
-            # the other columns were taken at the old linear part
-            solution.x, gram, more = eliminate(problem, x, gram, 1.0 - STALE, select)
-            solution.n_evaluations += more
-            solution.gram, solution.cost = gram, gram[-1, -1]
+        # the other columns were taken at the old linear part
+        solution.x, gram, more = eliminate(problem, x, gram, 1.0 - STALE, select)
+        solution.n_evaluations += more
+        solution.gram, solution.cost = gram, gram[-1, -1]
         solution.history.append((solution.n_evaluations, solution.cost))
         if project and problem.linear.all():
             solution.converged = True

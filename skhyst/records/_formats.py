@@ -386,23 +386,23 @@ def _parquet_values(parquet, path, name, occurrence):
 
 
 def _read_feather(path):
-    with _feather_file(path) as file:
+    ipc, arrow = (_optional(name, path.suffix) for name in ("pyarrow.ipc", "pyarrow"))
+    content = arrow.py_buffer(path.read_bytes())  # whose parts are not copied
+    with ipc.open_file(content) as file:
         names = file.schema.names
-    with _feather_file(path, [0]) as file:
+    with _feather_columns(ipc, content, [0]) as file:
         rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
-    check_size("its table", rows * np.dtype(float).itemsize, path.stat().st_size)
-    load = partial(_feather_values, path)
+    check_size("its table", rows * np.dtype(float).itemsize, content.size)
+    load = partial(_feather_values, ipc, content)
     return [Variable(name, (rows,), partial(load, i)) for i, name in enumerate(names)]
 
 
-def _feather_file(path, columns=()):
-    ipc, arrow = (_optional(name, path.suffix) for name in ("pyarrow.ipc", "pyarrow"))
-    content = arrow.py_buffer(path.read_bytes())  # whose parts are not copied
-    return ipc.open_file(content, options=ipc.IpcReadOptions(included_fields=list(columns)))
+def _feather_columns(ipc, content, columns):
+    return ipc.open_file(content, options=ipc.IpcReadOptions(included_fields=columns))
 
 
-def _feather_values(path, column):
-    with _feather_file(path, [column]) as file:
+def _feather_values(ipc, content, column):
+    with _feather_columns(ipc, content, [column]) as file:
         values = file.read_all().column(0)
     values.validate(full=True)  # texts may point anywhere
     return values.to_numpy()
