@@ -231,13 +231,23 @@ def _warm(form, folder):
     return path
 
 
+def _in_time(form, path):
+    """Attack with a file; what takes too long ends the process."""
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)  # of computing
+    signal.alarm(10 * SECONDS)  # of waiting
+    told = attack(form, path)
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
+    signal.alarm(0)
+    return told
+
+
 def _in_all_memory(form, path):
     """Return what a file breaks without a limit: what is asked for in vain may never be used."""
     limits = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from now on
     before = _peak()
-    found, _ = attack(form, path)
+    found, _ = _in_time(form, path)
     resource.setrlimit(resource.RLIMIT_AS, limits)
     found = "" if found == "memory" else found
     return "memory" if _peak() - before > BYTES else found
@@ -265,11 +275,7 @@ def _strike(form, path, data, number):
     """Attack with one file, print what it broke, and return a short name of the refusal."""
     path.write_bytes(data)
     print(json.dumps(["at", number]), flush=True)
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)  # of computing: its default action ends us
-    signal.alarm(10 * SECONDS)  # of waiting
-    found, reason = attack(form, path)
-    signal.setitimer(signal.ITIMER_PROF, 0.0)
-    signal.alarm(0)
+    found, reason = _in_time(form, path)
     if found == "memory":
         found = _in_all_memory(form, path)
     if found:

@@ -24,6 +24,7 @@ faults = (
     lambda path: {{}}["key"],
     loop,
     lambda path: bytearray(b"a") * (2 * fuzzing.BYTES),
+    lambda path: (bytes(2 * fuzzing.BYTES), loop(path)),  # what the second try must end
     lambda path: os.kill(os.getpid(), signal.SIGSEGV),
     lambda path: eval("1 + 1"),
     lambda path: subprocess.run(["true"]),
@@ -39,26 +40,26 @@ def faulty(path):
             seen.append(data)
         faults[first + seen.index(data)](path)
 
-fuzzing.SECONDS = 1
+fuzzing.SECONDS, fuzzing.BYTES = 2, 10**8  # touched within a fraction of the time
 fuzzing.FORMATS["model"] = faulty
 fuzzing.main(sys.argv[1:])
 """
 SEEN = (
-    *("KeyError: 'key'", "hang", "memory", "ends with -11", "runs <string>", "subprocess.Popen"),
-    *("writes ", "reads /etc/passwd"),
+    *("KeyError: 'key'", "hang", "memory", "hang", "ends with -11", "runs <string>"),
+    *("subprocess.Popen", "writes ", "reads /etc/passwd"),
 )
 
 
 def test_each_fault_is_seen(tmp_path):
     program = tmp_path / "faulty.py"
     program.write_text(FAULTY)
-    count, broken = fuzzing.run("model", count=9, keep=tmp_path / "kept", program=program)
-    assert count == 9
-    assert [number for number, _ in broken] == list(range(1, 9))
+    count, broken = fuzzing.run("model", count=10, keep=tmp_path / "kept", program=program)
+    assert count == 10
+    assert [number for number, _ in broken] == list(range(1, 10))
     for (_, told), seen in zip(broken, SEEN, strict=True):
         assert seen in told
     assert {file.name for file in (tmp_path / "kept" / "broken" / "model").iterdir()} == set(
-        "12345678"
+        "123456789"
     )
 
 
