@@ -30,7 +30,7 @@ _ZERO = np.zeros(N)
 
 def _with(values, at, value):
     changed = values.copy()
-    changed[at] = value
+    changed[at:][:1] = value  # of no samples, nothing
     return changed
 
 
@@ -74,6 +74,8 @@ VALUES = {
 
 
 def _memmap(values):
+    if not values.size:
+        return values  # no file of nothing is mapped
     with tempfile.NamedTemporaryFile() as file:
         file.write(values.tobytes())
         file.flush()
@@ -152,7 +154,7 @@ CONTAINERS = {
     "frame": _pandas("float64"),
     "frame, float32": _pandas("float32"),
     "frame, Float64": _pandas("Float64"),
-    "frame, Int64": lambda a: _pandas("Int64")(np.round(a)),
+    "frame, Int64": lambda a: _pandas("Int64")(np.round(a).astype(np.int64)),
     "frame, boolean": lambda a: _pandas("boolean")(a > 0.5),
     "frame, object": _pandas("object"),
     "frame, double[pyarrow]": _pandas("double[pyarrow]"),
@@ -404,7 +406,7 @@ class Case:
             return None
         X, y = self.numbers()
         with np.errstate(all="ignore"):
-            X = np.array(CONTAINERS[self.container](X), dtype=float)
+            X = np.array(CONTAINERS[self.container](X), dtype=float).reshape(X.shape)
             y = np.array(CONTAINERS[self.response](y), dtype=float)
         index = INDEXES[self.index](len(y))[1]
         if index is None:
