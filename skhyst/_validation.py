@@ -21,11 +21,11 @@ def read_data(estimator, X, y=None, *, reset, dt):
     with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
         if y is None and not reset:
             array = validate_data(estimator, X, reset=False, **options)
-            return record_slices(_indexed(X, array), **sampling), array, None
+            return record_slices(X, **sampling), array, None
         array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
     response = as_numbers(response)
     refuse_extreme(array[:, 0], response, _least(estimator))
-    return record_slices(_indexed(X, array), y, **sampling), array, response
+    return record_slices(X, y, **sampling), array, response
 
 
 def _counts_samples(estimator):
@@ -83,7 +83,3 @@ def refuse_extreme(drive, response, extreme=EXTREME):
             f"The largest value of y is {y:g} and that of X is {u:g}, too far apart to calculate "
             "with: choose another unit of one of them."
         )
-
-
-def _indexed(X, array):
-    return X if hasattr(X, "iloc") else array

@@ -298,7 +298,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         self.folds_ = scoring_folds(slices, segments, folds)
         refuse_no_experiment(every, response, slices)
-        self.data_quality_ = data_quality(X if hasattr(X, "iloc") else drive, response, slices)
+        self.data_quality_ = data_quality(X, response, slices)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share
         declared = declare(declared, X, drive, response, slices, self.random_state, reference)

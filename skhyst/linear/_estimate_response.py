@@ -201,7 +201,7 @@ def _read(X, y, inputs, dt):
         wanted = [inputs] if isinstance(inputs, str | Integral) else inputs
         chosen = chosen_columns(wanted, names, count, "frequency_response")
         values, names = values[:, chosen], [names[at] for at in chosen]
-    slices = record_slices(X if hasattr(X, "iloc") else values, y, dt=dt)
+    slices = record_slices(X, y, dt=dt)
     for name, signal in zip(names, values.T, strict=True):
         if np.ptp(signal) == 0.0:
             raise ValueError(

@@ -251,7 +251,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         refuse_extreme(array, response)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
-        self.records_ = slices = record_slices(X if hasattr(X, "iloc") else array, y, dt=self.dt)
+        self.records_ = slices = record_slices(X, y, dt=self.dt)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
@@ -339,7 +339,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         array = validate_data(self, X, reset=False, dtype=np.float64)
-        slices = record_slices(X if hasattr(X, "iloc") else array, dt=self.dt)
+        slices = record_slices(X, dt=self.dt)
         y = run_records(self.operator_, array, slices, self.initial_state)
         return y[:, 0] if self._one_response else y
 

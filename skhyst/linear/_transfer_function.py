@@ -403,5 +403,5 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"{array.shape[1]} column(s) instead."
             )
         signal = array[:, : self._n_inputs] if self._reads_columns else array[:, 0]
-        slices = record_slices(X if hasattr(X, "iloc") else array, dt=self.dt)
+        slices = record_slices(X, dt=self.dt)
         return run_records(self.operator_, signal, slices, self._free_run_state())

@@ -163,7 +163,7 @@ class GrayBoxHysteresis(ParametricModel):
             :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         y = super().predict(X)
-        for record in record_slices(X if hasattr(X, "iloc") else np.asarray(X), dt=self.dt):
+        for record in record_slices(X, dt=self.dt):
             if abs(record.dt - self.dt_) > _SAME_INTERVAL * self.dt_:
                 raise RecordError(
                     f"The records must be sampled at {self.dt_:g} s, as those of the fit: the lags "

@@ -108,7 +108,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
                 f"The 'columns' parameter of {type(self).__name__} must name at least one column."
             )
         refuse_large("X", array[:, self.columns_], _EXTREME)
-        self._fit_records(array, self._records(X, array, y))
+        self._fit_records(array, self._records(X, y))
         return self
 
     def transform(self, X) -> pd.DataFrame:
@@ -129,7 +129,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         refuse_large("X", array[:, self.columns_], _EXTREME)
         names = self.get_feature_names_out()
         features = np.empty((len(array), len(names)))
-        for record in self._records(X, array):
+        for record in self._records(X):
             self._transform_record(array[record.rows], record.dt, features[record.rows])
         if hasattr(X, "iloc"):
             return type(X)(features, index=X.index, columns=names, copy=False)
@@ -151,9 +151,9 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         names = check_feature_names_in(self, input_features)
         return np.asarray(self._names(names), dtype=object)
 
-    def _records(self, X, array, y=None):
+    def _records(self, X, y=None):
         options = {"dt": getattr(self, "dt", 1.0), "one_interval": self._one_interval}
-        return record_slices(X if hasattr(X, "iloc") else array, y, **options)
+        return record_slices(X, y, **options)
 
 
 def find_column(estimator, column, parameter) -> int:

@@ -125,7 +125,7 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
         refuse_lost_index(X, y)
     index = getattr(X, "index", None)
     if not isinstance(index, pd.Index):
-        index = pd.RangeIndex(len(X))
+        index = pd.RangeIndex(len(X if hasattr(X, "__len__") else np.asarray(X)))
     if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
         rows = slice(0, len(index))
         return (RecordSlice(0, rows, dt, index.start * dt, len(index), _counted_in(dt)),)

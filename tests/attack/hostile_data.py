@@ -404,12 +404,14 @@ class Case:
         """Return X and y as a plain frame and an array, or None where they are no such thing."""
         if not {self.container, self.response} <= set(_NUMBERS):
             return None
+        if self.index != "none" and not hasattr(self.given()[0], "iloc"):
+            return None  # it has not taken the index
         X, y = self.numbers()
         with np.errstate(all="ignore"):
             X = np.array(CONTAINERS[self.container](X), dtype=float).reshape(X.shape)
             y = np.array(CONTAINERS[self.response](y), dtype=float)
         index = INDEXES[self.index](len(y))[1]
-        if index is None:
+        if index is None or len(y) == 1:  # one time tells no interval
             return None
         return pd.DataFrame(X, _records(*index), [f"c{i}" for i in range(X.shape[1])]), y
 
