@@ -16,16 +16,49 @@ _TOO_FAR = (
 
 def read_data(estimator, X, y=None, *, reset, dt):
     """Validate X and y and return the records, the array X, and y where it was given."""
-    options = {"dtype": np.float64, "ensure_min_samples": 2 if reset else 1}
     sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
-    with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
-        if y is None and not reset:
-            array = validate_data(estimator, X, reset=False, **options)
-            return record_slices(X, **sampling), array, None
-        array, response = validate_data(estimator, X, y, reset=reset, y_numeric=True, **options)
-    response = as_numbers(response)
+    if y is None and not reset:
+        array = as_floats(estimator, X, reset=False)
+        return record_slices(X, **sampling), array, None
+    least = 2 if reset else 1
+    array, response = as_floats(estimator, X, y, reset=reset, ensure_min_samples=least)
     refuse_extreme(array[:, 0], response, _least(estimator))
     return record_slices(X, y, **sampling), array, response
+
+
+def as_floats(estimator, X, *y, **options):
+    """Return X, and y where it is given, in floating point, as scikit-learn validates them."""
+    options |= {"dtype": np.float64} | ({"y_numeric": True} if y else {})
+    with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
+        data = validate_data(estimator, X, *y, **options)
+    if not y:
+        return data
+    array, response = data
+    try:
+        return array, np.asarray(response, dtype=float)
+    except ValueError as error:  # text, which validate_data lets through
+        raise RecordError(
+            f"The response y must be numbers. Got {response[0]!r} instead."
+        ) from error
+
+
+def take_rows(values, rows):
+    """Return some rows of X or y, with their index where it has one."""
+    if not hasattr(values, "iloc"):
+        return np.asarray(values)[rows]
+    return values.iloc[rows]
+
+
+def in_native_order(values):
+    """Return numbers of a frame or series in the byte order whose rows pandas can take."""
+
+    def native(dtype):
+        return dtype.newbyteorder("=") if isinstance(dtype, np.dtype) else dtype
+
+    if not hasattr(values, "iloc"):
+        return values
+    several = values.ndim > 1
+    return values.astype(values.dtypes.map(native) if several else native(values.dtype))
 
 
 def _counts_samples(estimator):
@@ -46,16 +79,6 @@ def _parts(estimator):
         return estimator.get_params().values()
     except TypeError:  # a class for a step, which is refused where steps are checked
         return ()
-
-
-def as_numbers(response):
-    """Return the response as floating point, after scikit-learn has validated it."""
-    try:
-        return np.asarray(response, dtype=float)
-    except ValueError as error:  # text, which validate_data lets through
-        raise RecordError(
-            f"The response y must be numbers. Got {response[0]!r} instead."
-        ) from error
 
 
 def refuse_large(name, values, extreme=EXTREME):

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.base import clone
 
+from .._validation import take_rows
 from ..operators import FrozenOperator, SeriesOperator, SumOperator
 from ._columns import ColumnOperator, ModulatedOperator
 from ._scheduled_parameters import ScheduledOperator
@@ -88,7 +89,7 @@ class Backfitting:
         found = np.empty_like(targets)
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
-            fitted = clone(self._estimator).fit(_rows(self._X, rows), target[rows])
+            fitted = clone(self._estimator).fit(take_rows(self._X, rows), target[rows])
             found[k] = np.ravel(fitted.predict(self._X))
         return found
 
@@ -172,10 +173,6 @@ def _mixed(past):
     others = np.stack([change - (b - a).ravel() for a, b in past[:-1]], axis=1)
     weights = np.linalg.lstsq(others, change, rcond=1e-6)[0]
     return new - sum(w * (new - b) for w, (_, b) in zip(weights, past[:-1], strict=True))
-
-
-def _rows(X, rows):
-    return X.iloc[rows] if hasattr(X, "iloc") else np.asarray(X)[rows]
 
 
 def explained_change(operator, record, residual, state="rest"):

@@ -150,7 +150,7 @@ class ModulatedOperator(WrappedOperator):
 
 def amplitude(drive):
     """Return half the range of a record's drive."""
-    return 0.5 * float(np.ptp(drive))
+    return float(np.ptp(0.5 * drive))
 
 
 def is_constant(values, size):

@@ -11,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
+from .._validation import in_native_order
 from ..autoregressive import lowered_regressor
 from ..base import ParametricModel, informed, one_thread, read_data, with_params
 from ..linear import Gain
@@ -126,7 +127,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 f"Got {effects!r} instead."
             )
         slices, columns, y = read_data(self, X, y, reset=True, dt=self.dt)
-        X = X if hasattr(X, "iloc") else columns
+        X = in_native_order(X) if hasattr(X, "iloc") else columns
         if len(slices) == 1 and len(y) < self.cv:
             raise ValueError(
                 f"Corrected needs at least {self.cv} samples for {self.cv} folds. "

@@ -10,6 +10,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
+from .._validation import in_native_order, take_rows
 from ..base import ParametricModel
 from ._workers import workers
 
@@ -88,7 +89,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             If the index lacks the level. Where no device can be fitted, the error of the first.
         """
         validate_data(self, X, reset=True, dtype=None, ensure_all_finite=False)
-        devices = self._devices(X)
+        devices, X, y = self._devices(X), in_native_order(X), in_native_order(y)
         jobs = [
             (clone(self.estimator), self._part(X, rows), self._part(y, rows))
             for rows in devices.values()
@@ -117,6 +118,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         # values that are not finite are the matter of the device that has them
         array = validate_data(self, X, reset=False, dtype=None, ensure_all_finite=False)
         known = dict(zip(self.labels_, self.estimators_, strict=True))
+        X = in_native_order(X)
         response = np.full(len(array), np.nan)
         for label, rows in self._devices(X).items():
             if label not in known:
@@ -173,10 +175,9 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the rows of a device, whose index says no longer which device it is."""
         if isinstance(rows, slice):
             return values
-        if not hasattr(values, "iloc"):
-            return np.asarray(values)[rows]
-        part = values.iloc[rows]
-        return part.droplevel(self._levels) if isinstance(part.index, pd.MultiIndex) else part
+        part = take_rows(values, rows)
+        several = isinstance(getattr(part, "index", None), pd.MultiIndex)
+        return part.droplevel(self._levels) if several else part
 
 
 _LACKS = "The 'level' parameter of PerDevice must name levels of the index of X, not {!r}."

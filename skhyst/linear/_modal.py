@@ -7,10 +7,10 @@ from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_numbers, refuse_extreme
+from .._validation import as_floats, refuse_extreme
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
@@ -245,9 +245,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         self
         """
-        options = {"multi_output": True, "y_numeric": True, "ensure_min_samples": 2}
-        array, response = validate_data(self, X, y, reset=True, dtype=np.float64, **options)
-        response = as_numbers(response)
+        array, response = as_floats(self, X, y, multi_output=True, ensure_min_samples=2)
         refuse_extreme(array, response)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
@@ -338,7 +336,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
             If the sampling interval is another one.
         """
         check_is_fitted(self)
-        array = validate_data(self, X, reset=False, dtype=np.float64)
+        array = as_floats(self, X, reset=False)
         slices = record_slices(X, dt=self.dt)
         y = run_records(self.operator_, array, slices, self.initial_state)
         return y[:, 0] if self._one_response else y

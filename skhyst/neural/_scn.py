@@ -13,10 +13,10 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.metrics import r2_score
 from sklearn.model_selection import train_test_split
 from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_numbers, refuse_size
+from .._validation import as_floats, refuse_large, refuse_size
 from ..autoregressive import lowered_regressor
 from ..exceptions import ConvergenceWarning
 from ..operators import Stepper
@@ -274,10 +274,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             Scopes that are not positive, contractions outside (0, 1), a penalty for an algorithm
             that does not solve for all weights, or too few samples to hold some back.
         """
-        X, y = validate_data(
-            self, X, y, dtype=np.float64, multi_output=True, y_numeric=True, ensure_min_samples=2
-        )
-        y = as_numbers(y)
+        X, y = as_floats(self, X, y, multi_output=True, ensure_min_samples=2)
         refuse_size("X", X, _EXTREME)
         refuse_size("y", y, _EXTREME)
         scopes, contraction = self._read_grids()
@@ -436,7 +433,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
         """
         check_is_fitted(self)
-        X = validate_data(self, X, dtype=np.float64, reset=False)
+        X = as_floats(self, X, reset=False)
+        refuse_large("X", X, _EXTREME)
         if self.activation == "sigmoid":
             hidden = sigmoid(X, np.column_stack([self.hidden_weights_, self.hidden_biases_]))
         else:

@@ -7,11 +7,11 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
-from .._validation import refuse_large
+from .._validation import as_floats, refuse_large
 from ..records import record_slices
 
 _EXTREME = 1e250  # values whose differences over a short interval are finite
@@ -99,7 +99,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         -------
         self
         """
-        array = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        array = as_floats(self, X, ensure_min_samples=2)
         single = isinstance(self.columns, str | Integral)
         given = [self.columns] if single else self.columns
         self.columns_ = tuple(find_column(self, column, "columns") for column in given)
@@ -125,7 +125,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             A frame with the index of ``X`` where ``X`` is a frame.
         """
         check_is_fitted(self)
-        array = validate_data(self, X, dtype=np.float64, reset=False)
+        array = as_floats(self, X, reset=False)
         refuse_large("X", array[:, self.columns_], _EXTREME)
         names = self.get_feature_names_out()
         features = np.empty((len(array), len(names)))

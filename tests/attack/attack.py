@@ -70,7 +70,9 @@ def use(estimator, X, y):
     """Return what a fitted estimator says of the data, (n_samples, ...)."""
     for method in ("predict", "transform"):
         if hasattr(estimator, method):
-            return np.asarray(getattr(estimator, method)(X))
+            found = np.asarray(getattr(estimator, method)(X))
+            # NaN of the devices that could not be fitted, which are named
+            return np.nan_to_num(found) if getattr(estimator, "failures_", None) else found
     return np.asarray(
         (estimator.filter if hasattr(estimator, "filter") else estimator.alarms)(X, y)
     )

@@ -21,6 +21,7 @@ _SLOW = {  # a fit takes a tenth of a second or more
 # what was neither right nor refused
 FOUND = [
     ("Corrected", Case(container="polars")),
+    ("Corrected", Case(container="other byte order", index="two records")),
     ("EffectSearchCV", Case(response_scale=330, n_further=2)),
     ("FirstOrderLag", Case(index="1e300 s")),
     ("FirstOrderLag", Case(index="dates, pyarrow")),
@@ -31,11 +32,18 @@ FOUND = [
     ("ModalModel", Case("no response")),
     ("ModalModel", Case("1e300")),
     ("PerDevice", Case("no samples")),
+    ("PerDevice", Case("denormal response", index="records of two")),
     ("PerDevice", Case(container="dictionary")),
+    (
+        "PerDevice",
+        Case(container="other byte order", response="other byte order", index="two records"),
+    ),
     ("PerDevice", Case(index="no record")),
     ("PlayOperators", Case("the largest numbers")),
+    ("PlayOperators", Case(container="float16", drive_scale=100)),
     ("PrandtlIshlinskii", Case("1e99 over 1e-99")),
     ("SCNRegressor", Case("denormal drive")),
+    ("SCNRegressor", Case(container="float16", drive_scale=100)),
     ("SCNRegressor", Case("the largest numbers")),
     ("SystemLevelHysteresis", Case(drive_scale=250)),
     ("TankChain", Case(drive_scale=-200, response_scale=-200)),
@@ -61,6 +69,8 @@ def test_what_was_found(name, case):
         ("Gain", Case("the largest numbers")),
         ("PlayOperators", Case("the largest numbers")),
         ("RateDependentPrandtlIshlinskii", Case("the largest numbers")),
+        ("SCNRegressor", Case("the largest numbers")),
+        ("ScheduledParameters", Case("the largest numbers")),
     ],
     ids=str,
 )
