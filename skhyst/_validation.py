@@ -14,16 +14,16 @@ _TOO_FAR = (
 )
 
 
-def read_data(estimator, X, y=None, *, reset, dt):
-    """Validate X and y and return the records, the array X, and y where it was given."""
+def read_data(estimator, X, *y, reset, dt):
+    """Validate X and y and return the records, the array X, and y, None where it is not given."""
     sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
-    if y is None and not reset:
-        array = as_floats(estimator, X, reset=False)
+    if not y:
+        array = as_floats(estimator, X, reset=reset)
         return record_slices(X, **sampling), array, None
     least = 2 if reset else 1
-    array, response = as_floats(estimator, X, y, reset=reset, ensure_min_samples=least)
+    array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
     refuse_extreme(array[:, 0], response, _least(estimator))
-    return record_slices(X, y, **sampling), array, response
+    return record_slices(X, *y, **sampling), array, response
 
 
 def as_floats(estimator, X, *y, **options):

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
-from ..base import read_data
+from .._validation import read_data, refuse_large
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
@@ -179,7 +179,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                     f"The 'y' parameter of {type(self).__name__}.predict must be the measured "
                     "response where 'horizon' is given. Got None instead."
                 )
-        records, X, y = read_data(self, X, y, reset=False, dt=self.dt)
+        given = () if y is None else (y,)
+        records, X, y = read_data(self, X, *given, reset=False, dt=self.dt)
+        refuse_large("X", X)
         X, _ = self._widen(X, records)
         starts = self.starting_values(X, records, y)
         if horizon is None:

@@ -212,7 +212,8 @@ def most_likely(tail, records, given, smallest):
     starts = product(sizes, *(shares[i] for i in (0, 1, 2)))
     starts = {tuple(np.log(np.array(s) * size)[free]) for size, *s in starts}
     start = min(sorted(starts), key=deviance)
-    options = {"xatol": _ENOUGH, "fatol": _ENOUGH}
+    simplex = start + np.eye(len(start) + 1, len(start), k=-1)  # whatever the unit
+    options = {"xatol": _ENOUGH, "fatol": _ENOUGH, "initial_simplex": simplex}
     found = minimize(deviance, start, method="Nelder-Mead", options=options)
     return variances(found.x)
 
@@ -225,9 +226,10 @@ def _is_linear(stage):
 def driven_by_noise(tail, dt):
     """Return A (n, n), B and C (n,) of stages in series whose input is held for an interval.
 
-    B is scaled so that white noise as the input makes the output vary by one; last is the standard
-    deviation that the input itself has then. Stages that never
-    come to rest are left out: their state is that of the random walk.
+    The states are in units of their standard deviation under white noise, and of the output's: that
+    varies by one, whatever the units of the stages. Last is the standard deviation that the input
+    itself has then. Stages that never come to rest are left out: their state is that of the random
+    walk.
     """
     matrices = [stage.discrete(dt) for stage in tail]
     n = sum(len(b0) for _, b0, *_ in matrices)
@@ -244,6 +246,13 @@ def driven_by_noise(tail, dt):
     a, b, c = step[:, :n], step[:, n], before[:n]
     if n == 0 or np.abs(np.linalg.eigvals(a)).max() >= 1.0:
         return np.empty((0, 0)), np.empty(0), np.empty(0), 0.0
-    size = c @ solve_discrete_lyapunov(a, np.outer(b, b)) @ c
-    scale = 1.0 / np.sqrt(size) if size > 0.0 else 0.0
-    return a, scale * b, c, scale
+    covariance = solve_discrete_lyapunov(a, np.outer(b, b))
+    own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    own[own == 0.0] = 1.0  # what noise does not reach
+    c = c * own
+    largest = np.abs(c).max()
+    if largest == 0.0:
+        return a, np.zeros(n), c, 0.0
+    direction = c / largest
+    size = largest * np.sqrt(direction @ (covariance / np.outer(own, own)) @ direction)
+    return a * own / own[:, None], b / own, c / size, 1.0 / size

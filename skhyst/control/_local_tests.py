@@ -47,6 +47,8 @@ def whitening(series):
     n = sum(map(len, series))
     orders = range(min(int(10.0 * np.log10(n)), min(map(len, series)) - 1) + 1)
     covariance = np.array([sum(e[lag:] @ e[: len(e) - lag] for e in series) / n for lag in orders])
+    if covariance[0] == 0.0:
+        return np.ones(1)
     best, least = np.ones(1), n * np.log(covariance[0])
     for order in orders[1:]:
         weights = solve_toeplitz(covariance[:order], covariance[1 : order + 1])

@@ -122,7 +122,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         ------
         ValueError
             If a parameter that is to be watched is none of the model's, or the records tell nothing
-            of any.
+            of any, or have no noise.
         """
         read_data(self, X, y, reset=True, dt=getattr(self.observer.model, "dt", 1.0))
         self.observer_ = self.observer
@@ -140,6 +140,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         told = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
         if not told[1:].any():
             raise ValueError("The records tell nothing of a parameter that Monitor may watch.")
+        if scales[0] == 0.0:
+            raise ValueError("The model leaves nothing of the records: Monitor needs their noise.")
         self._changed = [
             own for own, is_told in zip(self._changed, told[1:], strict=True) if is_told
         ]
