@@ -27,8 +27,11 @@ def read_data(estimator, X, *y, reset, dt):
 
 
 def as_floats(estimator, X, *y, **options):
-    """Return X, and y where it is given, in floating point, as scikit-learn validates them."""
-    options |= {"dtype": np.float64} | ({"y_numeric": True} if y else {})
+    """Return X, and y where it is given, in floating point, as scikit-learn validates them.
+
+    Rows are contiguous, so that sums are rounded alike whatever has held the numbers.
+    """
+    options |= {"dtype": np.float64, "order": "C"} | ({"y_numeric": True} if y else {})
     with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
         data = validate_data(estimator, X, *y, **options)
     if not y:

@@ -30,7 +30,8 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from ..base import ParametricModel, read_data
+from .._validation import read_data, refuse_large
+from ..base import ParametricModel
 from ..exceptions import ReachWarning
 from ..linear import DelayOperator
 from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
@@ -307,6 +308,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def _references(self, X):
         check_is_fitted(self)
         slices, columns, _ = read_data(self, X, reset=False, dt=getattr(self.model_, "dt", 1.0))
+        refuse_large("X", columns)
         return slices, columns[:, 0]
 
     def _known(self, X):

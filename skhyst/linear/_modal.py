@@ -163,7 +163,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     tolerance : float, default=1e-6
         Relative change of the sum of squares at which the least squares end.
     max_evaluations : int, default=60
-        Evaluations of the least squares.
+        Evaluations of the least squares; a
+        :class:`~skhyst.exceptions.ConvergenceWarning` says where they did not suffice.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
 
@@ -257,6 +258,13 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
             limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
             solution = variable_projection(problem, problem.x0, **limits)
         self.n_evaluations_ = self.n_iter_ = solution.n_evaluations
+        if not solution.converged:
+            warnings.warn(
+                f"The fit of ModalModel has not converged in 'max_evaluations' = "
+                f"{self.max_evaluations}; it stopped at the best so far.",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
         self._store(problem, solution, dt, scales)
         if self.fit_intercept:
             gain = self.operator_.frequency_response(np.zeros(1))[0].real

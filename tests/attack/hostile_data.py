@@ -206,7 +206,7 @@ def _jitter(n):
 
 # index of n rows, and the record and time (s) that it says; None where there is no such thing
 INDEXES = {
-    "none": lambda n: (None, (np.zeros(n), DT * np.arange(n))),
+    "none": lambda n: (None, None),
     "seconds": lambda n: (pd.Index(DT * np.arange(n)), (np.zeros(n), DT * np.arange(n))),
     "seconds, float32": lambda n: (
         pd.Index((DT * np.arange(n)).astype(np.float32)),
@@ -410,10 +410,13 @@ class Case:
         with np.errstate(all="ignore"):
             X = np.array(CONTAINERS[self.container](X), dtype=float).reshape(X.shape)
             y = np.array(CONTAINERS[self.response](y), dtype=float)
+        X = pd.DataFrame(X, columns=[f"c{i}" for i in range(X.shape[1])])
+        if self.index == "none":
+            return X, y
         index = INDEXES[self.index](len(y))[1]
         if index is None or len(y) == 1:  # one time tells no interval
             return None
-        return pd.DataFrame(X, _records(*index), [f"c{i}" for i in range(X.shape[1])]), y
+        return X.set_axis(_records(*index)), y
 
 
 def _mostly(usual, table):

@@ -29,6 +29,7 @@ FOUND = [
     ("FirstOrderLag", Case(response="text")),
     ("GrayBoxHysteresis", Case(drive_scale=200)),
     ("ModalModel", Case("changing sign")),
+    ("ModalModel", Case("one step", n_further=2)),
     ("ModalModel", Case("no response")),
     ("ModalModel", Case("1e300")),
     ("Monitor", Case("no response", drive_scale=-100)),
@@ -72,6 +73,7 @@ def test_what_was_found(name, case):
     [
         ("DeadBand", Case("1e300", drive_scale=330)),
         ("Gain", Case("the largest numbers")),
+        ("InverseCompensator", Case("the largest numbers")),
         ("NARXRegressor", Case("the largest numbers")),
         ("Observer", Case(response="None")),
         ("PlayOperators", Case("the largest numbers")),

@@ -120,7 +120,10 @@ def test_refusals():
         model.set_params(dt=2.0 * DT).predict(X.to_numpy())
     with pytest.raises(ValueError, match="at least 3 samples"):
         ModalModel(1).fit(np.ones((2, 1)), np.ones(2))
-    with pytest.warns(ConvergenceWarning, match="do not determine ModalModel"):
+    with (
+        pytest.warns(ConvergenceWarning, match="has not converged in 'max_evaluations' = 60"),
+        pytest.warns(ConvergenceWarning, match="do not determine ModalModel"),
+    ):
         ModalModel(9).fit(X[:16], Y[:16])
 
 
