@@ -227,6 +227,8 @@ def _jitter(X, record):
     times = index.get_level_values("time") if index.nlevels > 1 else index
     if times.dtype.kind not in "fmM":
         return 0.0
+    if getattr(times, "tz", None) is not None:
+        times = times.tz_convert(None)  # with a zone they would be objects
     steps = np.diff(times[record.rows].to_numpy())
     steps = steps / np.timedelta64(1, "s") if steps.dtype.kind == "m" else steps
     return float(steps.std() / steps.mean()) if len(steps) > 1 else 0.0

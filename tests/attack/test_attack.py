@@ -22,6 +22,7 @@ _SLOW = {  # a fit takes a tenth of a second or more
 FOUND = [
     ("Corrected", Case(container="polars")),
     ("Corrected", Case(container="other byte order", index="two records")),
+    ("EffectSearchCV", Case(index="dates, summer time ends")),
     ("EffectSearchCV", Case(response_scale=330, n_further=2)),
     ("FirstOrderLag", Case(index="1e300 s")),
     ("FirstOrderLag", Case(index="dates, pyarrow")),
