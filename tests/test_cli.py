@@ -270,10 +270,12 @@ def test_a_file_that_comes_during_the_search_is_kept(recording, tmp_path, capsys
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
 def test_a_pipe_is_refused_at_once(recording, tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
+    for name in ("pipe.csv", "pipe.skops"):
+        os.mkfifo(tmp_path / name)
     for call in (
         arguments(tmp_path / "pipe.csv"),
         arguments(recording, "--json", str(tmp_path / "pipe.csv"), "--force"),
+        ["export", str(tmp_path / "pipe.skops"), "--c", str(tmp_path)],
     ):
         done = subprocess.run(
             [sys.executable, "-m", "skhyst", *call], capture_output=True, text=True, timeout=120

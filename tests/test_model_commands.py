@@ -1,7 +1,6 @@
 """The commands that take a model: the same results as Python, nothing run, nothing lost."""
 
 import importlib.util
-import os
 import shutil
 import subprocess
 import sys
@@ -163,18 +162,6 @@ def test_no_model_and_no_reference_is_written_over(model_file, reference, tmp_pa
         assert "is what is read" in printed
         assert printed.count("\n") == 1
         assert path.read_bytes() == old
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
-def test_a_pipe_is_no_model(tmp_path):
-    os.mkfifo(tmp_path / "pipe.skops")
-    call = ["export", str(tmp_path / "pipe.skops"), "--c", str(tmp_path)]
-    done = subprocess.run(
-        [sys.executable, "-m", "skhyst", *call], capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 1
-    assert "is a" in done.stderr
-    assert done.stderr.count("\n") == 1
 
 
 def test_export_writes_one_of_both(model_file, tmp_path, capsys):

@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
-from .._validation import read_data, refuse_large
+from .._validation import refuse_large
+from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags

@@ -30,8 +30,8 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import read_data, refuse_large
-from ..base import ParametricModel
+from .._validation import refuse_large
+from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..linear import DelayOperator
 from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart

@@ -249,10 +249,10 @@ def driven_by_noise(tail, dt):
     covariance = solve_discrete_lyapunov(a, np.outer(b, b))
     own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     own[own == 0.0] = 1.0  # what noise does not reach
-    c = c * own
-    largest = np.abs(c).max()
-    if largest == 0.0:
+    a, c = a * own / own[:, None], c * own
+    largest = np.abs(c).max() or 1.0
+    power = c / largest @ (covariance / np.outer(own, own)) @ c / largest
+    if not power > 0.0:  # noise does not reach the output
         return a, np.zeros(n), c, 0.0
-    direction = c / largest
-    size = largest * np.sqrt(direction @ (covariance / np.outer(own, own)) @ direction)
-    return a * own / own[:, None], b / own, c / size, 1.0 / size
+    size = largest * np.sqrt(power)
+    return a, b / own, c / size, 1.0 / size

@@ -263,7 +263,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
                 f"The fit of ModalModel has not converged in 'max_evaluations' = "
                 f"{self.max_evaluations}; it stopped at the best so far.",
                 ConvergenceWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
         self._store(problem, solution, dt, scales)
         if self.fit_intercept:

@@ -208,9 +208,12 @@ def numbers(path, name, values):
         if not len(wrong) and found.dtype.kind in "biuf":
             return found.to_numpy(dtype=float)
         row = int(wrong[0]) if len(wrong) else 0
+        cell = str(column.iloc[row])
+        if cell.strip().lstrip("+-").isdigit():  # which pandas 2 takes for none
+            raise _beyond(path, name)
         raise RecordError(
-            f"Column {name!r} of {path.name} must hold numbers. Got {str(column.iloc[row])[:40]!r} "
-            f"in row {row} instead ({len(wrong)} of {len(column)} rows are not numbers)."
+            f"Column {name!r} of {path.name} must hold numbers. Got {cell[:40]!r} in row {row} "
+            f"instead ({len(wrong)} of {len(column)} rows are not numbers)."
         )
     raise RecordError(
         f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
@@ -222,6 +225,10 @@ def coerced(path, name, column):
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError as error:
-        raise RecordError(
-            f"Column {name!r} of {path.name} has an integer beyond all floating-point numbers."
-        ) from error
+        raise _beyond(path, name) from error
+
+
+def _beyond(path, name):
+    return RecordError(
+        f"Column {name!r} of {path.name} has an integer beyond all floating-point numbers."
+    )

@@ -82,7 +82,7 @@ def use(estimator, X, y):
 def _attempt(action, estimator, X, y):
     """Return "refused", "done" or "unsettled", and why or the result; or what broke, and None.
 
-    Unsettled is what it says itself that it has not found, or that the data do not tell.
+    Unsettled is a fit that says that it has not converged: it is wherever rounding has led it.
     """
     before = [_copied(values) for values in (X, y)]
     start = time.process_time()
@@ -108,8 +108,8 @@ def _attempt(action, estimator, X, y):
         return outcome, result
     if not np.isfinite(result).all():
         return "the result is not finite", None
-    told = any(issubclass(warning.category, ConvergenceWarning) for warning in caught)
-    return ("unsettled" if told else "done"), result
+    stopped = any("has not converged" in str(warning.message) for warning in caught)
+    return ("unsettled" if stopped else "done"), result
 
 
 def _place(frames):

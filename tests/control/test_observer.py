@@ -6,11 +6,13 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_lyapunov
 from sklearn.linear_model import Ridge
 from sklearn.utils.validation import NotFittedError
 
 from skhyst.compose import Cascade
 from skhyst.control import Observer
+from skhyst.control._kalman import driven_by_noise
 from skhyst.export import to_c
 from skhyst.hysteresis import (
     BoucWenStage,
@@ -21,6 +23,7 @@ from skhyst.hysteresis import (
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
+    GainOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
 )
@@ -55,6 +58,14 @@ def observer(data):
         ("lag", FirstOrderLag()),
     ]
     return Observer(Cascade(steps, dt=DT).fit(u, reading)).fit(u, reading)
+
+
+@pytest.mark.parametrize("gain", [1e-90, 1.0, 1e90, 0.0])
+def test_states_behind_white_noise_vary_by_one_in_any_unit(gain):
+    a, b, c, _ = driven_by_noise([GainOperator(gain), MODE, LAG], DT)
+    covariance, expected = solve_discrete_lyapunov(a, np.outer(b, b)), float(gain > 0.0)
+    np.testing.assert_allclose(np.diag(covariance), expected, rtol=1e-6)
+    np.testing.assert_allclose(c @ covariance @ c, expected, rtol=1e-6)
 
 
 def recursion(operator, variances, u, reading):
