@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, refuse_extreme
+from .._validation import as_floats, keep_seen, refuse_extreme
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
@@ -178,6 +178,11 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     n_evaluations_ : int
     records_ : tuple of RecordSlice
 
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
+
     Raises
     ------
     ValueError
@@ -251,6 +256,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = record_slices(X, y, dt=self.dt)
+        keep_seen(self, array[:, 0], slices)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
