@@ -177,7 +177,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         the mean square of the residual gives, as if it were white.
     n_evaluations_ : int
     records_ : tuple of RecordSlice
-
     drive_range_ : tuple of (float, float)
         Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
     drive_rate_ : float
