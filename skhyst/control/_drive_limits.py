@@ -1,4 +1,14 @@
-"""Limits of a drive: its range, and how fast it may change."""
+r"""Limits of a drive: its range, and how fast it may change.
+
+Sample by sample a drive that is too fast is followed as fast as it may be, which is late. Over a
+record there is none nearer to a drive ``u``, by the largest difference, than the mean of the
+largest below it and the smallest above it that keep the rate,
+
+.. math:: \tfrac12 \min_j (u_j + c |k - j|) + \tfrac12 \max_j (u_j - c |k - j|),
+
+with the largest change ``c`` from sample to sample (E. J. McShane, *Bulletin of the American
+Mathematical Society*, 1934).
+"""
 
 import math
 from dataclasses import dataclass
@@ -34,6 +44,27 @@ def limit_step(u, c, s):
     s[0] = y
     s[1] = 1.0 if abs(u - y) > rounding else 0.0
     return y
+
+
+@jit
+def slow_down(u, change, low, high):
+    """Write ``u`` (n,), changed the least so that it keeps a rate, to ``low``; ``high`` is room.
+
+    The first value stays.
+    """
+    n = u.size
+    low[0] = high[0] = u[0]
+    for k in range(1, n):
+        low[k] = min(u[k], low[k - 1] + change)
+        high[k] = max(u[k], high[k - 1] - change)
+    for k in range(n - 2, -1, -1):
+        low[k] = min(low[k], low[k + 1] + change)
+        high[k] = max(high[k], high[k + 1] - change)
+    high[0] = low[0] = u[0]
+    for k in range(1, n):
+        middle = 0.5 * (low[k] + high[k])
+        low[k] = min(max(middle, low[k - 1] - change), low[k - 1] + change)
+    return 0.0
 
 
 @dataclass(frozen=True)
@@ -73,15 +104,16 @@ class DriveLimits:
         return LoweredStep(limit_step, constants, [start, 0.0], flags=(("limited", 1),))
 
     def applied(self, drive, dt):
-        """Return a drive (n_samples,) within the limits, which begins at rest at its first value.
-
-        A change that is too fast is followed as fast as it may be.
-        """
-        if not self:
+        """Return the nearest drive (n_samples,) within the limits, from rest at its first value."""
+        drive = np.clip(drive, self.low, self.high)
+        if math.isinf(self.rate):
             return drive
-        lowered = self.lowered(dt, drive[0])
-        return lowered.streaming(lowered.state.copy())(drive)
+        slower = np.empty_like(drive)
+        slow_down(drive, self.rate * dt, slower, np.empty_like(drive))
+        return slower
 
     def exceeded(self, drive, dt):
-        """Return which samples (n_samples,) of a drive the limits cut."""
-        return np.abs(drive - self.applied(drive, dt)) > self.rounding
+        """Return which samples (n_samples,) of a drive are beyond the limits."""
+        beyond = (drive < self.low - self.rounding) | (drive > self.high + self.rounding)
+        beyond[1:] |= np.abs(np.diff(drive)) > self.rate * dt + self.rounding
+        return beyond
