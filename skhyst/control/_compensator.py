@@ -97,6 +97,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     drive_range_, drive_rate_ : tuple of (float, float), float
         Range and fastest change of the drive that the fit of the model has seen, as those of
         :class:`~skhyst.base.ParametricModel`; missing where the model does not know them.
+    drive_limits_, rate_limit_ : tuple of (float, float), float
+        Limits that hold, units of the drive and those per s; infinite where there are none.
 
     Warns
     -----
@@ -374,6 +376,17 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         if self.method == "learned":
             raise ValueError("Nothing is known of the response where an inverse was learned.")
         return self._references(X)
+
+    @property
+    def drive_limits_(self) -> tuple[float, float]:
+        check_is_fitted(self)
+        limits = self._limits()
+        return float(limits.low), float(limits.high)
+
+    @property
+    def rate_limit_(self) -> float:
+        check_is_fitted(self)
+        return float(self._limits().rate)
 
     def _limits(self):
         """Return the limits of the drive."""
