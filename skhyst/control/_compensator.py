@@ -121,7 +121,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     >>> y, _ = SecondOrderModeOperator(300.0, 0.05).run(plays.run(u, 1e-3)[0], 1e-3)
     >>> model = Cascade([("plays", PrandtlIshlinskii(5)), ("mode", SecondOrderMode())], dt=1e-3)
     >>> compensator = InverseCompensator(model).fit(u[:, None], y)
-    >>> reference = 4.0 * np.sin(20.0 * time) ** 2 * (time > 0.02)
+    >>> reference = 4.0 * np.sin(20.0 * np.clip(time - 0.02, 0.0, 0.6 * np.pi)) ** 2
     >>> drive = compensator.predict(reference[:, None])
     >>> drive, residual = compensator.predict(reference[:, None], return_residual=True)
     >>> bool(np.abs(residual).max() < 1e-6)
