@@ -215,7 +215,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         """Return the drive under which the response follows a reference.
 
         A record begins at rest at its first value. Where dynamics are inverted the drive moves
-        before the response has to, so a reference that moves at once is missed at its beginning.
+        before the response has to, so a reference that moves at once is missed at its beginning, by
+        as little as a drive of moderate size allows. Behind a record it rests at its last value.
 
         Parameters
         ----------
@@ -391,8 +392,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def _limits(self):
         """Return the limits of the drive."""
         low, high, rate = self._seen()
-        rounding = self.tol * (high - low if np.isfinite(high - low) else 0.0)
-        wider = self.limit_margin * (high - low)
+        span = high - low if np.isfinite(high - low) else 0.0
+        rounding, wider = self.tol * span, self.limit_margin * span
         if self.drive_limits != "fit":
             low, high = self.drive_limits or (-np.inf, np.inf)
             wider = 0.0
