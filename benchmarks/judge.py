@@ -304,7 +304,8 @@ def summary(table):
 
 def _parts(table):
     groups = [(suite, table[table["suite"] == suite]) for suite in SUITES]
-    return [(suite, part) for suite, part in [*groups, ("all", table)] if len(part)]
+    groups = [(suite, part) for suite, part in groups if len(part)]
+    return [*groups, ("all suites", table)] if len(groups) > 1 else groups
 
 
 # --------------------------------------------------------------------------------- the comparison
@@ -339,6 +340,13 @@ def ratio(new, old):
     return np.exp(mean), (np.exp(mean - half), np.exp(mean + half)), len(logs)
 
 
+def _shown(value):
+    """Format a value of a row as it is written, and nothing as a dash."""
+    if isinstance(value, str):
+        return value or "-"
+    return f"{value:.6g}" if np.isfinite(value) else "-"
+
+
 def changes(new, old):
     """List what changed of rows with the same index, a line a row; seconds are no change."""
     lines = []
@@ -346,9 +354,8 @@ def changes(new, old):
         told = []
         for name in (*TEXTS, *NUMBERS):
             here, there = new.at[key, name], old.at[key, name]
-            if name in OF_THE_CLOCK or here == there or (here != here and there != there):
-                continue
-            told.append(f"{name} {there or '-'} -> {here or '-'}")
+            if name not in OF_THE_CLOCK and _shown(here) != _shown(there):
+                told.append(f"{name} {_shown(there)} -> {_shown(here)}")
         if told:
             lines.append(f"{' '.join(key)}: {'; '.join(told)}")
     return lines
@@ -413,6 +420,8 @@ def main(arguments=None):
     parser.set_defaults(first_seed=SETTLING_SEEDS.start, jobs=1)
     options = parser.parse_args(arguments)
     if options.against:
+        if not options.output:
+            parser.error("--against needs --output, the file that is compared")
         print(comparison(read(options.output), read(options.against)))
         return 0
     try:
@@ -420,7 +429,8 @@ def main(arguments=None):
     except ValueError as error:
         parser.error(str(error))
     cases = [case for case in cases if options.only in case.case]
-    print(f"{package()}; {len(cases)} rows", flush=True)
+    print(f"{package()}; {len(cases)} rows")
+    print(blind_study.provenance(options.first_seed), flush=True)
     chosen = {name: getattr(options, name) for name in ("first_seed", "row_seconds", "data")}
     work = partial(row_of, **chosen)
     rows = blind_study.work_off(cases, options, work, judged, line, TEXTS, NUMBERS)
