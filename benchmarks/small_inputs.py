@@ -245,7 +245,7 @@ def flicker_noise(device, rng):
     return _coloured(device, rng, "flicker")
 
 
-def of(declared, **options):
+def searched_with(declared, **options):
     """Return the search of a declared model, made when it is called."""
     return lambda: EffectSearchCV(declared(), random_state=0, **options)
 
@@ -259,36 +259,46 @@ LIKE_A_DELAY = "delay|timing|lag|resonance|creep|hysteresis|rate_dependence|back
 CASES = {
     "log_creep_step, offset alone": Small(
         log_creep_step,
-        of(lambda: Gain(dt=0.2), effects=["offset"]),
+        searched_with(lambda: Gain(dt=0.2), effects=["offset"]),
         "none",
         "unexplained|undetermined",
     ),
     "log_creep_step": Small(
-        log_creep_step, of(lambda: Gain(dt=0.2)), "creep", verdict="", also="drift|lag"
+        log_creep_step, searched_with(lambda: Gain(dt=0.2)), "creep", verdict="", also="drift|lag"
     ),
-    "gain_step": Small(gain_step, of(Gain), "unknown", "unexplained"),
-    "one_speed_damper, 20 plays": Small(one_speed_damper, of(_plays()), "none", also=LEADING),
-    "one_speed_damper, 60 plays": Small(one_speed_damper, of(_plays(60)), "none", also=LEADING),
-    "one_speed_damper, 20 stops": Small(one_speed_damper, of(_plays(form="stop")), "none"),
-    "one_speed_damper, gain": Small(one_speed_damper, of(Gain), "hysteresis"),
-    "four_plays, 8 plays": Small(four_plays, of(_plays(8)), "none"),
-    "four_plays, 20 plays": Small(four_plays, of(_plays(20)), "none"),
-    "four_plays, gain": Small(four_plays, of(Gain), "hysteresis"),
-    "falling_plays, 20 plays": Small(falling_plays, of(_plays(20)), "none"),
-    "falling_creep, 20 plays": Small(falling_creep, of(_plays(20)), "creep"),
-    "stop_beside_gain": Small(stop_beside_gain, of(Gain), "hysteresis"),
-    "one_sine_late": Small(one_sine_late, of(Gain), LIKE_A_DELAY),
-    "one_sine_play": Small(one_sine_play, of(Gain), "hysteresis|backlash"),
-    "ramp": Small(ramp, of(Gain), "drift"),
-    "same_record_twice": Small(same_record_twice, of(_plays(20)), "none", "noise|undetermined"),
-    "lost_rows": Small(lost_rows, of(_plays(20)), "lag"),
-    "coil": Small(coil, of(Gain), "auxiliary_input"),
-    "dry_mass": Small(dry_mass, of(lambda: SecondOrderMode(dt=STEP)), "friction"),
-    "cubic_mass": Small(cubic_mass, of(lambda: SecondOrderMode(dt=STEP)), "cubic_stiffness"),
-    "drive_times_rate": Small(drive_times_rate, of(Gain), "unknown", "unexplained"),
-    "white_noise": Small(white_noise, of(Gain), "none"),
-    "autoregressive_noise": Small(autoregressive_noise, of(Gain), "none"),
-    "flicker_noise": Small(flicker_noise, of(Gain), "none", "noise|undetermined"),
+    "gain_step": Small(gain_step, searched_with(Gain), "unknown", "unexplained"),
+    "one_speed_damper, 20 plays": Small(
+        one_speed_damper, searched_with(_plays()), "none", also=LEADING
+    ),
+    "one_speed_damper, 60 plays": Small(
+        one_speed_damper, searched_with(_plays(60)), "none", also=LEADING
+    ),
+    "one_speed_damper, 20 stops": Small(
+        one_speed_damper, searched_with(_plays(form="stop")), "none"
+    ),
+    "one_speed_damper, gain": Small(one_speed_damper, searched_with(Gain), "hysteresis"),
+    "four_plays, 8 plays": Small(four_plays, searched_with(_plays(8)), "none"),
+    "four_plays, 20 plays": Small(four_plays, searched_with(_plays(20)), "none"),
+    "four_plays, gain": Small(four_plays, searched_with(Gain), "hysteresis"),
+    "falling_plays, 20 plays": Small(falling_plays, searched_with(_plays(20)), "none"),
+    "falling_creep, 20 plays": Small(falling_creep, searched_with(_plays(20)), "creep"),
+    "stop_beside_gain": Small(stop_beside_gain, searched_with(Gain), "hysteresis"),
+    "one_sine_late": Small(one_sine_late, searched_with(Gain), LIKE_A_DELAY),
+    "one_sine_play": Small(one_sine_play, searched_with(Gain), "hysteresis|backlash"),
+    "ramp": Small(ramp, searched_with(Gain), "drift"),
+    "same_record_twice": Small(
+        same_record_twice, searched_with(_plays(20)), "none", "noise|undetermined"
+    ),
+    "lost_rows": Small(lost_rows, searched_with(_plays(20)), "lag"),
+    "coil": Small(coil, searched_with(Gain), "auxiliary_input"),
+    "dry_mass": Small(dry_mass, searched_with(lambda: SecondOrderMode(dt=STEP)), "friction"),
+    "cubic_mass": Small(
+        cubic_mass, searched_with(lambda: SecondOrderMode(dt=STEP)), "cubic_stiffness"
+    ),
+    "drive_times_rate": Small(drive_times_rate, searched_with(Gain), "unknown", "unexplained"),
+    "white_noise": Small(white_noise, searched_with(Gain), "none"),
+    "autoregressive_noise": Small(autoregressive_noise, searched_with(Gain), "none"),
+    "flicker_noise": Small(flicker_noise, searched_with(Gain), "none", "noise|undetermined"),
 }
 
 

@@ -1,4 +1,5 @@
 from contextlib import suppress
+from types import SimpleNamespace
 
 import blind_study
 import judge
@@ -32,8 +33,7 @@ def row():
 
 
 def right(row):
-    (judged,) = judge.judged([row])[[*judge.MEASURES]].to_dict("records")
-    return {name: bool(value) for name, value in judged.items() if np.isfinite(value)}
+    return dict(judge.right_of(SimpleNamespace(**row)))
 
 
 def test_the_plan_is_a_balanced_part_of_the_studies():
@@ -136,18 +136,23 @@ def write(path, rows):
     return str(path)
 
 
+A, B, GONE = (f"none none bouc_wen 0.002 {seed} 6000" for seed in (1, 2, 3))
+C = "single lag bouc_wen 0.002 4 6000"
+SMALL = "white_noise; 0"
+
+
 def test_rows_are_paired_by_suite_and_case(tmp_path, row, capsys):
-    old = [row("a"), row("b", "lag"), row("a", suite="small"), row("c", "lag", "lag"), row("gone")]
-    new = [row("c", "", "lag"), row("a", after=2.0), row("b", seconds=9.0), row("a", suite="small")]
+    old = [row(A), row(B, "lag"), row(SMALL, suite="small"), row(C, "lag"), row(GONE)]
+    new = [row(C), row(A, after=2.0), row(B, seconds=9.0), row(SMALL, suite="small")]
     files = [write(tmp_path / name, rows) for name, rows in (("new", new), ("old", old))]
     assert judge.main(["--output", files[0], "--against", files[1]]) == 0
     told = capsys.readouterr().out
     assert "in one of the files alone, not compared: 1 rows" in told
     assert "changed: 3 of 4 rows" in told
-    assert "blind a: after 1 -> 2\n" in told
-    assert "blind b: claimed lag -> -\n" in told
-    assert "blind c: claimed lag -> -\n" in told
-    assert "small a" not in told
+    assert f"blind {A}: after 1 -> 2\n" in told
+    assert f"blind {B}: claimed lag -> -\n" in told
+    assert f"blind {C}: claimed lag -> -\n" in told
+    assert SMALL not in told
     blind = told[told.index("blind, 3 rows") : told.index("small, 1 rows")]
     assert "1 ->    0 of 1; better 0, worse 1: share 0.00 (0.00 to 0.97), p = 1" in blind
     assert "1 ->    2 of 2; better 1, worse 0: share 1.00 (0.03 to 1.00), p = 1" in blind
@@ -157,7 +162,7 @@ def test_rows_are_paired_by_suite_and_case(tmp_path, row, capsys):
 
 
 def test_seconds_are_no_difference(tmp_path, row, capsys):
-    old = [row("a"), row("b", message="not within 9 s", after=np.nan, before=np.nan)]
+    old = [row(A), row(B, message="not within 9 s", after=np.nan, before=np.nan)]
     new = [{**part, "seconds": 7.0, "processor_seconds": 8.0} for part in old]
     files = [write(tmp_path / name, rows) for name, rows in (("new", new), ("old", old))]
     judge.main(["--output", files[0], "--against", files[1]])
@@ -166,9 +171,14 @@ def test_seconds_are_no_difference(tmp_path, row, capsys):
     assert "x 4.0000" in told
 
 
+def test_the_truth_is_that_of_the_judge_not_of_the_file(tmp_path, row):
+    table = judge.read(write(tmp_path / "rows", [row(C, "lag", "creep", also="drift")]))
+    assert table.loc[0, ["truth", "also", "named"]].tolist() == ["lag", "", 1.0]
+
+
 def test_a_file_with_other_columns_is_refused(tmp_path, row):
     path = tmp_path / "rows.csv"
-    pd.DataFrame([{**row("a"), "colour": "red"}]).to_csv(path, index=False)
+    pd.DataFrame([{**row(A), "colour": "red"}]).to_csv(path, index=False)
     with pytest.raises(
         ValueError, match=r"columns of .* are not those of these rows: \['colour'\]"
     ):
