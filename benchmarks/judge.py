@@ -13,7 +13,7 @@ for the package of another checkout, with the plants of this one; and compared::
 The first line printed says which package was searched with, and its commit. Rows are written as
 they are done, and a run that was stopped goes on; with ``--against`` nothing is searched.
 
-Without ``--plants`` the plants are a balanced part of the two studies, about 25 minutes of a core:
+Without ``--plants`` the plants are a balanced part of the two studies, half an hour of a core:
 each effect with each declared model once, noises in turn; of everything else two plants for each
 declared model; each condition of a laboratory with and without an effect; two seeds of
 each small input. ``--plants N`` is the whole of `blind_study.py` and `laboratory.py` with N
@@ -398,8 +398,8 @@ def comparison(new, old):
             mean, (low, high), count = ratio(part[name], was[name])
             if count:
                 lines.append(f"  {name:30s} x {mean:.4f} ({low:.4f} to {high:.4f}), {count} pairs")
-    if not (changed or len(alone)):
-        lines.append("no row differs")
+    if not changed:
+        lines.append("no row that both have differs" if len(alone) else "no row differs")
     return "\n".join(lines)
 
 
@@ -437,8 +437,19 @@ def main(arguments=None):
         cases = plan(options.suites, options.plants, options.first_seed)
     except ValueError as error:
         parser.error(str(error))
-    cases = [case for case in cases if options.only in case.case]
+    absent = [
+        name
+        for name, case in measured_recordings.CASES.items()
+        if not (options.data / (case.folder or name)).exists()
+    ]
+    cases = [
+        case
+        for case in cases
+        if options.only in case.case and case.case.removesuffix(FIRST_ALONE) not in absent
+    ]
     print(f"{package()}; {len(cases)} rows")
+    if absent and "measured" in options.suites:
+        print(f"left out, absent from {options.data}: {', '.join(absent)}")
     print(blind_study.provenance(options.first_seed), flush=True)
     chosen = {name: getattr(options, name) for name in ("first_seed", "row_seconds", "data")}
     work = partial(row_of, **chosen)

@@ -169,6 +169,9 @@ def test_seconds_are_no_difference(tmp_path, row, capsys):
     told = capsys.readouterr().out
     assert told.endswith("no row differs\n")
     assert "x 4.0000" in told
+    write(files[1], old[:1])
+    judge.main(["--output", files[0], "--against", files[1]])
+    assert capsys.readouterr().out.endswith("no row that both have differs\n")
 
 
 def test_the_truth_is_that_of_the_judge_not_of_the_file(tmp_path, row):
@@ -206,6 +209,15 @@ def test_a_stopped_run_goes_on_where_it_ended(tmp_path, monkeypatch, capsys):
     assert list(table["case"]) == searched
     assert set(table["before"]) == {0.333333}
     assert set(table["plants"]) == {"settling"}
+
+
+def test_recordings_that_are_absent_are_left_out(tmp_path, monkeypatch, capsys):
+    searched = []
+    monkeypatch.setattr(judge, "_measured", lambda case, data: searched.append(case) or {})
+    (tmp_path / "mr_damper").mkdir()
+    judge.main(["--suites", "measured", "--data", str(tmp_path)])
+    assert searched == ["mr_damper", "mr_damper_currents", "mr_damper_currents" + judge.FIRST_ALONE]
+    assert "left out, absent from" in capsys.readouterr().out
 
 
 def test_a_row_that_takes_too_long_says_only_that(monkeypatch):
