@@ -447,6 +447,8 @@ def main(arguments=None):
         for case in cases
         if options.only in case.case and case.case.removesuffix(FIRST_ALONE) not in absent
     ]
+    if not cases:
+        parser.error("no rows are left to search")
     print(f"{package()}; {len(cases)} rows")
     if absent and "measured" in options.suites:
         print(f"left out, absent from {options.data}: {', '.join(absent)}")
@@ -454,7 +456,8 @@ def main(arguments=None):
     chosen = {name: getattr(options, name) for name in ("first_seed", "row_seconds", "data")}
     work = partial(row_of, **chosen)
     rows = blind_study.work_off(cases, options, work, judged, line, TEXTS, NUMBERS)
-    print(f"\n{summary(judged(rows))}", flush=True)
+    if rows:
+        print(f"\n{summary(judged(rows))}", flush=True)
     return 0
 
 

@@ -218,6 +218,9 @@ def test_recordings_that_are_absent_are_left_out(tmp_path, monkeypatch, capsys):
     judge.main(["--suites", "measured", "--data", str(tmp_path)])
     assert searched == ["mr_damper", "mr_damper_currents", "mr_damper_currents" + judge.FIRST_ALONE]
     assert "left out, absent from" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        judge.main(["--suites", "measured", "--data", str(tmp_path / "mr_damper")])
+    assert "no rows are left" in capsys.readouterr().err
 
 
 def test_a_row_that_takes_too_long_says_only_that(monkeypatch):
