@@ -19,6 +19,7 @@ as exact as its sensor.
 """
 
 import warnings
+from dataclasses import replace
 from numbers import Integral, Real
 from typing import Literal, Self, overload
 
@@ -33,8 +34,15 @@ from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from .._validation import refuse_large
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
-from ..linear import DelayOperator
-from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
+from ..linear import DelayOperator, GainOperator
+from ..operators import (
+    LoweredSeries,
+    SeriesOperator,
+    Stepper,
+    inverse_of,
+    put_beside,
+    take_apart,
+)
 from ..records import chosen_interval
 from ..static import SaturationOperator
 
@@ -476,7 +484,12 @@ class _Backwards:
                 )
             if late < preview:
                 spare = DelayOperator(float(preview - late))
-                lowered.insert(0, spare.lowered(1.0, spare.init(reference)))
+                begin = float(reference - self._disturbed(1)[0])
+                lowered.insert(0, spare.lowered(1.0, spare.init(begin)))
+        if self.beside:
+            without = [replace(d, coefficients=-d.coefficients) for d in self.beside]
+            own = put_beside(GainOperator(1.0), without)
+            lowered.insert(0, own.lowered(self.dt, own.init(reference)))
         if self.limits != (-np.inf, np.inf):
             lowered.append(SaturationOperator(*self.limits).lowered(self.dt, None))
         return Stepper(LoweredSeries(tuple(lowered)), self.dt)

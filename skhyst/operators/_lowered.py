@@ -52,6 +52,8 @@ def _stepping(law, c, s):
 
 
 def _streaming(law, c, s):
+    if getattr(law, "py_func", law) is law:  # plain Python, which no compiled loop can call
+        return lambda u: np.array([law(row, c, s) for row in as_signal(u).tolist()], dtype=float)
     loop = _loop(law)
 
     def run(u):
