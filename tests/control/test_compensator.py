@@ -242,6 +242,9 @@ def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
     np.testing.assert_array_equal(other.state, stepper.state)
     other.state = begin
     np.testing.assert_array_equal(other.run(reference), drive)
+    elsewhere = found.stepper(DT, reference[20])  # the state is all that is remembered
+    elsewhere.state = begin
+    np.testing.assert_array_equal(elsewhere.run(reference), drive)
     whole = found.predict(reference[:, None])[: len(drive) - ahead]
     until = len(u) - ahead
     allowed = 1e-8 * np.ptp(whole)
