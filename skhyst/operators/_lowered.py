@@ -471,3 +471,11 @@ class Stepper:
         other = Stepper(self.lowered, self.dt)
         other._begin(self._state)
         return other
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo):
+        return self.copy()
+
+    def __reduce__(self):
+        raise TypeError("A Stepper is compiled, and not pickled: keep its model and its 'state'.")

@@ -321,7 +321,7 @@ def test_broken_references_are_refused(bad):
     reference[40] = bad
     with pytest.raises(ValueError, match=r"NaN|infinity"):
         found.predict(reference[:, None])
-    with pytest.raises(ValueError, match=r"'reference' .* must be finite"):
+    with pytest.raises(ValueError, match=r"'reference' .* must be a finite number"):
         found.stepper(DT, bad)
     stepper = found.stepper(DT)
     before = stepper.state

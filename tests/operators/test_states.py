@@ -3,8 +3,10 @@
 Compiled code does not check places. So the laws are run as plain Python, which does.
 """
 
+import copy
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -92,6 +94,23 @@ def test_a_root_takes_the_states_of_its_law(more):
     state[-3 - sum(map(len, behind))] = 1e9  # the number of corners
     with pytest.raises(ValueError, match="as it was read"):
         stepper.state = state
+
+
+@pytest.mark.parametrize("name", ["plays", "slip elements"])
+@pytest.mark.parametrize("copied", [Stepper.copy, copy.copy, copy.deepcopy])
+def test_a_copy_goes_its_own_way(name, copied):
+    stepper = Stepper(OPERATORS[name].lowered(DT, OPERATORS[name].init(0.0)))
+    stepper.run(make_drive()[:30])
+    state = stepper.state
+    other = copied(stepper)
+    other.step(3.0)
+    np.testing.assert_array_equal(stepper.state, state)
+    assert (other.state != state).any()
+    again = stepper.copy()
+    again.step(3.0)
+    np.testing.assert_array_equal(other.state, again.state)
+    with pytest.raises(TypeError, match="keep its model and its 'state'"):
+        pickle.dumps(stepper)
 
 
 def test_no_state_that_is_taken_leads_out_of_a_table():
