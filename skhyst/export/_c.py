@@ -9,7 +9,9 @@ from string import Template
 import numpy as np
 
 from .._files import replacing
+from .._validation import finite_numbers
 from ..operators import Stepper
+from ..records import chosen_interval
 from ._fixed import Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
@@ -243,6 +245,8 @@ def to_c(
 
 def _stepper(model, dt, initial_state, u0):
     """Return a model as a stepper, and the sampling interval; None where nobody knows it."""
+    dt = None if dt is None else chosen_interval((), dt, "to_c")
+    finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
     if hasattr(model, "stepper"):
         more = {} if initial_state is None else {"initial_state": initial_state}
         model = model.stepper(dt, *([u0] if np.any(u0) else []), **more)
