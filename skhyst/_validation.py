@@ -19,7 +19,10 @@ _TOO_FAR = (
 
 
 def read_data(estimator, X, *y, reset, dt):
-    """Validate X and y and return the records, the array X, and y, None where it is not given."""
+    """Validate X and y and return the records, the array X, and y, None where it is not given.
+
+    An estimator that is fitted to them (``reset``) is given ``drive_range_`` and ``drive_rate_``.
+    """
     sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
     if not y:
         array = as_floats(estimator, X, reset=reset)
@@ -27,7 +30,21 @@ def read_data(estimator, X, *y, reset, dt):
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
     refuse_extreme(array[:, 0], response, _least(estimator))
-    return record_slices(X, *y, **sampling), array, response
+    slices = record_slices(X, *y, **sampling)
+    if reset:
+        keep_seen(estimator, array[:, 0], slices)
+    return slices, array, response
+
+
+def keep_seen(estimator, drive, slices):
+    """Keep the range and the largest rate of the drive of a fit, as :class:`ParametricModel` says.
+
+    See there for ``drive_range_`` and ``drive_rate_``.
+    """
+    with np.errstate(over="ignore"):
+        rates = [np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt for s in slices]
+    estimator.drive_range_ = (float(drive.min()), float(drive.max()))
+    estimator.drive_rate_ = float(max(rates))
 
 
 def as_floats(estimator, X, *y, **options):

@@ -146,6 +146,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Root mean square of the residual in the records of the fit, units of the response.
     records_ : tuple of RecordSlice
         The records of the fit.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
     initial_drive_ : ndarray of shape (n_records, n_values)
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
         is estimated. A drive between these values is a straight line, before them a rest.

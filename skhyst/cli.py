@@ -75,8 +75,10 @@ def _parser():
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--quiet", action="store_true", help="no progress")
     demo.set_defaults(run=_later("_demo_command", "demo"))
-    for command in tuple(commands.choices.values()):
-        command.add_argument("--force", action="store_true", help="write over files that are there")
+    for name, command in commands.choices.items():
+        more = ", and a drive that misses the reference" if name == "compensate" else ""
+        about = f"write over files that are there{more}"
+        command.add_argument("--force", action="store_true", help=about)
     _add_app(commands)
     for name, listed in (
         ("models", "models that can be declared"),
@@ -206,8 +208,15 @@ def _add_compensate(commands):
     add("--time-unit", help="unit of the time (default: that which the file says, else s)")
     column = "column of the reference (default: the second)"
     add("--reference", default=1, metavar="COL", help=column)
-    limits = "of the drive, in its units"
+    limits = "of the drive, in its units (default: what the fit of the model has seen)"
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
+    rate = "fastest change of the drive, its units per s (default: as the fit has seen)"
+    add("--rate-limit", type=float, metavar="RATE", help=rate)
+    margin = "part of the range and rate of the fit by which its limits are widened (default: 0)"
+    add("--limit-margin", type=float, default=0.0, metavar="PART", help=margin)
+    add("--no-limits", action="store_true", help="none but those that are given")
+    missed = "part of the reference's range that may be missed (default: 0.05)"
+    add("--max-residual", type=float, default=0.05, metavar="PART", help=missed)
     faster = "leave out what is faster in the reference"
     add("--bandwidth", type=float, metavar="HZ", help=faster)
     parser.set_defaults(run=_later("_compensate_command", "compensate"))

@@ -1,6 +1,8 @@
 """The commands that take a model: the same results as Python, nothing run, nothing lost."""
 
+import copy
 import importlib.util
+import re
 import shutil
 import subprocess
 import sys
@@ -48,7 +50,8 @@ def reference(tmp_path):
 def test_compensate_equals_python(model, model_file, reference, tmp_path, capsys):
     out = tmp_path / "new" / "drive.csv"
     call = ["compensate", str(model_file), str(reference), "-o", str(out), "--time-unit", "ms"]
-    assert main([*call, "--limits", "-1", "2.5", "--bandwidth", "40"]) == 0
+    limited = [*call, "--limits", "-1", "2.5", "--bandwidth", "40"]
+    assert main([*limited, "--force"]) == 0
     X, y = read_records(reference, drive="um", response="um", time="t", time_unit="ms")
     same = InverseCompensator(model, drive_limits=(-1.0, 2.5), bandwidth=40.0).fit(X, y)
     with pytest.warns(ReachWarning) as said:
@@ -63,6 +66,44 @@ def test_compensate_equals_python(model, model_file, reference, tmp_path, capsys
     assert all(str(one.message) in printed for one in said)
     assert main([*call, "--reference", "um", "--time", "t", "--force"]) == 0
     assert "cut" not in capsys.readouterr().out
+
+
+def test_a_drive_that_misses_the_reference_is_not_written(model_file, tmp_path, capsys):
+    """Beyond the fit's range by default; what a device would miss stands before the reason."""
+    wanted = pd.DataFrame({"t": 1e-3 * np.arange(200), "um": 15.0 * np.sin(np.arange(200) / 30)})
+    wanted.to_csv(tmp_path / "far.csv", index=False)
+    out = tmp_path / "drive.csv"
+    call = ["compensate", str(model_file), str(tmp_path / "far.csv"), "-o", str(out)]
+    assert main([*call, "--time-unit", "s"]) == 1
+    said = capsys.readouterr()
+    assert not out.exists()
+    assert re.search(
+        r"drive.csv is not written: .* miss the reference by up to \d+\.?\d* ", said.err
+    )
+    assert re.search(r"The limits of the drive cut \d+\.?\d* % of the samples", said.out)
+    assert main([*call, "--time-unit", "s", "--force"]) == 0
+    drive = pd.read_csv(out)["drive"]
+    assert drive.abs().max() <= 5.0  # of the recording
+    assert main([*call, "--time-unit", "s", "--no-limits", "--force"]) == 0
+    assert pd.read_csv(out)["drive"].abs().max() > 8.0
+    assert "not limited, are beyond what the fit has seen" in capsys.readouterr().out
+    assert main([*call, "--time-unit", "s", "--limits", "-9", "9", "--force"]) == 0
+    assert 5.0 < pd.read_csv(out)["drive"].abs().max() <= 9.0
+
+
+def test_a_model_that_does_not_know_its_drive_needs_limits(model, reference, tmp_path, capsys):
+    pytest.importorskip("skops.io")
+    older = copy.copy(model)
+    del older.drive_range_, older.drive_rate_
+    save_model(older, tmp_path / "older.skops")
+    out = tmp_path / "drive.csv"
+    call = ["compensate", str(tmp_path / "older.skops"), str(reference), "-o", str(out)]
+    call += ["--time-unit", "ms"]
+    assert main(call) == 1
+    assert not out.exists()
+    assert "Give the limits of the amplifier (--limits)" in capsys.readouterr().err
+    assert main([*call, "--limits", "-5", "5"]) == 0
+    assert out.exists()
 
 
 def test_export_equals_python(model, model_file, reference, tmp_path):

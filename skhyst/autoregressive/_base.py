@@ -75,6 +75,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Number of columns of ``X``.
     records_ : tuple of RecordSlice
         The records of the fit.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
     """
 
     _one_interval = True  # lags count samples

@@ -65,6 +65,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Times that the two were fitted, one more than turns that have lowered the error.
     n_features_in_ : int
         Number of columns of ``X``.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
 
     See Also
     --------

@@ -45,12 +45,16 @@ def section_step(x, b, s, at):
 
 @jit
 def limited_step(ahead, error, damped, c, s):
-    """Return the drive for an error, and what damping acts on."""
+    """Return the drive for an error, and what damping acts on.
+
+    ``s`` is the integral part, two states each of notch and damping, and 1 where limits cut, or 0.
+    """
     kp, ki, low, high, notch, damping = c
     step = ki * error
     wanted = ahead + section_step(kp * error + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
     drive = min(max(wanted, low), high)
+    s[5] = 1.0 if drive != wanted else 0.0
     if (wanted - drive) * step <= 0.0:
         s[0] += step
     return drive
@@ -159,13 +163,14 @@ class FeedforwardPI:
         notch = _THROUGH if self.notch is None else notch_section(self.notch, dt)
         damping = _NOTHING if self.damping is None else self.damping.section(dt)
         constants = (self.kp, self.ki * dt, low, high, notch, damping)
-        state = np.zeros(5)
+        state = np.zeros(6)
         follows = self.compensator is not None
-        settled, state[3:] = _settled(damping, 0.0 if follows else reference)
+        settled, state[3:5] = _settled(damping, 0.0 if follows else reference)
         state[0] = u0 - settled
         _, state[1:3] = _settled(notch, state[0])
         step = following_step if follows else feedback_step
-        return Stepper(LoweredStep(step, constants, state, 3 if follows else 2), dt)
+        n_inputs, flags = 3 if follows else 2, (("limited", 5),)
+        return Stepper(LoweredStep(step, constants, state, n_inputs, flags=flags), dt)
 
     def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
         """Return a function of the number of a sample and of its reading: the drive until the next.

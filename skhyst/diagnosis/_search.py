@@ -169,6 +169,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     records_ : tuple of RecordSlice
     folds_ : ndarray of shape (n_samples,)
         Number of the fold that scores each sample, -1 where none does.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
     units_ : Units
         Of drive, response and time, see :class:`skhyst.records.Units`. Without a time, of data
         whose index counts samples with ``dt`` at 1, frequencies are in cycles/sample.

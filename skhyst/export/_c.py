@@ -54,6 +54,9 @@ void ${name}_init(${name}_state *state);
 /* One sample. $caution */
 $type ${name}_step(${name}_state *state, $input);
 
+${bits}/* Conditions of the last sample, bits that are set while they hold; 0 if there are none. */
+uint32_t ${name}_status(const ${name}_state *state);
+
 #endif
 """)
 _SOURCE = Template("""\
@@ -73,6 +76,10 @@ void ${name}_init(${name}_state *state)
 $type ${name}_step(${name}_state *state, $input)
 {
 $body}
+
+uint32_t ${name}_status(const ${name}_state *state)
+{
+$conditions}
 """)
 _TEST = Template("""\
 /* Test of $name.c: returns 0 where it answers as the Python model did. */
@@ -129,10 +136,12 @@ def to_c(
 ) -> list[Path]:
     """Write what is stepped as a C99 program, which answers sample by sample as it does.
 
-    Three files are made: the header ``name.h`` with ``name_state``, ``name_init`` and
-    ``name_step``, the source ``name.c``, and the test program ``name_test.c``, which returns 0
-    where the answers to a drive are those of the model in Python. How to compile is said in the
-    header.
+    Three files are made: the header ``name.h`` with ``name_state``, ``name_init``, ``name_step``
+    and ``name_status``, the source ``name.c``, and the test program ``name_test.c``, which returns
+    0 where the answers to a drive are those of the model in Python. How to compile is said in the
+    header. The status of a sample has a bit for each condition that holds, as
+    :attr:`~skhyst.operators.Stepper.status` has names: ``name_LIMITED`` where limits have cut the
+    output of a compensator or controller.
 
     Parameters
     ----------
@@ -226,6 +235,7 @@ def to_c(
         "one": "" if lowered.n_inputs else "[0]",
         "n_states": max(len(lowered.state), 1),
         "digest": hashlib.sha256(_program(step, stepper.state).encode()).hexdigest(),
+        **_status(name, lowered.flags),
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
@@ -262,6 +272,20 @@ def _stepper(model, dt, initial_state, u0):
             f"is a Stepper, or an operator. Got {model!r} instead."
         )
     return model, model.dt if dt is None else dt
+
+
+def _status(name, flags):
+    """Return what header and source say of conditions that the state tells."""
+    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in flags}
+    lines = [
+        f"    if (state->s[{at}] != 0) {{\n        status |= {bits[flag]};\n    }}\n"
+        for flag, at in flags
+    ]
+    lines = ["    uint32_t status = 0u;\n", *lines, "    return status;\n"]
+    return {
+        "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
+        "conditions": "".join(lines if flags else ["    (void)state;\n    return 0u;\n"]),
+    }
 
 
 def _units(drive, *units):
@@ -315,7 +339,9 @@ def _texts(common, printer, inputs, outputs):
 
 
 def _reserve(printer):
-    printer.taken |= {f"{printer.prefix}_{own}" for own in ("init", "step", "state", "test")}
+    printer.taken |= {
+        f"{printer.prefix}_{own}" for own in ("init", "step", "state", "status", "test")
+    }
     return printer
 
 

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, refuse_extreme, rest_of
+from .._validation import as_floats, keep_seen, refuse_extreme, rest_of
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
@@ -177,6 +177,10 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         the mean square of the residual gives, as if it were white.
     n_evaluations_ : int
     records_ : tuple of RecordSlice
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
 
     Raises
     ------
@@ -251,6 +255,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = record_slices(X, y, dt=self.dt)
+        keep_seen(self, array[:, 0], slices)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():

@@ -77,10 +77,14 @@ class Lowered:
         Columns of the input that are read; None for a signal.
     double_only : str
         What of it needs the digits of double precision, in words; empty where nothing does.
+    flags : tuple of (str, int)
+        Conditions of the last sample that the state tells: their names, and the place in the state
+        of a number that is 0 where the condition does not hold. Numbers with one name are one flag.
     """
 
     n_inputs = None
     double_only = ""
+    flags = ()
 
     def is_possible(self, s):
         """Whether a step can go on from the finite state ``s``: places in it are those of its law.
@@ -145,6 +149,7 @@ class LoweredStep(Lowered):
     n_inputs: int | None = None
     double_only: str = ""
     possible: object = None
+    flags: tuple = ()
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -191,6 +196,12 @@ class LoweredParts(Lowered):
     def double_only(self):
         """What of the parts needs the digits of double precision."""
         return next((part.double_only for part in self.parts if part.double_only), "")
+
+    @property
+    def flags(self):
+        """Conditions that the states of the parts tell."""
+        places = self._each(range(len(self.state)))
+        return tuple((name, int(own[at])) for part, own in places for name, at in part.flags)
 
     def _each(self, s):
         """Yield each part with its part of a state."""
@@ -366,6 +377,8 @@ class Stepper:
         Sampling interval in s, where it is known.
     state : ndarray of shape (n_states,)
         All that is remembered: a copy, which may be kept and assigned again.
+    status : frozenset of str
+        Conditions that hold at the last sample, such as ``"limited"``: limits have cut the drive.
     lowered : Lowered
         What is stepped, with the state that it began from.
 
@@ -406,6 +419,10 @@ class Stepper:
                 f"read. Got {values!r} instead."
             )
         self._state[:] = values
+
+    @property
+    def status(self):
+        return frozenset(name for name, at in self.lowered.flags if self._state[at] != 0.0)
 
     def step(self, u):
         """Return the response at the next sample.
