@@ -484,6 +484,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         wanted = self._filtered(np.append(reference, rest), dt)
         enough = self.tol * np.ptp(wanted)
         asked = plant.invert(wanted)
+        asked[0] = plant.rest(reference[0])
         held, short = plant.held, plant.short(wanted, max(enough, 1e-6 * np.ptp(wanted)))
         with np.errstate(over="ignore", invalid="ignore"):
             left = plant.run(plant.limits.applied(asked, dt)) - wanted
@@ -617,6 +618,13 @@ class _Backwards:
                 self.missed = max(self.missed, (size, name, float(v[worst])))
             v = found
         return v
+
+    def rest(self, value):
+        """Return the drive under which the response rests at a value."""
+        v = np.array([value]) - self._disturbed(1)
+        for _, _, inverse in self._inverses():
+            v = inverse.run(v, self.dt)[0]
+        return v[0]
 
     def ahead(self, tol):
         """Return how many samples what comes later matters before, but for the part ``tol``."""

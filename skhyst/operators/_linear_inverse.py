@@ -14,12 +14,13 @@ move before the response has to (Devasia, Chen and Paden, *IEEE Transactions on 
 samples for zeros that sampling has made.
 
 Where it moves earlier, what the drive should have done before the record is missing, and a mode
-rings on. So the first samples of the drive, as many as it looks ahead, are changed by those ``w``
-of least ``|e + G w|^2 + (s g |w|)^2``: ``e`` is the error over the record, from rest, ``G w`` the
-response to the change, ``g`` the gain at rest. A change that follows exactly would grow by the
-zeros from sample to sample; the penalty keeps out what the response shows less than the part ``s``
-of (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). Columns of ``G`` are one response
-to a pulse, shifted, so that ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i] h[n-1-j]``.
+rings on. So the first samples of the drive, as many as it looks ahead and one for each state, are
+changed by those ``w`` of least ``|e + G w|^2 + (s g |w|)^2``: ``e`` is the error over the record,
+from rest, ``G w`` the response to the change, ``g`` the gain at rest. A change that follows exactly
+would grow by the zeros from sample to sample; the penalty keeps out what the response shows less
+than the part ``s`` of (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). Columns of
+``G`` are one response to a pulse, shifted: ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i]
+h[n-1-j]``.
 
 What comes matters the less the later it is: k samples ahead by the k-th power of the zeros'
 inverses. So a preview of ``log(1/tol) / log |zero|`` samples leaves out the part ``tol``.
@@ -75,13 +76,14 @@ class InverseLinearOperator(InverseOperator):
         """Return the drive that gives a response (n_samples,) from rest to rest; see the base."""
         y = as_signal(np.asarray(u, dtype=float) - self.operator.intercept)
         direct, late, forth, back = self._parts(dt)
-        later = np.append(y[late:], np.full(late, y[-1]))
-        p = _driven(*forth, later, shifted=True)
-        drive = direct * later + p + _driven(*back, later[::-1], shifted=False)[::-1]
+        held = np.append(y, np.full(late, y[-1]))
+        p = _driven(*forth, held, shifted=True)
+        drive = (direct * held + p + _driven(*back, held[::-1], shifted=False)[::-1])[late:]
         if len(back[1]) or late:
             rest = direct + _at_rest(*forth) + _at_rest(*back)
             drive[0] = rest * y[0]
-            self._begin(drive, y, dt, rest, self._length(back, 1e-9) + late)
+            order = len(forth[1]) + len(back[1])
+            self._begin(drive, y, dt, rest, self._length(back, 1e-9) + late + order)
         return drive, None
 
     def _begin(self, drive, y, dt, rest, samples):
