@@ -272,7 +272,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         left, offset = self._left_by(directions)
         least = [*least_left(left, units, values), offset]
         blocks = len(self._evidence[2]) / self.block
-        found = likely(least, 1.0 + self._tests.misfit * blocks)
+        found = likely(least, self._tests.misfit * blocks)
         return tuple([*names, "offset"][i] for i in found)
 
     def _left_by(self, directions):

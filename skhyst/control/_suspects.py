@@ -10,8 +10,8 @@ The parameter :math:`i` that leaves the least :math:`R_i` is the first suspect. 
 :math:`j`, both changed together leave less than :math:`j` alone by a chi-square variable of one
 degree of freedom (Wilks, *Annals of Mathematical Statistics*, 1938), and :math:`i` alone leaves no
 less than both. So :math:`j` is ruled out where :math:`R_j - R_i` is more than that, and else told
-together with it. The misfit of a model that is not exact makes such a difference larger as it does
-the statistics of :mod:`skhyst.control._local_tests`, and scales what is asked of it alike.
+together with it. Of a model that is not exact the variable is noncentral: to the noise there comes
+the energy of the misfit, see :mod:`skhyst.control._local_tests`.
 
 An offset is a step of the reading. What it does to the innovations is the same at any sample but for
 the shift, so that its size follows by least squares and its sample, one of the first block, from
@@ -20,7 +20,7 @@ trying all of them (Willsky and Jones, *IEEE Transactions on Automatic Control*,
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.stats import ncx2
 
 _LEVEL = 0.05  # at which suspects are ruled out, all together
 _LARGEST = 0.5  # relative change
@@ -66,18 +66,18 @@ def left_by_step(innovations, response, counts, latest):
     return e @ e - taken
 
 
-def likely(least, spread=1.0):
+def likely(least, misfit=0.0):
     """Return the numbers of the likely explanations, the most likely first.
 
     Parameters
     ----------
     least : sequence of float
         Sum of squares that each leaves.
-    spread : float, default=1.0
-        Mean square of what is no change, along one direction; of noise it is one.
+    misfit : float, default=0.0
+        Largest sum of squares that the misfit of the model may have along one direction.
     """
     order = np.argsort(least, kind="stable")
-    apart = spread * chi2.isf(_LEVEL / max(len(order) - 1, 1), 1)
+    apart = ncx2.isf(_LEVEL / max(len(order) - 1, 1), 1, misfit)
     return [int(i) for i in order if least[i] - least[order[0]] <= apart]
 
 
