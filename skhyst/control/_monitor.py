@@ -29,7 +29,9 @@ from ._suspects import least_left, left_by_step, likely
 _EXACT = 1e-12  # of the response: rounding of runs
 _STEP = np.sqrt(_EXACT)  # of a difference, relative: rounding is as curvature is
 _AT_ONCE = 1 << 15  # samples
-_BETWEEN = 0.01  # of the range: a turn between two of 22 samples of a period is 1 - cos(pi / 22) off
+_BETWEEN = (
+    0.01  # of the range: a turn between two of 22 samples of a period is 1 - cos(pi / 22) off
+)
 
 
 class Monitor(MetaEstimatorMixin, BaseEstimator):
@@ -175,7 +177,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         beyond = _BETWEEN * (high - low)
         self._range = low - beyond, high + beyond
         orders = _orders(motion[: len(white) // size * size], size)
-        self._tests = LocalTests(*sums, dof, self.false_alarms, self.block, orders)
+        squares = (white[:, 0] - white[:, 1:] @ self._shift)[: len(white) // size * size] ** 2
+        energies = squares.reshape(-1, size).sum(axis=1), np.mean(squares**2)
+        self._tests = LocalTests(*sums, dof, self.false_alarms, self.block, orders, *energies)
         self.misfit_ = self._tests.misfit / self.block
         return self.reset()
 
@@ -304,7 +308,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return left, offset
 
     def _decide(self, columns, rows):
-        """Return whether there is an alarm at the end of each block of rows, and if it is judged."""
+        """Return whether there is an alarm at the end of each block, and whether it is judged."""
         before = columns.states[0].copy()
         motion = columns.motion(rows)
         within = ((motion >= self._range[0]) & (motion <= self._range[1])).all(axis=1)

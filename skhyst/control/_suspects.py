@@ -13,9 +13,9 @@ less than both. So :math:`j` is ruled out where :math:`R_j - R_i` is more than t
 together with it. Of a model that is not exact the variable is noncentral: to the noise there comes
 the energy of the misfit, see :mod:`skhyst.control._local_tests`.
 
-An offset is a step of the reading. What it does to the innovations is the same at any sample but for
-the shift, so that its size follows by least squares and its sample, one of the first block, from
-trying all of them (Willsky and Jones, *IEEE Transactions on Automatic Control*, 1976).
+An offset is a step of the reading. What it does to the innovations is the same at any sample but
+for the shift, so that its size follows by least squares and its sample, one of the first block,
+from trying all of them (Willsky and Jones, *IEEE Transactions on Automatic Control*, 1976).
 """
 
 import numpy as np
