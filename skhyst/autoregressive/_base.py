@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
-from .._validation import refuse_large
+from .._validation import refuse_large, rest_of
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
@@ -265,7 +265,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If ``dt`` is another than that of the records of the fit.
+            If a parameter is not as above, or ``dt`` is another than that of the records of the
+            fit.
 
         Examples
         --------
@@ -285,8 +286,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
                 f"fit: the model counts samples. Got {dt!r} instead."
             )
-        at = 0.0 if initial_state == "zero" else np.asarray(u0, dtype=float)
-        rules = SampleRules(np.broadcast_to(at, (self.n_features_in_,)))
+        levels = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
+        rules = SampleRules(0.0 * levels if initial_state == "zero" else levels)
         places = self._places(rules)
         inputs = [(places[j][0], places[j][1] + lag) for j, lag in self.input_lags_]
         history = np.zeros(self._n_outputs())

@@ -40,11 +40,18 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import refuse_large
+from .._validation import finite_number, finite_numbers, refuse_large
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
-from ..linear import DelayOperator
-from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
+from ..linear import DelayOperator, GainOperator
+from ..operators import (
+    LoweredSeries,
+    SeriesOperator,
+    Stepper,
+    inverse_of,
+    put_beside,
+    take_apart,
+)
 from ..records import chosen_interval
 from ._drive_limits import DriveLimits
 
@@ -307,7 +314,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         -------
         int
         """
-        return self._backwards(dt).streamed(0.0, self._part_left_out())[1]
+        return self._backwards(dt, "preview").streamed(0.0, self._part_left_out())[1]
 
     def stepper(self, dt=None, reference=0.0, preview=None) -> Stepper:
         """Return the compensator as a device that is fed the reference sample by sample.
@@ -333,33 +340,51 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If the preview is no whole number or shorter than a delay in the model, the reference is
             not finite, or a stage has no stable inverse.
         """
-        if not np.isfinite(reference):
-            raise ValueError(
-                "The 'reference' parameter of InverseCompensator.stepper must be finite. Got "
-                f"{reference!r} instead."
-            )
+        reference = finite_number(reference, "InverseCompensator.stepper", "reference")
         if preview is not None and not (isinstance(preview, Integral) and preview >= 0):
             raise ValueError(
                 "The 'preview' parameter of InverseCompensator.stepper must be a number of "
                 f"samples. Got {preview!r} instead."
             )
-        plant = self._backwards(dt)
+        plant = self._backwards(dt, "stepper")
         _warn([self._unknown()])
-        return plant.stepper(float(reference), self._part_left_out(), preview)
+        return plant.stepper(reference, self._part_left_out(), preview)
 
     def drive_for(self, reference, dt) -> np.ndarray:
-        """Return the drive (n_samples,) for one record of a reference (n_samples,), dt in s."""
+        """Return the drive for one record of a reference.
+
+        Parameters
+        ----------
+        reference : array-like of shape (n_samples,)
+            Units of the response.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            As :meth:`predict` returns it.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not as above, or as for :meth:`predict`.
+        """
+        check_is_fitted(self)
+        caller, wanted = "InverseCompensator.drive_for", "finite numbers, one a sample"
+        reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
+        dt = chosen_interval((), dt, caller)
         index = pd.Index(dt * np.arange(len(reference)), name="time")
         names = getattr(self, "feature_names_in_", range(self.n_features_in_))
         X = np.zeros((len(index), self.n_features_in_))
         X[:, 0] = reference
         return self.predict(pd.DataFrame(X, index, names))
 
-    def _backwards(self, dt):
+    def _backwards(self, dt, caller):
         check_is_fitted(self)
         if self.method == "learned":
             raise NotImplementedError("An inverse that was learned is not stepped.")
-        dt = chosen_interval(self.model_.records_, dt, "InverseCompensator.stepper")
+        dt = chosen_interval(self.model_.records_, dt, f"InverseCompensator.{caller}")
         return _Backwards(self.model_.operator_, dt, self._limits())
 
     def _part_left_out(self):
@@ -531,7 +556,10 @@ def _warn(told):
 
 def check_limits(limits, name):
     """Refuse limits of the drive that are not two numbers in their order."""
-    if limits is not None and not (len(limits) == 2 and limits[0] < limits[1]):
+    if limits is None:
+        return
+    are_numbers = np.shape(limits) == (2,) and all(isinstance(limit, Real) for limit in limits)
+    if not (are_numbers and limits[0] < limits[1]):
         raise ValueError(
             f"The 'drive_limits' parameter of {name} must be two numbers, the lower one first. "
             f"Got {limits!r} instead."
@@ -646,7 +674,12 @@ class _Backwards:
                 )
             if late < preview:
                 spare = DelayOperator(float(preview - late))
-                lowered.insert(0, spare.lowered(1.0, spare.init(reference)))
+                begin = float(reference - self._disturbed(1)[0])
+                lowered.insert(0, spare.lowered(1.0, spare.init(begin)))
+        if self.beside:
+            without = [replace(d, coefficients=-d.coefficients) for d in self.beside]
+            own = put_beside(GainOperator(1.0), without)
+            lowered.insert(0, own.lowered(self.dt, own.init(reference)))
         if self.limits:
             lowered.append(self.limits.lowered(self.dt, drive))
         return Stepper(LoweredSeries(tuple(lowered)), self.dt)

@@ -169,7 +169,7 @@ class FunctionText:
         self._params = names
         self._places = {}
         self._place(part.body, ())
-        loops = {s.target for s in within(part.body) if isinstance(s, For)}
+        self._loops = loops = {s.target for s in within(part.body) if isinstance(s, For)}
         params = {p.args[0] for p in names if isinstance(p, Expression)}
         self._firsts = {name: self._first(name) for name in self._places.keys() - params - loops}
         results = zip(leaves(part.function.result), part.mask, strict=True)

@@ -19,7 +19,7 @@ class _Single(Interpreter):
         super().__init__(model, state)
         self._only = only
 
-    def _number(self, value, step):
+    def _number(self, value, step, *key):
         return float(np.float32(value)) if self._only in (None, step) else value
 
 

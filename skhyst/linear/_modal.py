@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, keep_seen, refuse_extreme
+from .._validation import as_floats, keep_seen, refuse_extreme, rest_of
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
@@ -30,7 +30,7 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import record_slices
+from ..records import chosen_interval, record_slices
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
@@ -376,11 +376,13 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         NotImplementedError
             If there are several responses: a step returns one number.
         ValueError
-            If ``dt`` is another than that of the records of the fit.
+            If a parameter is not as above, or ``dt`` is another than that of the records of the
+            fit.
         """
         check_is_fitted(self)
-        dt = self.operator_.dt if dt is None else float(dt)
-        u0 = np.array(np.broadcast_to(np.asarray(u0, dtype=float), (self.n_features_in_,)))
+        caller = f"{type(self).__name__}.stepper"
+        dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
+        u0 = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
         state = self.operator_.init(u0, initial_state or self.initial_state)
         return Stepper(self.operator_.lowered(dt, state), dt)
 

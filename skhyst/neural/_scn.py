@@ -16,7 +16,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, refuse_large, refuse_size
+from .._validation import as_floats, refuse_large, refuse_size, rest_of
 from ..autoregressive import lowered_regressor
 from ..exceptions import ConvergenceWarning
 from ..operators import Stepper
@@ -456,6 +456,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         ------
         NotImplementedError
             If the network has several outputs.
+        ValueError
+            If a parameter is none that a model takes.
 
         Examples
         --------
@@ -467,6 +469,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
+        rest_of(u0, initial_state, self.n_features_in_, f"{type(self).__name__}.stepper")
         return Stepper(lowered_regressor(self, self.n_features_in_), dt)
 
 

@@ -62,7 +62,7 @@ class WrappedOperator(_ByEntries):
 
 # what is declared of the operator within holds for the whole, attributes and methods alike
 for _name in (
-    *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless", "causal"),
+    *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless", "causal", "at_once"),
     *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "characteristics"),
     *("entries", "pack", "parameter_units"),
 ):
@@ -131,6 +131,10 @@ class _Composition(_ByEntries):
     @property
     def causal(self):
         return all(stage.causal for stage in self.stages)
+
+    @property
+    def at_once(self):
+        return all(stage.at_once for stage in self.stages)
 
     @property
     def rank(self):

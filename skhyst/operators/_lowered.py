@@ -17,6 +17,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from .._jit import bind, jit
+from ..records import chosen_interval
 from ._protocol import as_constant, as_signal
 
 
@@ -52,6 +53,8 @@ def _stepping(law, c, s):
 
 
 def _streaming(law, c, s):
+    if getattr(law, "py_func", law) is law:  # plain Python, which no compiled loop can call
+        return lambda u: np.array([law(row, c, s) for row in as_signal(u).tolist()], dtype=float)
     loop = _loop(law)
 
     def run(u):
@@ -363,6 +366,11 @@ class Stepper:
     dt : float, default=None
         That interval in s, where it is known.
 
+    Raises
+    ------
+    ValueError
+        If ``dt`` is no interval.
+
     Attributes
     ----------
     dt : float or None
@@ -389,7 +397,8 @@ class Stepper:
     """
 
     def __init__(self, lowered, dt=None):
-        self.lowered, self.dt = lowered, dt
+        self.lowered = lowered
+        self.dt = None if dt is None else chosen_interval((), dt, "Stepper")
         self._begin(lowered.state)
 
     def _begin(self, state):
@@ -433,12 +442,14 @@ class Stepper:
             If the input is not finite or of another shape; the state is as it was.
         """
         if self.lowered.n_inputs is None:
-            u = float(u)
-            if not math.isfinite(u):
+            try:
+                value = float(u)
+            except (TypeError, ValueError):
+                value = math.nan
+            if not math.isfinite(value):
                 raise ValueError(f"The drive must be finite. Got {u!r} instead.")
-        else:
-            u = self._checked(u, 1)
-        return self._step(u)
+            return self._step(value)
+        return self._step(self._checked(u, 1))
 
     def run(self, u):
         """Return the response to many samples, and stand behind the last.
@@ -461,14 +472,27 @@ class Stepper:
         return self.lowered.streaming(self._state)(u)
 
     def _checked(self, u, ndim):
-        u, n_inputs = np.asarray(u, dtype=float), self.lowered.n_inputs
-        if u.ndim != ndim or (n_inputs and u.shape[-1] < n_inputs) or not np.isfinite(u).all():
+        n_inputs = self.lowered.n_inputs
+        try:
+            rows = np.asarray(u, dtype=float)
+        except (TypeError, ValueError):
+            rows = np.empty(())
+        is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
+        if not (is_whole and np.isfinite(rows).all()):
             wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
             raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
-        return u
+        return rows
 
     def copy(self):
         """Return another one in the same state, which goes its own way."""
         other = Stepper(self.lowered, self.dt)
         other._begin(self._state)
         return other
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo):
+        return self.copy()
+
+    def __reduce__(self):
+        raise TypeError("A Stepper is compiled, and not pickled: keep its model and its 'state'.")

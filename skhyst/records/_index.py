@@ -206,12 +206,12 @@ def by_interval(records) -> dict[float, list[int]]:
 
 
 def chosen_interval(records, dt, caller) -> float:
-    """Return the sampling interval at which a fitted model is used.
+    """Return the sampling interval at which a fitted model, or a controller, is used.
 
     Parameters
     ----------
     records : sequence of RecordSlice
-        Of the fit.
+        Of the fit; none where nothing is fitted, and the interval must be given.
     dt : float or None
         Interval in s where one is given.
     caller : str
@@ -225,7 +225,7 @@ def chosen_interval(records, dt, caller) -> float:
     Raises
     ------
     ValueError
-        If no interval is given and the records differ in theirs.
+        If the interval that is given is none, or none is given and the records differ in theirs.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def chosen_interval(records, dt, caller) -> float:
     >>> chosen_interval(records, None, "to_c"), chosen_interval(records, 0.2, "to_c")
     (0.1, 0.2)
     """
-    if dt is not None:
+    if dt is not None or not records:
         refuse_interval(dt, caller)
         return float(dt)
     intervals = list(by_interval(records))

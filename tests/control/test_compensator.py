@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from operator_cases import OPERATORS, make_drive
 from scipy.linalg import toeplitz
 from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
@@ -33,7 +34,13 @@ from skhyst.linear import (
     SecondOrderModeOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, Stepper, SumOperator
+from skhyst.operators import (
+    FrozenOperator,
+    SeriesOperator,
+    Stepper,
+    SumOperator,
+    put_beside,
+)
 from skhyst.static import SaturationOperator, SoftSaturation
 
 DT, N = 1e-3, 1200
@@ -376,6 +383,65 @@ def test_it_streams_what_it_predicts_from_a_preview(name):
     assert error < 1e-8 * np.ptp(whole)
 
 
+HYSTERESES = tuple(OPERATORS[name] for name in ("Duhem", "slip elements", "Bouc-Wen"))
+AT_ONCE = {
+    "sum of hystereses": SumOperator(("a", "b", "c"), HYSTERESES),
+    "series of sums of hystereses": SeriesOperator(
+        ("first", "second"),
+        (SumOperator(("a", "b"), (PLAYS, HYSTERESES[1])), SumOperator(("a",), HYSTERESES[:1])),
+    ),
+    "slip elements, held": FrozenOperator(HYSTERESES[1]),
+    "slip elements before a mode": SeriesOperator(("slip", "mode"), (HYSTERESES[1], MODE)),
+}
+for name, operator in OPERATORS.items():
+    if operator.at_once and operator.causal and "delay" not in name:  # a record's ends tell it
+        AT_ONCE[name] = operator
+REFUSED = {  # what no drive can give, or what is known of a whole record alone
+    **dict.fromkeys(("offset", "drift", "sinusoid", "empty sum"), "has no inverse|of nothing"),
+    "plays, stop form, no spring left": "needs a first threshold",
+    **{name: "looks ahead" for name in AT_ONCE if name.startswith("rate-dependent")},
+}
+
+
+@pytest.mark.parametrize("name", AT_ONCE)
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ReachWarning")  # an end of the reach
+def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
+    found = compensator(AT_ONCE[name], max_iter=0)
+    if name in REFUSED:
+        with pytest.raises((ValueError, NotImplementedError), match=REFUSED[name]):
+            found.stepper(DT)
+        return
+    u = make_drive()
+    reference = AT_ONCE[name].run(u, DT, AT_ONCE[name].init(u[0]))[0]
+    reference = np.append(reference, np.full(2 * found.preview(DT), reference[-1]))
+    stepper = found.stepper(DT, reference[0])
+    begin, other, ahead = stepper.state, stepper.copy(), found.preview(DT)
+    drive = stepper.run(reference)
+    np.testing.assert_array_equal([other.step(value) for value in reference], drive)
+    np.testing.assert_array_equal(other.state, stepper.state)
+    other.state = begin
+    np.testing.assert_array_equal(other.run(reference), drive)
+    elsewhere = found.stepper(DT, reference[20])  # the state is all that is remembered
+    elsewhere.state = begin
+    np.testing.assert_array_equal(elsewhere.run(reference), drive)
+    whole = found.predict(reference[:, None])[: len(drive) - ahead]
+    until = len(u) - ahead
+    allowed = 1e-8 * np.ptp(whole)
+    np.testing.assert_allclose(drive[ahead:][:until], whole[:until], rtol=0.0, atol=allowed)
+
+
+@pytest.mark.parametrize("preview", [0, 3])
+def test_disturbances_that_are_known_are_taken_out_of_the_stream(preview):
+    """Offset and drift of the record, at the sample whose drive it is."""
+    beside = OPERATORS["offset"], OPERATORS["drift"]
+    device = put_beside(GainOperator(2.0), beside)
+    reference = smooth(3.0)
+    known = sum(own.run(reference, DT)[0] for own in beside)
+    drive = compensator(device).stepper(DT, reference[0], preview).run(reference)[preview:]
+    expected = (0.5 * (reference - known))[: N - preview]
+    np.testing.assert_allclose(drive, expected, rtol=0.0, atol=1e-12)
+
+
 def test_the_error_falls_exponentially_with_the_preview():
     """Each sample of it by the zero near -3.73 of a mass that is pushed along straight lines."""
     reference = smooth(0.7 * FREQUENCY)
@@ -434,7 +500,7 @@ def test_broken_references_are_refused(bad):
     reference[40] = bad
     with pytest.raises(ValueError, match=r"NaN|infinity"):
         found.predict(reference[:, None])
-    with pytest.raises(ValueError, match=r"'reference' .* must be finite"):
+    with pytest.raises(ValueError, match=r"'reference' .* must be a finite number"):
         found.stepper(DT, bad)
     stepper = found.stepper(DT)
     before = stepper.state

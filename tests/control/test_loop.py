@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skhyst.control import FeedforwardPI, InverseCompensator, simulate_loop
+from skhyst.exceptions import DivergenceWarning
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import FirstOrderLagOperator, GainOperator
 from skhyst.operators import SeriesOperator, Stepper
@@ -79,20 +80,61 @@ def test_the_sensor_has_noise_and_steps_and_the_drive_is_late():
     assert np.ptp(again.reading - again.response) > 0.1
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"reference": [0.0, np.nan]}, "finite"),
-        ({"reference": []}, "finite"),
-        ({"noise": -1.0}, "noise"),
-        ({"delay": -1}, "delay"),
-        ({"dt": 0.0}, "dt"),
-    ],
-)
-def test_bad_options_are_refused(options, message):
-    options = {"reference": [0.0, 1.0], "dt": DT} | options
-    with pytest.raises(ValueError, match=message):
-        simulate_loop(device(), FeedforwardPI(1.0, 1.0), **options)
+def test_a_loop_that_diverges_ends_where_it_leaves_the_numbers():
+    """With the gain -3 a sample an error is 3**k, which no number holds from k = 647 on."""
+    reference = np.r_[0.0, np.ones(999)]
+    with pytest.warns(DivergenceWarning, match=r"at 0\.648 s, sample 648, "):
+        loop = simulate_loop(device(GainOperator(1.0)), FeedforwardPI(3.0, 0.0), reference, DT)
+    assert {len(part) for part in loop} == {648}
+    np.testing.assert_allclose(loop.response[1:], 0.75 - 0.75 * (-3.0) ** np.arange(647), rtol=1e-9)
+    np.testing.assert_allclose(loop.time, DT * np.arange(648), rtol=1e-15)
+
+
+class Answering:
+    """A device and a controller that answers what it is told, by the number of the sample."""
+
+    def __init__(self, *answers):
+        self.answers, self.k = answers, -1
+
+    def step(self, u):
+        assert np.isfinite(u)
+        self.k += 1
+        return self.answers[self.k]
+
+    def controlling(self, reference, dt, u0):
+        def control(k, reading):
+            assert np.isfinite(reading)
+            return self.answers[k]
+
+        return control
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("delay", [0, 1])
+def test_nobody_is_fed_what_is_no_number(broken, delay):
+    """Whoever of the two has made it: the loop ends before the other takes it."""
+    whole = Answering(1.0, 2.0, 3.0, 4.0)
+    for k in range(3):
+        answers = [1.0, 2.0, 3.0, 4.0]
+        answers[k] = broken
+        for parts in ((whole, Answering(*answers)), (Answering(*answers), whole)):
+            whole.k = -1
+            with pytest.warns(DivergenceWarning, match=rf"at {k * DT:g} s, sample {k}, "):
+                loop = simulate_loop(*parts, np.zeros(4), DT, delay=delay, resolution=1e-3)
+            assert {len(part) for part in loop} == {k}
+            assert np.isfinite(loop).all()
+
+
+def test_a_reading_beyond_the_numbers_ends_a_loop():
+    """Its noise is 1.76, 0.40, 0.98 and 2.24 times 7e307, on a response of 1e308."""
+    at_rest, options = Answering(*[0.0] * 4), {"reference": np.zeros(4), "dt": DT}
+    with pytest.warns(DivergenceWarning, match=r"at 0\.003 s, sample 3, "):
+        loop = simulate_loop(
+            Answering(*[1e308] * 4), at_rest, noise=7e307, random_state=0, **options
+        )
+    assert np.isfinite(loop).all()
+    fine = simulate_loop(Answering(*[1e300] * 4), at_rest, resolution=1e-20, **options)
+    np.testing.assert_array_equal(fine.reading, [0.0, 1e300, 1e300, 1e300])
 
 
 def test_limits_must_be_in_their_order():
