@@ -413,7 +413,8 @@ def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
         return
     u = make_drive()
     reference = AT_ONCE[name].run(u, DT, AT_ONCE[name].init(u[0]))[0]
-    reference = np.append(reference, np.full(2 * found.preview(DT), reference[-1]))
+    rest = found.preview(DT)  # the drive moves before the response, and at its end before that
+    reference = np.pad(reference, (rest, 2 * rest), mode="edge")
     stepper = found.stepper(DT, reference[0])
     begin, other, ahead = stepper.state, stepper.copy(), found.preview(DT)
     drive = stepper.run(reference)
@@ -421,11 +422,11 @@ def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
     np.testing.assert_array_equal(other.state, stepper.state)
     other.state = begin
     np.testing.assert_array_equal(other.run(reference), drive)
-    elsewhere = found.stepper(DT, reference[20])  # the state is all that is remembered
+    elsewhere = found.stepper(DT, reference[rest + 20])  # the state is all that is remembered
     elsewhere.state = begin
     np.testing.assert_array_equal(elsewhere.run(reference), drive)
     whole = found.predict(reference[:, None])[: len(drive) - ahead]
-    until = len(u) - ahead
+    until = rest + len(u) - ahead
     allowed = 1e-8 * np.ptp(whole)
     np.testing.assert_allclose(drive[ahead:][:until], whole[:until], rtol=0.0, atol=allowed)
 
