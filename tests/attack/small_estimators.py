@@ -28,7 +28,9 @@ _EXAMPLES = {
     "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
-    "InverseCompensator": lambda: InverseCompensator(Ridge(), method="learned"),
+    "InverseCompensator": lambda: InverseCompensator(  # at any drive: by default it is limited
+        Ridge(), method="learned", drive_limits=(-1e300, 1e300), rate_limit=1e300
+    ),
     "Observer": lambda: Observer(FirstOrderLag()),
     "Monitor": lambda: Monitor(Observer(FirstOrderLag())),
     "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
