@@ -28,8 +28,8 @@ stretches with the scores :math:`s_b` and the information :math:`M_b`, by Cauchy
    \delta} \, \sum_b \delta^T M_b \delta, \qquad \text{so that} \quad c \leq \sum_b c_b :
 
 however coherent a misfit is, its energy grows no faster than the length. With :math:`\lambda`, the
-largest energy of a block in sums over the records of the fit, a sum over :math:`n` blocks has a T of
-the mean :math:`r + n \lambda` at the most, and this mean scales the limit (Wedderburn,
+largest energy of a block in sums over the records of the fit, a sum over :math:`n` blocks has a T
+of the mean :math:`r + n \lambda` at the most, and this mean scales the limit (Wedderburn,
 *Biometrika*, 1974). So the level holds, from above, for a device whose misfit is nowhere larger
 than in the worst sums of the fit; changes that move the response less than the misfit does are not
 found.
