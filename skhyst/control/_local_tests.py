@@ -204,16 +204,23 @@ def _told_by(scores, information, orders, dof):
     The energies are those of a misfit, for each block.
     """
     known, chances, sizes = information.sum(axis=0), [], []
-    for order in orders:
-        sums, blocks = (scores[order], information[order]), 1
-        while len(sums[0]) > 1:
-            statistic, rank = statistics(sums[0], _beside(sums[1], known)[1])
-            # in all, scores are zero: one follows from the others
-            own = rank.sum() * (1.0 - 1.0 / len(rank))
-            if own > 0.0:
-                mean, noise = statistic.sum() / rank.sum(), f_distribution(own, dof)
-                chances.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
-                largest = rank * f_distribution.isf(1.0 / len(rank), np.maximum(rank, 1), dof)
-                sizes.append(np.max(statistic - largest) / blocks)
-            sums, blocks = _in_pairs(sums), 2 * blocks
+    for blocks, sums in _all_sums((scores, information), orders):
+        statistic, rank = statistics(sums[0], _beside(sums[1], known)[1])
+        # in all, scores are zero: one follows from the others
+        own = rank.sum() * (1.0 - 1.0 / len(rank))
+        if own > 0.0:
+            mean, noise = statistic.sum() / rank.sum(), f_distribution(own, dof)
+            chances.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
+            largest = rank * f_distribution.isf(1.0 / len(rank), np.maximum(rank, 1), dof)
+            sizes.append(np.max(statistic - largest) / blocks)
     return chances, sizes
+
+
+def _all_sums(parts, orders):
+    """Yield blocks, and sums of so many neighbours in each order; single ones have none."""
+    yield 1, parts
+    for order in orders:
+        sums, blocks = _in_pairs([part[order] for part in parts]), 2
+        while len(sums[0]) > 1:
+            yield blocks, sums
+            sums, blocks = _in_pairs(sums), 2 * blocks
