@@ -129,7 +129,7 @@ class LocalTests:
             spread = np.full((len(energies), 1, 1), block * (fourth - 1.0))
             chances += _told_by((energies - energies.mean())[:, None], spread, orders, dof)[0]
         is_exact = min(chances, default=1.0) * len(chances) >= _LEVEL
-        self.misfit = 0.0 if is_exact else max(*sizes, 0.0)
+        self.misfit = 0.0 if is_exact else max([*sizes, 0.0])
         ranks, blocks = np.arange(1, len(self.known) + 1), 2 ** np.arange(len(scores).bit_length())
         levels = np.minimum(false_alarms * block * blocks / len(blocks), 1.0)[:, None]
         means = ranks + self.misfit * blocks[:, None]
