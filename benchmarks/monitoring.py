@@ -36,7 +36,7 @@ RECORD = 1_000_000  # samples of a record in service
 LEARNT, SERVED = 20_000, 20  # samples of the recording; periods after a change
 FACTOR, DRIFT, FOUND, NAMED = 2.0, 0.02, 10, 0.9  # bars
 AMPLITUDES, OTHER_RATE = (0.5, 5.0), 1e-4  # of devices of other kinds; alarms a sample
-OTHER_NOISE, OTHER_LEARNT, OTHER_SERVED = 2e-3, 20_000, 5_000
+OTHER_NOISE, OTHER_LEARNT, OTHER_SERVED = 2e-3, 20_000, 10_000
 # median of `smallest_gains(6, 1e-5, 0)` with the library as it was before the misfit of models was
 # taken into account, revision 8ae1d8e: PYTHONPATH=there python -c "import monitoring; ..."
 BEFORE, AGAIN = 6.26e-4, 1.3
@@ -291,17 +291,17 @@ def main():
     gains = smallest_gains(6, options.rate, options.seed)
     half = np.median(gains)
     print(
-        f"the smallest change of the gain found in {FOUND} periods: {100 * half:.3f} % in the median, "
-        f"{100 * gains.max():.3f} % at the most; {half / BEFORE:.2f} of what it was (at most "
-        f"{AGAIN:g}: {verdict(half <= AGAIN * BEFORE)})",
+        f"the smallest change of the gain found in {FOUND} periods: {100 * half:.3f} % in the "
+        f"median, {100 * gains.max():.3f} % at the most; {half / BEFORE:.2f} of what it was (at "
+        f"most {AGAIN:g}: {verdict(half <= AGAIN * BEFORE)})",
         flush=True,
     )
     for kind in ("plays", "plays and mode", "preisach", "bouc_wen"):
         alarms, promised, own, gains = watch_others(kind, options.others, options.seed)
         print(
             f"{kind}, not of the model's class: {alarms} alarms, at most {promised:.0f} promised "
-            f"(within a factor of {FACTOR:g}: {verdict(alarms <= FACTOR * promised)}); {own} in the "
-            f"records of the fit; the smallest change of the gain found in {FOUND} periods: "
+            f"(within a factor of {FACTOR:g}: {verdict(alarms <= FACTOR * promised)}); {own} in "
+            f"the records of the fit; the smallest change of the gain found in {FOUND} periods: "
             f"{100 * np.median(gains):.2f} %, {100 * max(gains):.2f} % at the most",
             flush=True,
         )

@@ -28,8 +28,8 @@ stretches with the scores :math:`s_b` and the information :math:`M_b`, by Cauchy
    \delta} \, \sum_b \delta^T M_b \delta, \qquad \text{so that} \quad c \leq \sum_b c_b :
 
 however coherent a misfit is, its energy grows no faster than the length. With :math:`\lambda`, the
-largest energy of a block in sums over the records of the fit, a sum over :math:`n` blocks has a T of
-the mean :math:`r + n \lambda` at the most, and this mean scales the limit (Wedderburn,
+largest energy of a block in sums over the records of the fit, a sum over :math:`n` blocks has a T
+of the mean :math:`r + n \lambda` at the most, and this mean scales the limit (Wedderburn,
 *Biometrika*, 1974). So the level holds, from above, for a device whose misfit is nowhere larger
 than in the worst sums of the fit; changes that move the response less than the misfit does are not
 found.
@@ -129,7 +129,7 @@ class LocalTests:
             spread = np.full((len(energies), 1, 1), block * (fourth - 1.0))
             chances += _told_by((energies - energies.mean())[:, None], spread, orders, dof)[0]
         is_exact = min(chances, default=1.0) * len(chances) >= _LEVEL
-        self.misfit = 0.0 if is_exact else max(*sizes, 0.0)
+        self.misfit = 0.0 if is_exact else max([*sizes, 0.0])
         ranks, blocks = np.arange(1, len(self.known) + 1), 2 ** np.arange(len(scores).bit_length())
         levels = np.minimum(false_alarms * block * blocks / len(blocks), 1.0)[:, None]
         means = ranks + self.misfit * blocks[:, None]
@@ -204,16 +204,23 @@ def _told_by(scores, information, orders, dof):
     The energies are those of a misfit, for each block.
     """
     known, chances, sizes = information.sum(axis=0), [], []
-    for order in orders:
-        sums, blocks = (scores[order], information[order]), 1
-        while len(sums[0]) > 1:
-            statistic, rank = statistics(sums[0], _beside(sums[1], known)[1])
-            # in all, scores are zero: one follows from the others
-            own = rank.sum() * (1.0 - 1.0 / len(rank))
-            if own > 0.0:
-                mean, noise = statistic.sum() / rank.sum(), f_distribution(own, dof)
-                chances.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
-                largest = rank * f_distribution.isf(1.0 / len(rank), np.maximum(rank, 1), dof)
-                sizes.append(np.max(statistic - largest) / blocks)
-            sums, blocks = _in_pairs(sums), 2 * blocks
+    for blocks, sums in _all_sums((scores, information), orders):
+        statistic, rank = statistics(sums[0], _beside(sums[1], known)[1])
+        # in all, scores are zero: one follows from the others
+        own = rank.sum() * (1.0 - 1.0 / len(rank))
+        if own > 0.0:
+            mean, noise = statistic.sum() / rank.sum(), f_distribution(own, dof)
+            chances.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
+            largest = rank * f_distribution.isf(1.0 / len(rank), np.maximum(rank, 1), dof)
+            sizes.append(np.max(statistic - largest) / blocks)
     return chances, sizes
+
+
+def _all_sums(parts, orders):
+    """Yield blocks, and sums of so many neighbours in each order; single ones have none."""
+    yield 1, parts
+    for order in orders:
+        sums, blocks = _in_pairs([part[order] for part in parts]), 2
+        while len(sums[0]) > 1:
+            yield blocks, sums
+            sums, blocks = _in_pairs(sums), 2 * blocks
