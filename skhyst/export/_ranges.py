@@ -216,11 +216,10 @@ def explore(ranges, counts, units, spare, answers):
         Where input is held.
     """
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of what the test allows
-    rounded = _Rounded(ranges, spare)
-    rounded.agrees(unit * counts, answers(unit * counts), math.inf)
+    drive, rounded = unit * counts, _Rounded(ranges, spare)
+    rounded.agrees(drive, answers(drive), math.inf)
     low, high = counts.min(axis=0), counts.max(axis=0)
     low, high = low - (low == high), high + (low == high)
-    drive = unit * counts
 
     def follow(jumps, bits, grows):
         """Go on, and say whether that is possible, and whether it is for the test."""
@@ -242,7 +241,8 @@ def explore(ranges, counts, units, spare, answers):
         jumps = _jumps(low, high, part)
         if follow(jumps, 2 * spare, True)[1]:  # as many again, which leaves 38
             counts = np.append(counts, jumps, axis=0)
-        if len({*ranges.branches}) == 1:
+        taken, there_are = ranges.branches
+        if taken == there_are:
             break
     largest = max(abs(low).max(), abs(high).max())
     for ends in [
