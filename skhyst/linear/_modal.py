@@ -34,7 +34,7 @@ from ..records import chosen_interval, record_slices
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
-from ._rational import state_space_run_many
+from ._transfer_function import state_space_run_many
 
 _EXCITED = 1e-3  # amplitude of an excited line, of the largest
 
