@@ -40,7 +40,7 @@ def test_what_makes_data_and_what_finds_effects_share_the_recording_alone():
     files = dict.fromkeys(home.glob("datasets/*.py"), "skhyst.datasets")
     files |= dict.fromkeys(Path(plants.__file__).parent.glob("*.py"), "plants")
     imported = set()
-    for path, package in {**files, home / "_demo.py": "skhyst"}.items():
+    for path, package in {**files, home / "cli" / "_demo_recording.py": "skhyst.cli"}.items():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 imported |= {alias.name for alias in node.names}

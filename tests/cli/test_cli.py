@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 
 import skhyst
-from skhyst._demo import SECRETS, make_demo_recording
 from skhyst.cli import main
+from skhyst.cli._demo_recording import SECRETS, make_demo_recording
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.discovery import parse_model
@@ -413,7 +413,7 @@ def test_a_reader_may_leave_early(monkeypatch):
     def leave(options):
         raise BrokenPipeError
 
-    monkeypatch.setattr("skhyst._list_command.list_models", leave)
+    monkeypatch.setattr("skhyst.cli._list.list_models", leave)
     monkeypatch.setattr("os.dup2", lambda *files: None)
     assert main(["models"]) == 0
 

@@ -1,10 +1,10 @@
 """`skhyst inspect`: what is understood of recordings, and their faults."""
 
-from ._files import check_outputs, replacing
+from .._files import check_outputs, replacing
+from ..inspection import RecordingDisplay
+from ..records import inspect_recording
 from ._messages import as_options
 from ._reading_options import reading_options
-from .inspection import RecordingDisplay
-from .records import inspect_recording
 
 
 def inspect(options):

@@ -1,9 +1,9 @@
 """`skhyst export`: a model in a file as a C99 program or as a functional mock-up unit."""
 
-from ._files import check_outputs
-from .export import to_c, to_fmu
-from .persistence import load_model
-from .records import read_records
+from .._files import check_outputs
+from ..export import to_c, to_fmu
+from ..persistence import load_model
+from ..records import read_records
 
 _FOR_C, _FOR_FMU = ("name", "dtype", "drive", "column"), ("fmi_version",)
 

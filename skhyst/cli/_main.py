@@ -14,11 +14,9 @@ import sys
 import warnings
 from pathlib import Path
 
-from . import __version__
+from .. import __version__
+from ._interruption import ending_on_signals
 from ._messages import as_options
-from ._signals import ending_on_signals
-
-__all__ = ["main"]
 
 
 def main(argv=None) -> int:
@@ -74,7 +72,7 @@ def _parser():
     add("--seed", type=int, default=0, help="chooses the actuator and the effect")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--quiet", action="store_true", help="no progress")
-    demo.set_defaults(run=_later("_demo_command", "demo"))
+    demo.set_defaults(run=_later("_demo", "demo"))
     for command in tuple(commands.choices.values()):
         command.add_argument("--force", action="store_true", help="write over files that are there")
     _add_app(commands)
@@ -83,7 +81,7 @@ def _parser():
         ("effects", "effects that a search tries"),
     ):
         commands.add_parser(name, help=f"list the {listed}").set_defaults(
-            run=_later("_list_command", f"list_{name}")
+            run=_later("_list", f"list_{name}")
         )
     return parser
 
@@ -92,7 +90,7 @@ def _add_app(commands):
     parser = commands.add_parser("app", help="do all of it in the browser, on this machine")
     parser.add_argument("--port", type=int, default=8501, help="(default: 8501)")
     parser.add_argument("--no-browser", action="store_true", help="serve, and open no browser")
-    parser.set_defaults(run=_later("_app_command", "app"))
+    parser.set_defaults(run=_later("_app", "app"))
 
 
 def _later(module, name):
@@ -111,7 +109,7 @@ def _add_inspect(commands):
     _add_reading(parser, nargs="+")
     drawn = "draw the signals and the loop of one recording, .png, .svg or .pdf"
     parser.add_argument("--picture", type=Path, metavar="FILE", help=drawn)
-    parser.set_defaults(run=_later("_inspect_command", "inspect"))
+    parser.set_defaults(run=_later("_inspect", "inspect"))
 
 
 def _add_diagnose(commands):
@@ -119,7 +117,7 @@ def _add_diagnose(commands):
     _add_search(parser, nargs="+")
     table = "one row a recording, .parquet or .csv; goes on where it was stopped"
     parser.add_argument("--summary", type=Path, metavar="FILE", help=table)
-    parser.set_defaults(run=_later("_diagnose_command", "diagnose"))
+    parser.set_defaults(run=_later("_diagnose", "diagnose"))
 
 
 def _add_next(commands):
@@ -134,7 +132,7 @@ def _add_next(commands):
     longest = "default: as the longest record"
     add("--duration", type=float, metavar="S", help=f"length in s ({longest})")
     add("--dt", type=float, metavar="S", help=f"sampling interval ({longest})")
-    parser.set_defaults(run=_later("_diagnose_command", "propose"))
+    parser.set_defaults(run=_later("_diagnose", "propose"))
 
 
 def _add_reading(parser, nargs=1):
@@ -210,7 +208,7 @@ def _add_compensate(commands):
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
     faster = "leave out what is faster in the reference"
     add("--bandwidth", type=float, metavar="HZ", help=faster)
-    parser.set_defaults(run=_later("_compensate_command", "compensate"))
+    parser.set_defaults(run=_later("_compensate", "compensate"))
 
 
 def _add_export(commands):
@@ -237,7 +235,7 @@ def _add_export(commands):
     add("--column", action="append", metavar="COL", help=column)
     for_fmu = parser.add_argument_group("for --fmu")
     for_fmu.add_argument("--fmi-version", choices=("2.0", "3.0"), help="(default: 3.0)")
-    parser.set_defaults(run=_later("_export_command", "export"))
+    parser.set_defaults(run=_later("_export", "export"))
 
 
 def _grid(text):

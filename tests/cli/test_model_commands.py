@@ -142,7 +142,7 @@ def test_what_cannot_be_exported_is_said(model_file, tmp_path, capsys, monkeypat
     def refuse(*args, **kwargs):
         raise NotImplementedError("the output depends on later input")
 
-    monkeypatch.setattr("skhyst._export_command.to_c", refuse)
+    monkeypatch.setattr("skhyst.cli._export.to_c", refuse)
     assert main(["export", str(model_file), "--c", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "skhyst: the output depends on later input\n"
 
@@ -195,7 +195,11 @@ def test_a_pickle_is_loaded_only_where_it_is_trusted(model, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("held", "name"),
-    [(subprocess.Popen, "subprocess.Popen"), (main, "skhyst.cli.main"), (eval, "builtins.eval")],
+    [
+        (subprocess.Popen, "subprocess.Popen"),
+        (main, "skhyst.cli._main.main"),
+        (eval, "builtins.eval"),
+    ],
 )
 def test_a_file_that_names_what_can_run_code_is_refused(model, tmp_path, capsys, held, name):
     pytest.importorskip("skops.io")

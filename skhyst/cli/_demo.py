@@ -1,10 +1,10 @@
 """What `skhyst demo` does: it records a simulated actuator and searches the recording."""
 
-from ._demo import make_demo_recording
-from ._diagnose_command import conclude, make_search, prepare
-from ._files import replacing
-from .discovery import parse_model
-from .records import read_records
+from .._files import replacing
+from ..discovery import parse_model
+from ..records import read_records
+from ._demo_recording import make_demo_recording
+from ._diagnose import conclude, make_search, prepare
 
 
 def demo(options):

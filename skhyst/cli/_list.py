@@ -1,7 +1,7 @@
 """`skhyst models` and `skhyst effects`: what can be declared, and what a search tries."""
 
-from .diagnosis import EFFECTS, effect_names
-from .discovery import declarable_models
+from ..diagnosis import EFFECTS, effect_names
+from ..discovery import declarable_models
 
 
 def list_models(options):

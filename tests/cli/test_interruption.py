@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst import _signals
+from skhyst.cli import _interruption
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 
 CHILD = """
 import sys, threading, time
-from skhyst._signals import ending_on_signals
+from skhyst.cli._interruption import ending_on_signals
 from joblib import Parallel, delayed
 
 def work(kind):
@@ -74,7 +74,7 @@ def test_a_signal_ends_a_command_and_its_workers(kind, number, tmp_path):
 
 def test_handlers_are_put_back():
     before = signal.getsignal(signal.SIGINT)
-    with _signals.ending_on_signals():
+    with _interruption.ending_on_signals():
         assert signal.getsignal(signal.SIGINT) is not before
     assert signal.getsignal(signal.SIGINT) is before
 

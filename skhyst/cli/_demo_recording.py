@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from .datasets.simulation import Plant, clip, dead_zones, kelvin_voigt, oscillate, plays
+from ..datasets.simulation import Plant, clip, dead_zones, kelvin_voigt, oscillate, plays
 
 _SAMPLES = 1500  # a record
 _INTERVAL = 1e-3  # s

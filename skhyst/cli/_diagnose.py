@@ -9,14 +9,14 @@ from itertools import chain
 
 import numpy as np
 
-from ._files import check_outputs
+from .._files import check_outputs
+from ..diagnosis import EffectSearchCV, Report, next_experiment
+from ..discovery import parse_model
+from ..exceptions import RecordError
+from ..fleet import diagnose_files
+from ..persistence import save_model
+from ..records import read_records, record_slices
 from ._reading_options import find_columns, reading_options
-from .diagnosis import EffectSearchCV, Report, next_experiment
-from .discovery import parse_model
-from .exceptions import RecordError
-from .fleet import diagnose_files
-from .persistence import save_model
-from .records import read_records, record_slices
 
 _LEFT = {
     "noise": "noise",

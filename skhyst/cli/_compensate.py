@@ -5,11 +5,11 @@ import warnings
 import numpy as np
 import pandas as pd
 
-from ._files import check_outputs, replacing
-from .control import InverseCompensator
-from .exceptions import ReachWarning
-from .persistence import load_model
-from .records import read_records
+from .._files import check_outputs, replacing
+from ..control import InverseCompensator
+from ..exceptions import ReachWarning
+from ..persistence import load_model
+from ..records import read_records
 
 
 def compensate(options):
