@@ -1,4 +1,4 @@
-"""What a search loses when the machine fails: `python benchmarks/machine_faults.py [--times 10]`.
+"""What a search loses when the machine fails: `python tools/machine_faults.py [--times 10]`.
 
 Each line is a fault that a search on the command line meets: Ctrl-C and SIGTERM at random times, a
 worker process that is killed, a disk that is full, a folder that is read-only, a clock that jumps.

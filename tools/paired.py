@@ -1,4 +1,4 @@
-"""A paired comparison with another checkout: ``python benchmarks/paired.py CHECKOUT``.
+"""A paired comparison with another checkout: ``python tools/paired.py CHECKOUT``.
 
 Every case is timed in two processes by turns, one with the package of this tree, one with that of
 the other, so that both see the same machine; printed is the median ratio of the pairs, new over

@@ -40,7 +40,7 @@ def test_every_area_has_its_faults():
 
 def test_what_tests_notice_is_killed(tmp_path):
     root, copy = tmp_path / "checkout", tmp_path / "folder"
-    for name in ("skhyst", "tests", "benchmarks", "docs"):
+    for name in ("skhyst", "tests", "benchmarks", "tools", "docs"):
         (root / name).mkdir(parents=True)
     copy.mkdir()
     (root / "pyproject.toml").write_text("")

@@ -1,6 +1,6 @@
 """Measure the structure of the package: each figure beside its bar, and what misses it by name.
 
-    python benchmarks/architecture.py [--root FOLDER] [--no-profile]
+    python tools/architecture.py [--root FOLDER] [--no-profile]
 
 Lines are those of all text files. What is compiled (decorated with `jit`) is left out where bodies
 and complexity of functions are judged: a loop over samples is one function because calls would cost
@@ -13,6 +13,7 @@ import argparse
 import ast
 import json
 import os
+import re
 import statistics
 import subprocess
 import sys
@@ -46,17 +47,6 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("export",),
     (
         "__main__",
-        "_app_command",
-        "_compensate_command",
-        "_demo",
-        "_demo_command",
-        "_diagnose_command",
-        "_export_command",
-        "_inspect_command",
-        "_list_command",
-        "_messages",
-        "_reading_options",
-        "_signals",
         "app",
         "cli",
         "discovery",
@@ -242,7 +232,7 @@ def private_imports(modules):
     for module in modules.values():
         for source, name in module.imports(everywhere=True):
             path = f"{source}.{name}" if name else source
-            private = any(part.startswith("_") for part in path.split("."))
+            private = any(re.match(r"_(?!_)", part) for part in path.split("."))  # not __version__
             same = package(source, modules) == package(module.name, modules)
             if private and not same and not {source, path} & set(SHARED):
                 found.append(f"{module.name}: {path}")

@@ -2,7 +2,7 @@
 
 Run from the root of the project::
 
-    python benchmarks/endurance.py [--samples 10000000] [--records 100000] [--models A,B]
+    python tools/endurance.py [--samples 10000000] [--records 100000] [--models A,B]
 
 Each model is fitted to a short recording and then runs freely over `--samples` samples of one
 record; it is fitted to one record of a tenth of them, and to `--records` records of three samples,

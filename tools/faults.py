@@ -1,4 +1,4 @@
-"""Whether the tests notice faults: `python benchmarks/faults.py [--drawn 64] [--seed 0]`.
+"""Whether the tests notice faults: `python tools/faults.py [--drawn 64] [--seed 0]`.
 
 Copies the package and its tests to a temporary folder, puts one fault of ``fault_table`` in at a
 time, and runs the tests that should notice it. A fault is killed if one of these fails, or if they
@@ -50,7 +50,7 @@ class Laboratory:
     def __init__(self, root, folder):
         self.root, self.cache, self._clean = folder / "copy", folder / "cache", {}
         self.root.mkdir()
-        for name in ("skhyst", "tests", "benchmarks", "docs"):
+        for name in ("skhyst", "tests", "benchmarks", "tools", "docs"):
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(root / name, self.root / name, ignore=ignored)
         shutil.copy(root / "pyproject.toml", self.root)

@@ -2,7 +2,7 @@
 
 Run from the root of the project::
 
-    python benchmarks/concurrency.py [--rounds 5]
+    python tools/concurrency.py [--rounds 5]
 
 A line names what was done, how many results were compared with those of one thread, and how many
 differed in any bit. A step that takes longer than ten minutes ends the command with the stacks of

@@ -1,4 +1,4 @@
-"""The structure of the package, as `benchmarks/architecture.py` measures it."""
+"""The structure of the package, as `tools/architecture.py` measures it."""
 
 import pytest
 from architecture import figures
