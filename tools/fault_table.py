@@ -424,19 +424,19 @@ _OPTIMISATION = [
         "standard errors of white noise, whatever the residual",
         "covariance = white if covariance is None else covariance",
         "covariance = white",
-        "tests/optimize/test_noise.py -k intervals",
+        "tests/optimize/test_standard_errors.py -k intervals",
     ),
     (
         "the noise of one record alone counts",
         "total += largest * np.real(parts.conj().T @ parts)",
         "total = largest * np.real(parts.conj().T @ parts)",
-        "tests/optimize/test_noise.py -k records",
+        "tests/optimize/test_standard_errors.py -k records",
     ),
     (
         "missing samples are taken for noise",
         "return np.maximum(seen - self.extra, 0.0) / self.share",
         "return seen",
-        "tests/optimize/test_noise.py -k jacobians",
+        "tests/optimize/test_standard_errors.py -k jacobians",
     ),
     (
         "the coefficients of disturbances cost no degrees of freedom",

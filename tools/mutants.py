@@ -63,7 +63,7 @@ _DECISIONS = {  # module: tests that should notice, the quickest first
     "_edits": "test_tree test_course test_starts test_candidates",
     "_location": "test_location",
     "_next_experiment": "test_next_experiment",
-    "_noise": "test_noise test_reference",
+    "_noise_floor": "test_noise test_reference",
     "_noise_model": "test_noise_model",
     "_open_questions": "test_next_experiment test_evidence",
     "_periods": "test_noise test_plausibility",

@@ -36,7 +36,7 @@ from ._inputs import (
     with_others,
 )
 from ._location import locate
-from ._noise import judge_residual, repeatability
+from ._noise_floor import judge_residual, repeatability
 from ._noise_model import NoiseModel
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column

@@ -11,10 +11,10 @@ from string import Formatter
 
 import numpy as np
 
+from ._expressions import COMPARISONS, Array, Call, If, compared, constant
 from ._fixed_functions import CONSTANTS, FUNCTIONS
 from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
 from ._slice import called
-from ._tree import COMPARISONS, Array, Call, If, compared, constant
 
 _BITS = 62  # of a number, its sign aside; one is left for a sum
 _MARGIN = 12  # bits that a number may grow by beyond what was seen

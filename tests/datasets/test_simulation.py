@@ -17,8 +17,8 @@ from scipy.signal import lsim
 import skhyst
 from skhyst.datasets import simulation
 from skhyst.datasets.simulation import (
-    Effect,
     Plant,
+    PlantEffect,
     bouc_wen,
     first_order,
     kelvin_voigt,
@@ -62,11 +62,11 @@ def test_refined_drive_is_the_piecewise_linear_one():
 def test_stages_and_effects_enter_at_their_places():
     plant = Plant({"core": (PLAYS,), "late": ()})
     delays = [partial(pure_delay, delay=2.0), partial(pure_delay, delay=0.0)]
-    late, plain = Effect("late", delays).changes([plant, plant])
+    late, plain = PlantEffect("late", delays).changes([plant, plant])
     drive = NOISE[:300]
     np.testing.assert_allclose(plain.respond(drive, 4), PLAYS(drive, 1.0), atol=1e-12)
     np.testing.assert_allclose(late.respond(drive, 4)[2:], plain.respond(drive, 4)[:-2], atol=1e-12)
-    own = Effect(alter=lambda p, number: p.adapt("core", weights=[number, 0.0, 0.0]))
+    own = PlantEffect(alter=lambda p, number: p.adapt("core", weights=[number, 0.0, 0.0]))
     for number, changed in enumerate(own.changes([plant, plant])):
         np.testing.assert_allclose(changed.respond(drive), number * drive, atol=1e-12)
 

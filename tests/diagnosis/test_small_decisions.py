@@ -16,7 +16,7 @@ from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._criterion import Criterion, _autocovariance
 from skhyst.diagnosis._data_quality import _clipped, _spikes
 from skhyst.diagnosis._location import locate
-from skhyst.diagnosis._noise import _settled, repeatability
+from skhyst.diagnosis._noise_floor import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
 from skhyst.diagnosis._plausibility import stops

@@ -8,7 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skhyst.inspection import binned_statistics, branch, spectrum
-from skhyst.inspection._signals import cycle_length, envelope, finite_runs, log_average, loop_spans
+from skhyst.inspection._plot_data import (
+    cycle_length,
+    envelope,
+    finite_runs,
+    log_average,
+    loop_spans,
+)
 
 
 @given(st.integers(2, 5000), st.integers(1, 60), st.integers(0, 2**31))

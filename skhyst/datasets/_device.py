@@ -17,8 +17,8 @@ from numbers import Real
 import numpy as np
 
 from .simulation import (
-    Effect,
     Plant,
+    PlantEffect,
     clip,
     dead_band,
     dead_zones,
@@ -32,7 +32,7 @@ from .simulation import (
 
 
 @dataclass(frozen=True)
-class Experiment:
+class DeviceRecords:
     """What an effect has to know of a device and its records."""
 
     drive: float  # full scale
@@ -70,48 +70,52 @@ def _ringing_in_part(signal, step, strength, frequency, damping, memory=None):
     return signal + strength * (ringing - signal)
 
 
-class Device(Experiment):
+class Device(DeviceRecords):
     """A device with the effects that it can have, a method each, in the order of the path."""
 
     def slew_limit(self, strength=1.0, frequency=0.02):
         rate = 2.0 * np.pi * frequency * self.drive / strength
-        return Effect("first", partial(slew_limited, rate=rate))
+        return PlantEffect("first", partial(slew_limited, rate=rate))
 
     def input_saturation(self, strength=0.3):
         level = (1.0 - strength) * self.drive
-        return Effect("first", partial(clip, low=-level, high=level))
+        return PlantEffect("first", partial(clip, low=-level, high=level))
 
     def dead_zone(self, strength=0.1):
-        return Effect("first", partial(dead_band, center=0.0, half_width=strength * self.drive))
+        return PlantEffect(
+            "first", partial(dead_band, center=0.0, half_width=strength * self.drive)
+        )
 
     def backlash(self, strength=0.05, place="drive"):
         at, scale = ("first", self.drive) if place == "drive" else ("last", self.response)
-        return Effect(at, partial(plays, thresholds=[strength * scale], weights=[1.0]))
+        return PlantEffect(at, partial(plays, thresholds=[strength * scale], weights=[1.0]))
 
     def rate_dependence(self, strength=0.5, frequency=0.05):
         stretch = strength / (2.0 * np.pi * frequency * self.drive)
-        return Effect(alter=lambda plant, _: plant.adapt("core", stretch=stretch))
+        return PlantEffect(alter=lambda plant, _: plant.adapt("core", stretch=stretch))
 
     def amplitude_dependence(self, strength=0.2):
-        return Effect(alter=lambda plant, _: plant.adapt("gain", growth=strength / self.drive))
+        return PlantEffect(alter=lambda plant, _: plant.adapt("gain", growth=strength / self.drive))
 
     def asymmetry(self, strength=0.25, side=1, threshold=0.2):
         terms = {"thresholds": [threshold * self.response], "weights": [strength / (1 - threshold)]}
-        return Effect("middle", partial(dead_zones, side=side, **terms))
+        return PlantEffect("middle", partial(dead_zones, side=side, **terms))
 
     def lag(self, strength=1.0, time_constant=0.5):
-        return Effect("dynamics", partial(first_order, tau=strength * time_constant))
+        return PlantEffect("dynamics", partial(first_order, tau=strength * time_constant))
 
     def delay(self, strength=1.0, time=0.2):
-        return Effect("dynamics", partial(pure_delay, delay=strength * time))
+        return PlantEffect("dynamics", partial(pure_delay, delay=strength * time))
 
     def creep(self, strength=0.15, time_constants=(5.0, 30.0, 200.0)):
         shares = np.full(len(time_constants), strength / len(time_constants))
-        return Effect("dynamics", partial(kelvin_voigt, taus=time_constants, compliances=shares))
+        return PlantEffect(
+            "dynamics", partial(kelvin_voigt, taus=time_constants, compliances=shares)
+        )
 
     def resonance(self, strength=0.2, frequency=0.4, damping=0.03):
         mode = {"frequency": frequency, "damping": damping}
-        return Effect("dynamics", partial(_ringing_in_part, strength=strength, **mode))
+        return PlantEffect("dynamics", partial(_ringing_in_part, strength=strength, **mode))
 
     def friction(self, strength=0.05, presliding=0.01, static=1.5, stribeck=0.1):
         return self._force(
@@ -126,15 +130,17 @@ class Device(Experiment):
 
     def static_nonlinearity(self, strength=0.15, order=3):
         law = partial(_power_law, scale=self.response, strength=strength, order=order)
-        return Effect("last", law)
+        return PlantEffect("last", law)
 
     def output_saturation(self, strength=0.3):
         level = (1.0 - strength) * self.response
-        return Effect("last", partial(clip, low=-level, high=level))
+        return PlantEffect("last", partial(clip, low=-level, high=level))
 
     def drift(self, strength=0.1, time_constant=200.0):
         size = strength * self.response
-        return Effect(beside=[-size * np.expm1(-time / time_constant) for time in self.times()])
+        return PlantEffect(
+            beside=[-size * np.expm1(-time / time_constant) for time in self.times()]
+        )
 
     def offset(self, strength=0.1):
         beside = []
@@ -142,7 +148,7 @@ class Device(Experiment):
             rng = self.generator(number, "offset")
             share = rng.choice([-1, 1]) * rng.uniform(0.5, 1.0)
             beside.append(np.full(time.size, strength * self.response * share))
-        return Effect(beside=beside)
+        return PlantEffect(beside=beside)
 
     def periodic_disturbance(self, strength=0.02, frequency=0.36):
         beside = []
@@ -150,7 +156,7 @@ class Device(Experiment):
             phase = self.generator(number, "periodic_disturbance").uniform(0.0, 2.0 * np.pi)
             wave = np.sin(2.0 * np.pi * frequency * time + phase)
             beside.append(strength * self.response * wave)
-        return Effect(beside=beside)
+        return PlantEffect(beside=beside)
 
     def auxiliary_input(self, strength=0.1, time_constant=10.0):
         """Wander slowly between about -1 and 1, and act with a lag."""
@@ -163,10 +169,12 @@ class Device(Experiment):
             columns.append(np.sin(angles).mean(axis=1))
             late = first_order(columns[-1], record.dt, time_constant)
             beside.append(strength * self.response * late)
-        return Effect(beside=beside, column=("temperature", columns))
+        return PlantEffect(beside=beside, column=("temperature", columns))
 
     def _force(self, **forces):
-        return Effect(alter=lambda plant, _: plant.adapt("motion", scale=self.response, **forces))
+        return PlantEffect(
+            alter=lambda plant, _: plant.adapt("motion", scale=self.response, **forces)
+        )
 
 
 EFFECTS = tuple(name for name in vars(Device) if not name.startswith("_"))

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from skhyst.exceptions import ShortRecordWarning
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
 from skhyst.optimize import RecordData, coloured_covariance, identify
-from skhyst.optimize._noise import _candidates, autoregression
+from skhyst.optimize._standard_errors import _candidates, autoregression
 
 DT, A = 0.01, 0.9
 TRUTH = FirstOrderLagOperator(0.1, gain=2.0, intercept=0.5)

@@ -8,7 +8,7 @@ import numpy as np
 from .._documentation import documented_like
 from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, MEASURED, legend_beside, new_axes, plain, tidy
-from ._signals import thin_path
+from ._plot_data import thin_path
 
 _FEW = 100  # points that are drawn large, on top of the lines
 

@@ -7,7 +7,7 @@ import numpy as np
 from .._documentation import documented_like
 from ._base import SignalDisplay
 from ._drawing import COLORS, MEASURED, legend_beside, new_axes, plain, tidy
-from ._signals import loop_spans, thin_path
+from ._plot_data import loop_spans, thin_path
 
 _POINTS = 240  # drawn of a cycle
 
