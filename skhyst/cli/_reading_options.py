@@ -1,6 +1,6 @@
 """Options of the command line that say how a recording is read, as parameters of Python."""
 
-from ..records import recognise_columns
+from ..io import recognise_columns
 
 _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),

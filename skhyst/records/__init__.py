@@ -2,15 +2,12 @@
 
 from ._frames import iter_records, stack_records
 from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
-from ._inspect import ColumnOverview, RecordingOverview, inspect_recording
-from ._readers import read_records
-from ._recognise import RecognisedColumn, recognise_columns
+from ._read_records import read_records
+from ._recording_overview import RecordingOverview, inspect_recording
 from ._resample import resample_like, resample_records, resampling_error
-from ._units import Units, unit_of
+from ._units import Units
 
 __all__ = [
-    "ColumnOverview",
-    "RecognisedColumn",
     "RecordSlice",
     "RecordingOverview",
     "Units",
@@ -19,12 +16,10 @@ __all__ = [
     "inspect_recording",
     "iter_records",
     "read_records",
-    "recognise_columns",
     "record_slices",
     "resample_like",
     "resample_records",
     "resampling_error",
     "sampling_interval",
     "stack_records",
-    "unit_of",
 ]

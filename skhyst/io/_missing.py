@@ -1,13 +1,11 @@
-"""Missing values: find them, name them, drop or interpolate them."""
+"""Missing values: find them, name them, refuse or drop their rows."""
 
 import re
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._index import describe_rows
 
 _LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
 _FAR = 5.0  # times as large as any other
@@ -60,25 +58,6 @@ def _alone(keep, stamps, labels):
     return lost & ~left
 
 
-def fill(values, stamps):
-    """Interpolate missing values linearly in time, between the gaps in the stamps of the rows.
-
-    Return the values and a mask of complete rows, False before the first and after the last reading
-    of a stretch without a gap.
-    """
-    values, clock = values.copy(), stamps.values.astype(float)
-    stretches = (cut for run in pairwise(stamps.runs()) for cut in pairwise(stamps.cuts(*run)))
-    for start, stop in stretches:
-        own = clock[start:stop]
-        for column in values[start:stop].T:
-            known = np.isfinite(column)
-            if known.any() and not known.all():
-                column[~known] = np.interp(
-                    own[~known], own[known], column[known], left=np.nan, right=np.nan
-                )
-    return values, np.isfinite(values).all(axis=1)
-
-
 def likely_codes(path, values, names, on_missing):
     """Return a code of lost readings for each column, NaN where it seems to have none.
 
@@ -104,3 +83,9 @@ def likely_codes(path, values, names, on_missing):
                 )
             codes[i] = code
     return codes
+
+
+def describe_rows(rows, most=5) -> str:
+    """Return ``"3 row(s) (4, 7, 9)"``, with the first few numbers."""
+    shown = ", ".join(str(row) for row in rows[:most])
+    return f"{len(rows)} row(s) ({shown}{', ...' if len(rows) > most else ''})"

@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 
 from skhyst.exceptions import RecordError
+from skhyst.io import recognise_columns
 from skhyst.records import (
     inspect_recording,
     read_records,
-    recognise_columns,
     record_slices,
 )
 

@@ -6,9 +6,11 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError, TimeUnitWarning
-from ._columns import coerced, numbers
+from ._column_names import SECONDS, time_unit_of
+from ._file_columns import coerced, numbers
 from ._formats import reading
-from ._units import SECONDS, time_unit_of
+
+JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
 
 
 def evenly(path, columns, rows, sampling_rate):
@@ -47,7 +49,7 @@ def _seconds(path, name, values, unit):
             "from sample to sample. Pass 'time_unit' if it counts s, ms or others, or "
             "'sampling_rate' instead of 'time' if it counts samples.",
             TimeUnitWarning,
-            stacklevel=5,
+            stacklevel=6,
         )
     return values * SECONDS[unit or "s"]
 

@@ -14,11 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from ..exceptions import RecordError
-from ._columns import as_columns, load_column, long_columns, numbers
+from ._clock import JITTER
+from ._column_names import time_unit_of, unit_of, without_unit
+from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
 from ._formats import opened
-from ._index import JITTER
-from ._several import record_groups
-from ._units import time_unit_of, unit_of, without_unit
 
 ROLES = ("drive", "response", "time", "record")
 _ALONE = {"drive": {"drive", "input", "u"}, "response": {"response", "output", "y"}}
@@ -53,7 +52,7 @@ class RecognisedColumn:
     Parameters
     ----------
     column : str or int
-        As :func:`read_records` takes it.
+        As :func:`~skhyst.records.read_records` takes it.
     name : str
         With its unit.
     reason : str
@@ -81,7 +80,7 @@ def recognise_columns(
     Parameters
     ----------
     path : str, Path, or pandas or polars DataFrame
-        Recording, as :func:`read_records` reads it.
+        Recording, as :func:`~skhyst.records.read_records` reads it.
     drive, response, time, record : str or int, optional
         Columns that are known already.
     auxiliary : sequence of str or int, default=()
@@ -89,7 +88,7 @@ def recognise_columns(
     sampling_rate : float, optional
         In Hz; where it is given no time is looked for.
     delimiter, decimal : str, optional
-        As in :func:`read_records`.
+        As in :func:`~skhyst.records.read_records`.
 
     Returns
     -------
@@ -106,7 +105,7 @@ def recognise_columns(
     Examples
     --------
     >>> import pandas as pd
-    >>> from skhyst.records import recognise_columns
+    >>> from skhyst.io import recognise_columns
     >>> table = pd.DataFrame({"time_ms": [0.0, 1.0, 2.0], "U [V]": [0, 1, 2], "sg [um]": [0, 3, 5]})
     >>> {role: found.name for role, found in recognise_columns(table).items()}
     {'time': 'time_ms', 'drive': 'U [V]', 'response': 'sg [um]'}

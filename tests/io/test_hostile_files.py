@@ -16,8 +16,8 @@ from scipy.io.matlab import MatlabFunction, MatlabOpaque
 from sound import sound_files
 
 from skhyst.exceptions import RecordError
+from skhyst.io._formats import _held
 from skhyst.records import read_records
-from skhyst.records._formats import _held
 
 SUFFIXES = [
     *(".csv", ".txt", ".tsv", ".dat", ".mat", ".npy", ".npz"),

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
+from ._column_names import without_unit
 from ._formats import reading
-from ._units import without_unit
 
 _INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
 _POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
@@ -51,6 +51,29 @@ def load_column(path, variables, wanted):
         raise RecordError(f"{path.name} has no column {wanted!r}. {_listed(variables)}")
     name = replace(variable, name=wanted).label
     return Column(name, _indexed(path, variable, wanted, match["index"]), variable.interval)
+
+
+def record_groups(variables, wanted):
+    """Return the variables by group, where several groups have all columns that are wanted.
+
+    There they are called as in their group. Else all variables are one group, or the only one that
+    has them all.
+    """
+    groups = {}
+    for variable in variables:
+        groups.setdefault(variable.group, []).append(variable)
+    holding = {group: own for group, own in groups.items() if _has_all(own, wanted)}
+    if len(holding) < 2:
+        return holding or {"": variables}
+    return {
+        group: [replace(variable, name=variable.bare, group="") for variable in own]
+        for group, own in holding.items()
+    }
+
+
+def _has_all(variables, wanted):
+    names = {name for v in variables for name in (v.bare, v.bare_label, without_unit(v.bare))}
+    return bool(wanted and variables[0].group) and all(one in names for one in wanted)
 
 
 def as_columns(columns):

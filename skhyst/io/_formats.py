@@ -20,11 +20,11 @@ import pandas as pd
 
 from .._files import check_input
 from ..exceptions import RecordError
+from ._column_names import unit_of
 from ._mat_objects import matlab_object, matlab_text
 from ._mat_tags import check_tags
 from ._sizes import DENSEST, Finite, check_array, check_size
 from ._text import read_table
-from ._units import unit_of
 from ._workbook import read_workbook
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -1,18 +1,14 @@
-"""What is understood of a recording, and what is wrong with it, before any model is fitted."""
+"""What is understood of the columns of a file, and what is wrong with them."""
 
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import pandas as pd
 
 from ..exceptions import RecordError
-from ._columns import as_columns, load_column, long_columns, numbers
+from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
 from ._formats import opened
-from ._index import record_slices
-from ._readers import read_records
 from ._recognise import ROLES, find_roles
-from ._several import record_groups
 
 _MOST = 100  # columns that are looked at
 _STANDS = 0.01  # of the rows at the largest or smallest value: clipped
@@ -49,80 +45,11 @@ class ColumnOverview:
         return f"{self.role or '-':10s}{self.name!r}: {span} ({self.kind}; {self.reason})"
 
 
-@dataclass(frozen=True, repr=False)
-class RecordingOverview:
-    """What is understood of a recording. Printing it tells all.
+def inspect_columns(path, **reading):
+    """Return the name of a file, its columns, those with a role, and faults of the columns.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    columns : tuple of ColumnOverview
-    records : tuple of RecordSlice
-        Empty where it is not known how the rows were sampled.
-    faults : tuple of str
-        What has to be settled, and what is suspicious, a sentence each.
-    X, y : DataFrame and Series, or None
-        As :func:`read_records` returns them, lost readings interpolated; None where drive or
-        response are not known.
-    """
-
-    name: str
-    columns: tuple
-    records: tuple
-    faults: tuple
-    X: pd.DataFrame | None
-    y: pd.Series | None
-
-    def __repr__(self):
-        lines = [self.name, *(f"  {column}" for column in self.columns)]
-        for record in self.records[:_MOST]:
-            every = "at an unknown interval (samples are counted)"
-            if record.time_unit == "s":
-                every = f"every {record.dt:g} s, {record.n_samples * record.dt:.4g} s in all"
-            lines.append(f"  record {record.label}: {record.n_samples} samples {every}")
-        faults = [f"  {fault}" for fault in self.faults] or ["  none found"]
-        return "\n".join([*lines, "faults:", *faults])
-
-
-def inspect_recording(path, **reading):
-    """Tell what is understood of a recording: its columns, records, intervals and faults.
-
-    Parameters
-    ----------
-    path : str, Path, or pandas or polars DataFrame
-        Recording.
-    **reading
-        Options of :func:`read_records`. Columns that are not given are those that
-        :func:`recognise_columns` finds.
-
-    Returns
-    -------
-    RecordingOverview
-        Faults are readings that are missing, or look like codes of missing ones; signals that do
-        not move, stand at their largest or smallest value, or are the same; text where numbers
-        are expected; gaps, uneven or coarse times; and what nothing tells.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read at all.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pandas as pd
-    >>> from skhyst.records import inspect_recording
-    >>> u = np.sin(0.1 * np.arange(200))
-    >>> table = pd.DataFrame({"t [ms]": np.arange(200), "u [V]": u, "y [um]": np.minimum(u, 0.9)})
-    >>> print(inspect_recording(table))
-    the frame
-      time      't [ms]': 0 to 199 (int64; by its name)
-      drive     'u [V]': -0.99999 to 0.999574 (float64; by its name)
-      response  'y [um]': -0.99999 to 0.9 (float64; by its name)
-      record 0: 200 samples every 0.001 s, 0.2 s in all
-    faults:
-      'y [um]' stands at its largest value, 0.9, in 14 % of the rows: is it clipped?
+    ``reading`` are options of :func:`skhyst.records.read_records`. The columns with a role are as
+    that function takes them, by role.
     """
     layout = {name: reading.get(name) for name in ("delimiter", "decimal")}
     source, variables = opened(path, **layout)
@@ -140,12 +67,8 @@ def inspect_recording(path, **reading):
         columns.append(_overview(source, place.name, role, reason, values))
         signals[place.name] = role, values
     faults += _faults_of_columns(source, signals)
-    X = y = None
-    if {"drive", "response"} <= roles.keys():
-        options = reading | {role: column for role, (column, _) in roles.items()}
-        X, y = _read(path, options, faults)
-    records = _records(X, y, faults)
-    return RecordingOverview(source.name, tuple(columns), records, tuple(faults), X, y)
+    addresses = {role: column for role, (column, _) in roles.items()}
+    return source.name, tuple(columns), addresses, faults
 
 
 def _roles(source, variables, reading, faults):
@@ -161,14 +84,6 @@ def _roles(source, variables, reading, faults):
     return known | {role: (one.column, one.reason) for role, one in found.items()}
 
 
-def _records(X, y, faults):
-    try:
-        return () if X is None else record_slices(X, y, one_interval=False)
-    except RecordError as error:
-        faults.append(str(error))
-        return ()
-
-
 def _overview(source, name, role, reason, values):
     try:
         readings = numbers(source, name, values)
@@ -177,18 +92,6 @@ def _overview(source, name, role, reason, values):
         readings = np.empty(0)
     span = (readings.min(), readings.max()) if readings.size else (np.nan, np.nan)
     return ColumnOverview(name, role, reason, str(values.dtype), *map(float, span))
-
-
-def _read(path, options, faults):
-    """Return X and y; what has to be settled before is added to the faults, and passed over."""
-    try:
-        return read_records(path, **options)
-    except RecordError as error:
-        faults.append(str(error))
-    try:
-        return read_records(path, **options | {"on_missing": "interpolate"})
-    except RecordError:
-        return None, None
 
 
 def _faults_of_columns(source, signals):
