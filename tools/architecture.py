@@ -2,11 +2,10 @@
 
     python tools/architecture.py [--root FOLDER] [--no-profile]
 
-Lines are those of all text files. What is compiled (decorated with `jit`) is left out where bodies
-and complexity of functions are judged: a loop over samples is one function because calls would cost
-time. Imports are those that run when a module is imported, unless it says otherwise. The calls and
-files that a fit passes through are counted by `sys.setprofile` in a fresh process, in the second of
-two fits, so that imports and compilation do not count. `--root` measures another checkout.
+Imports are those that run when a module is imported, unless it says otherwise. The calls and files
+that a fit passes through are counted by `sys.setprofile` in a fresh process, in the second of two
+fits, so that imports and compilation do not count. Lines are those of all text files, by package,
+for comparison; they have no bar. `--root` measures another checkout.
 """
 
 import argparse
@@ -14,7 +13,6 @@ import ast
 import json
 import os
 import re
-import statistics
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -23,34 +21,23 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
-    (
-        "__init__",
-        "_documentation",
-        "_files",
-        "_jit",
-        "_sklearn",
-        "_validation",
-        "exceptions",
-        "records",
-    ),
-    ("operators", "persistence"),
+    ("__init__", "_documentation", "_files", "_jit", "_sklearn", "exceptions"),
+    ("io",),
+    ("records", "_validation"),
+    ("operators",),
     ("optimize",),
-    ("base",),
-    ("datasets", "metrics", "model_selection"),
+    ("datasets", "metrics", "model_selection", "persistence"),
     ("preprocessing",),
-    ("autoregressive", "disturbance", "fluid", "hysteresis", "linear", "neural", "static"),
+    ("base",),
+    ("hysteresis", "linear", "static", "disturbance", "fluid", "autoregressive", "neural"),
     ("compose",),
-    ("inspection",),  # the report of a diagnosis is drawn
-    ("diagnosis",),
     ("fleet",),
+    ("inspection",),  # the report of a search is drawn
+    ("diagnosis",),
     ("control",),
     ("export",),
-    (
-        "__main__",
-        "app",
-        "cli",
-        "discovery",
-    ),
+    ("discovery",),
+    ("__main__", "app", "cli"),
 )
 # underscored, and there for every package
 SHARED = (
@@ -60,10 +47,8 @@ SHARED = (
     "skhyst._sklearn",
     "skhyst._validation",
 )
-LONGEST_BODY = 60  # lines
-MOST_COMPLEX = 15
-# One search on the plant of `measured_search`, before models became one file each.
-CALLS_BEFORE, FILES_BEFORE = 450_170, 73
+# Calls within skhyst of one fit, with compositions in two trees: of models and of operators
+CASCADE_BEFORE, SEARCH_BEFORE = 20_999, 150_567
 
 
 @dataclass(frozen=True)
@@ -84,41 +69,36 @@ class Figure:
 def figures(root=ROOT):
     """Return every figure that needs the source alone."""
     modules, tests = read_modules(root / "skhyst"), read_modules(root / "tests")
-    sizes = {name: module.n_lines for name, module in modules.items()}
-    long = [f"{name}: {size}" for name, size in sizes.items() if size > 500]
-    questions = isinstance_calls(modules)
-    constants = numeric_constants(modules)
 
-    def counted(name, found, bar=0):
-        return Figure(name, len(found), bar, found)
+    def none(name, found):
+        return Figure(name, len(found), 0, found)
 
     return [
-        Figure("lines of skhyst", lines(root / "skhyst"), 30_000),
-        Figure("lines of skhyst.diagnosis", lines(root / "skhyst" / "diagnosis"), 4_000),
-        Figure("lines of tests", lines(root / "tests"), 19_000),
-        Figure("lines of the median module", statistics.median(sizes.values()), 150),
-        Figure("lines of the largest module", max(sizes.values()), 500, long),
-        counted("circles of imports", circles(modules)),
-        counted("imports of another package's private module", private_imports(modules)),
-        counted("imports upwards through the layers", upward_imports(modules)),
-        counted("private imports in tests of what is public", tests_of_private(modules, tests)),
-        counted(f"functions of more than {LONGEST_BODY} lines", long_functions(modules)),
-        counted(f"functions of complexity above {MOST_COMPLEX}", complex_functions(modules)),
-        counted("`isinstance` in skhyst.diagnosis", questions, 10),
-        counted("named numbers in skhyst.diagnosis, drawing aside", constants, 25),
+        none("circles of imports", circles(modules)),
+        none("imports of another package's private module", private_imports(modules)),
+        none("imports upwards through the layers", upward_imports(modules)),
+        none("private imports in tests of what is public", tests_of_private(modules, tests)),
     ]
 
 
 def lines(folder):
-    """Return the number of lines of all text files below a folder."""
+    """Return the number of lines of all text files below a folder, or of one file."""
     total = 0
-    for path in sorted(folder.rglob("*")):
+    for path in sorted(folder.rglob("*")) if folder.is_dir() else [folder]:
         if path.is_file() and "__pycache__" not in path.parts:
             try:
                 total += path.read_text(encoding="utf-8").count("\n")
             except UnicodeDecodeError:
                 continue
     return total
+
+
+def lines_by_package(root=ROOT):
+    """Return lines and name of each package of skhyst, the longest first, and of the folders."""
+    parts = [path for path in (root / "skhyst").iterdir() if path.name != "__pycache__"]
+    found = sorted(((lines(path), f"skhyst/{path.name}") for path in parts), reverse=True)
+    others = ("skhyst", "tests", "examples", "docs", "benchmarks", "tools")
+    return found + [(lines(root / name), name) for name in others if (root / name).exists()]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -132,7 +112,6 @@ class Module:
     name: str  # dotted; a package carries its own name, without `__init__`
     is_package: bool
     tree: ast.Module
-    n_lines: int
 
     @property
     def public(self):
@@ -182,8 +161,7 @@ def read_modules(folder):
         parts = (folder.name, *path.relative_to(folder).with_suffix("").parts)
         is_package = parts[-1] == "__init__"
         name = ".".join(parts[:-1] if is_package else parts)
-        text = path.read_text(encoding="utf-8")
-        modules[name] = Module(name, is_package, ast.parse(text), text.count("\n"))
+        modules[name] = Module(name, is_package, ast.parse(path.read_text(encoding="utf-8")))
     return modules
 
 
@@ -263,101 +241,6 @@ def tests_of_private(modules, tests):
         for package in [source.partition("._")[0]]
         if package != source and package in modules and name in modules[package].public
     ]
-
-
-# ---------------------------------------------------------------------------------------------
-# Functions
-
-
-def functions(modules):
-    """Yield dotted name and node of every function outside compiled code."""
-    for module in modules.values():
-        yield from functions_below(module.tree, module.name)
-
-
-def functions_below(node, name):
-    """Yield dotted name and node of the functions of a module, a class or a function."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
-            if not any(is_jit(decorator) for decorator in child.decorator_list):
-                yield f"{name}.{child.name}", child
-                yield from functions_below(child, f"{name}.{child.name}")
-        else:
-            below = f"{name}.{child.name}" if isinstance(child, ast.ClassDef) else name
-            yield from functions_below(child, below)
-
-
-def is_jit(decorator):
-    """Return whether a decorator compiles: `jit` or `jit(...)`."""
-    called = decorator.func if isinstance(decorator, ast.Call) else decorator
-    return isinstance(called, ast.Name) and called.id == "jit"
-
-
-def long_functions(modules):
-    """Return the functions whose bodies, docstrings aside, are too long."""
-    found = []
-    for name, node in functions(modules):
-        body = node.body[1:] if ast.get_docstring(node) else node.body
-        length = node.end_lineno - body[0].lineno + 1 if body else 0
-        if length > LONGEST_BODY:
-            found.append(f"{name}: {length} lines")
-    return found
-
-
-def complex_functions(modules):
-    """Return the functions with too many paths."""
-    paths = {name: complexity(node) for name, node in functions(modules)}
-    return [f"{name}: {number}" for name, number in paths.items() if number > MOST_COMPLEX]
-
-
-def complexity(function):
-    """Return McCabe's number of independent paths, counted as ruff's rule C901 does."""
-    branches = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.ExceptHandler, ast.match_case)
-    nested = (ast.FunctionDef, ast.AsyncFunctionDef)
-    number = 0
-    for node in ast.walk(function):
-        number += isinstance(node, branches + nested)
-        number += isinstance(node, ast.Try) and bool(node.orelse)
-    return number
-
-
-def isinstance_calls(modules):
-    """Return where skhyst.diagnosis asks for a class."""
-    return [
-        f"{module.name}: line {node.lineno}"
-        for module in of_diagnosis(modules)
-        for node in ast.walk(module.tree)
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance"
-    ]
-
-
-def numeric_constants(modules):
-    """Return the module-level names in capitals of skhyst.diagnosis that hold numbers alone."""
-    found = []
-    for module in of_diagnosis(modules):
-        if module.name.endswith("_figures"):
-            continue
-        for node in module.tree.body:
-            if isinstance(node, ast.Assign) and holds_numbers(node.value):
-                names = [leaf.id for target in node.targets for leaf in names_of(target)]
-                found += [f"{module.name}.{name}" for name in names if name.isupper()]
-    return found
-
-
-def holds_numbers(value):
-    """Return whether an expression has numbers in it and no other constant."""
-    leaves = [leaf.value for leaf in ast.walk(value) if isinstance(leaf, ast.Constant)]
-    return bool(leaves) and all(type(leaf) in (int, float, complex) for leaf in leaves)
-
-
-def names_of(target):
-    """Return the names that an assignment binds."""
-    return [leaf for leaf in ast.walk(target) if isinstance(leaf, ast.Name)]
-
-
-def of_diagnosis(modules):
-    """Return the modules of skhyst.diagnosis."""
-    return [m for m in modules.values() if package(m.name, modules) == "diagnosis"]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -447,11 +330,13 @@ def in_fresh_process(measured, root):
 
 def profiled_figures(root=ROOT):
     """Return the figures that a fit is run for."""
-    _, files = in_fresh_process(measured_cascade, root)
-    yield Figure("files that Cascade.fit passes through", len(files), 12, files)
-    calls, files = in_fresh_process(measured_search, root)
-    yield Figure("calls within skhyst of EffectSearchCV.fit", calls, CALLS_BEFORE / 2)
-    yield Figure("files that EffectSearchCV.fit passes through", len(files), FILES_BEFORE / 2)
+    for name, measured, most_calls, most_files in (
+        ("Cascade.fit", measured_cascade, CASCADE_BEFORE / 2, 12),
+        ("EffectSearchCV.fit", measured_search, SEARCH_BEFORE, 40),
+    ):
+        calls, files = in_fresh_process(measured, root)
+        yield Figure(f"calls within skhyst of {name}", calls, most_calls)
+        yield Figure(f"files that {name} passes through", len(files), most_files, files)
 
 
 def main():
@@ -465,6 +350,8 @@ def main():
     if not arguments.no_profile:
         for figure in profiled_figures(root):
             print(figure)
+    for number, name in lines_by_package(root):
+        print(f"{number:8,d} lines  {name}")
 
 
 if __name__ == "__main__":
