@@ -1,9 +1,9 @@
 """Mutants: what could be written wrongly in decisions and in compiled loops, drawn by chance.
 
 A mutant swaps one operator, comparison, condition, extremum or number in the body of a function of
-`skhyst.diagnosis`, or of a compiled one of the operators and models. Left out are what only words a
-message, tolerances of rounding, and `<` for `<=`: on measured numbers that changes nothing. Numbers
-on top of a module are settings: `fault_table` has those with a theorem.
+`skhyst.diagnosis` and what it rests on, or of a compiled one of the operators and models. Left out
+are what only words a message, tolerances of rounding, and `<` for `<=`: on measured numbers that
+changes nothing. Numbers on top of a module are settings: `fault_table` has those with a theorem.
 
 Not mutmut: it chooses the mutant in a Python function around those of each file, which compiled
 code cannot call, and so leaves out decorated functions and classes: all loops, all operators. Not
@@ -51,15 +51,13 @@ _NAMES = {
 _WORDS = (ast.Raise, ast.Assert, ast.JoinedStr, ast.List)  # a list plus a list has no difference
 _ROUNDING = 1e-5  # numbers below, and above its inverse, keep from dividing by zero
 
-_DECISIONS = {  # module: tests that should notice, the quickest first
+_DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the quickest first
     "_black_box": "test_black_box test_noise",
     "_candidates": "test_candidates test_shortened test_initial_state test_search_options",
     "_changes": "test_tree test_further_forms test_effects test_declared_models",
-    "_channels": "test_data_quality test_reference",
     "_claim": "test_rounds test_evidence test_timing test_stages",
     "_course": "test_course test_plausibility",
     "_criterion": "test_criterion test_rounds",
-    "_data_quality": "test_data_quality test_robust",
     "_edits": "test_tree test_course test_starts test_candidates",
     "_location": "test_location",
     "_next_experiment": "test_next_experiment",
@@ -74,6 +72,9 @@ _DECISIONS = {  # module: tests that should notice, the quickest first
     "_shortened": "test_shortened test_candidates",
     "_starts": "test_starts test_declared_models test_rate_dependence",
     "_tree": "test_tree test_candidates test_starts",
+    "records/_channels": "test_channels test_data_quality test_reference",
+    "records/_data_quality": "test_data_quality test_robust",
+    "skhyst/_block_test": "test_small_decisions test_criterion",
 }
 _KERNELS = {  # module: tests beside those of the same name, names in the suite of all operators
     "hysteresis/_bouc_wen_curve": ("test_bouc_wen", "Bouc-Wen and not stage"),
@@ -151,11 +152,16 @@ def draw_mutants(texts, count, seed=0):
 
 
 def _decision_tests(path):
-    if path.parent.name != "diagnosis" or path.stem not in _DECISIONS:
+    folder, names = path.parent.name, []
+    key = f"{folder}/{path.stem}".removeprefix("diagnosis/")
+    if key not in _DECISIONS:
         return ""
-    names = ["test_small_decisions", *_DECISIONS[path.stem].split()]
-    files = " ".join(f"tests/diagnosis/{name}.py" for name in names)
-    return f"{files} skhyst/diagnosis/{path.name}"
+    if folder == "diagnosis":
+        names = [f"diagnosis/{name}" for name in ("test_small_decisions", *_DECISIONS[key].split())]
+    else:
+        names = [f"**/{name}" for name in _DECISIONS[key].split()]
+    files = " ".join(f"tests/{name}.py" for name in names)
+    return f"{files} skhyst/{folder}/{path.name}".replace("skhyst/skhyst/", "skhyst/")
 
 
 def _loop_tests(path):

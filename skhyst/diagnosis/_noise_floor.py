@@ -17,9 +17,10 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
+from .._block_test import block_length, block_p_value
 from ..records import by_interval
 from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
-from ._criterion import block_length, block_p_value, paired_p_value
+from ._criterion import paired_p_value
 from ._noise_model import NoiseModel, noise_model, stretches
 from ._periods import drive_period, repeats
 

@@ -13,9 +13,9 @@ coefficients that have seen its own noise would carry some of it back.
 
 A drive that was recorded with noise of its own is a like case: the noise of the recording is in
 every prediction and, since the device has not seen it, in every residual. Whatever smooths the
-drive then foretells better, a lag or a backlash above all. Such noise is white (``_channels``), and
-the smooth drive takes the reference's place: a cubic smoothing spline, whose parameter is that of
-generalised cross-validation [3]_.
+drive then foretells better, a lag or a backlash above all. Such noise is white
+(``skhyst.records._channels``), and the smooth drive takes the reference's place: a cubic smoothing
+spline, whose parameter is that of generalised cross-validation [3]_.
 
 The fits themselves stay as they are. They make the error of the output small, noise in the drive
 included, and so their parameters are biased, the more the larger the part of the drive that the

@@ -1,5 +1,9 @@
-"""Records: what the index of X says of time, and reading recordings from files."""
+"""Records: what the index of X says of time, recordings in files, faults of a measurement."""
 
+from ._channels import largest_noise as largest_noise
+from ._data_quality import data_quality
+from ._data_quality import lost_readings as lost_readings
+from ._data_quality import with_reactions as with_reactions
 from ._frames import iter_records, stack_records
 from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
 from ._read_records import read_records
@@ -13,6 +17,7 @@ __all__ = [
     "Units",
     "by_interval",
     "chosen_interval",
+    "data_quality",
     "inspect_recording",
     "iter_records",
     "read_records",

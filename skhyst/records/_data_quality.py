@@ -55,8 +55,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.diagnosis import data_quality
-    >>> from skhyst.records import record_slices
+    >>> from skhyst.records import data_quality, record_slices
     >>> drive = np.sin(np.linspace(0, 20, 1000))
     >>> y = drive + 0.01 * np.random.default_rng(0).normal(size=1000)
     >>> y[400] = 9.0

@@ -38,8 +38,9 @@ from scipy.special import comb
 from scipy.stats import chi2, norm
 from scipy.stats import f as fisher
 
-from ._constants import ENOUGH
-from ._criterion import block_p_value
+from .._block_test import block_p_value
+
+_ENOUGH = 10_000  # samples at once: windows of 2 sqrt(n) lags of them take 16 MB
 
 
 def noise_floor(signal):
@@ -68,7 +69,7 @@ def _scatter(signal, order):
 
 def noise_on_drive(u, y, alpha=0.001):
     """Return the standard deviation of noise that is on the drive's recording alone, 0 for none."""
-    u, y = u[:ENOUGH], y[:ENOUGH]
+    u, y = u[:_ENOUGH], y[:_ENOUGH]
     floor = noise_floor(u)
     if not (floor > 0.0 and np.ptp(y) > 0.0) or _is_followed(u, y, floor):
         return 0.0
@@ -120,7 +121,7 @@ def _foretold(u, y):
 
 def reaction_p_value(u, noise):
     """Return the p-value that the drive does not react to the response's noise (Sims's test)."""
-    u, noise = u[:ENOUGH], noise[:ENOUGH]
+    u, noise = u[:_ENOUGH], noise[:_ENOUGH]
     lags = int(np.sqrt(len(u)))
     if len(u) < 8 * lags or not (np.ptp(u) > 0.0 and np.ptp(noise) > 0.0):
         return 1.0
@@ -203,8 +204,8 @@ class _Stretches:
         around = np.arange(-self.side, self.side)
         basis = np.linalg.qr(np.vander((around + lost * after) / self.side, 4))[0]
         left = np.empty(len(rows))
-        for start in range(0, len(rows), ENOUGH):  # a long record has no room for all windows
-            own = slice(start, start + ENOUGH)
+        for start in range(0, len(rows), _ENOUGH):  # a long record has no room for all windows
+            own = slice(start, start + _ENOUGH)
             windows = self.signal[rows[own, None] + around + gap * after]
             left[own] = np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
         return left

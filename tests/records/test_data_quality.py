@@ -6,9 +6,10 @@ import pytest
 from plants import MATRIX, make_recording
 
 from skhyst.datasets.simulation import first_order, plays
-from skhyst.diagnosis import EffectSearchCV, data_quality
+from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.records import record_slices, stack_records
+from skhyst.records import data_quality, record_slices, stack_records
+from skhyst.records._data_quality import _clipped, _spikes
 
 N = 4000
 
@@ -236,3 +237,26 @@ def test_search_reports_faults(signals):
     assert fault["value"] is None
     assert "outlier" in report.to_html()
     assert "| outlier |" in report.to_markdown()
+
+
+def test_runs_at_the_top_of_a_wave_are_no_clipping():
+    """Of n readings in the step below, n + 2 sqrt(n) are within chance, times 1 + sqrt(2)."""
+    step, below = 0.1, 25
+    usual = (1.0 + np.sqrt(2.0)) * (below + 2.0 * np.sqrt(below))
+
+    def found(n_top):
+        top, low = np.full(n_top, 1.0), np.linspace(-1.0, 0.0, 200)
+        y = np.concatenate([low, np.full(below, 1.0 - step), top])
+        starts, lengths = np.array([0, 200, 200 + below]), np.array([1, below, n_top])
+        return [kind for kind, *_ in _clipped(y, starts, lengths, np.array([]), step)]
+
+    assert found(int(usual)) == []
+    assert found(int(usual) + 1) == ["clipped_range"]
+
+
+@pytest.mark.parametrize("row", [1, 2, 50, 97, 98])
+def test_a_spike_is_found_wherever_it_stands_between_readings(row):
+    y = 1e-3 * np.random.default_rng(0).normal(size=100)
+    y[row] = 2.0
+    found = _spikes(np.zeros(100), y, np.arange(100), np.ones(100, dtype=int))
+    assert row in np.concatenate([np.ravel(rows) for _, rows, *_ in found])
