@@ -35,6 +35,7 @@ __all__ = [
     "plays",
     "pure_delay",
     "refine",
+    "reversal_curves",
     "slew_limited",
 ]
 
@@ -174,6 +175,33 @@ def _plays(signal, step, thresholds, weights, stretch, widening, states, before)
             out[i] += weights[j] * state
         states[j] = state
     return out
+
+
+def reversal_curves(signal, step, slope, curvature, decay, memory=None):
+    """Follow the same curve from every turning point of the signal, in the direction of its motion.
+
+    At the distance s from the last turning point its slope is that of Ahmed and Yan (2021),
+    equations (15) to (17): slope + curvature (1 - exp(-decay s)) / decay.
+    """
+    memory = {} if memory is None else memory
+    state = memory.get("state", (0.0, 0.0, 1.0, 0.0, 0.0))
+    out, memory["state"] = _reversal_curves(signal, slope, curvature, decay, state)
+    return out
+
+
+@jit
+def _reversal_curves(signal, slope, curvature, decay, state):
+    turning, base, direction, last, y = state
+    out = np.empty(signal.size)
+    for i in range(signal.size):
+        if (signal[i] - last) * direction < 0.0:
+            base, turning, direction = y, last, -direction
+        s = abs(signal[i] - turning)
+        bend = (s + np.expm1(-decay * s) / decay) / decay
+        y = base + direction * (slope * s + curvature * bend)
+        last = signal[i]
+        out[i] = y
+    return out, (turning, base, direction, last, y)
 
 
 def slew_limited(signal, step, rate, memory=None):
