@@ -34,7 +34,7 @@ def docstrings(path):
 def texts():
     """Return all that is said to a reader, one line a text."""
     found = []
-    for folder in ("skhyst", "examples", "benchmarks", "tests"):
+    for folder in ("skhyst", "examples", "benchmarks", "tools", "tests"):
         for path in (ROOT / folder).rglob("*.py"):
             found += [(path, one_line(text)) for text in docstrings(path)]
     pages = [*(ROOT / "docs").glob("*.rst"), *(ROOT / "docs").glob("user_guide/**/*.rst")]

@@ -1,4 +1,4 @@
-"""Threads, processes and jobs give what one gives; `benchmarks/concurrency.py` does more."""
+"""Threads, processes and jobs give what one gives; `tools/concurrency.py` does more."""
 
 import multiprocessing
 import os

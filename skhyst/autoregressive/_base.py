@@ -19,8 +19,8 @@ from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
 from ..records import chosen_interval
+from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
-from ._starts import estimate_history, fit_line, rest_outputs
 from ._streaming import lowered_lags
 
 _MISMATCH = 0.01  # relative difference between sampling intervals that are the same

@@ -9,11 +9,11 @@ import math
 from dataclasses import dataclass
 from string import Formatter
 
+from ._expressions import COMPARISONS, Array, Call, If, compared, constant
 from ._fixed_functions import CONSTANTS, FUNCTIONS
 from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
 from ._ranges import exponent
 from ._slice import called
-from ._tree import COMPARISONS, Array, Call, If, compared, constant
 
 _BITS = 62  # of a number, its sign aside
 MARGIN = 12  # bits that a number may grow by beyond what was seen

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
+from ._expressions import Array, Assign, Call, For, If, Jump, Listed, Return, Store, While
 from ._slice import called
-from ._tree import Array, Assign, Call, For, If, Jump, Listed, Return, Store, While
 
 _OPERATORS = {
     "+": operator.add,

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ._slice import called, needs, within
-from ._tree import (
+from ._expressions import (
     Array,
     Assign,
     Call,
@@ -21,6 +20,7 @@ from ._tree import (
     leaves,
     variable,
 )
+from ._slice import called, needs, within
 
 SYMBOLS = {  # and how tightly they bind
     "or": ("||", 1),

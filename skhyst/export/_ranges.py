@@ -10,8 +10,8 @@ from collections import Counter
 
 import numpy as np
 
+from ._expressions import COMPARISONS
 from ._interpreter import Interpreter
-from ._tree import COMPARISONS
 
 # what is done with an infinite number, but for arithmetic
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}

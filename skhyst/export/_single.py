@@ -6,8 +6,8 @@ grows or in differences of numbers that are nearly the same, it becomes as large
 
 import numpy as np
 
+from ._expressions import Call
 from ._interpreter import Interpreter
-from ._tree import Call
 
 _FAILED = (ArithmeticError, ValueError, IndexError)
 

@@ -171,7 +171,7 @@ def read_trusted(path, known=()):
 
 
 def _is_own_class(name):
-    """Whether a qualified name is that of a class that a module of skhyst defines."""
+    """Whether a qualified name is that of a class that a module or package of skhyst defines."""
     module, _, name = name.rpartition(".")
     if module.partition(".")[0] != __package__.partition(".")[0]:
         return False
@@ -179,7 +179,7 @@ def _is_own_class(name):
         found = getattr(importlib.import_module(module), name, None)
     except ImportError:
         return False
-    return inspect.isclass(found) and found.__module__ == module
+    return inspect.isclass(found) and f"{found.__module__}.".startswith(f"{module}.")
 
 
 def skops_io(path):

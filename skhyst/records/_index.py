@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
+from ..io import JITTER, describe_rows
 
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
 LONGEST = (
     1e25  # interval in s; beyond, or below its inverse, squares of second derivatives overflow
 )
@@ -471,9 +471,3 @@ def _numbers(times, dt, codes=None):
             f"drop these rows."
         )
     return TimeStamps(values, unit, dtype, counts)
-
-
-def describe_rows(rows, most=5) -> str:
-    """Return ``"3 row(s) (4, 7, 9)"``, with the first few numbers."""
-    shown = ", ".join(str(row) for row in rows[:most])
-    return f"{len(rows)} row(s) ({shown}{', ...' if len(rows) > most else ''})"

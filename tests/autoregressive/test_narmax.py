@@ -12,7 +12,7 @@ from skhyst.autoregressive import NARMAXRegressor
 from skhyst.autoregressive._polynomial import candidate_terms
 from skhyst.autoregressive._problems import FreeRunProblem, InnovationProblem
 from skhyst.autoregressive._runs import Lags, Start
-from skhyst.autoregressive._selection import Criterion, Search, condense, error_reduction
+from skhyst.autoregressive._selection import Search, SelectionCriterion, condense, error_reduction
 from skhyst.preprocessing import PlayOperators
 
 LAGS = {"input_lags": (1, 2), "output_lags": (1, 2)}
@@ -45,7 +45,7 @@ def test_search_finds_the_best_of_all_subsets(seed):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(200, 9)) @ (np.eye(9) + 0.4 * rng.normal(size=(9, 9)))
     y = A[:, [1, 4, 7]] @ [1.0, -0.7, 0.4] + 0.3 * rng.normal(size=200)
-    search = Search([condense([np.column_stack([A, y])])], Criterion("bic", 200, 9, y @ y))
+    search = Search([condense([np.column_stack([A, y])])], SelectionCriterion("bic", 200, 9, y @ y))
 
     def bic(subset):
         rest = y - A[:, subset] @ np.linalg.lstsq(A[:, subset], y, rcond=None)[0]

@@ -9,14 +9,9 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
+from skhyst._block_test import block_length, block_p_value
 from skhyst.diagnosis._candidates import Candidate, root_mean_square
-from skhyst.diagnosis._criterion import (
-    Criterion,
-    block_length,
-    block_p_value,
-    paired_p_value,
-    weighted,
-)
+from skhyst.diagnosis._criterion import Criterion, paired_p_value, weighted
 
 N, RECORDS = 600, 4
 

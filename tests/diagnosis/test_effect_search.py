@@ -26,7 +26,7 @@ from skhyst.diagnosis import (
     register_effect,
     unregister_effect,
 )
-from skhyst.diagnosis._noise import Judgement
+from skhyst.diagnosis._noise_floor import Judgement
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import RecordKFold

@@ -6,17 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.signal import lfilter
 
+from skhyst._block_test import _autocovariance
 from skhyst.diagnosis import _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
-from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._criterion import Criterion, _autocovariance
-from skhyst.diagnosis._data_quality import _clipped, _spikes
+from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._location import locate
-from skhyst.diagnosis._noise import _settled, repeatability
+from skhyst.diagnosis._noise_floor import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
 from skhyst.diagnosis._plausibility import stops
@@ -26,8 +24,6 @@ from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
-
-SIDE = 8
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 5, 17])
@@ -63,51 +59,6 @@ def test_shares_of_octaves_are_those_of_the_power():
         table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)
     ]
     np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
-
-
-def test_runs_at_the_top_of_a_wave_are_no_clipping():
-    """Of n readings in the step below, n + 2 sqrt(n) are within chance, times 1 + sqrt(2)."""
-    step, below = 0.1, 25
-    usual = (1.0 + np.sqrt(2.0)) * (below + 2.0 * np.sqrt(below))
-
-    def found(n_top):
-        top, low = np.full(n_top, 1.0), np.linspace(-1.0, 0.0, 200)
-        y = np.concatenate([low, np.full(below, 1.0 - step), top])
-        starts, lengths = np.array([0, 200, 200 + below]), np.array([1, below, n_top])
-        return [kind for kind, *_ in _clipped(y, starts, lengths, np.array([]), step)]
-
-    assert found(int(usual)) == []
-    assert found(int(usual) + 1) == ["clipped_range"]
-
-
-def test_rounding_leaves_something_beside_a_straight_line():
-    rows = np.arange(50, 150)
-    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).beside(rows) > 0.0).all()
-
-
-@pytest.mark.parametrize("lost", [0, 1, 5, 2 * SIDE])
-@pytest.mark.parametrize("way", [1, -1])
-def test_stretches_beside_a_row_do_not_see_across_it(lost, way):
-    """One side is rough: what is left across the row is far more than beside it."""
-    noise = np.random.default_rng(lost).normal(size=200)
-    noise[100:] *= 1e4
-    stretches = _Stretches(noise[::way], SIDE)
-    assert stretches.ratio(np.array([100]), lost) > 1e4
-
-
-def test_noise_of_the_response_hides_whether_it_follows():
-    """A slow device is told from the noise on its drive, unless its own noise is in the way."""
-    n = 1000
-    smooth = np.sin(0.065 * np.arange(n)) + 0.5 * np.sin(0.15 * np.arange(n))
-    slow = lfilter([0.05], [1.0, -0.95], smooth)
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        u = smooth + 0.01 * rng.normal(size=n)
-        floor = noise_floor(u)
-        assert floor > 0.0
-        assert not _is_followed(u, slow, floor)
-        assert _is_followed(u, slow + 0.1 * rng.normal(size=n), floor)
-        assert _is_followed(u, lfilter([0.05], [1.0, -0.95], u), floor)
 
 
 def test_a_parameter_at_its_bound_has_no_interval():
@@ -205,25 +156,6 @@ def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
     search._structure.effects = ()
     found = [name for name, *_ in _open_questions._near_claims(search)]
     assert found == ["delay", "creep"]
-
-
-@pytest.mark.parametrize("row", [1, 2, 50, 97, 98])
-def test_a_spike_is_found_wherever_it_stands_between_readings(row):
-    y = 1e-3 * np.random.default_rng(0).normal(size=100)
-    y[row] = 2.0
-    found = _spikes(np.zeros(100), y, np.arange(100), np.ones(100, dtype=int))
-    assert row in np.concatenate([np.ravel(rows) for _, rows, *_ in found])
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
-def test_a_reaction_has_no_unit(unit):
-    rng = np.random.default_rng(0)
-    noise = rng.normal(size=500)
-    drive = rng.normal(size=500) + np.r_[0.0, 0.3 * noise[:-1]]
-    p_value = reaction_p_value(drive, noise)
-    assert 0.0 < p_value < 0.01
-    assert reaction_p_value(unit * drive, noise) == pytest.approx(p_value, rel=1e-6)
-    assert reaction_p_value(drive, unit * noise) == pytest.approx(p_value, rel=1e-6)
 
 
 @pytest.mark.parametrize(("n_turns", "tried"), [(1, False), (40, True)])
