@@ -43,6 +43,7 @@ def measured():
     return {figure.name: figure for figure in figures()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KEPT)
 def test_bars_are_kept(name, measured):
     assert measured[name].value <= measured[name].bar, str(measured[name])

@@ -78,6 +78,7 @@ def test_places_out_of_range_are_refused(name, place, value):
         whole.state = np.append(stepper.state, state)
 
 
+@pytest.mark.slow
 def test_no_state_that_is_taken_leads_out_of_a_table():
     script = "import json, test_states; print(json.dumps(test_states.faults()))"
     here = os.pathsep.join([str(Path(__file__).parent), *sys.path])
