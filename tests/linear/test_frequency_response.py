@@ -462,6 +462,7 @@ def test_records_are_checked():
 # ------------------------------------------------------------------------------- a measured plant
 
 
+@pytest.mark.slow
 @pytest.mark.needs_recordings("piezo_fsm")
 def test_a_measured_mirror_grows_softer():
     """Three piezo stacks: the first resonance falls with amplitude, far beyond its errors."""
