@@ -14,7 +14,7 @@ from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
 from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._criterion import Criterion, _autocovariance
-from skhyst.diagnosis._data_quality import _clipped, _spikes
+from skhyst.diagnosis._data_quality import _clipped, _jitter, _spikes
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._noise import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
@@ -63,6 +63,11 @@ def test_shares_of_octaves_are_those_of_the_power():
         table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)
     ]
     np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
+
+
+def test_two_intervals_have_a_jitter():
+    X = pd.DataFrame({"u": np.zeros(3)}, pd.Index([0.0, 1.0, 3.0], name="time"))
+    assert _jitter(X, RecordSlice("a", slice(0, 3), 1.0, 0.0, 3)) == pytest.approx(1.0 / 3.0)
 
 
 def test_runs_at_the_top_of_a_wave_are_no_clipping():
