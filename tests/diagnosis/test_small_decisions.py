@@ -13,13 +13,14 @@ from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
 from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
+from skhyst.diagnosis._constants import FLAT, REPEATS
 from skhyst.diagnosis._criterion import Criterion, _autocovariance
-from skhyst.diagnosis._data_quality import _clipped, _jitter, _spikes
+from skhyst.diagnosis._data_quality import _clipped, _jitter, _noisy, _spikes
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._noise import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
-from skhyst.diagnosis._plausibility import stops
+from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
@@ -68,6 +69,40 @@ def test_shares_of_octaves_are_those_of_the_power():
 def test_two_intervals_have_a_jitter():
     X = pd.DataFrame({"u": np.zeros(3)}, pd.Index([0.0, 1.0, 3.0], name="time"))
     assert _jitter(X, RecordSlice("a", slice(0, 3), 1.0, 0.0, 3)) == pytest.approx(1.0 / 3.0)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "noisy"), [([1, 1, 1, 4], True), ([1, 1, 4, 4], False), ([4, 4, 1], False)]
+)
+def test_readings_are_noisy_where_most_differ_from_the_one_before(lengths, noisy):
+    assert _noisy(np.array(lengths)) == noisy
+
+
+def test_a_curve_levels_off_by_its_slope_at_the_end_of_the_motion():
+    knee, end = SoftSaturationOperator(1.3, 2.0, 0.2), 1.1
+    above, below = (knee.run(np.array([end + h]), 0.01)[0][0] for h in (1e-6, -1e-6))
+    motion = knee.run(np.linspace(-0.3, end, 50), 0.01)[0]
+    slope = (above - below) / 2e-6
+    assert levels_off(knee, motion, []) == pytest.approx(FLAT - slope, abs=1e-6)
+
+
+@pytest.mark.parametrize("beside", [0.1, 0.24, 0.26, 0.4])
+def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_turns(beside):
+    period, dt = 200, 0.01
+    time, u = dt * np.arange(2 * period), np.sin(2 * np.pi * np.arange(2 * period) / period)
+    frequency = (7.0 + beside) / (period * dt)
+    line = np.exp(2j * np.pi * frequency * time)  # of any phase
+    kept = np.mean(np.abs(line.reshape(2, period).mean(axis=0)) ** 2)
+    operator, record = SimpleNamespace(frequencies=np.array([frequency])), RecordData(u, u, dt)
+    assert (has_own_lines(operator, None, [record]) > 0.0) == (kept < 0.5)
+
+
+@pytest.mark.parametrize(("times", "repeats"), [(0.9, False), (1.1, True)])
+def test_a_sinusoid_repeats_in_the_longest_record(times, repeats):
+    dt, rng = 0.01, np.random.default_rng(0)
+    records = [RecordData(rng.normal(size=n), np.zeros(n), dt) for n in (300, 500)]
+    operator = SimpleNamespace(frequencies=np.array([times * REPEATS / (500 * dt)]))
+    assert (has_own_lines(operator, None, records) > 0.0) == repeats
 
 
 def test_runs_at_the_top_of_a_wave_are_no_clipping():
