@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from skhyst.diagnosis import _changes, _open_questions
+from skhyst.diagnosis import EFFECTS, _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
 from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
@@ -16,14 +16,17 @@ from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FLAT, REPEATS
 from skhyst.diagnosis._criterion import Criterion, _autocovariance
 from skhyst.diagnosis._data_quality import _clipped, _jitter, _noisy, _spikes
+from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._noise import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
 from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._rounds import Rounds
+from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain, GainOperator
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
@@ -69,6 +72,18 @@ def test_shares_of_octaves_are_those_of_the_power():
 def test_two_intervals_have_a_jitter():
     X = pd.DataFrame({"u": np.zeros(3)}, pd.Index([0.0, 1.0, 3.0], name="time"))
     assert _jitter(X, RecordSlice("a", slice(0, 3), 1.0, 0.0, 3)) == pytest.approx(1.0 / 3.0)
+
+
+def test_what_a_column_adds_starts_from_that_column():
+    rng = np.random.default_rng(0)
+    u, *columns = np.linalg.qr(rng.normal(size=(500, 3)))[0].T * 20.0  # none is seen in another
+    y = u + 2.0 * columns[0] - 3.0 * columns[1]
+    records = [RecordData(u, y, 0.1, auxiliary=np.stack(columns, axis=1))]
+    tree = Tree(Gain(), GainOperator(1.0))
+    found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
+    edits = [edit for variant in found for one in variant for _, edit in one.edits]
+    gains = {(e.column, round(e.operator.gain, 1)) for e in edits if type(e) is Drive}
+    assert {(1, 2.0), (2, -3.0)} <= gains
 
 
 @pytest.mark.parametrize(
