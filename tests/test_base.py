@@ -321,6 +321,7 @@ def test_refit_forgets(model):
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
 
 
+@pytest.mark.slow
 def test_pickles_run_in_a_fresh_process(tmp_path):
     models = [clone(model).fit(X, Y) for model in MODELS.values()]
     (tmp_path / "models.pickle").write_bytes(pickle.dumps((models, X)))

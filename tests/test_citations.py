@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from citations import Reference, add_keys, read_references
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 REFERENCES = read_references()
 CITED = re.compile(r"\*([^*]+)\*, (\d{4}|undated)\b")

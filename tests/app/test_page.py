@@ -82,6 +82,7 @@ def search(page):
     return page
 
 
+@pytest.mark.slow
 def test_from_a_file_to_the_effect_and_the_next_drive(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     upload(page, recording(top=8.0))

@@ -20,7 +20,7 @@ from skhyst.linear import FirstOrderLag, KelvinVoigt
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
 
-__all__ = ["NO_GAIN", "small_estimators"]
+__all__ = ["NO_GAIN", "SLOW", "small_estimators"]
 
 _BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of theirs
 
@@ -66,6 +66,18 @@ NO_GAIN = {
     "SmoothCurve",
     "SoftSaturation",
     "TimeShift",
+}
+
+# a fit takes a fifth of a second or more; quicker ones are made of the same parts
+SLOW = {
+    "BoucWenStage",
+    "EffectSearchCV",
+    "EndStops",
+    "FrictionStage",
+    "Monitor",
+    "Observer",
+    "RestoringForce",
+    "SCNRegressor",
 }
 
 

@@ -137,6 +137,7 @@ def test_units(options, drive, response):
 # -------------------------------------------------------------------------- coefficients, errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", study.NOISES)
 def test_standard_errors_cover_the_truth(kind):
     rate, n_runs = study.coverage(kind, 500, 40)
@@ -201,6 +202,7 @@ def test_simulation_from_an_unstable_start():
     assert coefficients(model)["y(k-1)"] == pytest.approx(1.9, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_common_factor_is_taken_out():
     """The equation times a combination of itself and its past has the same free run."""
     lags = {"input_lags": (1, 2, 3), "output_lags": (1, 2, 3)}

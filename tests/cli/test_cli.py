@@ -57,6 +57,7 @@ def files(folder, report):
     return [part for option, name in names.items() for part in (option, str(folder / name))]
 
 
+@pytest.mark.slow
 def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys):
     path = tmp_path / "new" / "drive.csv"
     more = ["-o", str(path), "--limits", "-40", "40", "--rate", "2000", "--duration", "0.3"]
@@ -268,6 +269,7 @@ def test_a_file_that_comes_during_the_search_is_kept(recording, tmp_path, capsys
     assert path.read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
 def test_a_pipe_is_refused_at_once(recording, tmp_path):
     for name in ("pipe.csv", "pipe.skops"):
@@ -312,6 +314,7 @@ def test_lists(capsys):
     assert "creep" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_demo_finds_what_was_hidden(tmp_path, capsys):
     assert main(["demo", "--output", str(tmp_path / "demo"), "--jobs", "1", "--quiet"]) == 0
     printed = capsys.readouterr().out

@@ -79,6 +79,7 @@ def test_handlers_are_put_back():
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.slow
 def test_a_search_on_the_command_line_is_terminated(tmp_path):
     t = 1e-3 * np.arange(4000)
     u = np.sin(2.0 * np.pi * (1.0 + 20.0 * t) * t)

@@ -240,6 +240,7 @@ def test_models_are_told_apart_by_what_matters():
     assert not criterion.foretells_better(contestant(1.0, rng.permutation(1.06 * noise)), best)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("records", [1, RECORDS])
 @pytest.mark.parametrize("kind", ["smooth", "edges", "slow"])
 @pytest.mark.parametrize("correlation", [0.0, 0.9, 0.995])

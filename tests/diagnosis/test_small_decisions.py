@@ -8,19 +8,23 @@ import pandas as pd
 import pytest
 
 from skhyst._block_test import _autocovariance
-from skhyst.diagnosis import _changes, _open_questions
+from skhyst.diagnosis import EFFECTS, _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
 from skhyst.diagnosis._claim import Claim
+from skhyst.diagnosis._constants import FLAT, REPEATS
 from skhyst.diagnosis._criterion import Criterion
+from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._noise_floor import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
-from skhyst.diagnosis._plausibility import stops
+from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._rounds import Rounds
+from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain, GainOperator
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
@@ -59,6 +63,45 @@ def test_shares_of_octaves_are_those_of_the_power():
         table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)
     ]
     np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
+
+
+def test_what_a_column_adds_starts_from_that_column():
+    rng = np.random.default_rng(0)
+    u, *columns = np.linalg.qr(rng.normal(size=(500, 3)))[0].T * 20.0  # none is seen in another
+    y = u + 2.0 * columns[0] - 3.0 * columns[1]
+    records = [RecordData(u, y, 0.1, auxiliary=np.stack(columns, axis=1))]
+    tree = Tree(Gain(), GainOperator(1.0))
+    found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
+    edits = [edit for variant in found for one in variant for _, edit in one.edits]
+    gains = {(e.column, round(e.operator.gain, 1)) for e in edits if type(e) is Drive}
+    assert {(1, 2.0), (2, -3.0)} <= gains
+
+
+def test_a_curve_levels_off_by_its_slope_at_the_end_of_the_motion():
+    knee, end = SoftSaturationOperator(1.3, 2.0, 0.2), 1.1
+    above, below = (knee.run(np.array([end + h]), 0.01)[0][0] for h in (1e-6, -1e-6))
+    motion = knee.run(np.linspace(-0.3, end, 50), 0.01)[0]
+    slope = (above - below) / 2e-6
+    assert levels_off(knee, motion, []) == pytest.approx(FLAT - slope, abs=1e-6)
+
+
+@pytest.mark.parametrize("beside", [0.1, 0.24, 0.26, 0.4])
+def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_turns(beside):
+    period, dt = 200, 0.01
+    time, u = dt * np.arange(2 * period), np.sin(2 * np.pi * np.arange(2 * period) / period)
+    frequency = (7.0 + beside) / (period * dt)
+    line = np.exp(2j * np.pi * frequency * time)  # of any phase
+    kept = np.mean(np.abs(line.reshape(2, period).mean(axis=0)) ** 2)
+    operator, record = SimpleNamespace(frequencies=np.array([frequency])), RecordData(u, u, dt)
+    assert (has_own_lines(operator, None, [record]) > 0.0) == (kept < 0.5)
+
+
+@pytest.mark.parametrize(("times", "repeats"), [(0.9, False), (1.1, True)])
+def test_a_sinusoid_repeats_in_the_longest_record(times, repeats):
+    dt, rng = 0.01, np.random.default_rng(0)
+    records = [RecordData(rng.normal(size=n), np.zeros(n), dt) for n in (300, 500)]
+    operator = SimpleNamespace(frequencies=np.array([times * REPEATS / (500 * dt)]))
+    assert (has_own_lines(operator, None, records) > 0.0) == repeats
 
 
 def test_a_parameter_at_its_bound_has_no_interval():

@@ -31,6 +31,7 @@ def refused(folder, text, message, **options):
         read_records(path, drive=0, **options)
 
 
+@pytest.mark.slow
 def test_no_layout_is_read_wrongly(tmp_path):
     verdicts = []
     for number in range(60):

@@ -139,6 +139,7 @@ def test_deep_nesting_is_refused(tmp_path):
         read(tmp_path, compressed(content))
 
 
+@pytest.mark.slow
 def test_no_corrupted_byte_ends_python(tmp_path):
     """Read 40 corrupted files in one process: it must live on, and refuse what it cannot read."""
     (tmp_path / "plain.mat").write_bytes(saved())

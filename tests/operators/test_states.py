@@ -113,6 +113,7 @@ def test_a_copy_goes_its_own_way(name, copied):
         pickle.dumps(stepper)
 
 
+@pytest.mark.slow
 def test_no_state_that_is_taken_leads_out_of_a_table():
     script = "import json, test_states; print(json.dumps(test_states.faults()))"
     here = os.pathsep.join([str(Path(__file__).parent), *sys.path])

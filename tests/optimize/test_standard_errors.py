@@ -72,6 +72,7 @@ def test_white_noise_has_the_errors_of_the_textbook():
     assert equal >= 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_records", [1, 4])
 def test_intervals_hold_under_coloured_noise(n_records):
     hits, white = [], []

@@ -10,9 +10,12 @@ from sklearn.linear_model import Ridge
 from skhyst.linear import Gain
 from skhyst.persistence import _skops, load_model, save_model
 
-pytest.importorskip("skops.io")
-
 U = np.linspace(0.0, 1.0, 20)[:, None]
+
+
+@pytest.fixture(autouse=True)
+def skops():
+    pytest.importorskip("skops.io")  # its import takes half a second
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from plants import MATRIX, make_recording
 from skhyst.datasets.simulation import first_order, plays
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.records import data_quality, record_slices, stack_records
-from skhyst.records._data_quality import _clipped, _spikes
+from skhyst.records import RecordSlice, data_quality, record_slices, stack_records
+from skhyst.records._data_quality import _clipped, _jitter, _noisy, _spikes
 
 N = 4000
 
@@ -260,3 +260,15 @@ def test_a_spike_is_found_wherever_it_stands_between_readings(row):
     y[row] = 2.0
     found = _spikes(np.zeros(100), y, np.arange(100), np.ones(100, dtype=int))
     assert row in np.concatenate([np.ravel(rows) for _, rows, *_ in found])
+
+
+def test_two_intervals_have_a_jitter():
+    X = pd.DataFrame({"u": np.zeros(3)}, pd.Index([0.0, 1.0, 3.0], name="time"))
+    assert _jitter(X, RecordSlice("a", slice(0, 3), 1.0, 0.0, 3)) == pytest.approx(1.0 / 3.0)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "noisy"), [([1, 1, 1, 4], True), ([1, 1, 4, 4], False), ([4, 4, 1], False)]
+)
+def test_readings_are_noisy_where_most_differ_from_the_one_before(lengths, noisy):
+    assert _noisy(np.array(lengths)) == noisy

@@ -2,7 +2,6 @@
 
 import re
 
-import pytest
 from architecture import LAYERS, ROOT, figures
 
 FAULTS = {
@@ -14,9 +13,8 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("figure", figures(), ids=lambda figure: figure.name)
-def test_imports_run_one_way_and_keep_to_what_is_public(figure):
-    assert figure.value == 0, str(figure)
+def test_imports_run_one_way_and_keep_to_what_is_public():
+    assert [str(figure) for figure in figures() if figure.value] == []
 
 
 def test_each_fault_is_found(tmp_path):

@@ -43,16 +43,19 @@ def test_what_tests_notice_is_killed(tmp_path):
     for name in ("skhyst", "tests", "benchmarks", "tools", "docs"):
         (root / name).mkdir(parents=True)
     copy.mkdir()
-    (root / "pyproject.toml").write_text("")
+    (root / "pyproject.toml").write_text("[tool.pytest.ini_options]\nmarkers = ['slow']\n")
     (root / "skhyst" / "__init__.py").write_text("def sign(x):\n    return (x > 0) - (x < 0)\n")
-    test = "from skhyst import sign\n\ndef test_sign():\n    assert sign(2) == 1\n"
-    (root / "tests" / "test_sign.py").write_text(test)
+    test = "import pytest\nfrom skhyst import sign\n\ndef test_sign():\n    assert sign(2) == 1\n"
+    slow = "\n@pytest.mark.slow\ndef test_zero():\n    assert sign(0) == 0\n"
+    (root / "tests" / "test_sign.py").write_text(test + slow)
     laboratory = faults.Laboratory(root, copy)
 
-    def outcome(original, faulty, tests="tests/**/test_sign.py"):
-        return laboratory.judge(Fault("", "models", original, faulty, tests))[0]
+    def outcome(original, faulty, tests="tests/**/test_sign.py", tier="all"):
+        return laboratory.judge(Fault("", "models", original, faulty, tests), tier)[0]
 
     assert outcome("(x > 0) -", "(x < 0) -") == "killed"
+    assert outcome("x > 0", "x >= 0") == "killed, slow"
+    assert outcome("x > 0", "x >= 0", tier="default") == "survived"
     assert outcome("- (x < 0)", "- 0") == "survived"
     assert outcome("absent", "present") == "not found"
     assert outcome("x", "y") == "found 3 times"

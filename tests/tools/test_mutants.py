@@ -62,6 +62,7 @@ def texts():
     return faults.sources(ROOT)
 
 
+@pytest.mark.slow
 def test_mutants_have_one_place(texts):
     drawn = mutants.draw_mutants(texts, 64)
     assert drawn == mutants.draw_mutants(texts, 64) != mutants.draw_mutants(texts, 64, seed=1)
