@@ -1,10 +1,10 @@
 """Speed and identification of the Bouc-Wen model: ``python benchmarks/bench_bouc_wen.py``.
 
-Prints the time a sample of ``BoucWenOperator.run`` and ``linearize`` for several drives, the best
-of several interleaved runs in one thread. White noise turns in two of three samples, where nobody
-foresees it; the zigzag turns in each, in a pattern of four that a processor foresees. From it and
-the triangle comes the least that noise can cost, beside the bar of 20 ns. Then identifies five
-parameters from 2,000 samples with 0.5 % noise for many seeds, and does the same with SciPy's
+Prints the time a sample of ``BoucWenOperator.run`` and ``sensitivities`` for several drives, the
+best of several interleaved runs in one thread. White noise turns in two of three samples, where
+nobody foresees it; the zigzag turns in each, in a pattern of four that a processor foresees. From
+it and the triangle comes the least that noise can cost, beside the bar of 20 ns. Then identifies
+five parameters from 2,000 samples with 0.5 % noise for many seeds, and does the same with SciPy's
 differential evolution, whose objective runs the same compiled operator. Both take one thread, and
 CPU time is compared, so that a busy machine does not matter. ``--seeds`` and ``--evolutions`` set
 how many of each.
@@ -71,9 +71,9 @@ class Run:
         """Run from rest."""
         self.operator.run(self.drive, 1.0)
 
-    def time_linearize(self, exponent, drive):
+    def time_sensitivities(self, exponent, drive):
         """Return the response and the tangents of seven parameters."""
-        self.operator.linearize(self.drive, self.nothing, 1.0)
+        self.operator.sensitivities(self.drive, self.nothing, 1.0)
 
 
 def plant(seed):
@@ -127,7 +127,7 @@ def main():
     parser.add_argument("--evolutions", type=int, default=5)
     options = parser.parse_args()
 
-    for name, label in (("time_run", "run"), ("time_linearize", "linearize")):
+    for name, label in (("time_run", "run"), ("time_sensitivities", "sensitivities")):
         cases, calls = Run.params, {}
         for exponent in cases[0]:
             for drive in cases[1]:

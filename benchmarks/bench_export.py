@@ -71,18 +71,18 @@ def systems():
     u, dt = cases.make_drive(), cases.DT
     for name, operator in cases.OPERATORS.items():
         if operator.causal:
-            stepper = Stepper(operator.lowered(dt, operator.init(float(u[0]))), dt)
+            stepper = Stepper(operator.compiled_step(dt, operator.init(float(u[0]))), dt)
             yield System(name, operator, stepper, u)
     for name, operator in cases.OPERATORS.items():
         y = operator.run(u, dt, operator.init(u[0]))[0]
         try:
             limits = u.min() - np.ptp(u), u.max() + np.ptp(u)
-            lowered, ahead = inverse_of(operator, *limits).ahead(dt, float(y[0]))
+            compiled_step, ahead = inverse_of(operator, *limits).ahead(dt, float(y[0]))
         except (NotImplementedError, ValueError):
             continue  # it has none, or one of the whole record
         if ahead < len(y):
             y = np.append(y, np.full(ahead, y[-1]))
-            yield System(name, operator, Stepper(lowered, dt), y, ahead, True)
+            yield System(name, operator, Stepper(compiled_step, dt), y, ahead, True)
 
 
 def library(folder, name, dtype):

@@ -1,7 +1,7 @@
 """Speed of the friction models: `python benchmarks/bench_friction.py`.
 
-Prints the time a sample of ``run`` and of ``linearize`` for 100,000 samples, best of several runs
-in one thread, beside the limit for ``run``.
+Prints the time a sample of ``run`` and of ``sensitivities`` for 100,000 samples, best of several
+runs in one thread, beside the limit for ``run``.
 """
 
 import time
@@ -46,10 +46,10 @@ def best(method, *arguments):
 
 def main():
     signals, none = drives(), np.empty((N_SAMPLES, 0))
-    print(f"{'ns a sample':<20}{'run, walk':>12}{'run, sine':>12}{'linearize':>12}")
+    print(f"{'ns a sample':<20}{'run, walk':>12}{'run, sine':>12}{'sensitivities':>12}")
     for name, operator in OPERATORS.items():
         times = [best(operator.run, u, DT) for u in signals.values()]
-        tangents = best(operator.linearize, signals["sine"], none, DT)
+        tangents = best(operator.sensitivities, signals["sine"], none, DT)
         late = "" if max(times) <= LIMIT else f"  above {LIMIT:g}"
         print(f"{name:<20}" + "".join(f"{t:>12.1f}" for t in (*times, tangents)) + late)
 

@@ -137,9 +137,9 @@ class Linearize:
         self.tangents = rng.standard_normal((self.n_samples, n_tangents))
         self.operator = operator(20)
 
-    def time_linearize(self, n_tangents):
+    def time_sensitivities(self, n_tangents):
         """Return the response and all tangents."""
-        self.operator.linearize(self.drive, self.tangents, 1.0)
+        self.operator.sensitivities(self.drive, self.tangents, 1.0)
 
 
 class LinearRun:
@@ -226,12 +226,12 @@ def main():
             row = (seconds[n_plays, drive] / kind.n_samples * 1e9 for drive in kind.params[1])
             print(f"  {n_plays:<6}" + "".join(f"{value:>10.1f}" for value in row))
 
-    print("PrandtlIshlinskiiOperator.linearize, 20000 samples, 20 plays")
+    print("PrandtlIshlinskiiOperator.sensitivities, 20000 samples, 20 plays")
     cases = {}
     for n_tangents in Linearize.params:
         case = Linearize()
         case.setup(n_tangents)
-        cases[n_tangents] = lambda case=case: case.time_linearize(None)
+        cases[n_tangents] = lambda case=case: case.time_sensitivities(None)
     for n_tangents, value in best(cases, 3 * REPEATS).items():
         print(f"  {n_tangents} tangents{value * 1e3:8.2f} ms")
     linear_table()

@@ -148,7 +148,7 @@ def difference(model, X, whole):
     """Return how far steps, runs and what follows a state that was put back are from a run."""
     options = {"schedule": X[0, 1]} if isinstance(model, ScheduledParameters) else {}
     stepper = model.stepper(u0=X[0], **options)
-    u = X[:, 0] if stepper.lowered.n_inputs is None else X
+    u = X[:, 0] if stepper.compiled_step.n_inputs is None else X
     middle = len(u) // 2
     steps = [stepper.step(row) for row in u[:middle]]
     kept = stepper.state
@@ -232,7 +232,7 @@ def main():
     u = 4.0 * np.random.default_rng(0).uniform(size=options.samples)
     few = u[:20_000].tolist()
     for name, operator in OPERATORS.items():
-        stepper = Stepper(operator.lowered(DT, operator.init(0.0)))
+        stepper = Stepper(operator.compiled_step(DT, operator.init(0.0)))
         stepper.run(u[:10]), stepper.step(0.0)  # compiles
         call = least(lambda s=stepper: [s.step(value) for value in few], options.repeats)
         loop = least(lambda s=stepper: s.run(u), options.repeats)

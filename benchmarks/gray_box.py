@@ -212,9 +212,9 @@ class Natural(Operator):
         """Return the response of the law, and its state."""
         return self.law().run(u, dt, state)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         """Return the response of the law and its derivatives, by the chain rule."""
-        y, dy = self.law().linearize(u, du, dt, initial_state)
+        y, dy = self.law().sensitivities(u, du, dt, initial_state)
         d, g, v = self.delta_d, self.gamma, self.v_c
         chain = np.zeros((4, 4))  # of slope, curvature, decay and intercept by the fields
         chain[0, :2], chain[1, :3] = (1.0 - g, -d), (g / v, d / v, -d * g / v**2)

@@ -88,11 +88,11 @@ def line(name, operator, wanted, bar=None):
     bar = bar or (ANALYTIC if closed else ITERATIVE)
     text = f"{name:45s} {told(error(operator, drive, wanted), bar)}"
     try:
-        lowered, ahead = inverse.ahead(DT, wanted[0], min(bar, STREAMED))
+        compiled_step, ahead = inverse.ahead(DT, wanted[0], min(bar, STREAMED))
     except NotImplementedError:
         print(f"{text}; not stepped", flush=True)
         return
-    steps = Stepper(lowered).run(np.append(wanted, np.full(ahead, wanted[-1])))[ahead:]
+    steps = Stepper(compiled_step).run(np.append(wanted, np.full(ahead, wanted[-1])))[ahead:]
     print(f"{text}; {ahead:4d} samples ahead {error(operator, steps, wanted):8.1e}", flush=True)
 
 
@@ -100,7 +100,7 @@ def main():
     both = 0.6 * np.sin(2.0 * np.pi * 3.0 * TIME) + 0.4 * np.sin(2.0 * np.pi * 7.3 * TIME)
     drive = LEVEL + SIZE * window() * both
     for name, operator in OPERATORS.items():
-        if operator.stands_beside:
+        if operator.is_disturbance:
             continue
         response, _ = operator.run(drive, DT, operator.init(drive[0]))
         line(name, operator, response)

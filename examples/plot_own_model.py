@@ -30,7 +30,7 @@ class DerivativeOperator(Operator):
         slope = np.diff(u, prepend=u[0] if state is None else state) / dt
         return u + self.time_constant * slope, float(u[-1])
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         slope = np.diff(u, prepend=self.init(u[0], initial_state)) / dt
         before = du[:1] if initial_state == "rest" else 0.0 * du[:1]
         carried = du + self.time_constant * np.diff(du, axis=0, prepend=before) / dt

@@ -20,15 +20,15 @@ from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
 from ._validation import finite_number, read_data, rest_of
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
-from .operators import Operator, Stepper, put_beside, run_records, take_apart
+from .operators import Operator, Stepper, add_disturbances, run_records, split_disturbances
 from .optimize import (
     METHODS,
     Method,
     OperatorProblem,
     RecordData,
-    estimate_histories,
-    histories_of,
+    estimate_input_history,
     identify,
+    input_history_of,
 )
 from .records import chosen_interval
 
@@ -177,9 +177,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self.method = method
 
     @property
-    def series_rank(self) -> int:
-        """Where the model stands in a series: the ``rank`` of its operator."""
-        return self.operator_class.rank
+    def stage_order(self) -> int:
+        """Where the model stands in a series: the ``stage_order`` of its operator."""
+        return self.operator_class.stage_order
 
     @abstractmethod
     def starting_values(self, records):
@@ -251,7 +251,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = self._read_records(X, y)
         data = data if records is None else list(records)
         with _calculable():
-            driven, beside = take_apart(operator)
+            driven, beside = split_disturbances(operator)
             result = self._refine([(self._with_held(driven), beside)], data, method)
             return self._finish(result, data)
 
@@ -315,12 +315,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return a driven operator with those parts held that the model holds."""
         return operator
 
-    def _with_histories(self, result, data):
+    def _with_input_history(self, result, data):
         """Return the result refitted, and the drive before each record."""
         fixed = {name for name, _ in result.operator.entries()} - set(result.params)
         own = result.operator, result.disturbances, data
-        found, histories = estimate_histories(*own, fixed=fixed, method=self.method)
-        return replace(found, n_evaluations=result.n_evaluations + found.n_evaluations), histories
+        found, input_history = estimate_input_history(*own, fixed=fixed, method=self.method)
+        return replace(
+            found, n_evaluations=result.n_evaluations + found.n_evaluations
+        ), input_history
 
     def _fit_records(self, data):
         """Fit validated records."""
@@ -332,7 +334,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             raise RecordError(_OUT_OF_RANGE)
         if self.initial_state == "estimate":
             if any(record.before is None for record in data):
-                result, self.initial_drive_ = self._with_histories(result, data)
+                result, self.initial_drive_ = self._with_input_history(result, data)
             else:
                 self.initial_drive_ = np.array([np.ravel(record.before) for record in data])
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in data):
@@ -357,7 +359,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _adopt(self, result):
         """Store what identification found."""
         names = self._disturbance_names(len(result.disturbances))
-        self.operator_: Operator = put_beside(result.operator, result.disturbances, names)
+        self.operator_: Operator = add_disturbances(result.operator, result.disturbances, names)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params
@@ -433,9 +435,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 slices, self._record_data(slices, X, np.where(known, y, 0.0)), strict=True
             )
         ]
-        driven, beside = take_apart(self.operator_)
-        histories, _ = histories_of(driven, beside, data)
-        data = [replace(r, before=b) for r, b in zip(data, histories, strict=True)]
+        driven, beside = split_disturbances(self.operator_)
+        input_history, _ = input_history_of(driven, beside, data)
+        data = [replace(r, before=b) for r, b in zip(data, input_history, strict=True)]
         problem = OperatorProblem(driven, data, disturbances=beside)
         parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
         told = [known[s.rows].any() for s in slices]
@@ -487,7 +489,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             operator = operator.at(finite_number(schedule, caller, "schedule"))
         u0 = self._input_at_rest(u0, initial_state, caller)
         state = operator.init(u0, initial_state or self._free_run_state())
-        return Stepper(operator.lowered(dt, state), dt)
+        return Stepper(operator.compiled_step(dt, state), dt)
 
     def _input_at_rest(self, u0, initial_state, caller):
         """Return the input at which the operator rests; see :meth:`stepper`."""
@@ -508,4 +510,4 @@ def _is_constant(operator):
         for (name, spec), value in zip(operator.entries(), operator.pack(), strict=True)
         if name.endswith("]") and spec.linear and spec.lower == 0.0
     ]
-    return operator.carries_scale and len(weights) > 0 and not any(weights)
+    return operator.owns_gain and len(weights) > 0 and not any(weights)

@@ -159,7 +159,7 @@ def _stands_alone(model):
     """Whether a model needs no other, and responds to the drive."""
     parameters = inspect.signature(model).parameters.values()
     complete = all(parameter.default is not parameter.empty for parameter in parameters)
-    return complete and not model.operator_class.stands_beside
+    return complete and not model.operator_class.is_disturbance
 
 
 def _nearest(name):

@@ -365,7 +365,7 @@ def test_a_model_of_ones_own():
             return [SecondOrderModeOperator(30.0, 0.5)]
 
     y, _ = SecondOrderModeOperator(40.0, 0.2, gain=2.0).run(U, DT)
-    assert Mode().series_rank == SecondOrderModeOperator.rank
+    assert Mode().stage_order == SecondOrderModeOperator.stage_order
     own, ready = Mode(dt=DT).fit(X, y), SecondOrderMode(dt=DT).fit(X, y)
     assert own.params_ == pytest.approx(ready.params_, rel=1e-4, abs=1e-6)
 

@@ -256,8 +256,8 @@ _MODELS = [
 _COMPOSITION = [
     (
         "series: both of two hystereses keep their gain",
-        "if stage.carries_scale][:1]",
-        "if stage.carries_scale]",
+        "if stage.owns_gain][:1]",
+        "if stage.owns_gain]",
         "tests/operators/test_compose.py",
     ),
     (

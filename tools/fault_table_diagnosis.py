@@ -111,7 +111,7 @@ DIAGNOSIS = [
     ),
     (
         "a noisy drive: what a slow device does not follow is noise",
-        "return floor if _foretold(u, y) < alpha else 0.0",
+        "return floor if _predicted(u, y) < alpha else 0.0",
         "return floor",
         "tests/records/test_data_quality.py -k rough",
     ),
@@ -233,7 +233,7 @@ CRITERION = [  # of this way to decide
         "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k pairs",
     ),
     (
-        "a model that foretells badly leaves noise",
+        "a model that predicts badly leaves noise",
         'self.verdict_ = "undetermined"',
         'self.verdict_ = "noise"',
         "tests/diagnosis/test_effect_search.py -k determine",
@@ -251,7 +251,7 @@ CRITERION = [  # of this way to decide
         "tests/diagnosis/test_rounds.py tests/diagnosis/test_search_options.py -k 'two or pair'",
     ),
     (
-        "what was estimated from a held-out record counts as foretold",
+        "what was estimated from a held-out record counts as predicted",
         "own *= np.sqrt((n + k) / max(n - k, 1))",
         "own *= 1.0",
         "tests/diagnosis/test_candidates.py -k estimated",

@@ -111,7 +111,7 @@ _KERNELS = {  # module: tests beside those of the same name, names in the suite 
     "operators/_state_space": ("test_linear test_hold", "lag or mode or transfer"),
     "operators/_window_inverse": ("test_inverse", "mode"),
 }
-_LOOPS = {"run", "tangents", "lowered", "sample"}  # compiled for the law of each model
+_LOOPS = {"run", "tangents", "compiled_step", "sample"}  # compiled for the law of each model
 
 
 @dataclass(frozen=True)

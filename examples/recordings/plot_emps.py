@@ -5,7 +5,7 @@ A robot's linear drive: friction
 The electro-mechanical positioning system is a carriage on a ball screw, a joint of many robots and
 machine tools. It was recorded twice along the same path, in closed loop at 1 kHz; force pulses
 disturb the second run, which is held out. Position and motor force are known: the model is to
-foretell the force that a motion takes.
+predict the force that a motion takes.
 
 Data of Janot, Gautier and Brunot, *Workshop on Nonlinear System Identification Benchmarks*, 2019;
 free to use with that citation.

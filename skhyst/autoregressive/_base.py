@@ -21,7 +21,7 @@ from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_la
 from ..records import chosen_interval
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
-from ._streaming import lowered_lags
+from ._streaming import compiled_lags
 
 _MISMATCH = 0.01  # relative difference between sampling intervals that are the same
 _BOUND = 100.0  # ranges of the outputs beyond the largest one: what lies there has diverged
@@ -297,7 +297,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             (history,) = self._rest(np.array([[rules.row[place] for place, _ in places]]))
         own = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
-        return Stepper(lowered_lags(self._plain_step(), *own, call, name), self.records_[0].dt)
+        return Stepper(compiled_lags(self._plain_step(), *own, call, name), self.records_[0].dt)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

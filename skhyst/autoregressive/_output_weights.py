@@ -24,7 +24,7 @@ _EVALUATIONS, _TOLERANCE = 150, 1e-8  # runs; part of the sum of squares a step 
 
 
 @jit
-def carry_tangents(columns, slopes, lags, before):
+def propagate_tangents(columns, slopes, lags, before):
     """Turn ``columns`` (n, n_weights) into tangents; ``before`` (start, n_weights) are earlier."""
     start = len(before)
     for k in range(len(columns)):
@@ -64,7 +64,7 @@ class OutputWeightsProblem:
             before = np.zeros((n_before, columns.shape[1]))
             if model._start_kind() == "rest" and n_before and len(y):
                 before[:] = self._rest_tangents(step, start)
-            carry_tangents(columns, slopes, lags, before)
+            propagate_tangents(columns, slopes, lags, before)
             out.append((columns, start.measured - y))
         return out, all_good
 

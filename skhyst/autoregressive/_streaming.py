@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from .._jit import bind, jit
-from ..operators import LoweredCall, LoweredStep, as_constant
+from ..operators import CompiledCall, CompiledLaw, as_constant
 from ..preprocessing import SampleRules, follow_rules
 from ._extract import extract_step
 from ._runs import Lags, clipped
@@ -80,8 +80,8 @@ def _bound(loop, law):
     return bind(loop, law, allocates=False)
 
 
-def lowered_lags(step, inputs, outputs, bound, rules, history, call=None, name=None):
-    """Return a model as a lowered step.
+def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=None):
+    """Return a model as a compiled step.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def lowered_lags(step, inputs, outputs, bound, rules, history, call=None, name=N
     if step is not None:
         law, constants = step.plain_law()
         law = _bound(of_row if of_rows else of_number, law)
-        return LoweredStep(law, (*own, *constants), state, of_rows)
+        return CompiledLaw(law, (*own, *constants), state, of_rows)
     own = (*map(float, own[:5]), *own[5:])
 
     def called(u, s):
@@ -125,11 +125,11 @@ def lowered_lags(step, inputs, outputs, bound, rules, history, call=None, name=N
         at = signals_of(own, s)
         return remembered(float(np.ravel(call(s[None, at:]))[0]), own, s)
 
-    return LoweredCall(called, state, name, of_rows)
+    return CompiledCall(called, state, name, of_rows)
 
 
-def lowered_regressor(estimator, n_columns, dt=1.0, u0=0.0):
-    """Return a fitted regressor as a lowered step, or a pipeline behind transformers of skhyst.
+def compiled_regressor(estimator, n_columns, dt=1.0, u0=0.0):
+    """Return a fitted regressor, or a pipeline behind transformers of skhyst, as a compiled step.
 
     It is plain arithmetic where the parameters of the regressor are known, as in the free run of a
     :class:`NARXRegressor`; any other is called.
@@ -149,7 +149,7 @@ def lowered_regressor(estimator, n_columns, dt=1.0, u0=0.0):
 
     Returns
     -------
-    Lowered
+    CompiledStep
 
     Raises
     ------
@@ -160,10 +160,10 @@ def lowered_regressor(estimator, n_columns, dt=1.0, u0=0.0):
     --------
     >>> import numpy as np
     >>> from sklearn.linear_model import LinearRegression
-    >>> from skhyst.autoregressive import lowered_regressor
+    >>> from skhyst.autoregressive import compiled_regressor
     >>> from skhyst.operators import Stepper
     >>> x = np.arange(5.0)[:, None]
-    >>> Stepper(lowered_regressor(LinearRegression().fit(x, 2.0 * x[:, 0]), 1)).step(3.0)
+    >>> Stepper(compiled_regressor(LinearRegression().fit(x, 2.0 * x[:, 0]), 1)).step(3.0)
     6.0
     """
     name = type(estimator).__name__
@@ -197,4 +197,4 @@ def lowered_regressor(estimator, n_columns, dt=1.0, u0=0.0):
                 )
         lags = Lags(tuple((j, 0) for j in range(n_signals)), (), n_signals)
         step = extract_step(estimator, lags, blocks, predict)
-    return lowered_lags(step, places, (), np.inf, rules, np.empty(0), predict, name)
+    return compiled_lags(step, places, (), np.inf, rules, np.empty(0), predict, name)

@@ -187,7 +187,7 @@ def _recording(search):
     if search.units_.time == "sample":
         yield "no time is known: give --time or --sampling-rate for s and Hz"
     if search.reference_share_ is not None:
-        yield f"the reference foretells {100.0 * search.reference_share_:.3g} % of the drive"
+        yield f"the reference predicts {100.0 * search.reference_share_:.3g} % of the drive"
     if search.resampling_error_:
         changed = f"{search.resampling_error_:.4g}{_unit_after(search)}"
         yield f"interpolation onto even grids changes the response by about {changed} (RMS)"

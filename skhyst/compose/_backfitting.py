@@ -213,7 +213,7 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
     """
     if isinstance(operator, FrozenOperator | ScheduledOperator):
         return _derivative(operator.operator, u, change, dt, state, adjoint)
-    if operator.stands_beside:
+    if operator.is_disturbance:
         return np.zeros_like(change)
     if isinstance(operator, SumOperator):
         parts = (_derivative(s, u, change, dt, state, adjoint) for s in operator.stages)
@@ -239,4 +239,4 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
     turn = slice(None, None, -1 if adjoint else 1)
     own, moved = np.ascontiguousarray(u[turn]), np.ascontiguousarray(change[turn, None])
     start = "zero" if operator.signal_linear else state
-    return np.ascontiguousarray(operator.carry(own, moved, dt, start)[1][turn, 0])
+    return np.ascontiguousarray(operator.propagate(own, moved, dt, start)[1][turn, 0])

@@ -11,7 +11,13 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
 from ..base import ParametricModel, informed, with_params
-from ..operators import FrozenOperator, Operator, SeriesOperator, put_beside, take_apart
+from ..operators import (
+    FrozenOperator,
+    Operator,
+    SeriesOperator,
+    add_disturbances,
+    split_disturbances,
+)
 from ..optimize import VariableProjection
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # ranks, see Operator
@@ -37,7 +43,7 @@ class HeldStep(ParametricModel):
         return FrozenOperator(operator) if operator.n_parameters else operator
 
 
-for _name in ("series_rank", "_any_interval", "_reads_columns", "_signal", "_schedules"):
+for _name in ("stage_order", "_any_interval", "_reads_columns", "_signal", "_schedules"):
     setattr(HeldStep, _name, property(attrgetter(f"model.{_name}")))
 
 
@@ -79,7 +85,7 @@ class Composition(ParametricModel, BaseComposition):
         """
         found = dict(self.steps)
         if hasattr(self, "operator_"):
-            driven, _ = take_apart(self.operator_)
+            driven, _ = split_disturbances(self.operator_)
             stages = dict(zip(driven.names, driven.stages, strict=True))
             for (name, step), model in zip(self.steps, self._models(), strict=True):
                 if name in stages and not isinstance(step, FrozenEstimator):
@@ -169,7 +175,7 @@ class Composition(ParametricModel, BaseComposition):
     def starting_values(self, records):
         result = self._identify(records)
         names = self._disturbance_names(len(result.disturbances))
-        return [put_beside(result.operator, result.disturbances, names)]
+        return [add_disturbances(result.operator, result.disturbances, names)]
 
     def _driven_models(self):
         """Return the models of the stages of the driven part."""
@@ -338,7 +344,7 @@ class Cascade(Composition):
             elif isinstance(model, HeldStep):
                 [stage] = model.starting_values(records)
             elif not isinstance(model, Composition):
-                start, _ = take_apart(model.starting_values(records)[0])
+                start, _ = split_disturbances(model.starting_values(records)[0])
                 same = [name for name, _ in start.entries()] == [n for n, _ in stage.entries()]
                 stage = _to_unit_gain(start.unpack(stage.pack())) if same else None
             else:
@@ -369,11 +375,11 @@ class Cascade(Composition):
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
-        dynamics = [i for i in given if models[i].series_rank == _DYNAMICS]
+        dynamics = [i for i in given if models[i].stage_order == _DYNAMICS]
         dynamics = [i for i in dynamics if not models[i]._reads_columns]  # which must come first
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
         others = [turned.get(i, i) for i in given]
-        late = sorted(given, key=lambda i: models[i].series_rank < _HYSTERESIS)
+        late = sorted(given, key=lambda i: models[i].stage_order < _HYSTERESIS)
         orders = [given, others, late]
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
@@ -392,7 +398,7 @@ class Cascade(Composition):
             names = [self.steps[j][0] for j in places]
             candidates = [
                 self._compose(names, [(stages | {i: operator})[j] for j in places])
-                for operator, beside in map(take_apart, models[i].starting_values(records))
+                for operator, beside in map(split_disturbances, models[i].starting_values(records))
                 if not beside
             ]
             if not candidates:
@@ -425,7 +431,7 @@ def _to_unit_gain(stage):
     """Return a stage whose static gain another stage will carry, where it has one of its own."""
     values, specs = stage.pack(), [spec for _, spec in stage.entries()]
     gains = [i for i, spec in enumerate(specs) if spec.gauge == 1.0]
-    if len(gains) != 1 or stage.carries_scale or values[gains[0]] == 0.0:
+    if len(gains) != 1 or stage.owns_gain or values[gains[0]] == 0.0:
         return stage
     gain = values[gains[0]]
     # where the gain is linear, the other linear values are units of the response too

@@ -11,13 +11,13 @@ import numpy as np
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed, with_params
 from ..operators import (
-    LoweredColumn,
-    LoweredProduct,
+    CompiledColumn,
+    CompiledProduct,
     Operator,
     ParameterSpec,
     WrappedOperator,
-    put_beside,
-    take_apart,
+    add_disturbances,
+    split_disturbances,
 )
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
@@ -59,17 +59,17 @@ class ColumnOperator(WrappedOperator):
     def run(self, u, dt, state=None):
         return self.operator.run(self._own(u), dt, state)
 
-    def lowered(self, dt, state):
-        own = self.operator.lowered(dt, state)
-        return LoweredColumn((own,), self.column, self.reference)
+    def compiled_step(self, dt, state):
+        own = self.operator.compiled_step(dt, state)
+        return CompiledColumn((own,), self.column, self.reference)
 
     def step(self, state, u, dt):
         return self.operator.step(state, self._own(u), dt)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         # the tangents are those of the drive, column 0
         own = du if self.column == 0 else np.zeros_like(du)
-        return self.operator.linearize(self._own(u), own, dt, initial_state)
+        return self.operator.sensitivities(self._own(u), own, dt, initial_state)
 
 
 @dataclass(frozen=True)
@@ -137,12 +137,12 @@ class ModulatedOperator(WrappedOperator):
         y, state = self.operator.run(u, dt, state)
         return y * self._factor(u), state
 
-    def lowered(self, dt, state):
-        own = self.operator.lowered(dt, state)
-        return LoweredProduct((own,), self.column, self.reference, self.sensitivity)
+    def compiled_step(self, dt, state):
+        own = self.operator.compiled_step(dt, state)
+        return CompiledProduct((own,), self.column, self.reference, self.sensitivity)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        y, dy = self.operator.linearize(u, du, dt, initial_state)
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         factor = self._factor(u)
         own = y * (_one(u, self.column) - self.reference)
         return y * factor, np.column_stack([dy * factor[:, None], own])
@@ -220,8 +220,8 @@ class _ColumnModel(AroundModel):
         self.method = method
 
     @property
-    def series_rank(self) -> int:
-        return self.estimator.series_rank
+    def stage_order(self) -> int:
+        return self.estimator.stage_order
 
     def _signal(self, X, slices):
         self._check_estimator()
@@ -293,9 +293,9 @@ class OnColumn(_ColumnModel):
     def starting_values(self, records):
         reference = _mean(records, self.column) if self.centered else 0.0
         own = [replace(r, u=_one(r.u, self.column) - reference) for r in records]
-        starts = map(take_apart, self.estimator.starting_values(own))
+        starts = map(split_disturbances, self.estimator.starting_values(own))
         return [
-            put_beside(ColumnOperator(driven, self.column, reference), beside)
+            add_disturbances(ColumnOperator(driven, self.column, reference), beside)
             for driven, beside in starts
         ]
 
@@ -350,8 +350,8 @@ class Modulated(_ColumnModel):
         column = -1 if self.column == "amplitude" else self.column
         reference = _mean(records, column)
         return [
-            put_beside(ModulatedOperator(driven, column, reference), beside)
-            for driven, beside in map(take_apart, self._driven().starting_values(records))
+            add_disturbances(ModulatedOperator(driven, column, reference), beside)
+            for driven, beside in map(split_disturbances, self._driven().starting_values(records))
         ]
 
     def _with_held(self, operator):

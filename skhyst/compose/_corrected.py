@@ -12,13 +12,13 @@ from sklearn.utils.validation import check_is_fitted
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
 from .._validation import in_native_order, rest_of
-from ..autoregressive import lowered_regressor
+from ..autoregressive import compiled_regressor
 from ..base import ParametricModel, informed, one_thread, read_data, with_params
 from ..linear import Gain
 from ..operators import (
-    LoweredColumn,
-    LoweredColumnSeries,
-    LoweredSeries,
+    CompiledColumn,
+    CompiledColumnSeries,
+    CompiledSeries,
     Stepper,
     run_records,
 )
@@ -62,7 +62,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     fit_error_ : float
         Root mean square of the residual with predictions out of fold, units of the response.
     n_iter_ : int
-        Times that the two were fitted, one more than turns that have lowered the error.
+        Times that the two were fitted, one more than turns that have compiled_step the error.
     n_features_in_ : int
         Number of columns of ``X``.
     drive_range_ : tuple of (float, float)
@@ -256,18 +256,18 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         dt = chosen_interval(self.records_, dt, "Corrected.stepper")
         row = rest_of(u0, initial_state, self.n_features_in_, "Corrected.stepper")
         if hasattr(self.estimator_, "stepper"):
-            first = self.estimator_.stepper(dt, row, initial_state).lowered
+            first = self.estimator_.stepper(dt, row, initial_state).compiled_step
         else:
             at = 0.0 if initial_state == "zero" else row
-            first = lowered_regressor(self.estimator_, self.n_features_in_, dt, at)
+            first = compiled_regressor(self.estimator_, self.n_features_in_, dt, at)
         row[0] = Stepper(first).step(row if first.n_inputs else row[0])
         effects = with_params(informed(self.effects_, self), records_=self.records_)
-        second = effects.stepper(dt, row, initial_state, schedule=schedule).lowered
+        second = effects.stepper(dt, row, initial_state, schedule=schedule).compiled_step
         if second.n_inputs is None:
-            return Stepper(LoweredSeries((first, second)), dt)
+            return Stepper(CompiledSeries((first, second)), dt)
         if first.n_inputs is None:
-            first = LoweredColumn((first,), 0, 0.0)
-        return Stepper(LoweredColumnSeries((first, second)), dt)
+            first = CompiledColumn((first,), 0, 0.0)
+        return Stepper(CompiledColumnSeries((first, second)), dt)
 
 
 def _stretches(fold):

@@ -125,8 +125,8 @@ class ScheduledOperator(WrappedOperator):
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k not in ("_basis", "operator")}
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        y, dy = self.operator.linearize(u, du, dt, initial_state)
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         m = du.shape[1]
         own = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
         return y, np.concatenate([dy[:, :m], own], axis=1)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import Operator, SumOperator, take_apart
+from ..operators import Operator, SumOperator, split_disturbances
 from ._cascade import Composition, HeldStep
 from ._columns import OnColumn
 
@@ -44,7 +44,7 @@ class Sum(Composition):
         models = super()._models()
         if not any(model._reads_columns for model in models):
             return models
-        return [m if m._reads_columns or _stands_beside(m) else OnColumn(m, 0) for m in models]
+        return [m if m._reads_columns or _is_disturbance(m) else OnColumn(m, 0) for m in models]
 
     def _schedules(self, slices, X):
         found = [model._schedules(slices, X) for model in self._models()]
@@ -55,10 +55,10 @@ class Sum(Composition):
         return SumOperator(tuple(names), tuple(stages)).normalized()
 
     def _disturbance_names(self, count):
-        return tuple(name for name, model in self.steps if _stands_beside(model))
+        return tuple(name for name, model in self.steps if _is_disturbance(model))
 
     def _driven_models(self):
-        return [model for model in self._models() if not _stands_beside(model)]
+        return [model for model in self._models() if not _is_disturbance(model)]
 
     def _identify(self, data):
         self._check_steps()
@@ -70,13 +70,13 @@ class Sum(Composition):
         for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
             result = models[i]._identify(records)
             evaluations += result.n_evaluations
-            if not (_stands_beside(models[i]) or isinstance(models[i], HeldStep)):
+            if not (_is_disturbance(models[i]) or isinstance(models[i], HeldStep)):
                 last = i, records
             records = [
                 replace(record, y=record.y - part)
                 for record, part in zip(records, result.outputs(records, state), strict=True)
             ]
-            if not _stands_beside(models[i]):
+            if not _is_disturbance(models[i]):
                 found[i] = result.operator
             disturbances += result.disturbances
         alone = len(found) == 1 and not disturbances
@@ -87,7 +87,7 @@ class Sum(Composition):
         return replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     def _refine(self, starts, data, method=None, fixed=frozenset()):
-        starts = list(map(take_apart, starts))
+        starts = list(map(split_disturbances, starts))
         constants = constant_entries(*starts[0])
         held = [name in constants for name, _ in starts[0][0].entries()]
         starts = [(o.unpack(np.where(held, 0.0, o.pack())), beside) for o, beside in starts]
@@ -103,13 +103,13 @@ class Sum(Composition):
         model = self._models()[i]
         if isinstance(model, Composition) or found[i].signal_linear:
             return []
-        starts = [take_apart(start)[0] for start in model.starting_values(records)]
+        starts = [split_disturbances(start)[0] for start in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
 
     @property
     def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
-        driven, disturbances = take_apart(self.operator_)
+        driven, disturbances = split_disturbances(self.operator_)
         beside = self._disturbance_names(len(disturbances))
         found = dict(zip(driven.names, driven.stages, strict=True))
         return found | dict(zip(beside, disturbances, strict=True))
@@ -123,5 +123,5 @@ def constant_entries(operator, disturbances):
     return frozenset(name for (name, _), is_constant in marked if is_constant)
 
 
-def _stands_beside(model):
-    return getattr(model, "operator_class", Operator).stands_beside
+def _is_disturbance(model):
+    return getattr(model, "operator_class", Operator).is_disturbance

@@ -45,12 +45,12 @@ from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..linear import DelayOperator, GainOperator
 from ..operators import (
-    LoweredSeries,
+    CompiledSeries,
     SeriesOperator,
     Stepper,
+    add_disturbances,
     inverse_of,
-    put_beside,
-    take_apart,
+    split_disturbances,
 )
 from ..records import chosen_interval
 from ._drive_limits import DriveLimits
@@ -570,7 +570,7 @@ class _Backwards:
     """A fitted operator at an interval, run and inverted."""
 
     def __init__(self, operator, dt, limits):
-        self.driven, self.beside = take_apart(operator)
+        self.driven, self.beside = split_disturbances(operator)
         self.dt, self.limits = dt, limits
         series = isinstance(self.driven, SeriesOperator)
         self.names = self.driven.names if series else (type(self.driven).__name__,)
@@ -651,20 +651,20 @@ class _Backwards:
 
         That is the drive at rest.
         """
-        lowered, late, v = [], 0, np.array([reference]) - self._disturbed(1)
+        compiled_step, late, v = [], 0, np.array([reference]) - self._disturbed(1)
         for _, _, inverse in self._inverses():
             own, samples = inverse.ahead(self.dt, v[0], tol)
-            lowered.append(own)
+            compiled_step.append(own)
             late += samples
             v = inverse.run(v, self.dt)[0]
-        return lowered, late, v[0]
+        return compiled_step, late, v[0]
 
     def stepper(self, reference, tol, preview):
         """Return the inverse as a stepper, from rest, that is late by a preview."""
-        lowered, late, drive = self.streamed(reference, tol)
+        compiled_step, late, drive = self.streamed(reference, tol)
         if preview is not None:
             for exponent in range(-15, 1):  # of the part that is left out: the least that it can be
-                lowered, late, drive = self.streamed(reference, 10.0**exponent)
+                compiled_step, late, drive = self.streamed(reference, 10.0**exponent)
                 if late <= preview:
                     break
             else:
@@ -675,14 +675,14 @@ class _Backwards:
             if late < preview:
                 spare = DelayOperator(float(preview - late))
                 begin = float(reference - self._disturbed(1)[0])
-                lowered.insert(0, spare.lowered(1.0, spare.init(begin)))
+                compiled_step.insert(0, spare.compiled_step(1.0, spare.init(begin)))
         if self.beside:
             without = [replace(d, coefficients=-d.coefficients) for d in self.beside]
-            own = put_beside(GainOperator(1.0), without)
-            lowered.insert(0, own.lowered(self.dt, own.init(reference)))
+            own = add_disturbances(GainOperator(1.0), without)
+            compiled_step.insert(0, own.compiled_step(self.dt, own.init(reference)))
         if self.limits:
-            lowered.append(self.limits.lowered(self.dt, drive))
-        return Stepper(LoweredSeries(tuple(lowered)), self.dt)
+            compiled_step.append(self.limits.compiled_step(self.dt, drive))
+        return Stepper(CompiledSeries(tuple(compiled_step)), self.dt)
 
 
 def _fitted(model, X, y):

@@ -62,7 +62,7 @@ class IntegralResonantControl:
     >>> from skhyst.operators import Stepper
     >>> mode = SecondOrderModeOperator(900.0, 0.01, gain=0.1)
     >>> for damping in (None, IntegralResonantControl(mode)):
-    ...     stage = Stepper(mode.lowered(1e-4, mode.init(0.0)))
+    ...     stage = Stepper(mode.compiled_step(1e-4, mode.init(0.0)))
     ...     controller = FeedforwardPI(4.0, 300.0, damping=damping)
     ...     loop = simulate_loop(stage, controller, [1.0] * 2000, 1e-4)
     ...     print(f"largest error at the end: {abs(loop.response[-200:] - 1.0).max():.0e}")

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._jit import jit
-from ..operators import LoweredStep
+from ..operators import CompiledLaw
 
 
 @jit
@@ -94,14 +94,14 @@ class DriveLimits:
         within = f"{self.low:.6g} to {self.high:.6g}"
         return within if math.isinf(self.rate) else f"{within}, {self.rate:.6g} per s"
 
-    def lowered(self, dt, u0):
+    def compiled_step(self, dt, u0):
         """Return one step, which has rested at ``u0``; its flag ``limited`` is raised by a cut."""
         change, start = self.rate * dt, min(max(u0, self.low), self.high)
         if math.isinf(change):
             constants = self.low, self.high, self.rounding
-            return LoweredStep(range_step, constants, [0.0], flags=(("limited", 0),))
+            return CompiledLaw(range_step, constants, [0.0], flags=(("limited", 0),))
         constants = self.low, self.high, change, self.rounding
-        return LoweredStep(limit_step, constants, [start, 0.0], flags=(("limited", 1),))
+        return CompiledLaw(limit_step, constants, [start, 0.0], flags=(("limited", 1),))
 
     def applied(self, drive, dt):
         """Return the nearest drive (n_samples,) within the limits, from rest at its first value."""

@@ -1,4 +1,4 @@
-"""Proportional-integral control beside feed-forward, with a notch and damping, as one lowered step.
+"""Proportional-integral control with feed-forward, notch and damping, as one compiled step.
 
 At a sample the controller takes the reading, the reference of that instant and, where there is one,
 the drive that feed-forward gives for the sample to come. The integral part is stopped where the
@@ -16,7 +16,7 @@ from scipy.signal import bilinear
 from .._jit import jit
 from .._sklearn import HasMethods, Interval, validate_parameter_constraints
 from .._validation import finite_number, finite_numbers
-from ..operators import LoweredStep, Stepper
+from ..operators import CompiledLaw, Stepper
 from ..records import chosen_interval
 from ._compensator import check_limits
 from ._damping import as_mode
@@ -110,7 +110,7 @@ class FeedforwardPI:
     >>> from skhyst.linear import FirstOrderLagOperator
     >>> from skhyst.operators import Stepper
     >>> lag = FirstOrderLagOperator(0.05)
-    >>> device = Stepper(lag.lowered(1e-3, lag.init(0.0)))
+    >>> device = Stepper(lag.compiled_step(1e-3, lag.init(0.0)))
     >>> loop = simulate_loop(device, FeedforwardPI(1.0, 40.0), [1.0] * 500, dt=1e-3)
     >>> print(f"{loop.response[-1]:.3f}")
     1.000
@@ -170,7 +170,7 @@ class FeedforwardPI:
         _, state[1:3] = _settled(notch, state[0])
         step = following_step if follows else feedback_step
         n_inputs, flags = 3 if follows else 2, (("limited", 5),)
-        return Stepper(LoweredStep(step, constants, state, n_inputs, flags=flags), dt)
+        return Stepper(CompiledLaw(step, constants, state, n_inputs, flags=flags), dt)
 
     def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
         """Return a function of the number of a sample and of its reading: the drive until the next.

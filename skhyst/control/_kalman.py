@@ -26,7 +26,7 @@ from scipy.linalg import block_diag, solve_discrete_are, solve_discrete_lyapunov
 from scipy.optimize import minimize
 
 from .._jit import jit
-from ..operators import LoweredParts, LoweredStep, SeriesOperator, take_apart
+from ..operators import CompiledLaw, CompiledParts, SeriesOperator, split_disturbances
 
 _ROUNDING = 1e-12  # of the noise's variance: the Riccati equation of a slower walk is lost in it
 _ENOUGH = 0.01  # change of the log likelihood, or of log variances, that nobody sees
@@ -53,12 +53,12 @@ def correction_step(r, c, s):
 
 
 @dataclass(frozen=True)
-class LoweredObserver(LoweredParts):
+class CompiledObserver(CompiledParts):
     """The estimate of a response, from a row of the drive and the reading, which comes last.
 
     Parameters
     ----------
-    parts : tuple of two Lowered
+    parts : tuple of two CompiledStep
         The step of a model and that of the filter of what it leaves.
     variance : float
         Of the innovations.
@@ -103,14 +103,14 @@ class Filter:
     output: np.ndarray
     variance: float
 
-    def lowered(self):
+    def compiled_step(self):
         """Return the step from what a free run leaves to the part of it that is no noise."""
         constants = self.transition, self.gain, self.output
-        return LoweredStep(correction_step, constants, np.zeros(2 * len(self.gain) + 1))
+        return CompiledLaw(correction_step, constants, np.zeros(2 * len(self.gain) + 1))
 
     def innovations(self, left):
         """Return the innovations of a record that a free run has left (n_samples,)."""
-        step = self.lowered()
+        step = self.compiled_step()
         corrected = step.streaming(step.state.copy())(left)
         return (left - corrected) / (1.0 - self.output @ self.gain)
 
@@ -125,7 +125,7 @@ def tail_of(operator):
 
     A stage whose motion has hysteresis within it counts as the mode that it is without.
     """
-    driven, _ = take_apart(operator)
+    driven, _ = split_disturbances(operator)
     tail = []
     for stage in reversed(stages_of(driven)):
         if not _is_linear(stage):

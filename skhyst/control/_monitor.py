@@ -22,7 +22,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, fit_context
 from ..base import read_data
-from ..operators import put_beside, take_apart
+from ..operators import add_disturbances, split_disturbances
 from ._local_tests import LocalTests, whitening
 from ._suspects import least_left, left_by_step, likely
 
@@ -104,7 +104,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     _one_interval = False  # unless its model asks for one
 
     _parameter_constraints = {
-        "observer": [HasMethods(["fit", "lowered"])],
+        "observer": [HasMethods(["fit", "compiled_step"])],
         "false_alarms": [Interval(Real, 0, 1, closed="neither")],
         "block": [Interval(Integral, 1, None, closed="left")],
         "parameters": ["array-like", None],
@@ -288,7 +288,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         higher = rows + self._scales[0] * np.eye(rows.shape[1])[-1]
         step = _Columns(self, dt, rows[0, :-1], state).run(higher)[:, 0] / self._scales[0]
         offset = left_by_step(white[:, 0] - known, step - white[:, 0], judged, self.block)
-        driven, beside = take_apart(self.observer_.model_.operator_)
+        driven, beside = split_disturbances(self.observer_.model_.operator_)
         names = [name for name, _ in driven.entries()]
         places = [names.index(name) for name in self.parameters_]
 
@@ -296,11 +296,11 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             values = driven.pack()
             values[places] += change * directions[i]
             try:
-                other = put_beside(driven.unpack(values), beside)
-                lowered = self.observer_.lowered(dt, columns.u0, other)
+                other = add_disturbances(driven.unpack(values), beside)
+                compiled_step = self.observer_.compiled_step(dt, columns.u0, other)
             except ValueError:  # no such device
                 return np.inf
-            e = lowered.innovating(state.copy())(rows)
+            e = compiled_step.innovating(state.copy())(rows)
             white = lfilter(self.whitening_, 1.0, e) / self._scales[0] - known
             total = white[judged] @ white[judged]
             return total if np.isfinite(total) else np.inf
@@ -325,7 +325,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                 self._evidence = state, dt, *own
         elif found.any():
             first = int(np.argmax(found)) * self.block
-            columns.lowered.innovating(before)(rows[:first])
+            columns.compiled_step.innovating(before)(rows[:first])
             end = first + self._n_kept
             self._evidence = before, columns.dt, rows[first:end], counts[first:end]
         return found, judged
@@ -339,7 +339,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
     def _candidates(self):
         """Return name, value, whether it is linear, step, and the operator a step off, of each."""
-        driven, beside = take_apart(self.observer_.model_.operator_)
+        driven, beside = split_disturbances(self.observer_.model_.operator_)
         values, entries = driven.pack(), driven.entries()
         held = self.observer_.model_.held_parameters()
         taken = driven.gauge_mask() | np.array([name in held for name, _ in entries])
@@ -362,7 +362,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                 step = -step if values[i] + step > spec.upper else step
                 moved = values.copy()
                 moved[i] += step
-                other = put_beside(driven.unpack(moved), beside)
+                other = add_disturbances(driven.unpack(moved), beside)
                 found.append((name, values[i], linear[i], moved[i] - values[i], other))
         return found
 
@@ -378,8 +378,8 @@ class _Columns:
     def __init__(self, monitor, dt, u0, state=None):
         observer, operators = monitor.observer_, [None, *(own for *_, own in monitor._changed)]
         self.dt, self.u0 = dt, u0 if len(np.ravel(u0)) > 1 else float(np.ravel(u0)[0])
-        own = [observer.lowered(dt, self.u0, operator) for operator in operators]
-        self.lowered = own[0]
+        own = [observer.compiled_step(dt, self.u0, operator) for operator in operators]
+        self.compiled_step = own[0]
         self.states = [(part.state if state is None else state).copy() for part in own]
         self.innovations = [part.innovating(s) for part, s in zip(own, self.states, strict=True)]
         self.steps = np.array([step for *_, step, _ in monitor._changed])

@@ -14,11 +14,18 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import ParametricModel, one_thread, read_data
-from ..operators import Lowered, LoweredSeries, SeriesOperator, Stepper, SumOperator, take_apart
+from ..operators import (
+    CompiledSeries,
+    CompiledStep,
+    SeriesOperator,
+    Stepper,
+    SumOperator,
+    split_disturbances,
+)
 from ..records import chosen_interval
 from ._compensator import _fitted
 from ._kalman import (
-    LoweredObserver,
+    CompiledObserver,
     driven_by_noise,
     most_likely,
     stages_of,
@@ -60,7 +67,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     estimate, disturbance_estimate : float
         Response at the last sample, without noise, and the part of it that has drifted.
     innovation, innovation_std : float
-        Last reading less what was foretold of it, and how large that is usually.
+        Last reading less what was predicted of it, and how large that is usually.
     state : ndarray
         All that is remembered: a copy, which may be kept and assigned again.
     n_features_in_ : int
@@ -176,17 +183,17 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         )
 
     def innovations(self, X, y) -> np.ndarray:
-        """Return each reading less what was foretold of it, (n_samples,), units of the response.
+        """Return each reading less what was predicted of it, (n_samples,), units of the response.
 
         ``X`` and ``y`` are as for :meth:`filter`.
         """
         parts = []
         for rows, u, dt in self._rows(X, y):
-            lowered = self.lowered(dt, u[0])
-            parts.append(lowered.innovating(lowered.state.copy())(rows))
+            compiled_step = self.compiled_step(dt, u[0])
+            parts.append(compiled_step.innovating(compiled_step.state.copy())(rows))
         return np.concatenate(parts)
 
-    def lowered(self, dt=None, u0=0.0, operator=None) -> Lowered:
+    def compiled_step(self, dt=None, u0=0.0, operator=None) -> CompiledStep:
         """Return one step in plain arithmetic, as :func:`skhyst.export.to_c` writes it.
 
         Parameters
@@ -200,7 +207,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
         Returns
         -------
-        Lowered
+        CompiledStep
             Its input is a row of the drive (and what else the model reads) and of the reading, its
             output the estimate.
 
@@ -212,8 +219,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         operator = self.model_.operator_ if operator is None else operator
-        u0 = self.model_._input_at_rest(u0, None, "Observer.lowered")
-        return self._lowered(self._interval(dt), u0, operator)
+        u0 = self.model_._input_at_rest(u0, None, "Observer.compiled_step")
+        return self._compiled_step(self._interval(dt), u0, operator)
 
     def stepper(self, dt=None, u0=0.0) -> Stepper:
         """Return the observer as a device that is fed rows of drive and reading.
@@ -221,14 +228,14 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Parameters
         ----------
         dt, u0
-            As for :meth:`lowered`.
+            As for :meth:`compiled_step`.
 
         Returns
         -------
         Stepper
             ``step([u, y]) -> estimate``, ``run(rows)``, ``state``, ``copy()``.
         """
-        return Stepper(self.lowered(dt, u0), self._interval(dt))
+        return Stepper(self.compiled_step(dt, u0), self._interval(dt))
 
     def reset(self) -> None:
         """Forget all readings: the next sample is the first one of a device at rest."""
@@ -257,12 +264,12 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             changed then.
         """
         check_is_fitted(self)
-        lowered, stream = getattr(self, "_stream", None) or (None, None)
+        compiled_step, stream = getattr(self, "_stream", None) or (None, None)
         if stream is None:
-            lowered = self.lowered(None, u)
-            stream = Stepper(lowered)
+            compiled_step = self.compiled_step(None, u)
+            stream = Stepper(compiled_step)
         self.estimate = stream.step(np.append(u, y))
-        self._stream = lowered, stream
+        self._stream = compiled_step, stream
         return self.estimate
 
     @property
@@ -286,8 +293,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._told()[2]
 
     def _told(self):
-        lowered, stream = self._streaming()
-        return [float(value) for value in lowered.read(stream.state)]
+        compiled_step, stream = self._streaming()
+        return [float(value) for value in compiled_step.read(stream.state)]
 
     def _rows(self, X, y):
         """Yield rows of the drive and the reading, the drive, and the interval of each record.
@@ -307,29 +314,30 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._stream
 
     def _interval(self, dt):
-        return chosen_interval(self.model_.records_, dt, "Observer.lowered")
+        return chosen_interval(self.model_.records_, dt, "Observer.compiled_step")
 
-    def _lowered(self, dt, u0, operator):
-        driven, beside = take_apart(operator)
+    def _compiled_step(self, dt, u0, operator):
+        driven, beside = split_disturbances(operator)
         # the filter is that of the model, whatever operator it runs beside
         tail, state = tail_of(self.model_.operator_), self.model_._free_run_state()
         variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
         in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
         if not tail or self.method == "linear" or (self.method == "auto" and not in_motion):
             law = stationary(tail, dt, *variances)
-            model = operator.lowered(dt, operator.init(u0, state))
-            return LoweredObserver((model, law.lowered()), law.variance)
+            model = operator.compiled_step(dt, operator.init(u0, state))
+            return CompiledObserver((model, law.compiled_step()), law.variance)
         whole = SeriesOperator(tuple("" for _ in stages_of(driven)), stages_of(driven))
         steps = [
-            s.lowered(dt, own) for s, own in zip(whole.stages, whole.init(u0, state), strict=True)
+            s.compiled_step(dt, own)
+            for s, own in zip(whole.stages, whole.init(u0, state), strict=True)
         ]
         front, core = steps[: -len(tail)], steps[-len(tail) :]
         others = SumOperator(tuple("" for _ in beside), beside)
         spread = self.process_std_ * driven_by_noise(tail, dt)[3]
         return Unscented(
-            LoweredSeries(tuple(front)),
-            LoweredSeries(tuple(core)),
-            others.lowered(dt, others.init(u0)),
+            CompiledSeries(tuple(front)),
+            CompiledSeries(tuple(core)),
+            others.compiled_step(dt, others.init(u0)),
             spread,
             variances[1] * dt,
             variances[0],

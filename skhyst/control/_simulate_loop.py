@@ -101,7 +101,7 @@ def simulate_loop(
     >>> from skhyst.control import FeedforwardPI, simulate_loop
     >>> from skhyst.linear import GainOperator
     >>> from skhyst.operators import Stepper
-    >>> device = Stepper(GainOperator(1.0).lowered(1e-3, ()))
+    >>> device = Stepper(GainOperator(1.0).compiled_step(1e-3, ()))
     >>> with warnings.catch_warnings(record=True) as caught:
     ...     warnings.simplefilter("always")
     ...     loop = simulate_loop(device, FeedforwardPI(3.0, 0.0), [0.0] + [1.0] * 999, 1e-3)

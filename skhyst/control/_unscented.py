@@ -17,18 +17,18 @@ from functools import cached_property
 
 import numpy as np
 
-from ..operators import Lowered, as_constant
+from ..operators import CompiledStep, as_constant
 
 _NOTHING = 1e-14  # of the largest variance: rounding
 
 
 @dataclass(frozen=True)
-class Unscented(Lowered):
+class Unscented(CompiledStep):
     """The estimate of a response, from a row of the drive and the reading, which comes last.
 
     Parameters
     ----------
-    front, core, beside : Lowered
+    front, core, beside : CompiledStep
         What the drive goes through before the motion; the motion and what is behind it; what stands
         beside the response.
     spread : float
@@ -37,9 +37,9 @@ class Unscented(Lowered):
         Variances of a sample's step of the random walk and of the reading.
     """
 
-    front: Lowered
-    core: Lowered
-    beside: Lowered
+    front: CompiledStep
+    core: CompiledStep
+    beside: CompiledStep
     spread: float
     walk: float
     noise: float

@@ -26,7 +26,7 @@ from ._tree import Tree, as_read
 
 def declare(estimator, X, columns, y, slices, random_state, reference=None):
     """Return what stands for a declared estimator, unfitted, in a search on these data."""
-    if getattr(estimator, "operator_class", Operator).stands_beside:
+    if getattr(estimator, "operator_class", Operator).is_disturbance:
         raise ValueError(
             "The 'estimator' parameter of EffectSearchCV must respond to a drive: declare a Sum of "
             f"such a model and the disturbance. Got {estimator!r} instead."
@@ -91,12 +91,12 @@ class Declared:
 
         What came before the records is estimated where the declared model asks for it.
         """
-        read, histories = as_read(self.model, records), ()
+        read, input_history = as_read(self.model, records), ()
         model, result = self.model._decide(read)
         if model.initial_state == "estimate" and not model._reads_columns:
-            result, drives = model._with_histories(result, read)
-            self.model.initial_drive_, histories = drives, tuple(drives)
-        return result, Tree.from_result(model, result, histories)
+            result, drives = model._with_input_history(result, read)
+            self.model.initial_drive_, input_history = drives, tuple(drives)
+        return result, Tree.from_result(model, result, input_history)
 
     def fitted(self, result):
         """Return the declared model with what identification found."""
@@ -239,7 +239,7 @@ def _placed_behind(effect):
 
 def _behind(effect):
     """Return the variants of an effect that do not act on the drive."""
-    return [v for v in effect.variants() if hasattr(v, "trees") or v.series_rank > 0]
+    return [v for v in effect.variants() if hasattr(v, "trees") or v.stage_order > 0]
 
 
 def _seeded(estimator, random_state):

@@ -7,7 +7,7 @@ three simulations, the variants of the best third of the effects with nine, and 
 times as many until nine effects or fewer are left, three at least, so that it is seen what else
 explains the data. What counts is the sum of squares that the next step is predicted to reach: a
 candidate that begins far from its solution is not judged by where it begins. Those that still are
-what their name says are held out; of each effect the simplest that foretells as well as its best is
+what their name says are held out; of each effect the simplest that predicts as well as its best is
 refitted with 27, and held out again.
 """
 
@@ -36,7 +36,7 @@ class Candidate:
     structure : Tree
     cost : float
         Sum of squares of the fit.
-    promise : float
+    predicted_cost : float
         The one that the next step is predicted to reach; the same at a solution.
     n_parameters : int
     x : ndarray
@@ -54,7 +54,7 @@ class Candidate:
     effects: tuple
     structure: object
     cost: float
-    promise: float
+    predicted_cost: float
     n_parameters: int
     x: np.ndarray
     residuals: tuple | None = None
@@ -70,19 +70,17 @@ class Candidate:
         return noise_model(weighted(self.residuals, self.weights))
 
 
-def predicted(effect, structure, records):
+def screened(effect, structure, records):
     """Return the most promising candidate of each variant of an effect, at starting values."""
     found = []
     for variant in starting_trees(effect, structure, records):
         starts = []
         for start in variant:
             problem = start.problem(records)
-            promise = predicted_cost(problem, problem.x0)
+            cost = predicted_cost(problem, problem.x0)
             n_parameters = len(problem.x0) + start.n_coefficients()
-            starts.append(
-                Candidate((effect.name,), start, np.inf, promise, n_parameters, problem.x0)
-            )
-        found.append(min(starts, key=lambda c: c.promise))
+            starts.append(Candidate((effect.name,), start, np.inf, cost, n_parameters, problem.x0))
+        found.append(min(starts, key=lambda c: c.predicted_cost))
     return found
 
 
@@ -97,7 +95,7 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
         candidate,
         structure=structure.at(problem, solution.x),
         cost=solution.cost,
-        promise=solution.promise,
+        predicted_cost=solution.predicted_cost,
         x=solution.x,
         n_parameters=n_parameters,
     )
@@ -106,9 +104,9 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
 def completed(candidate, records, max_evaluations):
     """Return the candidate refitted, with what came before the records where that is estimated."""
     candidate = refitted(candidate, candidate.structure, records, max_evaluations)
-    if not candidate.structure.histories:
+    if not candidate.structure.input_history:
         return candidate
-    structure = candidate.structure.with_histories(records)
+    structure = candidate.structure.with_input_history(records)
     return refitted(candidate, structure, records, max_evaluations)
 
 
@@ -139,11 +137,11 @@ def halve(groups, parallel):
         if budget > FACTOR and len(kept) <= FACTOR**2:
             break
         best = sorted(
-            (min(c.promise for c in found[i]) / groups[i][2], i) for i in kept if found[i]
+            (min(c.predicted_cost for c in found[i]) / groups[i][2], i) for i in kept if found[i]
         )
         kept, budget = [i for _, i in best[: _last(len(best))]], FACTOR * budget
     for own in found:
-        own.sort(key=lambda c: c.promise)
+        own.sort(key=lambda c: c.predicted_cost)
     return found, kept
 
 
@@ -185,7 +183,7 @@ def held_out(candidate, records, folds):
                     if test[segment]:
                         own[number][start:stop] = parts[number][start:stop]
                     segment += 1
-    residuals = foretold(problem, predictions[0])
+    residuals = held_out_residuals(problem, predictions[0])
     weights = tuple(record.weights for record in records)
     return replace(
         candidate,
@@ -224,7 +222,7 @@ def fitted(candidate, records, starts, *, by_reference=False):
 def level_folds(records):
     """Return the folds that hold out each level of scheduled records, but the ends of the range.
 
-    Between other levels a straight line can be foretold.
+    Between other levels a straight line can be predicted.
     """
     levels = np.array([record.schedule for record in records])
     owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
@@ -246,7 +244,7 @@ def extrapolated(records, folds):
     return outside / total
 
 
-def foretold(problem, predictions, starts=None):
+def held_out_residuals(problem, predictions, starts=None):
     """Return the residuals of records, NaN before their starts.
 
     What came before a record is estimated from the record itself. Of n samples and k values, the
@@ -289,7 +287,7 @@ def fold_errors(candidate, records, folds):
 
 
 def knows_less(candidate, left):
-    """Whether a candidate foretells what is held out far worse than its fit to everything.
+    """Whether a candidate predicts what is held out far worse than its fit to everything.
 
     Three times: a fold's own error then is not of the size of the noise, nor twice that.
     """

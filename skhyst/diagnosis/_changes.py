@@ -1,4 +1,4 @@
-"""Ways for an effect to enter a model other than as one more stage of fixed rank.
+"""Ways for an effect to enter a model other than as one more stage of fixed order.
 
 Each is a variant of an effect whose ``trees`` returns the trees at its starting values, none where
 it does not apply.
@@ -80,7 +80,7 @@ class UnderWay:
             return []
         # a past shows in what comes first; that of a claim is found from whole records
         parts = [first_part(r, max(len(r.u) // FACTOR, len(r.segments))) for r in scene.records]
-        return [tree.edited(name, Begin(tree.led_by(parts).histories))]
+        return [tree.edited(name, Begin(tree.led_by(parts).input_history))]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class FirstHysteresis:
     model: object
 
     def trees(self, name, scene):
-        if any(operator.carries_scale for operator in scene.tree.operators):
+        if any(operator.owns_gain for operator in scene.tree.operators):
             return []
         return inserted(name, self.model, scene)
 
@@ -104,7 +104,7 @@ class InMotion:
     def trees(self, name, scene):
         tree, found = scene.tree, []
         for at, stage in enumerate(tree.stages):
-            if any(operator.carries_scale for operator in tree.operators[:at]):
+            if any(operator.owns_gain for operator in tree.operators[:at]):
                 break
             if self._enriches(stage):
                 mode, records = stage.operator.linear_mode(), scene.records_at(at)
@@ -131,7 +131,7 @@ class Knee:
 
     def trees(self, name, scene):
         tree = scene.tree
-        at = tree.position(self.model.series_rank)
+        at = tree.position(self.model.stage_order)
         if at < len(tree.stages) or (tree.model._reads_columns and not tree.multi_input):
             return inserted(name, self.model, scene)
         found = []
@@ -149,7 +149,7 @@ def _before(record, knee):
     y = np.clip(record.y, knee.center - FULL * knee.level, knee.center + FULL * knee.level)
     y = knee.unsaturated(y)
     # an error before the knee counts as what is left of it behind
-    weights = np.square(knee.linearize(y, np.ones((len(y), 1)), record.dt)[1][:, 0])
+    weights = np.square(knee.sensitivities(y, np.ones((len(y), 1)), record.dt)[1][:, 0])
     if record.weights is not None:
         weights = weights * record.weights
     return replace(record, y=y, weights=weights)
@@ -181,7 +181,7 @@ class Folded:
 
     def trees(self, name, scene):
         tree, most = scene.tree, max(scene.records, key=lambda r: np.ptp(r.y))
-        if tree.histories or tree.lines:
+        if tree.input_history or tree.lines:
             return []
         start = driven_starts(self.model, [replace(most, u=most.y)])[0]
         ends = [record.y.min() if start.side > 0 else record.y.max() for record in scene.records]
@@ -202,7 +202,7 @@ class InStages:
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
-        if tree.multi_input or any(operator.carries_scale for operator in tree.operators):
+        if tree.multi_input or any(operator.owns_gain for operator in tree.operators):
             return []
         for at, (place, old, operator) in enumerate(tree.stages):
             rates = operator.lag_rates() if hasattr(operator, "with_poles") else []
@@ -312,7 +312,7 @@ class Driven:
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
-        if self.to_drive and (tree.histories or tree.lines):
+        if self.to_drive and (tree.input_history or tree.lines):
             return []
         for column in _moving_columns(scene):
             records = [
@@ -390,8 +390,8 @@ class MovedModes:
         large = [r for r, own in zip(tree.begun(scene.records), is_large, strict=True) if own]
         model = TransferFunction(2 * self.n_modes, n_zeros=2 * self.n_modes)
         found = []
-        for candidate in inserted(name, model, Scene(replace(tree, histories=()), large)):
-            candidate = replace(candidate, histories=tree.histories)
+        for candidate in inserted(name, model, Scene(replace(tree, input_history=()), large)):
+            candidate = replace(candidate, input_history=tree.input_history)
             operator = candidate.part(name)
             lines = {f"numerator[{i}]": (0.0, value) for i, value in enumerate(operator.numerator)}
             found.append(candidate.edited(name, Schedule("amplitude", *ends, lines)))

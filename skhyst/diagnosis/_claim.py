@@ -130,8 +130,8 @@ class Claim:
             mark += f"{self._branches[1]}__"
         if place and not self.is_part:
             mark = f"{place}__"
-        elif self.label in structure.beside_names:
-            mark = f"disturbance{structure.beside_names.index(self.label)}__"
+        elif self.label in structure.disturbance_names:
+            mark = f"disturbance{structure.disturbance_names.index(self.label)}__"
         marked = {key: re.split(f"(?:^|__){mark}", key, maxsplit=1) for key in self.result.params}
         found = {parts[1]: key for key, parts in marked.items() if len(parts) == 2}
         if not found and self.kind == "exchange":  # a single model has no names of stages
@@ -165,7 +165,7 @@ class Claim:
         if self.kind == "beside":
             return "drive", "response"
         operators = self.structure.operators
-        owners = [i for i, o in enumerate(operators) if o.carries_scale]
+        owners = [i for i, o in enumerate(operators) if o.owns_gain]
         owners = owners or [i for i, o in enumerate(operators) if o.gauge_entries().any()]
         owner = max(owners, default=len(operators) - 1)
         return tuple(
@@ -254,7 +254,7 @@ class Claim:
         """
         structure = self.structure
         if self.kind == "start":
-            return replace(structure, histories=())
+            return replace(structure, input_history=())
         if self.kind in ("branch", "modulation", "schedule"):
             return structure.without(self.effect.name)
         if self.is_part:
@@ -283,7 +283,7 @@ class Claim:
         Where the effect carries the gain of the series, a straight line gives the rest its own.
         """
         without = self.without
-        if self.structure.operators[self.at].carries_scale and not self.is_part:
+        if self.structure.operators[self.at].owns_gain and not self.is_part:
             x, y = np.concatenate(without), np.concatenate(self.measured)
             slope, constant = np.polyfit(x, y, 1)
             without = [slope * part + constant for part in without]

@@ -1,8 +1,8 @@
 r"""Whether what stands beside a model is more than the course that its noise takes by itself.
 
-An offset, a drift or a line is fitted to the record that it is in, and so foretells the samples
+An offset, a drift or a line is fitted to the record that it is in, and so predicts the samples
 between those that it was fitted to: where noise hangs together, as flicker noise does at any
-distance, it foretells the noise too. What is real stands out of the noise's spectrum. Of a drift
+distance, it predicts the noise too. What is real stands out of the noise's spectrum. Of a drift
 that is what moves: its constant could be an offset's.
 
 With orthonormal columns :math:`q_j` of a basis and the course :math:`r` that a model leaves, noise
@@ -50,7 +50,7 @@ def course_p_values(tree, records):
     rests = [record.y - output for record, output in zip(records, outputs, strict=True)]
     times = [record.dt * np.arange(len(record.y)) for record in records]
     labels = {tree.label(effect): effect for effect in tree.effects}
-    for label, disturbance in zip(tree.beside_names, tree.disturbances, strict=True):
+    for label, disturbance in zip(tree.disturbance_names, tree.disturbances, strict=True):
         if label not in labels:  # declared
             continue
         every = [disturbance, *(d for d in tree.disturbances if d is not disturbance)]

@@ -1,4 +1,4 @@
-r"""The criterion: when data say that one model foretells better than another.
+r"""The criterion: when data say that one model predicts better than another.
 
 Every decision of a search is this one comparison: whether an effect is claimed, whether an effect
 claimed before is still needed, which candidates the data cannot tell apart, and whether what is
@@ -59,7 +59,7 @@ it cheap: of a hundred blocks, two hundred candidates ask for T = 4.1 instead of
 
 **The size.** A difference that can be shown need not matter. The rival is *better* where the
 p-value is below `alpha` and the error falls by `min_improvement` at least, held out and in the fit:
-a model that only foretells badly from some fold is not one that lacks something.
+a model that only predicts badly from some fold is not one that lacks something.
 
 References
 ----------
@@ -102,7 +102,7 @@ class Criterion:
         matters = self.matters(worse, better)
         return matters and self.p_value(worse, better, n_tried) < self.alpha
 
-    def foretells_better(self, worse, better, n_tried=1):
+    def predicts_better(self, worse, better, n_tried=1):
         """Whether one contestant is better than another held out, whatever their fits are.
 
         That an effect shows in the fit was asked when it was claimed.
@@ -111,7 +111,7 @@ class Criterion:
         return bool(lower) and self.p_value(worse, better, n_tried) < self.alpha
 
     def p_value(self, worse, better, n_tried=1):
-        """Return the p-value against a contestant that foretells better, among so many tried."""
+        """Return the p-value against a contestant that predicts better, among so many tried."""
         own = [weighted(c.residuals, better.weights) for c in (worse, better)]
         if better.explained:
             shown = [b - a for a, b in zip(worse.explained, better.explained, strict=True)]

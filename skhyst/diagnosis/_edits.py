@@ -31,7 +31,7 @@ class _Edit:
 
 @dataclass(frozen=True)
 class Insert(_Edit):
-    """One more stage in the series, where its rank says."""
+    """One more stage in the series, where its stage order says."""
 
     model: object
     operator: object
@@ -39,7 +39,7 @@ class Insert(_Edit):
 
     def apply(self, tree, name):
         stages = list(tree.stages)
-        at = tree.position(self.model.series_rank)
+        at = tree.position(self.model.stage_order)
         return tree.with_stages(
             [*stages[:at], Stage(name, self.model, self.operator), *stages[at:]]
         )
@@ -171,12 +171,12 @@ class Bias(_Edit):
 class Begin(_Edit):
     """The drive before each record, which does not begin at rest."""
 
-    histories: tuple
+    input_history: tuple
     kind = "start"
 
     def apply(self, tree, name):
         model = clone(tree.model).set_params(initial_state="estimate")
-        return replace(tree, model=informed(model, tree.model), histories=self.histories)
+        return replace(tree, model=informed(model, tree.model), input_history=self.input_history)
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class Effect:
         The measurement that shows it best and tells it apart from others.
     beside : bool, default=False
         It is added to the response; otherwise it is a step of the series, where its operator's
-        ``rank`` says, which a model of your own repeats as ``series_rank``.
+        ``stage_order`` says, which a model of your own repeats as ``stage_order``.
     picture : str, optional
         What its evidence shows: what a part adds against what comes into it, as a ``"curve"`` or
         along a ``"loop"``; a force against ``"displacement"`` or ``"velocity"``; ``"frequency"``,
@@ -119,8 +119,8 @@ def _built_in(name):
     return next(effect for effect in _BUILT_IN if effect.name == name)
 
 
-def _clips(rank):
-    return [Saturation(sides=side, rank=rank) for side in ("upper", "lower", "both")]
+def _clips(place):
+    return [Saturation(sides=side, place=place) for side in ("upper", "lower", "both")]
 
 
 def _knees():
@@ -149,8 +149,8 @@ _BUILT_IN = (
         "input_saturation",
         lambda: [
             *_clips("drive"),
-            SoftSaturation(rank="drive", fit_center=False),
-            SoftSaturation(rank="drive"),
+            SoftSaturation(place="drive", fit_center=False),
+            SoftSaturation(place="drive"),
         ],
         "The drive is clipped before it reaches the actuator.",
         "Drive beyond the suspected level in both directions: the loop then repeats unchanged.",
@@ -165,7 +165,7 @@ _BUILT_IN = (
     ),
     Effect(
         "backlash",
-        lambda: [Backlash(), Backlash(rank="sensor")],
+        lambda: [Backlash(), Backlash(place="sensor")],
         "Play in the transmission: after each turn the drive moves alone for a while.",
         "Turn round at different levels: the lost motion is the same everywhere.",
         picture="loop",

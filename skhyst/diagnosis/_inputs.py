@@ -9,7 +9,7 @@ from ..model_selection import stretches
 from ..optimize import RecordData
 from ..records import Units
 from ._black_box import drive_of
-from ._candidates import foretold, root_mean_square
+from ._candidates import held_out_residuals, root_mean_square
 from ._reference import column_of, without_column
 
 
@@ -95,10 +95,10 @@ def held_out_error(search, X, y, declared):
         segments = stretches(first_row(search, s), s.n_samples)
         records.append(record_data(s, *inputs, response, segments))
     structure = search._declared_structure if declared else search._structure
-    if structure.histories:
+    if structure.input_history:
         structure = structure.led_by(records)
     problem = structure.problem(records)
     nothing = np.zeros(len(problem.segment_record), dtype=bool)
     predictions = problem.predictions(problem.x0, nothing)
-    residuals = foretold(problem, predictions, [r.segments[0][0] for r in records])
+    residuals = held_out_residuals(problem, predictions, [r.segments[0][0] for r in records])
     return root_mean_square(residuals, [None] * len(residuals))

@@ -6,7 +6,7 @@ own law: a flexible black box sees the drive's past, which a model could have us
 residual's own past, which shows structure that is no function of the drive (an oscillation or a
 chaotic motion of its own, a gain that switches). Coloured noise has a past, too, but not of the
 drive; so where the residual has the spectrum of a sensor's noise, see ``_noise_model``, the black
-box first sees the drive alone, and then has to foretell what that law does not. In a closed loop
+box first sees the drive alone, and then has to predict what that law does not. In a closed loop
 the drive knows the noise: the reference of the loop takes its place, see ``_reference``.
 """
 
@@ -44,10 +44,10 @@ class Judgement:
 
 
 class Trial(NamedTuple):
-    """What was tried to foretell a residual, or to find in repetitions.
+    """What was tried to predict a residual, or to find in repetitions.
 
-    ``share`` is the part of its power that is left, ``p_value`` that of nothing being foretold, and
-    ``left`` what is left, in stretches.
+    ``share`` is the part of its power that is left, ``p_value`` that of nothing being predicted,
+    and ``left`` what is left, in stretches.
     """
 
     share: float
@@ -66,7 +66,7 @@ class Trial(NamedTuple):
 def judge_residual(records, residuals, predictions, rng, criterion, *, in_loop=False):
     """Decide whether residuals are noise or structure that a model has left.
 
-    What repetitions have in common, or what a black box foretells, is structure where it is
+    What repetitions have in common, or what a black box predicts, is structure where it is
     significant and where without it the error is better by what matters, as for any candidate.
 
     Parameters
@@ -220,9 +220,9 @@ def black_box_gain(records, residuals, predictions, rng, criterion):
     consecutive samples. Of more than 10,000 samples, stretches spread over the records are seen.
 
     Where the residual has the spectrum of a coloured noise, its past alone proves nothing. Noise
-    does not know the drive, though, and no more than its law foretells it: so the black box must
-    foretell the residual from the drive alone, or what the law leaves of it, or, from the drive
-    alone, how large that is which the law foretells, as of a gain that wanders.
+    does not know the drive, though, and no more than its law predicts it: so the black box must
+    predict the residual from the drive alone, or what the law leaves of it, or, from the drive
+    alone, how large that is which the law predicts, as of a gain that wanders.
 
     Returns
     -------
@@ -280,7 +280,7 @@ def _seen(records, residuals, predictions, rng, noise):
     """Return what the black box sees, row by row.
 
     That is features, of which so many are driven; the residual; what its law as noise does not
-    foretell of it; and the number of the stretch.
+    predict of it; and the number of the stretch.
 
     One scale serves all records, so that what depends on the amplitude stays visible.
     """
@@ -289,7 +289,7 @@ def _seen(records, residuals, predictions, rng, noise):
     shift, size = drives.mean(), np.ptp(drives) or 1.0
     level, height = finite.mean(), np.ptp(finite) or 1.0
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
-    # what neighbours have in common foretells nothing: a stretch is no shorter than that lasts
+    # what neighbours have in common predicts nothing: a stretch is no shorter than that lasts
     lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
     length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
     every = max(total // ENOUGH, 1)  # of so many stretches one is seen

@@ -66,14 +66,14 @@ class NoiseModel:
 
     @cached_property
     def _forecast(self):
-        """Weights of the past samples, the last one first, that foretell the next."""
+        """Weights of the past samples, the last one first, that predict the next."""
         n = 8 * (LAGS[-1] + 1)  # fine enough for these lags
         power = self.spectrum(np.arange(0.5, n) / (2 * n))
         correlations = dct(power)[: LAGS[-1] + 1] / (2 * n)
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def innovations(self, series):
-        """Return what its own past does not foretell of each series, stretch by stretch."""
+        """Return what its own past does not predict of each series, stretch by stretch."""
         if self.law == "white":
             return list(series)
         found = [np.full(len(own), np.nan) for own in series]

@@ -41,7 +41,7 @@ from dataclasses import replace
 import numpy as np
 
 from ._black_box import effect_of
-from ._candidates import Candidate, predicted, refitted
+from ._candidates import Candidate, refitted, screened
 from ._constants import FACTOR, NEGLIGIBLE
 from ._effects import EFFECTS
 from ._plausibility import is_plausible
@@ -64,7 +64,7 @@ class Fitted:
         self.gram = problem.total(blocks)[:-1, :-1]
         # what stands beside goes on as it was in the last record
         self._beside = problem.coefficients(blocks)[-1:]
-        self._tree = replace(tree, histories=())  # of a new record, which begins at rest
+        self._tree = replace(tree, input_history=())  # of a new record, which begins at rest
 
     def problem(self, record):
         """Return the least-squares problem of a new record."""
@@ -138,7 +138,7 @@ def _with_effect(name, tree, search):
         return []
     effect, records = effect_of(search._driver, EFFECTS[name]), list(search._records)
     without = refitted(Candidate((), tree, np.inf, np.inf, 0, np.empty(0)), tree, records)
-    starts = sorted(predicted(effect, tree, records), key=lambda c: c.promise)[: FACTOR**2]
+    starts = sorted(screened(effect, tree, records), key=lambda c: c.predicted_cost)[: FACTOR**2]
     fits = [refitted(c, c.structure, records, FACTOR**3) for c in starts]
     fits = [c for c in fits if is_plausible(effect.plausible, c, without, records, search.alpha)]
     fits.sort(key=lambda c: c.cost)

@@ -87,7 +87,7 @@ def _curve(title, claim, loop=False):
     """
     without, measured, identified = claim.left_out()
     x, x_label = claim.inputs(), f"what comes into it ({claim.units[0]})"
-    if claim.operator.carries_scale:
+    if claim.operator.owns_gain:
         x, x_label = without, "response without it"
     signals = x, measured, identified
     curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=True)

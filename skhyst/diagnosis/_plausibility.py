@@ -70,7 +70,7 @@ def _standard_error(problem, x, slopes):
 
 def _motion(tree, name, records):
     """Return the output of an effect, or the input of a force; nothing for what stands beside."""
-    if tree.label(name) in tree.beside_names:
+    if tree.label(name) in tree.disturbance_names:
         return np.array([])
     last = tree.place(name) + (not tree.is_part(name))  # a force is driven by the motion
     return np.concatenate(tree.run(records, last=last))
@@ -209,14 +209,14 @@ def _are_no_harmonics(frequencies, record):
 
 def slides(operator, motion, records):
     """Return how soon a force saturates after the motion turns round: of friction, soon."""
-    way = operator.way_before_sliding()
+    way = operator.presliding_displacement
     return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
 def remembers(operator, motion, records):
     """Return how visible the way is over which a force builds up, unless as a hard spring does."""
     soft = HARD - abs(getattr(operator, "shape", 0.0))
-    way = operator.way_before_sliding()
+    way = operator.presliding_displacement
     return soft if way is None else min(soft, np.log(way / (0.2 * NOTICEABLE * np.ptp(motion))))
 
 

@@ -13,7 +13,7 @@ coefficients that have seen its own noise would carry some of it back.
 
 A drive that was recorded with noise of its own is a like case: the noise of the recording is in
 every prediction and, since the device has not seen it, in every residual. Whatever smooths the
-drive then foretells better, a lag or a backlash above all. Such noise is white
+drive then predicts better, a lag or a backlash above all. Such noise is white
 (``skhyst.records._channels``), and the smooth drive takes the reference's place: a cubic smoothing
 spline, whose parameter is that of generalised cross-validation [3]_.
 
@@ -51,9 +51,9 @@ class Reference:
     Attributes
     ----------
     share : float
-        Part of the drive's power about its mean that it foretells.
+        Part of the drive's power about its mean that it predicts.
     p_value : float
-        That it foretells nothing.
+        That it predicts nothing.
     """
 
     def __init__(self, drive, values, slices):
@@ -123,7 +123,7 @@ def reference_of(search, columns, slices):
     Raises
     ------
     ValueError
-        If the column is the drive, or constant, or foretells nothing of the drive.
+        If the column is the drive, or constant, or predicts nothing of the drive.
     """
     drive, number = columns[:, 0], column_of(search)
     if number is None:
@@ -140,7 +140,7 @@ def reference_of(search, columns, slices):
     if not found.p_value < search.alpha:
         raise _refused(
             "the column that the controller of the drive followed. Got column "
-            f"{number}, which foretells {max(100.0 * found.share, 0.0):.2g} % of the drive "
+            f"{number}, which predicts {max(100.0 * found.share, 0.0):.2g} % of the drive "
             f"(p = {found.p_value:.2g})"
         )
     return found

@@ -191,7 +191,7 @@ def _data(search):
 
 
 def _reference(search):
-    """Return the name of the reference and the part of the drive that it foretells, or None."""
+    """Return the name of the reference and the part of the drive that it predicts, or None."""
     if search.reference is None:
         return None
     at = column_of(search)

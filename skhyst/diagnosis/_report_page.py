@@ -10,7 +10,7 @@ _NO_CLAIM = {
     "noise": "Nothing is missing: no effect that was tried makes the held-out error significantly "
     "smaller, and it is already at the noise floor.",
     "undetermined": "No effect is claimed, but the recording cannot tell that none is missing: its "
-    "records or blocks do not foretell each other, or it is too short to tell slow noise from what "
+    "records or blocks do not predict each other, or it is too short to tell slow noise from what "
     "follows the drive.",
     "unexplained": "No effect is claimed, though something is left: the error is above the noise "
     "floor, and none of the effects that were tried makes it significantly smaller.",
@@ -42,7 +42,7 @@ def _warnings(report):
     if part > NOTICEABLE:
         yield (
             f"The folds extrapolate: {share(part)} of the samples are held out where the drive "
-            "goes beyond that of all records or blocks that they are foretold from. With several "
+            "goes beyond that of all records or blocks that they are predicted from. With several "
             "records, an int as cv holds out a part of each instead."
         )
     faults = {fault["fault"] for fault in report.data["faults"]}
@@ -363,7 +363,7 @@ def _data(report, figures):
         )
     if data["reference"]:
         yield _text(
-            f"Reference of the loop: {data['reference']['name']}. It foretells "
+            f"Reference of the loop: {data['reference']['name']}. It predicts "
             f"{share(data['reference']['share'])} of the drive, and the decisions rest on that. "
             "The fits do not: noise in the rest of the drive biases their parameters."
         )

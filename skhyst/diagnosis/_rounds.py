@@ -25,8 +25,8 @@ from ._candidates import (
     halve,
     held_out,
     level_folds,
-    predicted,
     refitted,
+    screened,
 )
 from ._constants import FACTOR
 from ._course import course_p_values
@@ -233,7 +233,7 @@ class Rounds:
             short = parts and suffices(effect, c.structure, self.records, parts)
             seen.append((parts, costs[id(c)]) if short else (self.records, c.cost))
         starts = self._parallel(
-            delayed(predicted)(effect, c.structure, records)
+            delayed(screened)(effect, c.structure, records)
             for (effect, c), (records, _) in zip(pairs, seen, strict=True)
         )
         groups = [(own or [], *what) for own, what in zip(starts, seen, strict=True)]
@@ -242,8 +242,8 @@ class Rounds:
     def _fitted(self, bases, screened):
         """Return the best variant of each effect that stays, refitted to all samples.
 
-        A variant that follows the residual where it was fitted may foretell badly: of those that
-        are plausible the simplest that foretells as well as the best is taken: its error is hardly
+        A variant that follows the residual where it was fitted may predict badly: of those that
+        are plausible the simplest that predicts as well as the best is taken: its error is hardly
         larger, and not told apart. ``bases`` are what the effects were put into.
         """
         variants, kept, seen = screened
@@ -252,7 +252,7 @@ class Rounds:
             (i, c)
             for i in kept
             for c in variants[i]
-            if c.promise < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
+            if c.predicted_cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
         ]
         tried = self._parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         tried = [(i, c) for (i, _), c in zip(jobs, tried, strict=True) if c is not None]
@@ -265,9 +265,9 @@ class Rounds:
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible
         named = is_plausible(margin, candidate, base, records, self.criterion.alpha)
-        return named and self._foretells_levels(candidate, base, records)
+        return named and self._predicts_levels(candidate, base, records)
 
-    def _foretells_levels(self, candidate, base, records):
+    def _predicts_levels(self, candidate, base, records):
         """Whether parameters that follow a number of the record suit records at other numbers.
 
         Blocks of every record do not tell. Each record between others is held out.
@@ -281,7 +281,7 @@ class Rounds:
         return new.error < old.error
 
     def _variant(self, variants):
-        """Return the simplest variant that foretells as well as the best."""
+        """Return the simplest variant that predicts as well as the best."""
         best = min(variants, key=lambda c: c.error)
         near = [
             c for c in variants if (1.0 - self.criterion.min_improvement) * c.error <= best.error
@@ -330,10 +330,10 @@ class Rounds:
         return new and self.criterion.is_better(worse, better, self._n_tried)
 
     def _needs(self, candidate, reduced):
-        return self.criterion.foretells_better(reduced, candidate, self._n_tried)
+        return self.criterion.predicts_better(reduced, candidate, self._n_tried)
 
     def _needs_all(self, candidate):
-        """Whether a pair foretells better than each of its effects without the other."""
+        """Whether a pair predicts better than each of its effects without the other."""
         pair = candidate.effects if len(candidate.effects) > 1 else ()
         return all(self._needs(candidate, self._without(candidate, name)) for name in pair)
 
@@ -389,7 +389,7 @@ class Rounds:
     def _contested(self, base):
         """Return a candidate with another effect in the place of one; None where all stay.
 
-        An effect was claimed while others were missing. Beside these, another one may foretell
+        An effect was claimed while others were missing. Beside these, another one may predict
         better, or be simpler and not told apart.
         """
         for row in self.history if len(self.history) > 1 else ():
@@ -434,13 +434,13 @@ class Rounds:
         self._say(f"not needed: {', '.join(gone)}; held-out error {reduced.error:.4g}")
 
     def _refreshed(self, base):
-        """Return a candidate identified anew from nothing, where that foretells better."""
+        """Return a candidate identified anew from nothing, where that predicts better."""
         if are_long(self.records) or self.renew is not None:
             return base
         trees = [base.structure.identified(self.records)]
-        if base.structure.histories:
-            anew = [replace(t, histories=()) for t in (base.structure, *trees)]
-            trees = [t.with_histories(self.records) for t in anew]
+        if base.structure.input_history:
+            anew = [replace(t, input_history=()) for t in (base.structure, *trees)]
+            trees = [t.with_input_history(self.records) for t in anew]
         anew = [refitted(base, tree, self.records) for tree in trees]
         anew = min(anew, key=lambda c: c.cost)
         if anew.cost >= base.cost:
@@ -451,7 +451,7 @@ class Rounds:
     def _recheck(self, base, before):
         """Drop what is not needed, now that all is fitted anew; return the candidate.
 
-        What is left foretells no worse than before the newest claim, or the search would go back.
+        What is left predicts no worse than before the newest claim, or the search would go back.
         """
         begin = time.perf_counter()
         most = before / (1.0 - self.criterion.min_improvement)

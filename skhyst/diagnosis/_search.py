@@ -56,7 +56,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     Each round puts every effect into the model so far, at data-driven starting values, refits the
     promising ones jointly with everything else, and predicts held-out data with them, alone and in
-    pairs. What foretells significantly better, with a correction for all that were tried, and by
+    pairs. What predicts significantly better, with a correction for all that were tried, and by
     enough to matter, is a candidate; the simplest of those that the data cannot tell from the best
     is claimed. Then what has become needless is dropped. It stops when nothing is better.
 
@@ -118,10 +118,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
         Whether what is left is noise, or structure that is not explained. Undetermined: what
-        repetitions have in common, or what a black box foretells, would matter, but chance may have
+        repetitions have in common, or what a black box predicts, would matter, but chance may have
         made it; or the fit leaves noise, but the held-out error is three times as large or more, as
         that or as the repeatability, or half of the response's range, since records or blocks do
-        not foretell each other.
+        not predict each other.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
@@ -154,7 +154,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Effects that were claimed and then dropped, because later ones made them needless.
     evidence_ : dict of str to Evidence
     reference_share_ : float or None
-        Part of the drive's power about its mean that the reference foretells; None without one.
+        Part of the drive's power about its mean that the reference predicts; None without one.
     extrapolated_ : float
         Part of the held-out samples where the drive is outside of the range that their fold was
         fitted to.

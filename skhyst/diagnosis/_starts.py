@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..operators import take_apart
+from ..operators import split_disturbances
 from ..optimize import distribute_poles, pole_starts
 from ._constants import FACTOR, NOTICEABLE
 from ._edits import Beside, Insert
@@ -14,8 +14,8 @@ from ._edits import Beside, Insert
 def starting_trees(effect, tree, records):
     """Return, for each variant of an effect that applies, the trees at its starting values.
 
-    A variant is a model, which is put beside the series or where its rank says, or a change of
-    its own (see ``_changes``), which makes the trees itself.
+    A variant is a model, which is put beside the series or where its stage order says, or a change
+    of its own (see ``_changes``), which makes the trees itself.
     """
     scene = Scene(tree, records)
     found = []
@@ -105,7 +105,7 @@ class Scene:
 
 def driven_starts(model, records, **known):
     """Return the operators that a model starts from."""
-    return [take_apart(start)[0] for start in model.starting_values(records, **known)]
+    return [split_disturbances(start)[0] for start in model.starting_values(records, **known)]
 
 
 def beside(name, model, scene):
@@ -113,14 +113,14 @@ def beside(name, model, scene):
     return [
         scene.tree.edited(name, Beside(model, disturbance))
         for start in model.starting_values(scene.residuals)
-        for disturbance in take_apart(start)[1]
+        for disturbance in split_disturbances(start)[1]
     ]
 
 
 def inserted(name, model, scene):
-    """Return the trees with a model where its rank says, at its promising starting values."""
+    """Return the trees with a model at its stage order, from its promising starting values."""
     tree = scene.tree
-    at = tree.position(model.series_rank)
+    at = tree.position(model.stage_order)
     if at == 0 and tree.multi_input:
         return []
     candidates = [

@@ -21,8 +21,8 @@ from ..optimize import (
     OperatorProblem,
     VariableProjection,
     ages,
-    estimate_histories,
-    histories_of,
+    estimate_input_history,
+    input_history_of,
     path_of,
 )
 from ..records import RecordSlice
@@ -73,7 +73,7 @@ class Tree:
         Names of effects, and what was done for them, see ``_edits``.
     name : str or None
         Of a stage that stands alone, where that is not the name of its class.
-    histories : tuple of ndarray of shape (n_values,)
+    input_history : tuple of ndarray of shape (n_values,)
         Drive before each record, see ``RecordData``; empty where all begin at rest.
     """
 
@@ -83,12 +83,12 @@ class Tree:
     declared: object = None
     edits: tuple = ()
     name: str | None = None
-    histories: tuple = ()
+    input_history: tuple = ()
 
     @classmethod
-    def from_result(cls, model, result, histories=()):
+    def from_result(cls, model, result, input_history=()):
         """Return the tree of a declared model and what identification found for it."""
-        return cls(model, result.operator, result.disturbances, histories=histories)
+        return cls(model, result.operator, result.disturbances, input_history=input_history)
 
     # ------------------------------------------------------------------ parts
 
@@ -118,7 +118,7 @@ class Tree:
         return tuple(stage.operator for stage in self.stages)
 
     @property
-    def beside_names(self):
+    def disturbance_names(self):
         """Names of what stands beside."""
         return self.model._disturbance_names(len(self.disturbances)) or ()
 
@@ -157,9 +157,9 @@ class Tree:
         """Return the stages as one operator."""
         return SeriesOperator(self.names, self.operators).normalized()
 
-    def position(self, rank):
-        """Return where in the series a stage of this rank goes: behind what biases the drive."""
-        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.rank <= rank]
+    def position(self, order):
+        """Return where in the series a stage of this order goes: behind what biases the drive."""
+        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.stage_order <= order]
         biased = self.multi_input and not (self.declared or self).multi_input
         return max(behind, default=int(biased))
 
@@ -179,7 +179,7 @@ class Tree:
         """Names of the parts of the model."""
         params = self.model.get_params().items()
         steps = {key.split("__")[-1] for key, value in params if hasattr(value, "fit")}
-        return {*self.names, *self.beside_names, *steps}
+        return {*self.names, *self.disturbance_names, *steps}
 
     def label(self, effect):
         """Return the name of what is added for an effect: its own, where that is free."""
@@ -200,8 +200,8 @@ class Tree:
     def part(self, effect):
         """Return the operator that an effect is, or has become a part of."""
         label = self.label(effect)
-        if label in self.beside_names:
-            return self.disturbances[self.beside_names.index(label)]
+        if label in self.disturbance_names:
+            return self.disturbances[self.disturbance_names.index(label)]
         stage = self.operators[self.place(effect)]
         return stage.stages[stage.names.index(label)] if self.is_part(effect) else stage
 
@@ -274,10 +274,10 @@ class Tree:
             for name in fixed:
                 values.pop((stage.name, name), None)
         tree = self.with_stages(stages)
-        if tree.histories:
-            tree = replace(tree, histories=other.histories)
-        beside = dict(zip(other.beside_names, other.disturbances, strict=True))
-        own = zip(tree.beside_names, tree.disturbances, strict=True)
+        if tree.input_history:
+            tree = replace(tree, input_history=other.input_history)
+        beside = dict(zip(other.disturbance_names, other.disturbances, strict=True))
+        own = zip(tree.disturbance_names, tree.disturbances, strict=True)
         return tree.composed(
             with_stage_values(tree.whole, values), tuple(beside.get(n, start) for n, start in own)
         )
@@ -291,9 +291,9 @@ class Tree:
 
     def begun(self, records):
         """Return the records with what came before them."""
-        if not self.histories:
+        if not self.input_history:
             return records
-        return [replace(r, before=b) for r, b in zip(records, self.histories, strict=True)]
+        return [replace(r, before=b) for r, b in zip(records, self.input_history, strict=True)]
 
     def read(self, records):
         """Return the records as the model reads them, with what came before them."""
@@ -317,7 +317,7 @@ class Tree:
     def n_coefficients(self):
         """Number of coefficients that each record has of its own."""
         beside = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
-        return beside + sum(map(np.size, self.histories[:1]))
+        return beside + sum(map(np.size, self.input_history[:1]))
 
     def stages_at(self, number):
         """Return the stages as they are in a record whose parameters follow a number."""
@@ -366,8 +366,8 @@ class Tree:
     def led_by(self, records):
         """Return the tree with what came before records estimated, the parameters held."""
         alone = as_read(self.model, records)
-        found, _ = histories_of(self.operator, self.disturbances, alone)
-        return replace(self, histories=tuple(found))
+        found, _ = input_history_of(self.operator, self.disturbances, alone)
+        return replace(self, input_history=tuple(found))
 
     # ------------------------------------------------------------------ as an estimator
 
@@ -376,13 +376,13 @@ class Tree:
         result = clone_of(self.model)._identify(self.read(records))
         return replace(self, operator=result.operator, disturbances=result.disturbances)
 
-    def with_histories(self, records):
+    def with_input_history(self, records):
         """Return the tree refitted with what came before the records."""
-        found, histories = estimate_histories(
+        found, input_history = estimate_input_history(
             self.operator, self.disturbances, self.read(records), fixed=self.held, method=BRIEFLY
         )
         own = {"operator": found.operator, "disturbances": found.disturbances}
-        return replace(self, **own, histories=tuple(histories))
+        return replace(self, **own, input_history=tuple(input_history))
 
     @property
     def estimator(self):
@@ -397,8 +397,8 @@ class Tree:
         starts = [(self.operator, self.disturbances)]
         result = estimator._refine(starts, self.read(records), method)
         estimator.records_ = slices
-        if self.histories:
-            estimator.initial_drive_ = np.array(self.histories)
+        if self.input_history:
+            estimator.initial_drive_ = np.array(self.input_history)
         estimator._adopt(result)
         return estimator, result
 

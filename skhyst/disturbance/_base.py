@@ -5,15 +5,15 @@ from abc import abstractmethod
 import numpy as np
 
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator
+from ..operators import CompiledLaw, Operator
 
 
 class DisturbanceOperator(Operator):
     """Base: ``y(t) = basis(t) coefficients``, t from the record's start; no input is used."""
 
     signal_linear = True
-    rank = 60
-    stands_beside = True
+    stage_order = 60
+    is_disturbance = True
     has_constant = False  # as the first column of its basis
 
     @abstractmethod
@@ -36,13 +36,13 @@ class DisturbanceOperator(Operator):
         """Return the compiled step, or None, and its constants behind ``dt``."""
         return None, ()
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         step, constants = self._step()
         if step is None:
-            return super().lowered(dt, state)
-        return LoweredStep(step, (dt, *constants), [state / dt])
+            return super().compiled_step(dt, state)
+        return CompiledLaw(step, (dt, *constants), [state / dt])
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         time = dt * np.arange(len(u))
         basis = self.basis(time)
         own = np.concatenate([basis, self.basis_tangents(time, self.coefficients)], axis=1)

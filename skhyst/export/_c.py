@@ -145,7 +145,7 @@ def to_c(
 
     Parameters
     ----------
-    model : object with ``stepper``, Stepper, Operator or Lowered
+    model : object with ``stepper``, Stepper, Operator or CompiledStep
         A fitted model, a compensator, a controller, ...; a stepper in its present state; or what
         these are made of. ``stepper(dt, u0, initial_state=...)`` is called with what is given here,
         of the last two with what is not the default.
@@ -186,8 +186,8 @@ def to_c(
         If nothing here can be stepped, or not by plain arithmetic.
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
-        line; see :class:`~skhyst.operators.Lowered`. If there are no integers for it, or single
-        precision cannot hold it: if its error in the test is above what that allows.
+        line; see :class:`~skhyst.operators.CompiledStep`. If there are no integers for it, or
+        single precision cannot hold it: if its error in the test is above what that allows.
 
     Notes
     -----
@@ -224,24 +224,24 @@ def to_c(
         )
     what = type(model).__name__
     stepper, dt = _stepper(model, dt, initial_state, u0)
-    lowered = stepper.lowered
-    if dtype != "float64" and lowered.double_only:
+    compiled_step = stepper.compiled_step
+    if dtype != "float64" and compiled_step.double_only:
         raise ValueError(
-            f"The 'dtype' parameter of to_c must be 'float64' for {lowered.double_only}, whose "
-            f"derivatives are differences. Got {dtype!r} instead."
+            f"The 'dtype' parameter of to_c must be 'float64' for {compiled_step.double_only}, "
+            f"whose derivatives are differences. Got {dtype!r} instead."
         )
-    n_inputs = lowered.n_inputs or 1
-    step, double = model_step(lowered), DIALECTS["float64"]
+    n_inputs = compiled_step.n_inputs or 1
+    step, double = model_step(compiled_step), DIALECTS["float64"]
     common = {
         "name": name,
         "what": what,
         "dt": "NAN" if dt is None else double.literal(dt),
         "n_inputs": n_inputs,
         "covered": "",
-        "one": "" if lowered.n_inputs else "[0]",
-        "n_states": max(len(lowered.state), 1),
+        "one": "" if compiled_step.n_inputs else "[0]",
+        "n_states": max(len(compiled_step.state), 1),
         "digest": hashlib.sha256(_program(step, stepper.state).encode()).hexdigest(),
-        **_status(name, lowered.flags),
+        **_status(name, compiled_step.flags),
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
@@ -269,7 +269,7 @@ def _stepper(model, dt, initial_state, u0):
     elif hasattr(model, "init"):
         if dt is None:
             raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
-        model = model.lowered(dt, model.init(u0, initial_state or "rest"))
+        model = model.compiled_step(dt, model.init(u0, initial_state or "rest"))
     if hasattr(model, "bound"):
         model = Stepper(model)
     if not isinstance(model, Stepper):
@@ -321,7 +321,7 @@ def _listed(values, literal):
 
 def _answers(stepper, drive):
     """Return the response of the Python model."""
-    device, row = stepper.copy(), stepper.lowered.n_inputs
+    device, row = stepper.copy(), stepper.compiled_step.n_inputs
     return np.array([device.step(u if row else u[0]) for u in drive])
 
 
@@ -384,7 +384,7 @@ def _in_reals(step, stepper, common, drive, dtype):
 
 
 def _in_integers(stepper, common, drive, units):
-    step = model_step(stepper.lowered, with_numbers=True)
+    step = model_step(stepper.compiled_step, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
     ranges = Ranges(step, stepper.state, counts * units[0])
     counts, ends = explore(ranges, counts, units, MARGIN, lambda u: _answers(stepper, u))

@@ -5,7 +5,7 @@ from operator import add, mul
 
 import numpy as np
 
-from ..operators import FrozenOperator, SeriesOperator, Stepper, SumOperator, take_apart
+from ..operators import FrozenOperator, SeriesOperator, Stepper, SumOperator, split_disturbances
 from ._c import _stepper
 
 _ROUNDING = 1e-9  # relative: by which a step that is linear may miss its matrices
@@ -21,7 +21,7 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
 
     Parameters
     ----------
-    model : estimator, Operator, Lowered or Stepper
+    model : estimator, Operator, CompiledStep or Stepper
         A fitted model, or what it is made of; what has a ``stepper`` of its own.
     dt : float, optional
         Sampling interval in s; that of the records of the fit by default. Needed for an operator.
@@ -77,7 +77,7 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
         raise ValueError("The 'dt' parameter of to_control must be given, in s, for an operator.")
     stepper, dt = _stepper(model, dt, initial_state, u0)
     operator = model if hasattr(model, "init") else getattr(model, "operator_", None)
-    system = None if operator is None else _linear(take_apart(operator)[0], dt, control)
+    system = None if operator is None else _linear(split_disturbances(operator)[0], dt, control)
     return _stepped(stepper, dt, control) if system is None else system
 
 
@@ -102,18 +102,20 @@ def _linear(operator, dt, control):
 def _by_its_step(operator, dt, control):
     """Return the state space that a step is, or its answer to a pulse where that ends; or None."""
     n_inputs = getattr(operator, "n_inputs", 1)
-    lowered = operator.lowered(dt, operator.init(np.zeros(n_inputs) if n_inputs > 1 else 0.0))
-    n = len(lowered.state)
+    compiled_step = operator.compiled_step(
+        dt, operator.init(np.zeros(n_inputs) if n_inputs > 1 else 0.0)
+    )
+    n = len(compiled_step.state)
     u = np.random.default_rng(0).normal(size=(2 * n + 2, n_inputs))
-    u = u if lowered.n_inputs else u[:, 0]
+    u = u if compiled_step.n_inputs else u[:, 0]
 
     def answer(u):
-        return Stepper(lowered).run(u) - Stepper(lowered).run(0.0 * u)
+        return Stepper(compiled_step).run(u) - Stepper(compiled_step).run(0.0 * u)
 
     def moved(change):
-        s = lowered.state + change[:n]
-        y = lowered.stepping(s)(change[n:] if lowered.n_inputs else float(change[n]))
-        return np.append(s - lowered.state, y)
+        s = compiled_step.state + change[:n]
+        y = compiled_step.stepping(s)(change[n:] if compiled_step.n_inputs else float(change[n]))
+        return np.append(s - compiled_step.state, y)
 
     changes = _CHANGE * np.eye(n + n_inputs)
     still = moved(0.0 * changes[0])
@@ -127,7 +129,7 @@ def _by_its_step(operator, dt, control):
         return system
     # Places in a memory are part of the state, so the step is linear in nothing but the input. At
     # first a memory may have another rule, until it is full.
-    if lowered.n_inputs:
+    if compiled_step.n_inputs:
         return None
     pulse = answer(np.eye(1, 3 * n + 3, k=n + 1)[0])[n + 1 :]
     if np.any(pulse[n + 1 :]):
@@ -138,19 +140,19 @@ def _by_its_step(operator, dt, control):
 
 def _stepped(stepper, dt, control):
     """Return the nonlinear system that a step is."""
-    lowered, rest = stepper.lowered, stepper.state
+    compiled_step, rest = stepper.compiled_step, stepper.state
     s = rest.copy()
-    step = lowered.stepping(s)
+    step = compiled_step.stepping(s)
 
     def after(x, u):
         s[:] = rest + x
-        y = step(u if lowered.n_inputs else float(u[0]))
+        y = step(u if compiled_step.n_inputs else float(u[0]))
         return s - rest, y
 
     return control.nlsys(
         lambda t, x, u, params: after(x, u)[0],
         lambda t, x, u, params: np.array([after(x, u)[1]]),
-        inputs=lowered.n_inputs or 1,
+        inputs=compiled_step.n_inputs or 1,
         outputs=1,
         states=len(rest),
         dt=dt,

@@ -369,7 +369,7 @@ def boundary(printer, model, stepper, ends, units):
     units : tuple of float
         Drive and response that the integer 1 stands for.
     """
-    ranges, n_inputs = printer.ranges, stepper.lowered.n_inputs
+    ranges, n_inputs = printer.ranges, stepper.compiled_step.n_inputs
     row, state = n_inputs is not None, stepper.state
     f = digits(ranges.of(None, "u"))
     unit = min(max(digits(units[0], _EXACT), f), f + _LONGEST)

@@ -69,7 +69,7 @@ def to_fmu(
 
     Parameters
     ----------
-    model : object with ``stepper``, Stepper, Operator or Lowered
+    model : object with ``stepper``, Stepper, Operator or CompiledStep
         As for :func:`to_c`.
     path : str or Path
         File to write, ``name.fmu``; its folder is made where it is missing. The name without the

@@ -1,4 +1,4 @@
-"""Puts the steps of a lowered model together as one function."""
+"""Puts the steps of a compiled model together as one function."""
 
 from ._expressions import Array, Call, Function, Return, constant, converted, leaves, variable
 from ._reader import read
@@ -6,24 +6,24 @@ from ._slice import sliced
 from ._values import signature
 
 
-def model_step(lowered, with_numbers=False):
-    """Return the step of a :class:`~skhyst.operators.Lowered` as a :class:`Slice`.
+def model_step(compiled_step, with_numbers=False):
+    """Return the step of a :class:`~skhyst.operators.CompiledStep` as a :class:`Slice`.
 
     See :func:`composed`.
     """
-    return sliced(composed(lowered, with_numbers))
+    return sliced(composed(compiled_step, with_numbers))
 
 
-def composed(lowered, with_numbers=False):
-    """Return the step of a :class:`~skhyst.operators.Lowered` as a :class:`Function`.
+def composed(compiled_step, with_numbers=False):
+    """Return the step of a :class:`~skhyst.operators.CompiledStep` as a :class:`Function`.
 
     Its arguments are the input, a number or an array, and the state. Constants are arguments of
     the functions of its parts, so that parts of one kind share them; under ``with_numbers`` each
     part has its own, without what its constants rule out.
     """
-    n_inputs = lowered.n_inputs
+    n_inputs = compiled_step.n_inputs
     u = variable("u", "real") if n_inputs is None else Array("u", (n_inputs,))
-    state = Array("s", (len(lowered.state),))
+    state = Array("s", (len(compiled_step.state),))
     body, kinds = [], {} if n_inputs else {"u": "real"}
 
     def binding(step, constants, places):
@@ -42,7 +42,7 @@ def composed(lowered, with_numbers=False):
 
         return called
 
-    y = lowered.bound(range(len(lowered.state)), binding)(u)
+    y = compiled_step.bound(range(len(compiled_step.state)), binding)(u)
     body.append(Return((y,)))
     params, writes = (u, state), frozenset({"s"})
     return Function("model", params, tuple(body), variable("", "real"), kinds, writes)

@@ -101,10 +101,10 @@ class _Reader(Values):
         self.function = Function(definition.name, params, body, result, self._kinds, writes)
 
     def _function(self, function, *signatures):
-        if hasattr(function, "lowered"):
+        if hasattr(function, "compiled_step"):
             from ._model import composed  # which reads the steps of its parts with this module
 
-            return composed(function.lowered, self._with_numbers)
+            return composed(function.compiled_step, self._with_numbers)
         return read(function, *signatures, with_numbers=self._with_numbers)
 
     @staticmethod

@@ -296,7 +296,7 @@ class Values(ABC):
         name = getattr(function, "__name__", None)
         if hasattr(function, "py_func"):
             return self._call_function(function.py_func, args)
-        if hasattr(function, "lowered"):
+        if hasattr(function, "compiled_step"):
             return self._call_function(function, (args[0], args[-1]))
         if _BUILTINS.get(name) is function:
             return self._builtin(name, [self._as_number(arg) for arg in args])

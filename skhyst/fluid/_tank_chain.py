@@ -26,7 +26,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, as_signal, parameter
+from ..operators import CompiledLaw, Operator, as_signal, parameter
 from ..optimize import pole_starts
 
 LAMINAR = 1e-2  # e
@@ -272,7 +272,7 @@ class TankChainOperator(Operator):
     hold: str = "foh"
     n_substeps: int = 4
 
-    carries_scale = True
+    owns_gain = True
     at_once = False
 
     def __post_init__(self):
@@ -375,12 +375,12 @@ class TankChainOperator(Operator):
         y = self.gain * np.minimum(w, self._most()) + self.intercept
         return y, (*levels.tolist(), float(u[-1]) if u.size else before)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         k, *rest = self._structure(dt)
         reading = self.gain, self.intercept, self._most()
-        return LoweredStep(tank_step, (k, self.exponents, *self._limits(), *rest, *reading), state)
+        return CompiledLaw(tank_step, (k, self.exponents, *self._limits(), *rest, *reading), state)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         m, n_own = du.shape[1], self.n_parameters - 2
         levels, d = np.zeros(self.n_tanks), np.zeros((self.n_tanks, m + n_own))

@@ -32,7 +32,7 @@ class BacklashOperator(OneStateOperator, step=backlash_step):
     ----------
     half_gap : float
         ``r``, units of the drive, positive.
-    rank : int, default=0
+    stage_order : int, default=0
         Where it stands in a series: 0 before everything else, 50 behind it.
 
     Notes
@@ -48,7 +48,7 @@ class BacklashOperator(OneStateOperator, step=backlash_step):
     """
 
     half_gap: float = parameter(log=True, lower=0.0, unit="drive")
-    rank: int = 0
+    stage_order: int = 0
 
 
 _PARTS = (0.01, 0.03, 0.1, 0.25)  # half gaps to start from, parts of the signal's range
@@ -65,7 +65,7 @@ class Backlash(ParametricModel):
 
     Parameters
     ----------
-    rank : {"drive", "sensor"}, default="drive"
+    place : {"drive", "sensor"}, default="drive"
         Where it stands when an effect search has to find its place in a series: before everything
         else, or behind it.
 
@@ -86,17 +86,19 @@ class Backlash(ParametricModel):
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
-        "rank": [StrOptions({"drive", "sensor"})],
+        "place": [StrOptions({"drive", "sensor"})],
     }
 
-    def __init__(self, *, rank="drive", initial_state="rest", dt=1.0, method="variable_projection"):
+    def __init__(
+        self, *, place="drive", initial_state="rest", dt=1.0, method="variable_projection"
+    ):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
-        self.rank = rank
+        self.place = place
 
     @property
-    def series_rank(self) -> int:
-        return 0 if self.rank == "drive" else 50
+    def stage_order(self) -> int:
+        return 0 if self.place == "drive" else 50
 
     def starting_values(self, records):
         length = swing(records)
-        return [BacklashOperator(part * length, self.series_rank) for part in _PARTS]
+        return [BacklashOperator(part * length, self.stage_order) for part in _PARTS]

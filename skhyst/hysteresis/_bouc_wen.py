@@ -31,7 +31,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, as_signal, parameter
+from ..operators import CompiledLaw, Operator, as_signal, parameter
 from ._common import force_characteristics, show
 
 N_BINS = 1024  # of the way along a curve
@@ -490,8 +490,8 @@ class BoucWenOperator(Operator):
     asymmetry: float = parameter(default=0.0, lower=-0.95, upper=0.95)
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def __post_init__(self):
         self._require("limit", self.limit > 0.0, "be positive")
@@ -564,7 +564,8 @@ class BoucWenOperator(Operator):
         gamma = turned * scale if turned != 0.0 else 0.0
         return float(self.alpha), float(0.5 * (1.0 + self.ratio) * scale), float(gamma)
 
-    def way_before_sliding(self):
+    @property
+    def presliding_displacement(self):
         return float(self.limit)
 
     def characteristics(self, seen):
@@ -591,11 +592,11 @@ class BoucWenOperator(Operator):
     def run(self, u, dt, state=None):
         return self._follow(as_signal(u), state or (0.0, 0.0), np.empty((0, 5)))
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         places, curve, _, *rest = self._curves
         constants = self.gain, self.alpha, self.intercept, places, curve, *rest
         state = [*state, 0.0, 0.0, 0.0]
-        return LoweredStep(curve_step, constants, state, possible=on_branch)
+        return CompiledLaw(curve_step, constants, state, possible=on_branch)
 
     def _follow(self, u, state, trace):
         y = np.empty(u.size)
@@ -603,7 +604,7 @@ class BoucWenOperator(Operator):
         state = curve_run(u, weights, self._curves, float(state[0]), float(state[1]), y, trace)
         return y, state
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         trace = np.empty((u.size, 5))
         y, _ = self._follow(u, (0.0, 0.0), trace)
@@ -709,7 +710,7 @@ class BoucWen(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = BoucWenOperator.rank
+    stage_order = BoucWenOperator.stage_order
 
     def __init__(
         self,

@@ -34,11 +34,11 @@ from ._oscillator import (
     OscillatorModel,
     OscillatorOperator,
     begin,
-    carry,
     decay,
     loops,
     move_tangents,
     oscillator,
+    propagate,
     solve_tangents,
 )
 
@@ -302,7 +302,7 @@ def bouc_wen_tangents(
             out[k:] = np.nan
             dout[k:] = np.nan
             return
-        carry(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
         largest = 0.0

@@ -31,7 +31,7 @@ class FrictionModel(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    series_rank = 10
+    stage_order = 10
 
 
 def force_characteristics(level, stiffness):

@@ -11,7 +11,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval
 from ..operators import (
-    LoweredStep,
+    CompiledLaw,
     Operator,
     as_signal,
     latest,
@@ -102,8 +102,8 @@ class CoulombFrictionOperator(Operator):
     fastest: float = np.inf
     smoothing: int = 1
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def parameter_specs(self):
         specs = super().parameter_specs()
@@ -137,12 +137,12 @@ class CoulombFrictionOperator(Operator):
         levels = self.coulomb_force, self.stribeck_force, self.asymmetry
         return *levels, self.stiffness, self.damping, self.intercept
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         weights, begin = stepped_slopes(dt, self.smoothing)
         own = weights, self.transition_velocity, self.stribeck_velocity
-        return LoweredStep(coulomb_step, (*own, *self._values()), begin).behind(state)
+        return CompiledLaw(coulomb_step, (*own, *self._values()), begin).behind(state)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, m = as_signal(u), du.shape[1]
         v = self._velocity(u, self.init(u[0], initial_state), dt)
         s, fall, ratio = self._curves(v)

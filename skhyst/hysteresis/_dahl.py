@@ -95,12 +95,9 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     exponent: float = 1.0
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
     structure = ("exponent",)
-
-    def way_before_sliding(self):
-        return float(self.presliding_displacement)
 
     def characteristics(self, seen):
         force = abs(self.coulomb_force)

@@ -15,7 +15,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, as_constant, as_signal, parameter
+from ..operators import CompiledLaw, Operator, as_constant, as_signal, parameter
 from ._common import half_range, swing
 
 _LONGEST = 1e300  # in units of 1/alpha; an infinite way times zero is no number
@@ -199,8 +199,8 @@ class DuhemOperator(Operator):
     center: float = 0.0
     scale: float = 1.0
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def __post_init__(self):
         for name in ("curve", "slope"):
@@ -223,18 +223,21 @@ class DuhemOperator(Operator):
         return self.run([u0], 1.0, (h, 0.0))[1]
 
     def run(self, u, dt, state=None):
-        step, d = self.lowered(dt, state or self.init(u[0] if len(u) else 0.0)), self.curve.size
+        step, d = (
+            self.compiled_step(dt, state or self.init(u[0] if len(u) else 0.0)),
+            self.curve.size,
+        )
         s = step.state.copy()
         y = step.streaming(s)(u)
         return y, (s[:d].copy(), float(s[d]))
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         h, last = state
         shape = self.alpha, self.center, self.scale, self.curve, self._excess(), self.intercept
         law = first_degree_step if h.size == 1 else duhem_step
-        return LoweredStep(law, shape, [*h, last, *np.zeros(h.size)])
+        return CompiledLaw(law, shape, [*h, last, *np.zeros(h.size)])
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         # from rest or from zero: either way the path starts at zero, and its rate is immaterial
         u, du = as_signal(u), as_signal(du)
         m, d = du.shape[1], self.curve.size

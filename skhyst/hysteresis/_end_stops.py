@@ -25,10 +25,10 @@ from ._oscillator import (
     OscillatorOperator,
     Q,
     begin,
-    carry,
     loops,
     move_tangents,
     oscillator,
+    propagate,
     solve_tangents,
 )
 
@@ -138,7 +138,7 @@ def end_stops_tangents(
             q = end
             p = speed - mode[3] * force
             u0 = u1
-        carry(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
@@ -218,7 +218,8 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tange
         ends = [float(self.gain * level + self.intercept) for level in (self.lower, self.upper)]
         return ends if self.gain > 0.0 else ends[::-1]
 
-    def way_before_sliding(self):
+    @property
+    def presliding_displacement(self):
         return None
 
     def fastest_rate(self):

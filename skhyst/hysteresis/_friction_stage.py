@@ -35,11 +35,11 @@ from ._oscillator import (
     OscillatorOperator,
     P,
     begin,
-    carry,
     decay,
     loops,
     move_tangents,
     oscillator,
+    propagate,
     solve_tangents,
 )
 
@@ -163,7 +163,7 @@ def friction_tangents(
             p = speed - mode[3] * force
             f = new
             u0 = u1
-        carry(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
@@ -243,7 +243,7 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         velocity = abs(self.gain) * self.stribeck_velocity
         return {
             "stribeck velocity": (velocity, "response/s"),
-            "way before sliding": (self.way_before_sliding(), "response"),
+            "presliding displacement": (self.presliding_displacement, "response"),
         }
 
     def _fed_back(self, s, shift):
@@ -285,8 +285,8 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         return tuple(map(float, (self.natural_frequency, *own, *bristles)))
 
 
-# way before sliding, parts of the response's half range; Stribeck velocity, parts of its root mean
-# square speed; fast over slow friction
+# presliding displacement, parts of the response's half range; Stribeck velocity, parts of its root
+# mean square speed; fast over slow friction
 _WAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _SPEEDS = (0.15, 0.5, 1.7)
 _RATIOS = (0.85, 0.55)

@@ -249,8 +249,8 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     max_step: float | None = None
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
     structure = ("max_step",)
 
     def __post_init__(self):

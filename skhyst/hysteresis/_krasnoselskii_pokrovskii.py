@@ -15,7 +15,7 @@ import dataclasses
 import numpy as np
 
 from .._jit import jit
-from ..operators import LoweredStep, as_signal, clip_play, parameter
+from ..operators import CompiledLaw, as_signal, clip_play, parameter
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
 
@@ -157,9 +157,9 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         y, kernels = self._follow(u, self._before(u) if state is None else state)
         return y + self.intercept, kernels
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         constants = self.levels, self.weights, self.intercept
-        return LoweredStep(ramp_step, constants, [*state, *np.zeros(self.levels.size - 1)])
+        return CompiledLaw(ramp_step, constants, [*state, *np.zeros(self.levels.size - 1)])
 
     def _fill(self, u, state, rows):
         return self._follow(u, state, rows)[1]
@@ -171,7 +171,7 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         ramp_run(u, self.levels, self.weights, kernels, y, rows)
         return y, kernels
 
-    def _carry(self, u, du, state, out):
+    def _propagate(self, u, du, state, out):
         ramp_tangents(u, du, self.levels, self.weights, state.copy(), out)
 
 

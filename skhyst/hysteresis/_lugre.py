@@ -121,8 +121,8 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
     damping: float = parameter(default=0.0, linear=True, unit="response s/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     @property
     def bristle_stiffness(self):

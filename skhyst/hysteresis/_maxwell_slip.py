@@ -8,7 +8,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..operators import LoweredStep, LoweredSum, as_signal, parameter
+from ..operators import CompiledLaw, CompiledSum, as_signal, parameter
 from ._common import FrictionModel, force_characteristics, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
@@ -96,15 +96,15 @@ class MaxwellSlipOperator(PlaySum):
         y += self.stiffness * u + (self.damping / dt) * change + self.intercept
         return y, after
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         constants = self.stiffness, self.damping / dt, self.intercept
-        spring = LoweredStep(spring_step, constants, state[1:])
-        return LoweredSum((self._plays.lowered(dt, state), spring))
+        spring = CompiledLaw(spring_step, constants, state[1:])
+        return CompiledSum((self._plays.compiled_step(dt, state), spring))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         m, n_elements, rest = du.shape[1], self.thresholds.size, initial_state == "rest"
-        y, plays = self._plays.linearize(u, du, dt, initial_state)
+        y, plays = self._plays.sensitivities(u, du, dt, initial_state)
         change = np.diff(u, prepend=u[:1] if rest else 0.0)
         dchange = np.diff(du, axis=0, prepend=du[:1] if rest else np.zeros((1, m)))
         drag = self.damping / dt

@@ -133,7 +133,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         """Return the Gram matrix of the columns of ``S^-1[y] - H[u]`` and, last, of ``y``."""
         gram = 0.0
         for record in records:
-            _, columns = plays.linearize(
+            _, columns = plays.sensitivities(
                 record.u, np.empty((len(record.u), 0)), record.dt, self._free_run_state()
             )
             _, parts = unit.parts(record.y)

@@ -19,9 +19,9 @@ what f stores and dissipates, at any substep.
 
 A sample is a map of the state (q, p, f) and of the drive before and now. Its Jacobian, together
 with the derivatives by the parameters, is accumulated over the substeps (:func:`move_tangents`) and
-applied once a sample to the tangents carried through (:func:`carry`). A law gives the derivatives
-of D, of the mean F and of the new f by what it sees of the oscillator (``REACH``: D without F,
-``SPEED``: p1 without F, then q, p, f, B and B'), and by the parameters themselves.
+applied once a sample to the tangents carried through (:func:`propagate`). A law gives the
+derivatives of D, of the mean F and of the new f by what it sees of the oscillator (``REACH``: D
+without F, ``SPEED``: p1 without F, then q, p, f, B and B'), and by the parameters themselves.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ from .._jit import bind, jit
 from .._sklearn import Interval
 from ..base import ParametricModel
 from ..linear import SecondOrderMode, SecondOrderModeOperator
-from ..operators import LoweredStep, Operator, WindowInverseOperator, as_signal
+from ..operators import CompiledLaw, Operator, WindowInverseOperator, as_signal
 from ..optimize import VariableProjection
 
 REACH, SPEED, Q, P, F, B, SLOPE_B, OWN = range(8)  # columns of a law's derivatives
@@ -95,7 +95,7 @@ def run(mode, law, h, n_substeps, u, before, q, p, f, out):
     return q, p, f
 
 
-def lowered(u, c, s):
+def compiled_step(u, c, s):
     """Return the response; ``c`` is (mode, h, number of substeps, gain, intercept, *law).
 
     ``s`` is (q, p, f, last drive), and ``step`` that of a sample.
@@ -106,9 +106,9 @@ def lowered(u, c, s):
 
 
 def loops(substep):
-    """Return the run and the lowered step of a law, see :func:`step`."""
+    """Return the run and the compiled step of a law, see :func:`step`."""
     own = bind(sample, substep, inline=True)
-    return bind(run, own), bind(lowered, own)
+    return bind(run, own), bind(compiled_step, own)
 
 
 @jit
@@ -191,7 +191,7 @@ def begin(step):
 
 
 @jit
-def carry(step, k, du, dbefore, d, dout):
+def propagate(step, k, du, dbefore, d, dout):
     """Move the tangents ``d`` (3, m + n) over sample k and write those of q to ``dout[k]``.
 
     The first m are carried through, ``du`` (n_samples, m) are those of the drive, ``dbefore`` (m,)
@@ -222,7 +222,7 @@ class OscillatorOperator(Operator):
     where the law is none. Substeps should resolve the small motion: a ``dt fastest_rate() /
     n_substeps`` of 0.1 gives about three digits.
 
-    A subclass names its loops, ``class MyOperator(OscillatorOperator, loops=(run, lowered,
+    A subclass names its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
     tangents))``, and gives the state at rest and the law's numbers; its first two parameters are
     the first two here, its last two ``gain`` and ``intercept``.
 
@@ -245,15 +245,15 @@ class OscillatorOperator(Operator):
         If ``n_substeps`` is not an integer above 0.
     """
 
-    carries_scale = True
+    owns_gain = True
     at_once = False
-    rank = 10
+    stage_order = 10
     _force = ("level", "hysteresis_stiffness")  # where the hysteretic force levels off, its slope
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
-        cls._loop, cls._lowered, cls._tangent_loop = map(staticmethod, loops)
+        cls._loop, cls._compiled_step, cls._tangent_loop = map(staticmethod, loops)
 
     def __post_init__(self):
         n = self.n_substeps
@@ -319,7 +319,8 @@ class OscillatorOperator(Operator):
     def n_ringing(self):
         return self.linear_mode().n_ringing()
 
-    def way_before_sliding(self):
+    @property
+    def presliding_displacement(self):
         level, stiffness = (getattr(self, name) for name in self._force)
         return float(abs(self.gain) * level / stiffness) if stiffness else None
 
@@ -380,12 +381,12 @@ class OscillatorOperator(Operator):
         state = self._loop(mode, law, h, self.n_substeps, u, before, *state, q)
         return self.gain * q + self.intercept, (*state, float(u[-1]) if u.size else before)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         mode, h = self._substep(dt)
         own = mode, h, self.n_substeps, self.gain, self.intercept
-        return LoweredStep(self._lowered, (*own, *self._law(math.inf)), state)
+        return CompiledLaw(self._compiled_step, (*own, *self._law(math.inf)), state)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         m, n_own = du.shape[1], self.n_parameters - 2
         u0 = float(u[0]) if u.size else 0.0

@@ -20,7 +20,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, read_data
 from ..operators import (
-    LoweredStep,
+    CompiledLaw,
     Superposition,
     as_constant,
     as_signal,
@@ -130,12 +130,12 @@ class PrandtlIshlinskiiOperator(PlaySum):
         y, *state = play_sum_run(u, *constants, self._tables, points, float(last))
         return y, tuple(state)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         thresholds, weights, _ = self._play_form
         constants = thresholds, weights, self.intercept, self.drive_offset
-        return LoweredStep(play_sum_step, constants, self._played(thresholds, state))
+        return CompiledLaw(play_sum_step, constants, self._played(thresholds, state))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         y, _ = self.run(u, dt, self.init(u[0] if u.size else 0.0, initial_state))
         thresholds, _, sums = self._play_form

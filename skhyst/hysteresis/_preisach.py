@@ -34,7 +34,7 @@ from functools import cached_property
 import numpy as np
 
 from .._jit import jit
-from ..operators import LoweredStep, as_signal, parameter
+from ..operators import CompiledLaw, as_signal, parameter
 from ._common import show
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
@@ -560,7 +560,7 @@ class PreisachOperator(RelayGridOperator):
         y += self.intercept
         return y, (points[1 : top + 1].copy(), last)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         points, top, last = self._stack(state, 0)
         n = max(_CORNERS, top) + 1
         s = np.zeros(2 * n + 3)
@@ -569,7 +569,7 @@ class PreisachOperator(RelayGridOperator):
         restore_values(s, top, s[n:], *self._tables)
         s[2 * n :] = top, last, response(last, top, s, s, n, *self._tables)
         constants = self._center, self.intercept, *self._tables
-        return LoweredStep(everett_step, constants, s, possible=in_tables)
+        return CompiledLaw(everett_step, constants, s, possible=in_tables)
 
     def _fill(self, u, state, rows):
         points, *place = self._stack(state, u.size)
@@ -577,7 +577,7 @@ class PreisachOperator(RelayGridOperator):
         top, last = staircase_rows(u, *grid, points, *place, rows)
         return points[1 : top + 1].copy(), last
 
-    def _carry(self, u, du, state, out):
+    def _propagate(self, u, du, state, out):
         points, _, last = self._stack(state, u.size)
         everett_tangents(u, du, self._center, *self._tables, points, last, out)
 

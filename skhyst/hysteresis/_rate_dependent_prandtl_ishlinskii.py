@@ -30,7 +30,7 @@ from scipy.signal import lfilter
 
 from .._jit import jit
 from .._sklearn import StrOptions
-from ..operators import InverseOperator, LoweredStep, as_signal, clip_play, parameter
+from ..operators import CompiledLaw, InverseOperator, as_signal, clip_play, parameter
 from ._common import show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
@@ -380,13 +380,13 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         y += self.intercept
         return y, (plays, float(u[-1]) if u.size else last, smooth)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         plays, last, smooth = state
         rate = dt, *self._fade(dt), self.smoothing == "velocity"
         constants = *self._arguments(), self.intercept, *rate
-        return LoweredStep(rate_play_step, constants, [*plays, last, smooth])
+        return CompiledLaw(rate_play_step, constants, [*plays, last, smooth])
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         state = self.init(u[0] if u.size else 0.0, initial_state)
         y, _ = self.run(u, dt, state)

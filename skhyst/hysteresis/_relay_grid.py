@@ -46,8 +46,8 @@ class RelayGridOperator(Superposition):
     """Base of the operators over a grid: fields ``levels``, ``weights`` and ``center``.
 
     A subclass fills in ``_fill(u, state, rows)``, which writes the derivatives by the weights to
-    the first columns of ``rows`` and returns the state, and ``_carry(u, du, state, out)``, which
-    writes the tangents carried through to those of ``out``.
+    the first columns of ``rows`` and returns the state, and ``_propagate(u, du, state, out)``,
+    which writes the tangents carried through to those of ``out``.
     """
 
     def __post_init__(self):
@@ -76,12 +76,12 @@ class RelayGridOperator(Superposition):
         rows = np.ones((u.size, self.n_parameters))
         return rows, self._fill(u, self._before(u) if state is None else state, rows)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         state, m = self._before(u, initial_state), du.shape[1]
         dy = np.ones((u.size, m + self.n_parameters))
         if m:
-            self._carry(u, du, state, dy)
+            self._propagate(u, du, state, dy)
         self._fill(u, state, dy[:, m:])
         return self.run(u, dt, state)[0], dy
 
@@ -217,7 +217,7 @@ class RelayGridModel(ParametricModel):
 
     def _finish(self, result, data):
         super()._finish(result, data)
-        if self.initial_state == "estimate":  # the search for histories refits without penalty
+        if self.initial_state == "estimate":  # the search for input_history refits without penalty
             drives = zip(data, self.initial_drive_, strict=True)
             data = [dataclasses.replace(record, before=u) for record, u in drives]
             self._adopt(self._identify(data))

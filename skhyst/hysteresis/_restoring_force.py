@@ -33,10 +33,10 @@ from ._oscillator import (
     P,
     Q,
     begin,
-    carry,
     loops,
     move_tangents,
     oscillator,
+    propagate,
     solve_tangents,
 )
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
@@ -196,7 +196,7 @@ def restoring_tangents(
             return
         # the preload acts as the drive before the sample and at it do together
         step[:, -1] = step[:, 3] + step[:, 4]
-        carry(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
@@ -292,7 +292,7 @@ class RestoringForceOperator(
         found["lambda_1"] = p["damping"]
         for i, value in enumerate(self.damping_coefficients.tolist(), 1):
             found[f"lambda_{2 * i + 1}"] = stiffness / w * value / (w * length) ** (2 * i)
-        way = self.way_before_sliding()
+        way = self.presliding_displacement
         return found | {
             "alpha_s": stiffness * self.hysteresis_stiffness,
             "z_s": abs(drive_gain) * self.slip_level,

@@ -54,7 +54,7 @@ class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
     """
 
     rate: float = parameter(log=True, lower=0.0, unit="drive/s")
-    rank = 0
+    stage_order = 0
 
     def characteristics(self, seen):
         return {"fastest drive": (seen.rates.max(), "drive/s")}

@@ -17,7 +17,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, as_signal, parameter
+from ..operators import CompiledLaw, Operator, as_signal, parameter
 
 
 @jit
@@ -175,8 +175,8 @@ class SystemLevelOperator(Operator):
     rate_gain: float = parameter(default=0.0, linear=True, unit="response s/drive")
     variant: str = "integral"
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def __post_init__(self):
         known = self.variant in ("integral", "printed")
@@ -225,10 +225,10 @@ class SystemLevelOperator(Operator):
         last = float(u0) if initial_state == "rest" else 0.0
         return 0.0, 0.0, last, float(np.sign(last))
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         own = self.slope, self.curvature, self.decay, self.intercept
         constants = *own, self.rate_gain / dt, self.variant == "printed"
-        return LoweredStep(system_level_step, constants, state)
+        return CompiledLaw(system_level_step, constants, state)
 
     def _loop(self, u, du, dt, state, dlast, dy):
         """Return the response and the state after, and write the tangents to ``dy``."""
@@ -245,7 +245,7 @@ class SystemLevelOperator(Operator):
             state = self.init(u[0] if len(u) else 0.0)
         return self._loop(u, np.empty((0, 0)), dt, state, np.empty(0), np.empty((0, 0)))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         n, m = du.shape
         state = self.init(u[0] if n else 0.0, initial_state)
         dlast = np.array(du[0]) if n and initial_state == "rest" else np.zeros(m)

@@ -9,8 +9,8 @@ import numpy as np
 from .._jit import jit
 from ..base import ParametricModel
 from ..operators import (
+    CompiledLaw,
     InverseOperator,
-    LoweredStep,
     OneStateOperator,
     RootInverseOperator,
     in_ring,
@@ -71,8 +71,8 @@ class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
     gamma: float = parameter(log=True, lower=0.0, unit="1/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def inverse(self):
         """Return the inverse, which looks ahead where the rate lowers the response."""
@@ -157,7 +157,7 @@ class TanhInverseOperator(InverseOperator):
             return RootInverseOperator(self.operator).ahead(dt, u0)
         samples = _samples(kept, tol)
         state = [0.0, *np.full(samples, u0)]
-        return LoweredStep(inverse_step, c, state, possible=in_ring), samples
+        return CompiledLaw(inverse_step, c, state, possible=in_ring), samples
 
 
 def _samples(kept, tol):

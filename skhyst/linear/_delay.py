@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, in_ring, parameter
+from ..operators import CompiledLaw, Operator, in_ring, parameter
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
@@ -57,7 +57,7 @@ class DelayOperator(Operator):
     """
 
     delay: float = parameter(log=True, lower=0.0, unit="s")
-    rank: int = 5
+    stage_order: int = 5
     signal_linear = True
 
     def init(self, u0, initial_state="rest"):
@@ -71,12 +71,12 @@ class DelayOperator(Operator):
         y, _ = _delayed(u, past, delay)
         return y, np.concatenate([past, u])[-max(int(np.ceil(delay)) + 1, 3) :]
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         delay = self.delay / dt
         back = max(int(np.ceil(delay)) + 1, 3)
         past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
         weights, _ = cubic_weights(back - delay)
-        return LoweredStep(delay_step, weights, [back, *past, 0.0], possible=in_ring)
+        return CompiledLaw(delay_step, weights, [back, *past, 0.0], possible=in_ring)
 
     def inverse(self):
         """Return what undoes the interpolation, which looks ahead."""
@@ -92,7 +92,7 @@ class DelayOperator(Operator):
         back = max(math.ceil(delay) + 1, 3)
         return np.arange(n) - back, np.tile(cubic_weights(back - delay)[0], (n, 1))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         rest, delay = float(initial_state == "rest"), self.delay / dt
         y, slopes = _delayed(u, rest * u[:1], delay)
         if du.shape[1]:

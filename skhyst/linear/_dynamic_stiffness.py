@@ -16,7 +16,7 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import (
-    LoweredStep,
+    CompiledLaw,
     Operator,
     as_signal,
     latest,
@@ -82,8 +82,8 @@ class DynamicStiffnessOperator(Operator):
     drive: str = "displacement"
     smoothing: int = 1
     signal_linear = True
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def __post_init__(self):
         known = self.drive in ("displacement", "velocity")
@@ -124,13 +124,13 @@ class DynamicStiffnessOperator(Operator):
                 y += value * term
         return y, np.concatenate([state, u])[-self._n_past :]
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         weights, begin = stepped_slopes(dt, self.smoothing)
         own = self.mass, self.damping, self.stiffness, self.intercept, self.drive == "velocity"
         n_slopes = self._n_past // self.smoothing
-        return LoweredStep(stiffness_step, (weights, *own), np.tile(begin, n_slopes)).behind(state)
+        return CompiledLaw(stiffness_step, (weights, *own), np.tile(begin, n_slopes)).behind(state)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u, m = as_signal(u), du.shape[1]
         values = self.pack()
         dy = np.zeros((u.size, m + len(values)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._jit import jit
-from ..operators import LoweredStep, Operator, as_signal, parameter
+from ..operators import CompiledLaw, Operator, as_signal, parameter
 from ._linear import LinearModel
 
 
@@ -32,8 +32,8 @@ class GainOperator(Operator):
     def run(self, u, dt, state=None):
         return self.gain * as_signal(u) + self.intercept, None
 
-    def lowered(self, dt, state):
-        return LoweredStep(gain_step, (self.gain, self.intercept), ())
+    def compiled_step(self, dt, state):
+        return CompiledLaw(gain_step, (self.gain, self.intercept), ())
 
     def discrete(self, dt):
         """Return the matrices of a system without states; see ``LinearOperator.discrete``."""
@@ -44,7 +44,7 @@ class GainOperator(Operator):
         self._require("gain", self.gain != 0.0, "not be 0 to have an inverse")
         return GainOperator(1.0 / self.gain, -self.intercept / self.gain)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u = as_signal(u)
         m = du.shape[1]
         dy = np.empty((u.size, m + 2))

@@ -22,8 +22,8 @@ from scipy.linalg import expm
 from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import (
+    CompiledLaw,
     InverseLinearOperator,
-    LoweredStep,
     Operator,
     block_run,
     block_table,
@@ -185,10 +185,10 @@ class LinearOperator(DiscretizedOperator):
         y, x = self._advance(u, dt, x, previous)
         return y + self.intercept, (x, float(u[-1]))
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         x, previous = state
         constants = *self.discrete(dt), self.intercept
-        return LoweredStep(state_space_step, constants, [*x, previous, *x])
+        return CompiledLaw(state_space_step, constants, [*x, previous, *x])
 
     def _advance(self, u, dt, x, previous):
         """Return the output without intercept and the last state, by the shortest way."""
@@ -204,16 +204,16 @@ class LinearOperator(DiscretizedOperator):
         rest, x = state_space_run(*discrete, u[len(y) :], x, float(u[len(y) - 1]))
         return np.concatenate([y, rest]), x
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self._tangents(u, du, dt, initial_state, self._discrete_tangents(dt))
         names = [name for name, _ in self.entries()]
         if "intercept" in names:
             dy[:, du.shape[1] + names.index("intercept")] = 1.0
         return y, dy
 
-    def carry(self, u, du, dt, initial_state="rest"):
+    def propagate(self, u, du, dt, initial_state="rest"):
         if du.shape[1] == 0:
-            return super().carry(u, du, dt, initial_state)
+            return super().propagate(u, du, dt, initial_state)
         n = len(self._rest())
         none = [np.empty((0, *shape)) for shape in ((n, n), (n,), (n,), (n,), (), (n,))]
         return self._tangents(u, du, dt, initial_state, none)

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..operators import LoweredStep, Operator, parameter
+from ..operators import CompiledLaw, Operator, parameter
 from ._gain import slope
 from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 
@@ -140,13 +140,13 @@ class LogCreepOperator(Operator):
         y = self.gain * (u + self.creep * _DECADE * sums[:, 0]) + self.intercept
         return y, (v, level, float(u[-1] - level))
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         v, level, previous = state
         weights = self.creep * _DECADE * self._weights()[0]
         constants = *self._discrete(dt), weights, self.gain, self.intercept
-        return LoweredStep(creep_step, constants, [*v, previous, level])
+        return CompiledLaw(creep_step, constants, [*v, previous, level])
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         u = np.ascontiguousarray(u, dtype=float)
         m = du.shape[1]
         discrete, weights, units = self._discrete(dt), self._weights(), np.zeros(len(self._rates))

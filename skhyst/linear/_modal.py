@@ -14,9 +14,9 @@ from .._validation import as_floats, keep_seen, refuse_extreme, rest_of
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
-    LoweredColumn,
-    LoweredStep,
-    LoweredSum,
+    CompiledColumn,
+    CompiledLaw,
+    CompiledSum,
     Stepper,
     run_records,
     state_space_step,
@@ -99,7 +99,7 @@ class SampledStateSpace:
         y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
         return state, y[0]
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         """Return one step in plain arithmetic, see :class:`~skhyst.operators.Operator`.
 
         Raises
@@ -119,10 +119,10 @@ class SampledStateSpace:
             own, intercept = (x, self.intercept[0]) if i == 0 else (0.0 * x, 0.0)
             b = self.b[:, i]
             constants = self.a, b, 0.0 * b, self.c[0], self.d[0, i], intercept
-            steps.append(LoweredStep(state_space_step, constants, [*own, previous[i], *own]))
+            steps.append(CompiledLaw(state_space_step, constants, [*own, previous[i], *own]))
         if len(steps) == 1:
             return steps[0]
-        return LoweredSum(tuple(LoweredColumn((s,), i, 0.0) for i, s in enumerate(steps)))
+        return CompiledSum(tuple(CompiledColumn((s,), i, 0.0) for i, s in enumerate(steps)))
 
     def poles(self):
         """Return the poles in the plane of z, complex, shape (n_states,)."""
@@ -384,7 +384,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
         u0 = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
         state = self.operator_.init(u0, initial_state or self.initial_state)
-        return Stepper(self.operator_.lowered(dt, state), dt)
+        return Stepper(self.operator_.compiled_step(dt, state), dt)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

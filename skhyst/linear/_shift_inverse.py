@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import lsmr
 
-from ..operators import InverseOperator, LoweredStep, as_signal, in_weights, preview_step
+from ..operators import CompiledLaw, InverseOperator, as_signal, in_weights, preview_step
 
 _ROUNDING = 1e-15
 _PASSES = 400  # at most
@@ -83,4 +83,4 @@ class InverseShiftOperator(InverseOperator):
         nothing = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0.0
         state = [0.0, *np.full(len(weights), u0)]
         constants = weights / weights.sum(), *nothing
-        return LoweredStep(preview_step, constants, state, possible=in_weights), half - begin
+        return CompiledLaw(preview_step, constants, state, possible=in_weights), half - begin

@@ -13,7 +13,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, in_ring, parameter
+from ..operators import CompiledLaw, Operator, in_ring, parameter
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
@@ -62,7 +62,7 @@ class TimeShiftOperator(Operator):
     shift: float = parameter(unit="s")
     skew: float = parameter(default=0.0)
     between: str = "curve"
-    rank: int = 60
+    stage_order: int = 60
     signal_linear = True
     causal = False
 
@@ -109,12 +109,12 @@ class TimeShiftOperator(Operator):
         weights = _line_weights if self.between == "line" else cubic_weights
         ring = np.full(back + 1, u0, dtype=float)
         weights, _ = weights(back - late)
-        return LoweredStep(delay_step, weights, [0.0, *ring], possible=in_ring), samples
+        return CompiledLaw(delay_step, weights, [0.0, *ring], possible=in_ring), samples
 
     def _late(self, time):
         return self.shift + self.skew * time
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         """Return the output and its tangents; see the base."""
         rest, is_straight = float(initial_state == "rest"), self.between == "line"
         time = dt * np.arange(len(u))

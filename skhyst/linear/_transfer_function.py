@@ -28,10 +28,10 @@ from .._sklearn import Interval, StrOptions
 from ..base import one_thread
 from ..exceptions import DivergenceWarning
 from ..operators import (
-    LoweredColumn,
-    LoweredSeries,
-    LoweredStep,
-    LoweredSum,
+    CompiledColumn,
+    CompiledLaw,
+    CompiledSeries,
+    CompiledSum,
     SeriesOperator,
     parameter,
     run_records,
@@ -373,7 +373,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         y, x = state_space_run_many(*self._discrete(dt), u, x, previous)
         return y[:, 0] + self.intercept, (x, u[-1].copy(), pasts)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         # the inputs' responses add up, whichever of them the state is counted to
         x, previous, pasts = state
         ad, b0, b1, (c,), (d,) = self._discrete(dt)
@@ -381,13 +381,13 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         for i in range(self.n_inputs):
             constants = ad, b0[:, i], b1[:, i], c, d[i], self.intercept if i == 0 else 0.0
             own = x if i == 0 else np.zeros_like(x)
-            stages = (LoweredStep(state_space_step, constants, [*own, previous[i], *own]),)
+            stages = (CompiledLaw(state_space_step, constants, [*own, previous[i], *own]),)
             if pasts:
-                stages = self._delays()[i].lowered(dt, pasts[i]), *stages
-            branches.append(LoweredColumn((LoweredSeries(stages),), i, 0.0))
-        return LoweredSum(tuple(branches))
+                stages = self._delays()[i].compiled_step(dt, pasts[i]), *stages
+            branches.append(CompiledColumn((CompiledSeries(stages),), i, 0.0))
+        return CompiledSum(tuple(branches))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         if du.shape[-1]:
             raise ValueError(
                 "A model of several inputs must come first: it cannot be driven by another one."
@@ -398,8 +398,8 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         for i, part in enumerate(self._parts()):
             signal, carried = np.ascontiguousarray(u[:, i]), np.empty((len(u), 0))
             if delays:
-                signal, carried = delays[i].linearize(signal, carried, dt, initial_state)
-            y, own = part.linearize(signal, carried, dt, initial_state)
+                signal, carried = delays[i].sensitivities(signal, carried, dt, initial_state)
+            y, own = part.sensitivities(signal, carried, dt, initial_state)
             total += y
             self._place(tangents, i, own[:, carried.shape[1] :])
             if delays:

@@ -24,7 +24,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..exceptions import DivergenceWarning, RecordError
 from ..hysteresis import SystemLevelHysteresis, SystemLevelOperator
-from ..operators import LoweredStep, Operator, ParameterSpec, as_signal, sum_of_products
+from ..operators import CompiledLaw, Operator, ParameterSpec, as_signal, sum_of_products
 from ..optimize import IdentificationResult, identify
 from ..records import record_slices
 
@@ -85,7 +85,7 @@ def gray_box(u, c, s):
 
 
 @cache
-def _lowered(law):
+def _compiled_step(law):
     return bind(gray_box, law, allocates=False)
 
 
@@ -174,8 +174,8 @@ class GrayBoxOperator(Operator):
     Notes
     -----
     Lags are in samples: the weights hold for one sampling interval. The tangents of
-    :meth:`linearize` are NaN where the linear terms alone are unstable or the tangents leave the
-    range of floating point; identification refuses such weights. A run that diverges is NaN
+    :meth:`sensitivities` are NaN where the linear terms alone are unstable or the tangents leave
+    the range of floating point; identification refuses such weights. A run that diverges is NaN
     from there on.
 
     The state is the tuple (state of the static sub-model, last inputs, last outputs), the latest
@@ -202,8 +202,8 @@ class GrayBoxOperator(Operator):
     degree: int = 1
     dynamics: str = "rate"
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def __post_init__(self):
         for name, fine, wanted in (
@@ -347,13 +347,13 @@ class GrayBoxOperator(Operator):
         last = w[w.size - self.input_lags :].copy(), y[y.size - start :].copy()
         return y[start:] + self._constant, (static, *last)
 
-    def lowered(self, dt, state):
-        static, (_, w, y) = self.static.lowered(dt, state[0]), state
+    def compiled_step(self, dt, state):
+        static, (_, w, y) = self.static.compiled_step(dt, state[0]), state
         own = self.input_lags, self._constant, self.dynamics == "rate"
         constants = *own, self._mix, self._terms, self.weights, *static.constants
         room = np.zeros(len(self._mix))
         state = np.concatenate([static.state, [0.0], w, [0.0], y, room])
-        return LoweredStep(_lowered(static.step), constants, state)
+        return CompiledLaw(_compiled_step(static.step), constants, state)
 
     def regressors(self, u, y, dt, initial_state="rest"):
         """Return the terms with measured outputs in them, and what is left for them to explain.
@@ -383,11 +383,11 @@ class GrayBoxOperator(Operator):
         x = np.vstack([self._mix @ np.array(shifted), np.ones(w.size)])
         return np.prod(x[self._terms], axis=1).T, y - level
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.sensitivities`."""
         u, du = as_signal(u), as_signal(du)
         n, m, own = u.size, du.shape[1], du.shape[1] + self.static.n_parameters
-        level, dlevel = self.static.linearize(u, du, dt, initial_state)
+        level, dlevel = self.static.sensitivities(u, du, dt, initial_state)
         state = self.init(u[0] if n else 0.0, initial_state)
         y, _ = self.run(u, dt, state)
         known = np.zeros((n, own + len(self._terms)))

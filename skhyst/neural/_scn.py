@@ -23,7 +23,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import as_floats, refuse_large, refuse_size, rest_of
-from ..autoregressive import lowered_regressor
+from ..autoregressive import compiled_regressor
 from ..exceptions import ConvergenceWarning
 from ..operators import Stepper
 
@@ -572,7 +572,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         rest_of(u0, initial_state, self.n_features_in_, f"{type(self).__name__}.stepper")
-        return Stepper(lowered_regressor(self, self.n_features_in_), dt)
+        return Stepper(compiled_regressor(self, self.n_features_in_), dt)
 
 
 def _location_and_scale(values):

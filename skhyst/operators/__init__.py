@@ -1,29 +1,29 @@
 """The protocol of operators, series and sums of them, and loops that several models share."""
 
 from ._check_operator import check_operator
+from ._compiled_step import (
+    CompiledCall,
+    CompiledColumn,
+    CompiledColumnSeries,
+    CompiledLaw,
+    CompiledParts,
+    CompiledProduct,
+    CompiledSeries,
+    CompiledStep,
+    CompiledSum,
+    Stepper,
+    in_ring,
+)
 from ._composition import (
     FrozenOperator,
     SeriesOperator,
     SumOperator,
     WrappedOperator,
-    put_beside,
-    take_apart,
+    add_disturbances,
+    split_disturbances,
 )
 from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
 from ._linear_inverse import InverseLinearOperator, in_weights, preview_step
-from ._lowered import (
-    Lowered,
-    LoweredCall,
-    LoweredColumn,
-    LoweredColumnSeries,
-    LoweredParts,
-    LoweredProduct,
-    LoweredSeries,
-    LoweredStep,
-    LoweredSum,
-    Stepper,
-    in_ring,
-)
 from ._one_state import OneStateOperator
 from ._plays import (
     Superposition,
@@ -53,18 +53,18 @@ from ._state_space import (
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
+    "CompiledCall",
+    "CompiledColumn",
+    "CompiledColumnSeries",
+    "CompiledLaw",
+    "CompiledParts",
+    "CompiledProduct",
+    "CompiledSeries",
+    "CompiledStep",
+    "CompiledSum",
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
-    "Lowered",
-    "LoweredCall",
-    "LoweredColumn",
-    "LoweredColumnSeries",
-    "LoweredParts",
-    "LoweredProduct",
-    "LoweredSeries",
-    "LoweredStep",
-    "LoweredSum",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
@@ -75,6 +75,7 @@ __all__ = [
     "Superposition",
     "WindowInverseOperator",
     "WrappedOperator",
+    "add_disturbances",
     "as_constant",
     "as_signal",
     "block_run",
@@ -94,18 +95,17 @@ __all__ = [
     "play_tangents",
     "play_thresholds",
     "preview_step",
-    "put_beside",
     "run_records",
     "samples_before",
     "second_order_run",
     "slope_step",
     "slopes",
+    "split_disturbances",
     "state_space_run",
     "state_space_step",
     "state_space_tangents",
     "stepped_slopes",
     "stop_basis",
     "sum_of_products",
-    "take_apart",
     "turning_points",
 ]

@@ -27,8 +27,8 @@ def check_operator(operator, u, dt):
     Raises
     ------
     AssertionError
-        If ``linearize``, ``run``, ``step`` and ``unpack`` do not agree; the message says which, and
-        of a derivative the name of the parameter.
+        If ``sensitivities``, ``run``, ``step`` and ``unpack`` do not agree; the message says which,
+        and of a derivative the name of the parameter.
 
     Examples
     --------
@@ -65,13 +65,13 @@ def _check_derivatives(operator, u, dt, initial_state):
 
     along = np.random.default_rng(0).normal(size=(len(u), 1 if u.ndim == 1 else 0))
     vector = operator.pack()
-    y, dy = operator.linearize(u, along, dt, initial_state)
-    _agree(y, output(vector, u), "The output of 'linearize' and that of 'run'")
+    y, dy = operator.sensitivities(u, along, dt, initial_state)
+    _agree(y, output(vector, u), "The output of 'sensitivities' and that of 'run'")
     names = ["the input"] * along.shape[1] + [name for name, _ in operator.entries()]
     expected = (len(u), len(names))
     if dy.shape != expected:
         raise AssertionError(
-            f"The tangents of 'linearize' must be (n_samples, m + n_parameters) = {expected}, "
+            f"The tangents of 'sensitivities' must be (n_samples, m + n_parameters) = {expected}, "
             f"those of the input first. Got {dy.shape} instead."
         )
     for j, name in enumerate(names):

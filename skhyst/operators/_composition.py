@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..records import Units
+from ._compiled_step import CompiledLaw, CompiledSeries, CompiledSum, nothing
 from ._linear_inverse import InverseLinearOperator
-from ._lowered import LoweredSeries, LoweredStep, LoweredSum, nothing
 from ._protocol import Operator
 from ._root_inverse import RootInverseOperator, inverse_of
 
@@ -53,8 +53,8 @@ class WrappedOperator(_ByEntries):
     def run(self, u, dt, state=None):
         return self.operator.run(u, dt, state)
 
-    def lowered(self, dt, state):
-        return self.operator.lowered(dt, state)
+    def compiled_step(self, dt, state):
+        return self.operator.compiled_step(dt, state)
 
     def inverse(self):
         return inverse_of(self.operator)
@@ -62,8 +62,8 @@ class WrappedOperator(_ByEntries):
 
 # what is declared of the operator within holds for the whole, attributes and methods alike
 for _name in (
-    *("signal_linear", "carries_scale", "rank", "n_poles", "memoryless", "causal", "at_once"),
-    *("n_ringing", "lag_rates", "linear_mode", "way_before_sliding", "characteristics"),
+    *("signal_linear", "owns_gain", "stage_order", "n_poles", "memoryless", "causal", "at_once"),
+    *("n_ringing", "lag_rates", "linear_mode", "presliding_displacement", "characteristics"),
     *("entries", "pack", "parameter_units"),
 ):
     setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
@@ -93,7 +93,7 @@ class FrozenOperator(WrappedOperator):
     """
 
     operator: Operator
-    carries_scale = False
+    owns_gain = False
 
     def entries(self):
         return []
@@ -107,8 +107,8 @@ class FrozenOperator(WrappedOperator):
     def _marks(self, mask):
         return mask[:0]
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        return self.operator.carry(u, du, dt, initial_state)
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        return self.operator.propagate(u, du, dt, initial_state)
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class _Composition(_ByEntries):
         return all(stage.signal_linear for stage in self.stages)
 
     @property
-    def carries_scale(self):
-        return any(stage.carries_scale for stage in self.stages)
+    def owns_gain(self):
+        return any(stage.owns_gain for stage in self.stages)
 
     @property
     def memoryless(self):
@@ -137,8 +137,8 @@ class _Composition(_ByEntries):
         return all(stage.at_once for stage in self.stages)
 
     @property
-    def rank(self):
-        return max((stage.rank for stage in self.stages), default=Operator.rank)
+    def stage_order(self):
+        return max((stage.stage_order for stage in self.stages), default=Operator.stage_order)
 
     @property
     def n_poles(self):
@@ -154,8 +154,9 @@ class _Composition(_ByEntries):
     def linear_mode(self):
         return self.stages[0].linear_mode() if len(self.stages) == 1 else None
 
-    def way_before_sliding(self):
-        ways = (stage.way_before_sliding() for stage in self.stages)
+    @property
+    def presliding_displacement(self):
+        ways = (stage.presliding_displacement for stage in self.stages)
         return next((way for way in ways if way is not None), None)
 
     def entries(self):
@@ -211,9 +212,11 @@ class _Composition(_ByEntries):
     def gauge_entries(self):
         return _joined(stage.gauge_entries() for stage in self.stages)
 
-    def _lowered(self, dt, states):
+    def _compiled_step(self, dt, states):
         """Return each stage's step."""
-        return tuple(s.lowered(dt, state) for s, state in zip(self.stages, states, strict=True))
+        return tuple(
+            s.compiled_step(dt, state) for s, state in zip(self.stages, states, strict=True)
+        )
 
 
 class SeriesOperator(_Composition):
@@ -244,7 +247,7 @@ class SeriesOperator(_Composition):
 
     def _owners(self):
         """Return the number of the stage that keeps gain and intercept, in a list; or none."""
-        owners = [i for i, stage in enumerate(self.stages) if stage.carries_scale][:1]
+        owners = [i for i, stage in enumerate(self.stages) if stage.owns_gain][:1]
         return owners or [i for i, s in enumerate(self.stages) if s.gauge_entries().any()][-1:]
 
     def gauge_mask(self):
@@ -302,31 +305,31 @@ class SeriesOperator(_Composition):
             states.append(new)
         return u, tuple(states)
 
-    def lowered(self, dt, state):
-        return LoweredSeries(self._lowered(dt, state))
+    def compiled_step(self, dt, state):
+        return CompiledSeries(self._compiled_step(dt, state))
 
     def ahead(self, dt, u0, tol=1e-9):
         """Return the stages' steps and the sum of their samples; see the base."""
-        lowered, samples = [], 0
+        compiled_step, samples = [], 0
         for stage in self.stages:
             own, later = stage.ahead(dt, u0, tol)
-            lowered.append(own)
+            compiled_step.append(own)
             samples += later
             u0 = stage.run(np.array([u0]), dt)[0][0]
-        return LoweredSeries(tuple(lowered)), samples
+        return CompiledSeries(tuple(compiled_step)), samples
 
     def inverse(self):
         """Return the series of the inverses, last stage first."""
         return SeriesOperator(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
-            u, du = stage.linearize(u, du, dt, initial_state)
+            u, du = stage.sensitivities(u, du, dt, initial_state)
         return u, du
 
-    def carry(self, u, du, dt, initial_state="rest"):
+    def propagate(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
-            u, du = stage.carry(u, du, dt, initial_state)
+            u, du = stage.propagate(u, du, dt, initial_state)
         return u, du
 
 
@@ -385,13 +388,13 @@ class SumOperator(_Composition):
         is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
         return InverseLinearOperator(self) if is_linear else RootInverseOperator(self)
 
-    def lowered(self, dt, state):
-        return LoweredSum(self._lowered(dt, state) or (LoweredStep(nothing, (), ()),))
+    def compiled_step(self, dt, state):
+        return CompiledSum(self._compiled_step(dt, state) or (CompiledLaw(nothing, (), ()),))
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         total, carried, own = np.zeros(len(u)), np.zeros_like(du), []
         for stage in self.stages:
-            y, dy = stage.linearize(u, du, dt, initial_state)
+            y, dy = stage.sensitivities(u, du, dt, initial_state)
             total += y
             carried += dy[:, : du.shape[1]]
             own.append(dy[:, du.shape[1] :])
@@ -412,7 +415,7 @@ def _gathered(stages, without=None):
     between = stages[scaled[0] : scaled[-1] + 1] if scaled else ()
     if (
         not set(scaled) & set(kept)
-        or any(stage.carries_scale for stage in stages)
+        or any(stage.owns_gain for stage in stages)
         or not all(stage.signal_linear for stage in between)
         or not all({"gain", "intercept"} <= set(stages[i].sizes()) for i in scaled)
     ):
@@ -443,7 +446,7 @@ def _with_gain(stage, gain, intercept):
     return replace(stage, gain=gain, intercept=intercept)
 
 
-def put_beside(operator, disturbances, names=None):
+def add_disturbances(operator, disturbances, names=None):
     """Return the sum of a driven operator and of what stands beside it, by default unnamed."""
     if not disturbances:
         return operator
@@ -451,7 +454,7 @@ def put_beside(operator, disturbances, names=None):
     return SumOperator((_DRIVEN, *names), (operator, *disturbances))
 
 
-def take_apart(start):
+def split_disturbances(start):
     """Return the driven part of an operator, and a tuple of what stands beside it.
 
     Parameters
@@ -464,22 +467,22 @@ def take_apart(start):
     >>> import numpy as np
     >>> from skhyst.disturbance import OffsetOperator
     >>> from skhyst.linear import GainOperator
-    >>> from skhyst.operators import SumOperator, take_apart
+    >>> from skhyst.operators import SumOperator, split_disturbances
     >>> total = SumOperator(("gain", "offset"), (GainOperator(2.0), OffsetOperator(np.zeros(1))))
-    >>> driven, beside = take_apart(total)
+    >>> driven, beside = split_disturbances(total)
     >>> driven.names, len(beside)
     (('gain',), 1)
     """
     if isinstance(start, tuple):
         return start
-    if start.stands_beside:
+    if start.is_disturbance:
         return SumOperator((), ()), (start,)
     stages = start.stages if isinstance(start, SumOperator) else ()
-    others = tuple(stage for stage in stages if stage.stands_beside)
+    others = tuple(stage for stage in stages if stage.is_disturbance)
     if not others:
         return start, ()
     pairs = zip(start.names, stages, strict=True)
-    driven = {name: stage for name, stage in pairs if not stage.stands_beside}
+    driven = {name: stage for name, stage in pairs if not stage.is_disturbance}
     if tuple(driven) == (_DRIVEN,):
         return driven[_DRIVEN], others
     return SumOperator(tuple(driven), tuple(driven.values())), others

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.linalg import schur, solve_sylvester
 
 from .._jit import jit
-from ._lowered import LoweredStep
+from ._compiled_step import CompiledLaw
 from ._protocol import as_signal
 from ._root_inverse import InverseOperator
 from ._state_space import state_space_run
@@ -127,7 +127,7 @@ class InverseLinearOperator(InverseOperator):
         x = np.linalg.solve(np.eye(len(b)) - a, b) * y
         constants = weights, a, b, c, self.operator.intercept
         state = [0.0, *np.full(length + 1, y), *x, *x]
-        return LoweredStep(preview_step, constants, state, possible=in_weights), length + late
+        return CompiledLaw(preview_step, constants, state, possible=in_weights), length + late
 
     def decay(self, dt):
         """Return the rate, per sample, at which the drive forgets what comes, or infinity."""
@@ -182,7 +182,7 @@ def preview_step(u, c, s):
 
 
 def in_weights(s, c):
-    """Whether the place in a state of :func:`preview_step` is one: ``LoweredStep.possible``."""
+    """Whether the place in a state of :func:`preview_step` is one: ``CompiledLaw.possible``."""
     return s[0] in range(len(c[0]))
 
 

@@ -8,7 +8,7 @@ from abc import abstractmethod
 import numpy as np
 
 from .._jit import bind, jit
-from ._lowered import LoweredStep
+from ._compiled_step import CompiledLaw
 from ._protocol import Operator, as_signal
 
 
@@ -48,7 +48,7 @@ def tangents(u, du, x, dx, last, dlast, dt, values, y, dy):
             dy[k, m + q] = output_by[3 + q]
 
 
-def lowered(u, c, s):
+def compiled_step(u, c, s):
     """Return the output at one sample; ``c`` is (dt, *values), ``s`` the state and last drive."""
     x, y, _, _ = step(s[0], s[1], u, c[0], c[1:])
     s[0], s[1] = x, u
@@ -106,8 +106,8 @@ class OneStateOperator(Operator):
         if step is not None:
             law = jit(step, inline=True)
             cls._law = staticmethod(law)
-            loops = (staticmethod(bind(loop, law)) for loop in (run, tangents, lowered))
-            cls._run, cls._tangents, cls._lowered = loops
+            loops = (staticmethod(bind(loop, law)) for loop in (run, tangents, compiled_step))
+            cls._run, cls._tangents, cls._compiled_step = loops
 
     @staticmethod
     @abstractmethod
@@ -135,12 +135,12 @@ class OneStateOperator(Operator):
         x = self._run(u, x, last, float(dt), self._values(), y)
         return y, (x, float(u[-1]) if u.size else last)
 
-    def lowered(self, dt, state):
-        """Return one step in plain arithmetic; see :meth:`Operator.lowered`."""
-        return LoweredStep(self._lowered, (dt, *self._values()), state)
+    def compiled_step(self, dt, state):
+        """Return one step in plain arithmetic; see :meth:`Operator.compiled_step`."""
+        return CompiledLaw(self._compiled_step, (dt, *self._values()), state)
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.sensitivities`."""
         u, du = as_signal(u), as_signal(du)
         m, first = du.shape[1], float(u[0]) if u.size else 0.0
         x, (by_first, *by) = self._rest(first)

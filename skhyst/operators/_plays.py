@@ -369,8 +369,8 @@ class Superposition(Operator):
     have that bound only where the field ``non_negative`` is true.
     """
 
-    carries_scale = True
-    rank = 10
+    owns_gain = True
+    stage_order = 10
 
     def __post_init__(self):
         for field in dataclasses.fields(self):

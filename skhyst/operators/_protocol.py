@@ -3,9 +3,9 @@
 An operator is a frozen dataclass whose fields are physical parameters. It knows no data and no
 estimator. Fields made with :func:`parameter` can be identified; all others are fixed structure
 (thresholds, orders). ``pack`` lists the parameters as one vector, ``unpack`` puts such a vector
-back, ``linearize`` returns the output together with its exact derivatives (forward mode), so that
-a series or a sum of operators, which is an operator again, is differentiated by handing tangents
-from one to the next.
+back, ``sensitivities`` returns the output together with its exact derivatives (forward mode), so
+that a series or a sum of operators, which is an operator again, is differentiated by handing
+tangents from one to the next.
 
 Between two samples the input is a straight line (first-order hold) unless an operator says
 otherwise. The state before sample ``k`` holds everything that the operator remembers of the
@@ -81,10 +81,10 @@ class Operator(ABC):
     ----------
     signal_linear : bool
         The output is an affine function of the input signal, whatever the input.
-    carries_scale : bool
+    owns_gain : bool
         The static gain and the intercept are the operator's own, as those of a hysteresis are;
         in a series every other stage then has unit gain and no intercept.
-    rank : int
+    stage_order : int
         Where a stage stands in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind
         the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
     n_poles : (int, int)
@@ -96,19 +96,22 @@ class Operator(ABC):
     at_once : bool
         The output is a monotone function of the input of the same instant, whatever came before,
         so that a drive for an output can be found sample by sample.
-    stands_beside : bool
+    is_disturbance : bool
         The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
         ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
+    presliding_displacement : float or None
+        Displacement (units of the drive) over which friction builds up, if there is one.
     """
 
     signal_linear = False
-    carries_scale = False
-    rank = 30
+    owns_gain = False
+    stage_order = 30
     n_poles = (0, 0)
     memoryless = False
     causal = True
     at_once = True
-    stands_beside = False
+    is_disturbance = False
+    presliding_displacement: float | None = None
 
     def n_ringing(self) -> int:
         """Return the number of pairs of poles that overshoot."""
@@ -139,10 +142,6 @@ class Operator(ABC):
 
     def linear_mode(self) -> "Operator | None":
         """Return the second-order mode that is left without what bends it, if there is one."""
-        return None
-
-    def way_before_sliding(self) -> float | None:
-        """Return the way (units of the drive) in which friction builds up, if there is one."""
         return None
 
     def _require(self, name, is_right, wanted):
@@ -240,7 +239,7 @@ class Operator(ABC):
         """
 
     @abstractmethod
-    def linearize(self, u, du, dt: float, initial_state: str = "rest"):
+    def sensitivities(self, u, du, dt: float, initial_state: str = "rest"):
         """Return the output and its tangents.
 
         Parameters
@@ -263,20 +262,20 @@ class Operator(ABC):
             operator's own parameters in the order of :meth:`pack`.
         """
 
-    def carry(self, u, du, dt: float, initial_state: str = "rest"):
+    def propagate(self, u, du, dt: float, initial_state: str = "rest"):
         """Return the output and the tangents carried through, (n_samples, m), of no own parameter.
 
-        The first columns of :meth:`linearize`, which they are taken from unless an operator knows
-        a shorter way.
+        The first columns of :meth:`sensitivities`, which they are taken from unless an operator
+        knows a shorter way.
         """
         m = du.shape[1]
         if m == 0:
             return self.run(u, dt, self.init(u[0], initial_state))[0], du
-        y, dy = self.linearize(u, du, dt, initial_state)
+        y, dy = self.sensitivities(u, du, dt, initial_state)
         return y, np.ascontiguousarray(dy[:, :m])
 
-    def lowered(self, dt: float, state):
-        """Return one step in plain arithmetic: a :class:`~skhyst.operators.Lowered`.
+    def compiled_step(self, dt: float, state):
+        """Return one step in plain arithmetic: a :class:`~skhyst.operators.CompiledStep`.
 
         Parameters
         ----------
@@ -291,7 +290,7 @@ class Operator(ABC):
             If the output depends on later input, so that it is not known sample by sample, or the
             operator gives no step.
         """
-        why = "it gives no step ('lowered')" if self.causal else "it looks ahead"
+        why = "it gives no step ('compiled_step')" if self.causal else "it looks ahead"
         raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
 
     def ahead(self, dt: float, u0: float, tol: float = 1e-9):
@@ -308,7 +307,7 @@ class Operator(ABC):
 
         Returns
         -------
-        lowered : Lowered
+        compiled_step : CompiledStep
         samples : int
             By which the output lags behind the input; 0 where the operator does not look ahead.
 
@@ -317,7 +316,7 @@ class Operator(ABC):
         NotImplementedError
             If no finite number of samples is enough.
         """
-        return self.lowered(dt, self.init(u0)), 0
+        return self.compiled_step(dt, self.init(u0)), 0
 
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
         """Advance by one sample: return the new state and the output."""

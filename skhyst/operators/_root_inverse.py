@@ -13,7 +13,7 @@ from types import FunctionType
 import numpy as np
 
 from .._jit import bind
-from ._lowered import Lowered, LoweredStep
+from ._compiled_step import CompiledLaw, CompiledStep
 from ._protocol import Operator, as_signal
 
 _TRIALS = 300  # doublings up to any number, and three times the halvings of its digits
@@ -93,7 +93,7 @@ class InverseOperator(Operator):
         """Return the operator that this one undoes."""
         return self.operator
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         """Refuse; an inverse is not identified."""
         raise NotImplementedError("An inverse is not identified.")
 
@@ -146,27 +146,27 @@ class RootInverseOperator(InverseOperator):
         """Return the inputs that give outputs (n_samples,); see the base."""
         y = as_signal(u)
         state = state or self.init(y[0])
-        lowered = self.lowered(dt, state)
-        s = lowered.state.copy()
-        found = lowered.streaming(s)(y)
+        compiled_step = self.compiled_step(dt, state)
+        s = compiled_step.state.copy()
+        found = compiled_step.streaming(s)(y)
         _, own = self.operator.run(found, dt, state[2])
         return found, (float(s[0]), float(s[1]), own)
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         """Return one step in plain arithmetic; see the base."""
         u, reach, own = state
-        forward = self.operator.lowered(dt, own)
+        forward = self.operator.compiled_step(dt, own)
         ends = []
         for end in (u - reach, u + reach):
             ends.append(forward.stepping(forward.state.copy())(end))
         sign = 1.0 if ends[1] >= ends[0] else -1.0
         constants, start = (self.low, self.high, sign), [u, reach, *forward.state, *forward.state]
         law = _plain(_Composed(forward))  # of several steps, which nothing compiles
-        if isinstance(forward, LoweredStep):
+        if isinstance(forward, CompiledLaw):
             law = bind(root_step, forward.step)
             constants += forward.constants
         own = len(forward.state)
-        return LoweredStep(
+        return CompiledLaw(
             law, constants, start, possible=lambda s, _: forward.is_possible(s[2 + own :])
         )
 
@@ -175,10 +175,10 @@ class RootInverseOperator(InverseOperator):
 class _Composed:
     """Several steps in the place of one, without constants of their own."""
 
-    lowered: Lowered
+    compiled_step: CompiledStep
 
     def __call__(self, u, c, s):
-        return self.lowered.stepping(s)(u)
+        return self.compiled_step.stepping(s)(u)
 
 
 def _plain(law):
@@ -211,7 +211,7 @@ def inverse_of(operator, low=-math.inf, high=math.inf):
     """
     if hasattr(operator, "inverse"):
         return operator.inverse()
-    if not operator.at_once or operator.stands_beside:
+    if not operator.at_once or operator.is_disturbance:
         raise ValueError(
             f"{type(operator).__name__} has no inverse: its output does not follow its input at "
             "once."

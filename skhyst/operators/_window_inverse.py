@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._jit import bind, jit
-from ._lowered import LoweredStep
+from ._compiled_step import CompiledLaw
 from ._protocol import as_signal
 from ._root_inverse import InverseOperator, RootInverseOperator
 
@@ -192,12 +192,12 @@ class WindowInverseOperator(InverseOperator):
     def run(self, u, dt, state=None):
         """Return the drive that gives a response (n_samples,) from rest; see the base."""
         y = as_signal(u)
-        lowered, ahead = self.ahead(dt, y[0])
+        compiled_step, ahead = self.ahead(dt, y[0])
         y = np.append(y, np.full(ahead, y[-1]))
-        s = lowered.state.copy()
+        s = compiled_step.state.copy()
         p = ahead + 1
         s[2 + p : 1 + 2 * p] = y[:ahead]
-        return lowered.streaming(s)(y[ahead:]), None
+        return compiled_step.streaming(s)(y[ahead:]), None
 
     def ahead(self, dt, u0, tol=1e-9):
         """Return one step that is fed the response some samples ahead, and their number."""
@@ -207,7 +207,7 @@ class WindowInverseOperator(InverseOperator):
         rate = min(one.inverse().decay(dt) for one in (mode, stiff))
         p = min(max(math.ceil(-math.log(tol) / rate), 3), _LONGEST) + 1
         drive, _, own = RootInverseOperator(self.operator).init(u0)
-        forward = self.operator.lowered(dt, own)
+        forward = self.operator.compiled_step(dt, own)
         n = len(forward.state)
         s = np.zeros(1 + 6 * p + p * p + (2 * p + 3) * n)
         s[0] = abs(u0)
@@ -218,4 +218,4 @@ class WindowInverseOperator(InverseOperator):
         bend = np.append(np.zeros(p - 3), [1.0, -2.0, 1.0])
         constants = bend, 1.0 / abs(mode.gain), *forward.constants
         name = f"the inverse of {type(self.operator).__name__}"
-        return LoweredStep(law, constants, s, double_only=name), p - 1
+        return CompiledLaw(law, constants, s, double_only=name), p - 1

@@ -2,8 +2,8 @@
 
 from ._bounded_step import bounded_step
 from ._frequency_problem import FrequencyProblem, identify_response
-from ._histories import estimate_histories, histories_of
 from ._identify import METHODS, IdentificationResult, identify
+from ._input_history import estimate_input_history, input_history_of
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem, modal_start
 from ._nonnegative import nonnegative_minimum
@@ -47,10 +47,10 @@ __all__ = [
     "bounded_step",
     "coloured_covariance",
     "distribute_poles",
-    "estimate_histories",
-    "histories_of",
+    "estimate_input_history",
     "identify",
     "identify_response",
+    "input_history_of",
     "modal_start",
     "nonnegative_minimum",
     "path_of",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..operators import take_apart
+from ..operators import split_disturbances
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
@@ -146,8 +146,8 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
     Parameters
     ----------
     starts : sequence of Operator
-        Starting values of one structure; see :func:`skhyst.operators.take_apart` for what may stand
-        beside what is driven.
+        Starting values of one structure; see :func:`skhyst.operators.split_disturbances` for what
+        may stand beside what is driven.
     records : sequence of RecordData
         Some of their samples must have a weight above zero.
     fixed : collection of str
@@ -168,7 +168,7 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
         OperatorProblem(
             operator, records, disturbances=disturbances, fixed=fixed, initial_state=initial_state
         )
-        for operator, disturbances in map(take_apart, starts)
+        for operator, disturbances in map(split_disturbances, starts)
     ]
     return solve(problems, method)
 

@@ -218,7 +218,7 @@ class OperatorProblem(Unknowns):
         du = np.zeros((len(u), np.size(record.before)))
         du[:skip] = np.transpose([path_of(own) for own in np.eye(du.shape[1])])
         operator = scheduled(operator, record)
-        return operator.carry(u, du, record.dt, self.initial_state)[1][skip:]
+        return operator.propagate(u, du, record.dt, self.initial_state)[1][skip:]
 
     def outputs(self, operator, disturbances, coefficients):
         """Return the output of each record, with its row of the disturbances' coefficients."""
@@ -254,7 +254,7 @@ class OperatorProblem(Unknowns):
                 blocks[first:last] = 0.0
                 continue
             if jacobian:
-                y, dy = self._linearized(operator, record)
+                y, dy = self._sensitivities(operator, record)
                 large = len(y) * n >= _LARGE and len(y) >= n * len(record.segments)
                 if large and not d:
                     _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
@@ -280,7 +280,7 @@ class OperatorProblem(Unknowns):
         operator, disturbances = self.unpack(x)
         d = self._n_eliminated
         for record in self.records:
-            columns = self._columns(record, disturbances, *self._linearized(operator, record))
+            columns = self._columns(record, disturbances, *self._sensitivities(operator, record))
             columns[:, d:-1] *= self._chain(x)
             counts = record.counts()
             columns *= np.sqrt(counts)[:, None]
@@ -308,10 +308,10 @@ class OperatorProblem(Unknowns):
                 columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
         return columns
 
-    def _linearized(self, operator, record):
+    def _sensitivities(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""
         u, skip = record.with_history()
-        y, dy = scheduled(operator, record).linearize(
+        y, dy = scheduled(operator, record).sensitivities(
             u, np.empty((len(u), 0)), record.dt, self.initial_state
         )
         return y[skip:], dy[skip:]

@@ -51,7 +51,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
 _STEPS = 3  # of what the fit has taken
-_ROUNDING = 1e-12  # part of the power that counts as foretold without an error
+_ROUNDING = 1e-12  # part of the power that counts as predicted without an error
 FEWEST = 2  # independent samples, from which a standard error can be found at all
 
 
@@ -111,7 +111,7 @@ class _Spectrum:
 
     @property
     def is_white(self):
-        """Whether nothing is foretold."""
+        """Whether nothing is predicted."""
         return len(self.weights) == 1
 
     def at(self, size):

@@ -48,7 +48,7 @@ class Solution:
     message: str
     history: list = field(default_factory=list)
     damping: list = field(default_factory=list)  # one value an entry of the history, if recorded
-    promise: float = np.inf  # cost that the next step is predicted to reach, if there is one
+    predicted_cost: float = np.inf  # cost that the next step is predicted to reach, if there is one
 
 
 class _Nielsen:
@@ -129,7 +129,7 @@ def variable_projection(
         else:
             limits = tolerance, max_evaluations
             _descend(problem, solution, limits, callback, (select, project), **options)
-    solution.promise = min(solution.promise, solution.cost)
+    solution.predicted_cost = min(solution.predicted_cost, solution.cost)
     return solution
 
 
@@ -145,7 +145,7 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
         if solution.n_evaluations >= max_evaluations or len(solution.history) > max_steps:
             solution.message = f"The budget of {min(max_evaluations, max_steps)} is used up."
             _, predicted = damped_step(problem, solution.x, solution.gram, damping.value)
-            solution.promise = cost - predicted
+            solution.predicted_cost = cost - predicted
         elif goal > 0.0 and cost <= goal * problem.scale:
             solution.converged, solution.message = True, "The goal is reached."
         else:

@@ -8,15 +8,15 @@ differences falls from order to order where the signal is smooth, and stays wher
 by the recording shows twice. *The response does not follow it.* Where a device has seen it, the
 phase between both channels is the same in all stretches; the squared length of the mean of m random
 unit vectors, times m, is exponential (Rayleigh). Phases leave sizes aside, so that an edge of the
-drive counts as one stretch among others. *The response foretells the drive*, better than its own
+drive counts as one stretch among others. *The response predicts the drive*, better than its own
 noisy past does, since it follows the true one (Granger's test [1]_). A device that is too slow to
-follow a rough drive foretells nothing.
+follow a rough drive predicts nothing.
 
 **A drive that reacts to the response.** The noise of a response says nothing of a drive that does
-not know it: what a fitted model leaves, without what its own past foretells, is regressed on later
+not know it: what a fitted model leaves, without what its own past predicts, is regressed on later
 innovations of the drive (Sims [2]_). It is white and independent of the drive if so, and the test
 holds whatever the drive is. The response itself would not do: a bent function of the drive's past
-foretells the drive.
+predicts the drive.
 
 **Exchanged channels.** A reading has noise and a command has none, and the response lags: the
 area :math:`\sum y_{t-1} u_t - y_t u_{t-1}` about the means has the sign of their covariance if so,
@@ -73,7 +73,7 @@ def noise_on_drive(u, y, alpha=0.001):
     floor = noise_floor(u)
     if not (floor > 0.0 and np.ptp(y) > 0.0) or _is_followed(u, y, floor):
         return 0.0
-    return floor if _foretold(u, y) < alpha else 0.0
+    return floor if _predicted(u, y) < alpha else 0.0
 
 
 def _is_followed(u, y, floor, alpha=0.01):
@@ -111,7 +111,7 @@ def _spectra(signal, window):
     return np.fft.rfft(bent[: count * len(window)].reshape(count, -1) * window, axis=1)
 
 
-def _foretold(u, y):
+def _predicted(u, y):
     """Return the p-value that the response's past says nothing of the drive beyond its own past."""
     lags = int(np.sqrt(len(u)))
     own, basis = _innovations(u, 2 * lags)
@@ -126,7 +126,7 @@ def reaction_p_value(u, noise):
     if len(u) < 8 * lags or not (np.ptp(u) > 0.0 and np.ptp(noise) > 0.0):
         return 1.0
     drive, noise = _innovations(u, 2 * lags)[0], _innovations(noise, lags)[0][lags:]
-    # which one is foretold makes no difference; the noise is white, whatever the drive is
+    # which one is predicted makes no difference; the noise is white, whatever the drive is
     return _p_value(noise[:-lags], sliding_window_view(drive[1:], lags), 1)
 
 

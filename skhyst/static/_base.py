@@ -4,7 +4,7 @@ import numpy as np
 
 from .._sklearn import StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator
+from ..operators import CompiledLaw, Operator
 
 SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
@@ -15,11 +15,11 @@ class StaticOperator(Operator):
     Attributes
     ----------
     curve : callable or None
-        Compiled ``curve(u, c, s) -> y``, see :class:`~skhyst.operators.LoweredStep`; ``s`` is
+        Compiled ``curve(u, c, s) -> y``, see :class:`~skhyst.operators.CompiledLaw`; ``s`` is
         empty.
     """
 
-    rank = 40
+    stage_order = 40
     curve = None
 
     def _evaluate(self, v):
@@ -36,12 +36,12 @@ class StaticOperator(Operator):
         """Return the constants of ``curve``."""
         return ()
 
-    def lowered(self, dt, state):
+    def compiled_step(self, dt, state):
         if self.curve is None:
-            return super().lowered(dt, state)
-        return LoweredStep(self.curve, self._constants(), ())
+            return super().compiled_step(dt, state)
+        return CompiledLaw(self.curve, self._constants(), ())
 
-    def linearize(self, u, du, dt, initial_state="rest"):
+    def sensitivities(self, u, du, dt, initial_state="rest"):
         y, slope, own = self._evaluate(u)
         return y, np.concatenate([du * slope[:, None], own], axis=1)
 
@@ -73,7 +73,7 @@ class SaturationModel(StaticModel):
     ----------
     sides : {"both", "lower", "upper"}, default="both"
         Which limits there are.
-    rank : {"drive", "sensor"}, default="sensor"
+    place : {"drive", "sensor"}, default="sensor"
         Where it stands when an effect search has to find its place in a series: before everything
         else, or behind it.
     """
@@ -82,12 +82,12 @@ class SaturationModel(StaticModel):
     _parameter_constraints = {
         **StaticModel._parameter_constraints,
         "sides": [StrOptions(set(SIDES))],
-        "rank": [StrOptions({"drive", "sensor"})],
+        "place": [StrOptions({"drive", "sensor"})],
     }
 
     @property
-    def series_rank(self) -> int:
-        return 0 if self.rank == "drive" else 50
+    def stage_order(self) -> int:
+        return 0 if self.place == "drive" else 50
 
 
 def range_of_drive(records):

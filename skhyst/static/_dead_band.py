@@ -25,7 +25,7 @@ class DeadBandOperator(StaticOperator):
 
     half_width: float = parameter(log=True, lower=0.0, unit="drive")
     center: float = parameter(unit="drive", default=0.0)
-    rank: int = 0
+    stage_order: int = 0
 
     curve = staticmethod(dead_band)
 

@@ -43,7 +43,7 @@ class DeadZoneOperator(StaticOperator):
     weights: np.ndarray = parameter(linear=True)
     thresholds: np.ndarray = parameter(unit="response")
     side: np.ndarray
-    rank: int = 20
+    stage_order: int = 20
 
     characteristics = StaticOperator.bend
 
@@ -96,7 +96,7 @@ class MonotoneDeadZoneOperator(StaticOperator):
     thresholds: np.ndarray
     n_lower: int
 
-    rank = 20
+    stage_order = 20
 
     @property
     def side(self):

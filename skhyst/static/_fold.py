@@ -33,7 +33,7 @@ class FoldOperator(StaticOperator):
 
     level: float = parameter(unit="drive")
     side: int = 1
-    rank = 50
+    stage_order = 50
 
     curve = staticmethod(fold)
 

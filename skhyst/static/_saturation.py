@@ -24,7 +24,7 @@ class SaturationOperator(StaticOperator):
 
     lower: float = parameter(unit="drive", default=-np.inf)
     upper: float = parameter(unit="drive", default=np.inf)
-    rank: int = 0
+    stage_order: int = 0
 
     def parameter_specs(self):
         specs = super().parameter_specs()
@@ -68,14 +68,14 @@ class Saturation(SaturationModel):
         self,
         *,
         sides="both",
-        rank="sensor",
+        place="sensor",
         initial_state="rest",
         dt=1.0,
         method="variable_projection",
     ):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.sides = sides
-        self.rank = rank
+        self.place = place
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
@@ -84,5 +84,5 @@ class Saturation(SaturationModel):
             clipped = part * (high - low)
             levels = {-1: {"lower": low + clipped}, 1: {"upper": high - clipped}}
             limits = {k: v for side in SIDES[self.sides] for k, v in levels[side].items()}
-            starts.append(SaturationOperator(**limits, rank=self.series_rank))
+            starts.append(SaturationOperator(**limits, stage_order=self.stage_order))
         return starts

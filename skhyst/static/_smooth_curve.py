@@ -46,7 +46,7 @@ class PolynomialCurveOperator(StaticOperator):
     coefficients: np.ndarray = parameter(linear=True)
     center: float
     scale: float
-    rank: int = 40
+    stage_order: int = 40
 
     characteristics = StaticOperator.bend
 

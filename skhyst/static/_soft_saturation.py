@@ -44,7 +44,7 @@ class SoftSaturationOperator(StaticOperator):
         c, units of the drive.
     side : {0, 1, -1}, default=0
         Saturates on both sides of the centre, above it or below it; the other side is straight.
-    rank : int, default=50
+    stage_order : int, default=50
         50 for a sensor, 0 for what limits the drive.
     """
 
@@ -52,7 +52,7 @@ class SoftSaturationOperator(StaticOperator):
     knee: float = parameter(log=True, lower=_BROADEST, upper=_SHARPEST, default=2.0)
     center: float = parameter(unit="drive", default=0.0)
     side: int = 0
-    rank: int = 50
+    stage_order: int = 50
 
     curve = staticmethod(soft_saturation)
 
@@ -146,7 +146,7 @@ class SoftSaturation(SaturationModel):
         self,
         *,
         sides="both",
-        rank="sensor",
+        place="sensor",
         fit_center=True,
         initial_state="rest",
         dt=1.0,
@@ -154,14 +154,14 @@ class SoftSaturation(SaturationModel):
     ):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.sides = sides
-        self.rank = rank
+        self.place = place
         self.fit_center = fit_center
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
         center = 0.5 * (low + high) if self.fit_center else 0.0
         reach = max(high - center, center - low) or 1.0
-        fixed = center, sum(SIDES[self.sides]), self.series_rank
+        fixed = center, sum(SIDES[self.sides]), self.stage_order
         return [
             SoftSaturationOperator(part * reach, knee, *fixed)
             for part in _LEVELS

@@ -394,7 +394,7 @@ def test_every_model_that_is_listed_can_be_declared(capsys):
     assert len(lines) > 20
     for line in lines:
         model = parse_model(line.split()[0])
-        assert not model.operator_class.stands_beside
+        assert not model.operator_class.is_disturbance
 
 
 @pytest.mark.parametrize("asked", [["--version"], ["--help"], ["diagnose", "--help"]])

@@ -66,7 +66,7 @@ def test_tangents_are_those_of_the_drive():
         ("drive", "load"), (ColumnOperator(LAG, 0), ColumnOperator(GainOperator(3.0), 1))
     )
     ends = [both.run(u + way * along, DT)[0] for way in (0.5, -0.5)]  # it is linear
-    _, dy = both.linearize(u, along[:, :1], DT)
+    _, dy = both.sensitivities(u, along[:, :1], DT)
     np.testing.assert_allclose(dy[:, 0], ends[0] - ends[1], atol=1e-12)
 
 

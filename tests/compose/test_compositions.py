@@ -34,7 +34,7 @@ from skhyst.linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, take_apart
+from skhyst.operators import SeriesOperator, split_disturbances
 from skhyst.optimize import RecordData, VariableProjection
 from skhyst.records import stack_records
 
@@ -125,7 +125,7 @@ def test_stages_go_out_and_in_again(fitted):
     model, names = fitted
     if names is None:
         return
-    operator = model._with_held(take_apart(model.operator_)[0])
+    operator = model._with_held(split_disturbances(model.operator_)[0])
     whole = Stage(None, model, operator)
     stages = series_stages(whole)
     assert [stage.name for stage in stages] == names

@@ -106,7 +106,7 @@ def test_constants_of_the_records_are_taken_out():
 def test_a_clipped_linear_regression():
     u = np.concatenate(list(drives(4)))
     X, y = u.reshape(-1, 1), np.minimum(3.0 * u + 1.0, 2.5)
-    effects = Cascade([("gain", Gain()), ("limit", Saturation(sides="upper", rank="sensor"))])
+    effects = Cascade([("gain", Gain()), ("limit", Saturation(sides="upper", place="sensor"))])
     model = Corrected(LinearRegression(), effects, cv=4).fit(X, y)
     np.testing.assert_allclose(model.predict(X), y, atol=0.01)
     assert model.params_["limit__upper"] == pytest.approx(2.5, abs=0.01)

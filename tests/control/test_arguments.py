@@ -37,7 +37,7 @@ NOT_FINITE = (np.nan, -np.inf, "1", None, 1j, [0.0, [1.0]])
 
 
 def device():
-    return Stepper(GainOperator(1.0).lowered(DT, ()))
+    return Stepper(GainOperator(1.0).compiled_step(DT, ()))
 
 
 @pytest.fixture(scope="module")
@@ -163,14 +163,14 @@ def test_loops_are_closed_around_what_is_one(name, values):
 
 
 def test_what_is_written_as_c_has_an_interval(tmp_path, models):
-    for model in (models["SecondOrderMode"], GainOperator(1.0), device(), device().lowered):
+    for model in (models["SecondOrderMode"], GainOperator(1.0), device(), device().compiled_step):
         assert_named(to_c, "dt", NO_INTERVAL, model=model, folder=tmp_path, name="m")
     for model in (models["SecondOrderMode"], FirstOrderLagOperator(0.1)):
         broken = {"model": model, "folder": tmp_path, "name": "m", "dt": DT}
         assert_named(to_c, "u0", [np.nan, np.inf, "1"], **broken)
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ValueError, match="'dt' parameter of Stepper"):
-        Stepper(device().lowered, np.nan)
+        Stepper(device().compiled_step, np.nan)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, "x", None, [1.0, 2.0, [3.0]]])

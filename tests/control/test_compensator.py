@@ -39,7 +39,7 @@ from skhyst.operators import (
     SeriesOperator,
     Stepper,
     SumOperator,
-    put_beside,
+    add_disturbances,
 )
 from skhyst.static import SaturationOperator, SoftSaturation
 
@@ -435,7 +435,7 @@ def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
 def test_disturbances_that_are_known_are_taken_out_of_the_stream(preview):
     """Offset and drift of the record, at the sample whose drive it is."""
     beside = OPERATORS["offset"], OPERATORS["drift"]
-    device = put_beside(GainOperator(2.0), beside)
+    device = add_disturbances(GainOperator(2.0), beside)
     reference = smooth(3.0)
     known = sum(own.run(reference, DT)[0] for own in beside)
     drive = compensator(device).stepper(DT, reference[0], preview).run(reference)[preview:]

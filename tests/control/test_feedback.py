@@ -25,7 +25,7 @@ class Ahead:
 
 def sections(controller, dt=DT):
     """Return notch and damping of a controller, as SciPy has them."""
-    constants = controller.stepper(dt).lowered.constants
+    constants = controller.stepper(dt).compiled_step.constants
     return [np.array([[*section[:3], 1.0, *section[3:]]]) for section in constants[4:]]
 
 
@@ -60,7 +60,7 @@ def test_feedforward_alone_where_the_device_is_known():
     gain = GainOperator(0.5)
     reference = np.cumsum(ROWS[:, 0])
     controller = FeedforwardPI(0.7, 30.0, compensator=Ahead(), damping=DAMPING)
-    loop = simulate_loop(Stepper(gain.lowered(DT, gain.init(0.0))), controller, reference, DT)
+    loop = simulate_loop(Stepper(gain.compiled_step(DT, gain.init(0.0))), controller, reference, DT)
     np.testing.assert_allclose(loop.response, reference, rtol=0.0, atol=1e-13 * np.ptp(reference))
 
 
@@ -68,7 +68,7 @@ def test_feedforward_alone_where_the_device_is_known():
 def test_a_loop_is_closed_without_a_bump(compensator):
     """Around a device at rest, under a drive that feed-forward has wrong."""
     gain = GainOperator(0.5, 0.3)
-    device = Stepper(gain.lowered(DT, gain.init(0.0)))
+    device = Stepper(gain.compiled_step(DT, gain.init(0.0)))
     controller = FeedforwardPI(0.1, 30.0, compensator=compensator, damping=DAMPING)
     loop = simulate_loop(device, controller, np.full(50, 1.0), DT, u0=1.4)
     np.testing.assert_allclose(loop.drive, 1.4, rtol=0.0, atol=1e-13)

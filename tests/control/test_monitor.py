@@ -277,7 +277,7 @@ def test_sensitivities_are_tangents(monitor):
     own.whitening_ = np.ones(1)
     found = _Columns(own, DT, u[0]).run(np.column_stack([u, y]))
     np.testing.assert_allclose(found[:, 0], y - model.predict(u[:, None]), atol=1e-12)
-    _, tangents = model.operator_.linearize(u, np.empty((len(u), 0)), DT)
+    _, tangents = model.operator_.sensitivities(u, np.empty((len(u), 0)), DT)
     names = [name for name, _ in model.operator_.entries()]
     expected = tangents[:, [names.index(name) for name in own.parameters_]]
     error = np.abs(found[:, 1:] - expected).max(axis=0) / np.abs(expected).max(axis=0)

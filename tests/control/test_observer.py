@@ -214,7 +214,7 @@ def test_pickled_in_service(observer, data):
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no compiler")
 def test_it_is_written_as_c(observer, tmp_path):
-    to_c(observer.lowered(), tmp_path, "observer", dt=DT)
+    to_c(observer.compiled_step(), tmp_path, "observer", dt=DT)
     command = ["cc", "-std=c99", "-Wall", "-Werror", "-o", "program", "observer_test.c"]
     subprocess.run([*command, "observer.c", "-lm"], cwd=tmp_path, check=True)
     assert subprocess.run("./program", cwd=tmp_path).returncode == 0
@@ -245,7 +245,7 @@ def test_unscented_is_kalman_where_all_is_linear():
     found, expected = (own.innovations(u, reading)[1500:] for own in observers)
     np.testing.assert_allclose(found, expected, atol=1e-9)
     with pytest.raises(NotImplementedError, match="linear"):
-        to_c(observers[0].lowered(), "nowhere", "observer", dt=DT)
+        to_c(observers[0].compiled_step(), "nowhere", "observer", dt=DT)
 
 
 def test_hysteresis_in_the_motion():

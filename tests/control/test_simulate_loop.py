@@ -16,7 +16,7 @@ STAGE = SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(2e-3)))
 
 
 def device(operator=STAGE):
-    return Stepper(operator.lowered(DT, operator.init(0.0)))
+    return Stepper(operator.compiled_step(DT, operator.init(0.0)))
 
 
 def test_a_loop_around_a_gain_is_a_geometric_series():

@@ -11,12 +11,12 @@ from skhyst.diagnosis import EFFECTS, effect_names
 from skhyst.diagnosis._candidates import (
     Candidate,
     extrapolated,
-    foretold,
     halve,
     held_out,
+    held_out_residuals,
     level_folds,
-    predicted,
     refitted,
+    screened,
 )
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Beside, Schedule
@@ -146,7 +146,7 @@ def test_what_is_not_scored_is_nan():
 
 def halved(name, tree, records):
     base = refitted(candidate_of(tree, records), tree, records)
-    variants = predicted(EFFECTS[name], tree, records)
+    variants = screened(EFFECTS[name], tree, records)
     (found,), kept = halve([(variants, records, base.cost)], Parallel())
     assert kept == ([0] if variants else [])
     return base, found
@@ -163,7 +163,7 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
         assert candidate.n_parameters >= base.n_parameters  # an offset takes an intercept's place
         best = refitted(candidate, candidate.structure, records)
         assert best.cost <= 1.001 * base.cost
-        assert best.promise == pytest.approx(best.cost, rel=1e-3)  # nothing more to come
+        assert best.predicted_cost == pytest.approx(best.cost, rel=1e-3)  # nothing more to come
 
 
 @pytest.mark.parametrize("budget", [1, 3])
@@ -173,11 +173,11 @@ def test_a_start_far_from_its_solution_is_judged_by_its_next_step(budget):
     bent = [
         replace(r, y=np.clip(v, -0.6, 0.9)) for r, v in zip(records, tree.run(records), strict=True)
     ]
-    (candidate,) = predicted(EFFECTS["dead_zone"], tree, bent)
+    (candidate,) = screened(EFFECTS["dead_zone"], tree, bent)
     early = refitted(candidate, candidate.structure, bent, budget)
     problem = early.structure.problem(bent)
-    assert early.promise < early.cost
-    assert predicted_cost(problem, problem.x0) <= early.promise * (1.0 + 1e-9)  # undamped
+    assert early.predicted_cost < early.cost
+    assert predicted_cost(problem, problem.x0) <= early.predicted_cost * (1.0 + 1e-9)  # undamped
 
 
 @pytest.mark.parametrize("name", effect_names())
@@ -214,11 +214,11 @@ def test_the_effects_that_explain_most_stay_three_at_least():
     disturbed = [replace(r, y=r.y + 5.0 * np.sin(0.9 * np.arange(240))) for r in records]
     tree = declared_with(records)
     names = ["asymmetry", "creep", "offset", "periodic_disturbance", "delay", "lag"]
-    groups = [(predicted(EFFECTS[name], tree, disturbed), disturbed, 1.0) for name in names]
+    groups = [(screened(EFFECTS[name], tree, disturbed), disturbed, 1.0) for name in names]
     variants, kept = halve(groups, Parallel())
     assert len(kept) == 3
     assert names[kept[0]] == "periodic_disturbance"
-    costs = [min(c.promise for c in own) for own in variants]
+    costs = [min(c.predicted_cost for c in own) for own in variants]
     assert max(costs[i] for i in kept) <= min(c for i, c in enumerate(costs) if i not in kept)
 
 
@@ -227,14 +227,14 @@ def test_what_was_estimated_from_a_record_makes_its_error_larger():
     u = np.arange(12.0)
     record = RecordData(u, u + 1.0, 1.0, before=np.array([0.0, 0.0]))
     problem = OperatorProblem(GainOperator(1.0), [record, replace(record, before=None)])
-    known, plain = foretold(problem, [u, u], [2, 2])
+    known, plain = held_out_residuals(problem, [u, u], [2, 2])
     np.testing.assert_allclose(known[2:], np.sqrt(12.0 / 8.0))
     np.testing.assert_allclose(plain[2:], 1.0)
     assert np.isnan(known[:2]).all()
 
 
 def test_levels_are_held_out_between_others():
-    """Records at one level go together, and the ends of the range are foretold by nothing."""
+    """Records at one level go together, and the ends of the range are predicted by nothing."""
     u = np.arange(40.0)
     records = [
         RecordData(u, u, 1.0, segments=((0, 20), (20, 40)), schedule=level)
@@ -272,4 +272,4 @@ def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
     assert candidate.cost < 0.9 * base.cost  # of the fit, in either case
     effects, criterion = [EFFECTS["amplitude_dependence"]], Criterion(0.01, 0.05)
     rounds = Rounds(effects, records, block_folds(records), criterion, 1, 1, 0.0, print, None, None)
-    assert rounds._foretells_levels(candidate, base, records) == told
+    assert rounds._predicts_levels(candidate, base, records) == told

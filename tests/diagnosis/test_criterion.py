@@ -235,9 +235,9 @@ def test_models_are_told_apart_by_what_matters():
     criterion = Criterion(0.01, 0.05)
     best = contestant(1.0, noise)
     slow = np.sin(0.1 * np.arange(5000))
-    assert not criterion.foretells_better(contestant(1.0, noise + 0.4 * slow), best)  # by 4 %
-    assert criterion.foretells_better(contestant(1.0, noise + 0.5 * slow), best)  # by 6 %
-    assert not criterion.foretells_better(contestant(1.0, rng.permutation(1.06 * noise)), best)
+    assert not criterion.predicts_better(contestant(1.0, noise + 0.4 * slow), best)  # by 4 %
+    assert criterion.predicts_better(contestant(1.0, noise + 0.5 * slow), best)  # by 6 %
+    assert not criterion.predicts_better(contestant(1.0, rng.permutation(1.06 * noise)), best)
 
 
 @pytest.mark.slow

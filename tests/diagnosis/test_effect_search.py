@@ -179,7 +179,7 @@ def test_candidates_are_told_as_a_grid_search_tells_them(found):
 
 
 def test_what_the_records_do_not_determine_is_no_verdict():
-    """A curve of high degree follows each record, and foretells none that goes further."""
+    """A curve of high degree follows each record, and predicts none that goes further."""
     rng = np.random.default_rng(0)
     drives = [np.sort(rng.uniform(low, low + 1.0, 400)) for low in (-1.0, 0.0, 1.0)]
     records = [(u, np.tanh(u) + 0.01 * rng.normal(size=400)) for u in drives]
@@ -344,7 +344,7 @@ class DeadBandOperator(StaticOperator):
     """No response within a level: ``y = u - clip(u, -level, level)``."""
 
     level: float = parameter(lower=0.0, unit="drive")
-    rank = 0
+    stage_order = 0
 
     def _evaluate(self, v):
         inside = np.abs(v) < self.level
@@ -354,7 +354,7 @@ class DeadBandOperator(StaticOperator):
 
 
 class DeadBand(ParametricModel):
-    series_rank = DeadBandOperator.rank
+    stage_order = DeadBandOperator.stage_order
 
     def __init__(self, *, initial_state="rest", dt=1.0):
         self.initial_state = initial_state

@@ -20,7 +20,7 @@ from skhyst.linear import (
     TimeShiftOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import take_apart
+from skhyst.operators import split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.static import SoftSaturationOperator
 
@@ -72,7 +72,7 @@ def test_its_variants_are_unfitted_models_or_changes(name, record):
     for model in models_of(name):
         assert not hasattr(model, "operator_")
         clone(model)
-        for operator, disturbances in map(take_apart, model.starting_values([record])):
+        for operator, disturbances in map(split_disturbances, model.starting_values([record])):
             assert bool(disturbances) == effect.beside
             values = [operator, *disturbances][-1].pack()
             assert np.isfinite(values).all()
@@ -81,7 +81,10 @@ def test_its_variants_are_unfitted_models_or_changes(name, record):
 
 
 def ranks(name, record):
-    return {take_apart(model.starting_values([record])[0])[0].rank for model in models_of(name)}
+    return {
+        split_disturbances(model.starting_values([record])[0])[0].stage_order
+        for model in models_of(name)
+    }
 
 
 @pytest.mark.parametrize("name", sorted(n for n in PROMISED if not EFFECTS[n].beside))
@@ -91,15 +94,17 @@ def test_all_variants_go_to_the_same_place(name, record):
 
 
 def test_places_follow_the_signal(record):
-    rank = {
+    order = {
         name: min(ranks(name, record))
         for name in PROMISED
         if not EFFECTS[name].beside and models_of(name)
     }
     for first in ("input_saturation", "dead_zone", "slew_limit", "backlash"):
-        assert rank[first] < rank["asymmetry"] < rank["lag"]
-    assert rank["lag"] == rank["resonance"] == rank["creep"]
-    assert rank["creep"] < rank["static_nonlinearity"] < rank["output_saturation"] < rank["timing"]
+        assert order[first] < order["asymmetry"] < order["lag"]
+    assert order["lag"] == order["resonance"] == order["creep"]
+    assert (
+        order["creep"] < order["static_nonlinearity"] < order["output_saturation"] < order["timing"]
+    )
 
 
 def test_every_effect_has_its_page():

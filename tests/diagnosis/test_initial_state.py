@@ -1,4 +1,4 @@
-"""Records that begin under way: named, foretold, and a model like any other."""
+"""Records that begin under way: named, predicted, and a model like any other."""
 
 import numpy as np
 import pandas as pd

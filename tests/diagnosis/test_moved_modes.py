@@ -13,7 +13,7 @@ SMALL, LARGE = (60.0, 0.05), (55.0, 0.08)  # natural frequency in rad/s, damping
 
 
 def recording(moves):
-    """Return what the dynamics of small amplitudes foretell, and the response, of six records."""
+    """Return what the dynamics of small amplitudes predict, and the response, of six records."""
     rng = np.random.default_rng(9000)
     time, found = DT * np.arange(N), []
     for number in range(6):

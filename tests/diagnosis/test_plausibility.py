@@ -115,7 +115,7 @@ def test_a_play_is_wider_than_what_may_be_noise_on_the_drive(half_gap, stays, un
     for drive, wide in ((noisy, stays), (smooth, True)):
         records = [RecordData(drive, drive, 0.01)]
         margin = EFFECTS["backlash"].plausible
-        operator = BacklashOperator(half_gap * units, rank=0)
+        operator = BacklashOperator(half_gap * units, stage_order=0)
         assert (margin(operator, units * smooth, records) > 0.0) == wide
 
 

@@ -79,7 +79,7 @@ def test_the_level_of_a_needless_candidate_in_a_loop(correlation, level):
     below = {name: np.mean(np.array(own) < 0.1) for name, own in p_values.items()}
     assert 0.01 < below["reference"] < 0.1 + 3.0 * np.sqrt(0.1 * 0.9 / 100)
     if correlation:
-        assert below["drive"] > 0.3  # what is noise seems to be foretold
+        assert below["drive"] > 0.3  # what is noise seems to be predicted
 
 
 def test_an_instrument_that_shows_nothing_of_the_difference_is_no_evidence():
@@ -97,7 +97,7 @@ def test_a_loop_that_lacks_nothing():
     assert (found.effects_, found.verdict_) == ([], "noise")
     assert "closed_loop" not in set(found.data_quality_["fault"])
     assert found.reference_share_ > 0.9
-    assert "foretells 100 %" in found.report().to_markdown()
+    assert "predicts 100 %" in found.report().to_markdown()
     blind = search(None).fit(X.iloc[:, :1], y)
     assert blind.effects_ == ["lag"]
     assert blind.reference_share_ is None
@@ -176,7 +176,7 @@ def test_a_reference_is_no_auxiliary_input(fitted):
     assert found.effects_ == ["auxiliary_input"]
     assert "load" in found.evidence_["auxiliary_input"].statement
     found = search("load", effects=["auxiliary_input"])
-    with pytest.raises(ValueError, match=r"foretells .* of the drive"):
+    with pytest.raises(ValueError, match=r"predicts .* of the drive"):
         found.fit(more, y)
 
 
@@ -189,7 +189,7 @@ def test_a_reference_is_no_auxiliary_input(fitted):
         (0, "another column than the drive"),
         ("copy", "another column than the drive"),
         ("constant", "which is constant"),
-        ("chance", r"which foretells .* % of the drive \(p = "),
+        ("chance", r"which predicts .* % of the drive \(p = "),
         ("hole", "NaN"),
     ],
 )
@@ -219,7 +219,7 @@ def test_the_command_line_takes_a_reference(fitted, tmp_path, capsys):
     result = json.loads((tmp_path / "found.json").read_text())
     share = result["data"]["reference"]["share"]
     assert result["data"]["reference"]["name"] == "setpoint"
-    assert f"the reference foretells {100.0 * share:.3g} % of the drive" in capsys.readouterr().out
+    assert f"the reference predicts {100.0 * share:.3g} % of the drive" in capsys.readouterr().out
     assert main(["diagnose", *map(str, call), "--reference", "voltage"]) == 1
 
 

@@ -261,7 +261,7 @@ SAID = [  # report, changes of it, what it says, and what it does not say
     (
         "nothing",
         {"verdict": "undetermined"},
-        ["Undetermined", "the recording cannot tell", "do not foretell each other"],
+        ["Undetermined", "the recording cannot tell", "do not predict each other"],
         "Nothing is missing",
     ),
     (

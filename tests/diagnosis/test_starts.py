@@ -7,7 +7,7 @@ from plants import make_recording
 
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS
-from skhyst.diagnosis._candidates import predicted, refitted
+from skhyst.diagnosis._candidates import refitted, screened
 from skhyst.diagnosis._edits import Schedule
 from skhyst.diagnosis._starts import _distinct, starting_trees
 from skhyst.diagnosis._tree import Tree
@@ -62,13 +62,13 @@ def test_every_variant_has_starts_in_its_place(name, kind):
     for candidates in found:
         assert candidates
         for candidate in candidates:
-            ranks = [operator.rank for operator in candidate.operators]
+            ranks = [operator.stage_order for operator in candidate.operators]
             assert ranks == sorted(ranks)
             if effect.beside:
                 assert candidate.names == structure.names
                 for own, before in zip(candidate.operators, structure.operators, strict=True):
                     np.testing.assert_array_equal(own.pack(), before.pack())
-                assert candidate.beside_names == (name,)
+                assert candidate.disturbance_names == (name,)
                 assert len(candidate.disturbances) == 1
             else:
                 assert sorted(candidate.names) == sorted([*structure.names, name])
@@ -171,7 +171,7 @@ def test_distinct_pole_sets_are_apart_and_every_other_is_near_one():
 def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
     """A knee cannot harden, whatever one linear step from its starting values promises."""
     recording, records, tree = declared("static_nonlinearity", "bouc_wen", 6000, 9151)
-    found = predicted(EFFECTS["static_nonlinearity"], tree, records)
+    found = screened(EFFECTS["static_nonlinearity"], tree, records)
     bar = 4.0 * recording.noise_std**2 * sum(len(record.y) for record in records)
     assert min(refitted(c, c.structure, records, 9).cost for c in found) < bar
 
@@ -188,7 +188,7 @@ def test_no_effect_is_put_beside_lost_poles_alone(name, lost):
         y, _ = stage.run(y, dt)
     records = [RecordData(drive, y + noise * rng.normal(size=len(y)), dt)]
     tree = Tree(SecondOrderMode(dt=dt), SecondOrderModeOperator(*lost))
-    found = predicted(EFFECTS[name], tree, records)
+    found = screened(EFFECTS[name], tree, records)
     cost = min(refitted(c, c.structure, records, 9).cost for c in found)
     assert cost < 1.2 * noise**2 * len(y)
 

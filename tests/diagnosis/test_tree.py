@@ -41,7 +41,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
     TransferFunction,
 )
-from skhyst.operators import take_apart
+from skhyst.operators import split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 from skhyst.static import Saturation, SaturationOperator, SmoothCurve
@@ -75,7 +75,7 @@ def cascade():
 
 
 def start_of(model, records):
-    return take_apart(model.starting_values(records)[0])[0]
+    return split_disturbances(model.starting_values(records)[0])[0]
 
 
 @pytest.mark.parametrize("model", [PrandtlIshlinskii(4), cascade()], ids=["alone", "cascade"])
@@ -94,12 +94,12 @@ def test_stages_stand_in_the_order_of_the_signal(records):
     tree = declared
     for model, name in [
         (SmoothCurve(3), "sensor"),
-        (Saturation(sides="upper", rank="sensor"), "limit"),
-        (Saturation(sides="upper", rank="drive"), "amplifier"),
-        (TransferFunction(n_poles=2), "mode"),  # of the rank of the dynamics: behind them
+        (Saturation(sides="upper", place="sensor"), "limit"),
+        (Saturation(sides="upper", place="drive"), "amplifier"),
+        (TransferFunction(n_poles=2), "mode"),  # of the stage order of the dynamics: behind them
     ]:
         tree = tree.edited(name, Insert(model, start_of(model, records)))
-    ranks = [operator.rank for operator in tree.operators]
+    ranks = [operator.stage_order for operator in tree.operators]
     assert ranks == sorted(ranks)
     assert tree.names == ("amplifier", "hysteresis", "dynamics", "mode", "sensor", "limit")
     assert len(tree.models) == len(tree.operators) == 6
@@ -172,7 +172,7 @@ PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.8, 0.4])
 ADDED = {
     "lag": [Insert(FirstOrderLag(), FirstOrderLagOperator(0.05))],
     "resonance": [Insert(SecondOrderMode(), SecondOrderModeOperator(80.0, 0.1))],
-    "output_saturation": [Insert(Saturation(rank="sensor"), SaturationOperator(-1.5, 1.5, 50))],
+    "output_saturation": [Insert(Saturation(place="sensor"), SaturationOperator(-1.5, 1.5, 50))],
     "offset": [Beside(Offset(), OffsetOperator(np.zeros(1)))],
     "auxiliary_input": [Drive(Gain(fit_intercept=False), GainOperator(0.7), 1)],
     "bias": [Bias(FirstOrderLag(fit_intercept=False), FirstOrderLagOperator(0.05, 0.3), 1, 0.2)],
@@ -231,7 +231,7 @@ def structure(tree):
     params = tree.model.get_params()
     plain = {key: value for key, value in params.items() if not hasattr(value, "fit")}
     names = [name for name, _ in tree.operator.entries()]
-    return tree.names, repr(plain), names, tree.beside_names, type(tree.model)
+    return tree.names, repr(plain), names, tree.disturbance_names, type(tree.model)
 
 
 @pytest.mark.parametrize("kind", DECLARED)
@@ -289,8 +289,8 @@ def test_a_value_that_has_moved_stays_where_it_is(records):
 def behind_a_saturation():
     """Return a mode whose gain a saturation has made a nonlinear parameter."""
     tree = Tree(SecondOrderMode(), replace(MODE, gain=3e-7, intercept=1e-8))
-    limit = SaturationOperator(-np.inf, 2e-7, rank=50)
-    return tree.edited("output_saturation", Insert(Saturation(rank="sensor"), limit))
+    limit = SaturationOperator(-np.inf, 2e-7, stage_order=50)
+    return tree.edited("output_saturation", Insert(Saturation(place="sensor"), limit))
 
 
 def test_a_linear_stage_more_takes_the_gain_over(records):
@@ -366,7 +366,7 @@ def test_compositions_nested_in_a_declared_model_are_looked_through(records):
     assert set(declared.lines) == {("lag", "time_constant")}
     more = declared.edited("resonance", *ADDED["resonance"])
     assert more.names == ("plays", "lag", "resonance")
-    assert more.beside_names == ("offset",)
+    assert more.disturbance_names == ("offset",)
     assert set(more.lines) == {("lag", "time_constant")}
     np.testing.assert_allclose(
         more.without("resonance").respond(records), declared.respond(records), atol=1e-9

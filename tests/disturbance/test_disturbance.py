@@ -35,12 +35,12 @@ def test_drive_does_not_matter(operator):
     np.testing.assert_array_equal(
         operator.run(rng.normal(size=N), DT)[0], operator.run(np.zeros(N), DT)[0]
     )
-    _, dy = operator.linearize(rng.normal(size=N), np.ones((N, 2)), DT)
+    _, dy = operator.sensitivities(rng.normal(size=N), np.ones((N, 2)), DT)
     np.testing.assert_array_equal(dy[:, :2], 0.0)
 
 
 def test_basis_is_what_the_coefficients_weigh(operator):
     basis = operator.basis(TIME)
-    _, dy = operator.linearize(np.zeros(N), np.empty((N, 0)), DT)
+    _, dy = operator.sensitivities(np.zeros(N), np.empty((N, 0)), DT)
     np.testing.assert_allclose(dy[:, : basis.shape[1]], basis, atol=1e-13)
     assert np.linalg.matrix_rank(basis) == np.size(operator.coefficients)

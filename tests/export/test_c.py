@@ -16,7 +16,7 @@ from skhyst.hysteresis import (
     TanhHysteresisOperator,
 )
 from skhyst.linear import FirstOrderLag
-from skhyst.operators import LoweredColumn, LoweredProduct, LoweredSeries, LoweredStep
+from skhyst.operators import CompiledColumn, CompiledLaw, CompiledProduct, CompiledSeries
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
     "-fsanitize=address,undefined",
@@ -137,10 +137,10 @@ for function in (helper, total, shift, everything, sum_of_row):
 @NEEDS_COMPILER
 def test_whatever_the_language_has(tmp_path):
     table = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
-    own = LoweredStep(everything, (table, 0.3, 0.7), (0.1, 0.2, 0.3))
+    own = CompiledLaw(everything, (table, 0.3, 0.7), (0.1, 0.2, 0.3))
     to_c(own, tmp_path, "own", drive=np.linspace(-1.3, 1.7, 40))
-    to_c(LoweredProduct((LoweredColumn((own,), 1, 0.2),), 2, 0.1, 0.3), tmp_path, "columns")
-    rows = LoweredStep(sum_of_row, (2.0,), ())
+    to_c(CompiledProduct((CompiledColumn((own,), 1, 0.2),), 2, 0.1, 0.3), tmp_path, "columns")
+    rows = CompiledLaw(sum_of_row, (2.0,), ())
     object.__setattr__(rows, "n_inputs", 2)
     to_c(rows, tmp_path, "rows")
     units = {"input_unit": 1e-4, "output_unit": 1e-4, "drive": np.ones((3, 2))}
@@ -280,7 +280,7 @@ def of_places(u, c, s):
 def test_what_cannot_be_written_is_named_with_its_line(tmp_path, law, line, what):
     law.py_func = law
     with pytest.raises(ValueError, match=what) as error:
-        to_c(LoweredStep(law, (), (0.0,)), tmp_path, "law")
+        to_c(CompiledLaw(law, (), (0.0,)), tmp_path, "law")
     place = f"{__file__}:{law.__code__.co_firstlineno + line}:"
     assert place in str(error.value)
 
@@ -308,7 +308,7 @@ def test_what_cannot_be_stepped_is_refused(tmp_path):
 
 def test_a_drive_has_the_columns_of_the_program(tmp_path):
     drive = np.arange(12.0).reshape(4, 3)
-    rows = LoweredStep(sum_of_row, (2.0,), ())
+    rows = CompiledLaw(sum_of_row, (2.0,), ())
     object.__setattr__(rows, "n_inputs", 2)
     texts = [to_c(rows, tmp_path, "rows", drive=u)[2].read_text() for u in (drive, drive[:, :2])]
     assert texts[0] == texts[1]  # X has columns that a model does not read
@@ -336,8 +336,8 @@ def of_memory(u, c, s):
 @pytest.mark.parametrize("law", [of_chaos, of_weights])
 def test_what_single_precision_cannot_hold_is_named(tmp_path, law):
     law.py_func, of_memory.py_func = law, of_memory
-    bad, good = (LoweredStep(own, (), (0.3,)) for own in (law, of_memory))
-    series = LoweredSeries((good, bad, good))
+    bad, good = (CompiledLaw(own, (), (0.3,)) for own in (law, of_memory))
+    series = CompiledSeries((good, bad, good))
     to_c(series, tmp_path, "twice")
     with pytest.raises(ValueError, match=rf"cannot hold '{law.__name__}'.* of the range"):
         to_c(series, tmp_path, "single", "float32")
@@ -346,9 +346,9 @@ def test_what_single_precision_cannot_hold_is_named(tmp_path, law):
 
 @pytest.mark.parametrize("dtype", ["float32", "int32"])
 def test_what_needs_double_precision_says_so(tmp_path, dtype):
-    lowered, _ = OPERATORS["friction stage"].inverse().ahead(DT, 0.0)
+    compiled_step, _ = OPERATORS["friction stage"].inverse().ahead(DT, 0.0)
     with pytest.raises(ValueError, match="'float64' for the inverse of FrictionStageOperator"):
-        to_c(LoweredSeries((lowered,)), tmp_path, "law", dtype)
+        to_c(CompiledSeries((compiled_step,)), tmp_path, "law", dtype)
 
 
 def of_angles(u, c, s):
@@ -391,14 +391,14 @@ def test_integers_name_what_they_do_not_have(tmp_path, law, message):
     law.py_func = law
     units = {"input_unit": 1e-3, "output_unit": 1e-3, "drive": [0.0, 1.0]}
     with pytest.raises(ValueError, match=message):
-        to_c(LoweredStep(law, (), (0.0,)), tmp_path, "x", "int32", **units)
+        to_c(CompiledLaw(law, (), (0.0,)), tmp_path, "x", "int32", **units)
 
 
 @NEEDS_COMPILER
 def test_integers_are_ready_for_a_branch_that_the_drive_passes_by(tmp_path):
     of_branches.py_func = of_branches
     units = {"input_unit": 1e-3, "output_unit": 1e-3, "drive": [0.0, 1.0]}
-    to_c(LoweredStep(of_branches, (), ()), tmp_path, "law", "int32", **units)
+    to_c(CompiledLaw(of_branches, (), ()), tmp_path, "law", "int32", **units)
     (tmp_path / "main.c").write_text("""
 #include "law.h"
 int main(void)

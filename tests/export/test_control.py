@@ -17,7 +17,7 @@ LINEAR = [name for name, operator in OPERATORS.items() if operator.signal_linear
 LINEAR = [
     name
     for name in LINEAR
-    if OPERATORS[name].causal and "stage" not in name and not OPERATORS[name].stands_beside
+    if OPERATORS[name].causal and "stage" not in name and not OPERATORS[name].is_disturbance
 ]
 CURVED = ["plays", "Bouc-Wen", "both limits", "sum", "friction stage"]
 
@@ -48,7 +48,7 @@ def test_all_else_is_its_step(name):
     system = to_control(operator, DT, u0=u[0])
     assert system.dt == DT
     state = operator.init(u[0])
-    expected = Stepper(operator.lowered(DT, state)).run(u)
+    expected = Stepper(operator.compiled_step(DT, state)).run(u)
     np.testing.assert_allclose(answers(system, u), expected, atol=1e-12 * np.ptp(expected))
 
 

@@ -12,7 +12,7 @@ from sklearn.base import clone
 from skhyst.control import FeedforwardPI, InverseCompensator
 from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.operators import LoweredStep, Stepper, inverse_of
+from skhyst.operators import CompiledLaw, Stepper, inverse_of
 from skhyst.static import SaturationOperator
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
@@ -159,7 +159,7 @@ class Integral:
 
     def stepper(self, dt, reference=0.0):
         """Return what is fed rows of reference and reading."""
-        return Stepper(LoweredStep(integral, (3.0 * dt,), (reference,), 2))
+        return Stepper(CompiledLaw(integral, (3.0 * dt,), (reference,), 2))
 
 
 def test_a_controller_of_ones_own_is_fed_rows(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import BacklashOperator, BoucWenOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import SecondOrderModeOperator
-from skhyst.operators import LoweredStep, SeriesOperator, Stepper
+from skhyst.operators import CompiledLaw, SeriesOperator, Stepper
 
 fmpy = pytest.importorskip("fmpy", reason="FMUs are run and validated by the extra fmi")
 validation = pytest.importorskip("fmpy.validation")
@@ -48,7 +48,7 @@ def answers_of_c(operator, folder, u):
 def test_simulated_units_are_the_program(tmp_path, name):
     operator, time = CASES[name], DT * np.arange(N + 1)
     u = 0.3 + np.sin(40.0 * time) * np.exp(-2.0 * time)
-    expected = Stepper(operator.lowered(DT, operator.init(u[0]))).run(u[:N])
+    expected = Stepper(operator.compiled_step(DT, operator.init(u[0]))).run(u[:N])
     program = answers_of_c(operator, tmp_path, u[:N])
     signal = np.rec.fromarrays([time, u], names="time,input")
     for version in VERSIONS:
@@ -157,7 +157,7 @@ row.py_func = row
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_sources_stand_alone(tmp_path, version, monkeypatch):
-    rows = LoweredStep(row, (2.0,), ())
+    rows = CompiledLaw(row, (2.0,), ())
     object.__setattr__(rows, "n_inputs", 2)
     with monkeypatch.context() as without:
         without.setattr(shutil, "which", lambda name: None)
@@ -183,6 +183,6 @@ def test_wrong_arguments(tmp_path):
     with pytest.raises(ValueError, match=r"'version' parameter of to_fmu .* Got '1.0'"):
         to_fmu(BacklashOperator(0.2), tmp_path / "gear.fmu", "1.0", dt=DT)
     gear = BacklashOperator(0.2)
-    lowered = gear.lowered(DT, gear.init(0.0))
+    compiled_step = gear.compiled_step(DT, gear.init(0.0))
     with pytest.raises(ValueError, match="'dt' parameter of to_fmu must be given"):
-        to_fmu(lowered, tmp_path / "gear.fmu")
+        to_fmu(compiled_step, tmp_path / "gear.fmu")

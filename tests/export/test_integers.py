@@ -12,7 +12,7 @@ from skhyst.export import to_c
 from skhyst.export._fixed import Fixed, FixedPrinter
 from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
 from skhyst.linear import SecondOrderModeOperator
-from skhyst.operators import LoweredStep, Stepper
+from skhyst.operators import CompiledLaw, Stepper
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
     "-fsanitize=address,undefined",
@@ -171,7 +171,7 @@ def of_counters(u, c, s):
 @NEEDS_COMPILER
 def test_integers_of_a_law_are_held(tmp_path):
     of_counters.py_func = of_counters
-    law = LoweredStep(of_counters, (), ())
+    law = CompiledLaw(of_counters, (), ())
     to_c(law, tmp_path, "x", "int32", drive=[0.0, 1e-8], input_unit=1e-9, output_unit=1.0)
     assert answers(tmp_path, "x", np.array([0, 10, -10, 160])).tolist() == [-3, 77, -83, 1277]
     to_c(law, tmp_path, "x", "int32", drive=[0.0, 1.0], input_unit=1e-3, output_unit=1.0)
@@ -210,5 +210,5 @@ def of_ends(u, c, s):
 def test_branches_that_are_not_taken_are_told(tmp_path):
     of_ends.py_func = of_ends
     options = {"drive": [0.7, 1.0], "input_unit": 1e-3, "output_unit": 1e-3}
-    *_, test = to_c(Stepper(LoweredStep(of_ends, (), ())), tmp_path, "x", "int32", **options)
+    *_, test = to_c(Stepper(CompiledLaw(of_ends, (), ())), tmp_path, "x", "int32", **options)
     assert inputs(test)[1] == ("3", "4", ", not 1 of of_ends")

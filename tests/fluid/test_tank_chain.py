@@ -97,7 +97,7 @@ def test_nothing_is_lost():
 def test_finite_for_any_drive(size, p):
     u = size * np.array([0.0, 1.0, -1.0, 1.0, 0.0])
     operator = TankChainOperator([1e-3, 1e3], [p, 0.5], [2.0, 3.0], [0.5])
-    y, dy = operator.linearize(u, np.empty((5, 0)), DT)
+    y, dy = operator.sensitivities(u, np.empty((5, 0)), DT)
     assert np.isfinite(y).all()
     assert np.isfinite(dy).all()
 

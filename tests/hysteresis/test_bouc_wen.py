@@ -241,7 +241,7 @@ def test_unit_of_the_drive(operator, u, decades):
 def test_way_before_sliding(operator):
     """On it the hysteretic part would reach its limit if it kept its first slope."""
     operator = dataclasses.replace(operator, asymmetry=0.0)
-    way = operator.way_before_sliding()
+    way = operator.presliding_displacement
     z = hysteretic_part(operator, np.array([1e-9 * way, 1e9 * way]))
     assert z[1] == pytest.approx(z[0] / (1e-9 * way) * way, rel=1e-4)
 
@@ -264,7 +264,7 @@ def test_run_in_pieces_and_tangents(operator, seed):
     operator = dataclasses.replace(operator, limit=1.0, ratio=max(operator.ratio, 0.01))
     check_operator(operator, u, 1.0)
     at_bound, beside = (
-        dataclasses.replace(operator, ratio=ratio).linearize(u, u[:, None], 1.0)[1]
+        dataclasses.replace(operator, ratio=ratio).sensitivities(u, u[:, None], 1.0)[1]
         for ratio in (0.0, 1e-9)
     )
     scale = max(np.abs(beside).max(), 1.0)

@@ -107,7 +107,7 @@ def test_no_law_with_positive_beta_is_a_source(shape, seed, dt):
 def test_derivative_by_an_exponent_of_one():
     """From above, since the exponent ends there."""
     u = 0.4 + walk(60)
-    _, dy = STAGE.linearize(u, np.empty((60, 0)), 0.02)
+    _, dy = STAGE.sensitivities(u, np.empty((60, 0)), 0.02)
     runs = [dataclasses.replace(STAGE, exponent=1.0 + 1e-4 * i).run(u, 0.02)[0] for i in range(3)]
     slope = (-3.0 * runs[0] + 4.0 * runs[1] - runs[2]) / 2e-4
     np.testing.assert_allclose(dy[:, 5], slope, atol=1e-4 * np.abs(slope).max())

@@ -52,4 +52,4 @@ def test_closed_form_solves_the_equation(exponent, change, w):
 def test_extreme_steps_are_finite(exponent, w, change, x_c):
     operator = DahlOperator(x_c, 1.0, exponent=exponent)
     assert abs(operator.run([change], 1.0, (w, 0.0))[0][0]) <= 1.0
-    assert np.isfinite(operator.linearize([change], np.ones((1, 1)), 1.0, "zero")[1]).all()
+    assert np.isfinite(operator.sensitivities([change], np.ones((1, 1)), 1.0, "zero")[1]).all()

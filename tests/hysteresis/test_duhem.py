@@ -85,7 +85,7 @@ def test_degree_one_is_dahl_friction_with_a_spring():
 def test_at_rest_the_tangent_is_the_mean_of_both_ways():
     operator = DuhemOperator(3.1, np.array([0.9]), np.array([0.4]), 0.1)
     u, way = np.array([0.3, 0.7, 0.7, 0.2]), np.array([0.0, 0.0, 1.0, 0.0])
-    tangent = operator.linearize(u, way[:, None], 0.01, operator.init(u[0]))[1][:, 0]
+    tangent = operator.sensitivities(u, way[:, None], 0.01, operator.init(u[0]))[1][:, 0]
     up, down = (operator.run(u + h * way, 0.01, operator.init(u[0]))[0] for h in (1e-6, -1e-6))
     np.testing.assert_allclose(tangent, (up - down) / 2e-6, atol=1e-5)
     assert np.abs(up + down - 2.0 * operator.run(u, 0.01)[0]).max() > 1e-7  # there is a kink

@@ -127,7 +127,7 @@ def test_bounds(values, operator, max_step):
     moves, steps = np.diff(y, prepend=0.0), np.diff(values, prepend=0.0)
     assert (moves * np.sign(steps) >= -1e-12).all()
     assert np.isfinite(
-        operator.linearize(np.array(values), np.ones((len(values), 1)), 1.0)[1]
+        operator.sensitivities(np.array(values), np.ones((len(values), 1)), 1.0)[1]
     ).all()
 
 

@@ -66,7 +66,7 @@ def test_extreme_steps_are_finite(w, change, x_s, ratio):
     assert np.isfinite(y[0])
     assert abs(bent) <= 1.0
     for initial_state in ("rest", "zero"):
-        _, dy = operator.linearize([change], np.ones((1, 1)), 1e-3, initial_state)
+        _, dy = operator.sensitivities([change], np.ones((1, 1)), 1e-3, initial_state)
         assert np.isfinite(dy).all()
 
 

@@ -210,8 +210,8 @@ def test_way_before_sliding(stage):
     level = 0.2 if stage is BILINEAR else 0.3
     moved = dataclasses.replace(stage, gain=-2.0)
     q, _, force, _ = moved.init(1e-7)
-    assert moved.way_before_sliding() == pytest.approx(2.0 * level * q / force, rel=1e-5)
-    assert RestoringForceOperator(W, ZETA, [0.1], [], 0.0, 0.5).way_before_sliding() is None
+    assert moved.presliding_displacement == pytest.approx(2.0 * level * q / force, rel=1e-5)
+    assert RestoringForceOperator(W, ZETA, [0.1], [], 0.0, 0.5).presliding_displacement is None
 
 
 def some_friction(w, damping, rho, level, speed, part, exponent):
@@ -345,7 +345,7 @@ def test_unit_of_the_drive(stage, names, unit):
 )
 def test_lost_stage_ends_quietly(stage, u, dt):
     y, _ = stage.run(u, dt)
-    same, dy = stage.linearize(u, np.ones((400, 1)), dt)
+    same, dy = stage.sensitivities(u, np.ones((400, 1)), dt)
     np.testing.assert_array_equal(y, same)
     assert np.nanmax(np.abs(y)) < 1e14
     assert np.isnan(y).any()
@@ -363,7 +363,7 @@ def test_extreme_parameters_give_finite_values(level, rho, other):
     for stage in (friction, bouc_wen):
         assert np.isfinite(stage.run(walk(40), 0.02)[0]).all()
     # the derivative by a level of 1e-90 itself may be anything
-    _, dy = friction.linearize(walk(40), np.ones((40, 1)), 0.02)
+    _, dy = friction.sensitivities(walk(40), np.ones((40, 1)), 0.02)
     assert np.isfinite(dy[:, [0, 1, 2, 6, 7, 8, 9]]).all()
 
 

@@ -98,7 +98,7 @@ def test_tangent_is_the_slope_of_a_branch(operator):
         if abs(v - start) < 2.0 * h:
             continue
         path = np.array([levels[0], levels[-1], start, v])
-        slope = operator.linearize(path, du, 1.0)[1][-1, 0]
+        slope = operator.sensitivities(path, du, 1.0)[1][-1, 0]
         above, below = (run(operator, path + s * du[:, 0])[-1] for s in (h, -h))
         tolerance = 1e-10 * scale / h + 1e-9 * np.abs(levels).max() / np.ptp(levels)
         assert (above - below) / (2 * h) == pytest.approx(slope, abs=tolerance)
@@ -162,10 +162,10 @@ def test_a_step_remembers_what_matters_most():
     u = (-1.0) ** np.arange(600) * np.linspace(1.0, 0.0, 600)
     u = np.append(u, np.linspace(0.0, 1.0, 300))
     y, _ = operator.run(u, 1.0)
-    lowered = operator.lowered(1.0, operator.init(u[0]))
-    found = lowered.streaming(lowered.state.copy())(u)
+    compiled_step = operator.compiled_step(1.0, operator.init(u[0]))
+    found = compiled_step.streaming(compiled_step.state.copy())(u)
     close(found[:600], y[:600])
-    n_kept = (lowered.state.size - 3) // 2 - 1
+    n_kept = (compiled_step.state.size - 3) // 2 - 1
     bound = ((600 - n_kept) / 2 + 1) * 2.0 / n_kept**2
     assert 0.0 < np.abs(found - y).max() < bound * np.ptp(y)
 

@@ -126,7 +126,7 @@ def test_plain_python_agrees_with_what_is_compiled(variant, smoothing, monkeypat
     operator, du = make(variant, smoothing), np.ones((u.size, 1))
 
     def all_of_it():
-        y, dy = operator.linearize(u, du, DT)
+        y, dy = operator.sensitivities(u, du, DT)
         rates, _ = operator.paces(np.diff(u, prepend=u[0]) / DT, DT)
         return y, dy, operator.drive_at_rates(y, rates)
 

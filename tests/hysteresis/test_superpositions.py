@@ -240,7 +240,7 @@ def test_no_samples(kind):
     y, state = operator.run([], 1.0, operator.init(0.4))
     assert operator.run([], 1.0)[0].shape == y.shape == (0,)
     assert run(operator, [0.4, 1.0], state) == pytest.approx(run(operator, [0.4, 1.0]))
-    y, dy = operator.linearize(np.empty(0), np.empty((0, 2)), 1.0)
+    y, dy = operator.sensitivities(np.empty(0), np.empty((0, 2)), 1.0)
     assert dy.shape == (0, 2 + operator.n_parameters)
 
 

@@ -50,7 +50,7 @@ def test_first_rate_depends_on_the_initial_state():
 def test_step_has_no_derivative_by_its_steepness():
     u = np.array([0.0, 1e-3, 2.0, -5.0])
     operator = TanhHysteresisOperator(0.3, 0.0, 0.7, 5e5)
-    _, dy = operator.linearize(u, np.empty((4, 0)), 0.01)
+    _, dy = operator.sensitivities(u, np.empty((4, 0)), 0.01)
     np.testing.assert_array_equal(dy[:, 2], np.sign(u))
     np.testing.assert_array_equal(dy[:, 3], 0.0)
 

@@ -120,7 +120,7 @@ def test_what_is_remembered_is_not_pickled(operator, u):
     size = len(pickle.dumps(operator))
     for dt in (0.01, 0.02, 0.03):
         operator.run(u, dt)
-        operator.linearize(u, np.empty((len(u), 0)), dt)
+        operator.sensitivities(u, np.empty((len(u), 0)), dt)
     assert len(pickle.dumps(operator)) == size
 
 
@@ -158,7 +158,7 @@ def test_a_drive_that_overflows_does_not_reach_the_past():
 
 def test_without_states_it_is_a_gain(u):
     operator = KelvinVoigtOperator(np.empty(0), np.empty(0), 1.5, 0.3)
-    y, dy = operator.linearize(u, u[:, None], DT)
+    y, dy = operator.sensitivities(u, u[:, None], DT)
     np.testing.assert_allclose(operator.run(u, DT)[0], 1.5 * u + 0.3)
     np.testing.assert_allclose(y, 1.5 * u + 0.3)
     np.testing.assert_allclose(dy, np.stack([1.5 * u, u, np.ones_like(u)], axis=1))
@@ -181,8 +181,8 @@ class IntegralLag(LinearOperator):
 def test_rest_moves_with_the_parameters(u):
     own, upstream = IntegralLag(0.03), np.ones((len(u), 1))
     plain = FirstOrderLagOperator(0.03)
-    y, dy = own.linearize(u, upstream, DT)
-    expected, tangents = plain.linearize(u, upstream, DT)
+    y, dy = own.sensitivities(u, upstream, DT)
+    expected, tangents = plain.sensitivities(u, upstream, DT)
     np.testing.assert_allclose(y, expected, rtol=1e-12)
     np.testing.assert_allclose(dy, tangents[:, :2], rtol=1e-9, atol=1e-9)
 

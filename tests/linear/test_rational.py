@@ -60,7 +60,7 @@ def test_output_is_the_sum_of_the_inputs_own(operator, u, initial_state):
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
 def test_tangents_are_central_differences(operator, u, initial_state):
-    y, dy = operator.linearize(u, np.empty((N, 0)), DT, initial_state)
+    y, dy = operator.sensitivities(u, np.empty((N, 0)), DT, initial_state)
     free_run = operator.run(u, DT, operator.init(u[0], initial_state))[0]
     np.testing.assert_allclose(y, free_run, rtol=1e-11, atol=1e-11)
     gain, by = operator.frequency_tangents(FREQUENCY)
@@ -91,17 +91,17 @@ def test_cut_stepped_and_pickled(operator, u):
     for k in range(N):
         state, stepped[k] = again.step(state, u[k], DT)
     np.testing.assert_allclose(stepped, whole, rtol=1e-11, atol=1e-12)
-    stepper = Stepper(operator.lowered(DT, operator.init(u[0])))
-    lowered = [stepper.step(row) for row in u[:7]]
+    stepper = Stepper(operator.compiled_step(DT, operator.init(u[0])))
+    compiled_step = [stepper.step(row) for row in u[:7]]
     _, middle = operator.run(u[:7], DT)
-    for behind in (stepper, Stepper(operator.lowered(DT, middle))):
-        found = np.append(lowered, behind.run(u[7:]))
+    for behind in (stepper, Stepper(operator.compiled_step(DT, middle))):
+        found = np.append(compiled_step, behind.run(u[7:]))
         np.testing.assert_allclose(found, whole, rtol=0, atol=1e-12 * max(np.ptp(whole), 1.0))
 
 
 def test_nothing_comes_before_it(u):
     with pytest.raises(ValueError, match="must come first"):
-        OPERATORS["straight"].linearize(u, np.ones((N, 1)), DT)
+        OPERATORS["straight"].sensitivities(u, np.ones((N, 1)), DT)
 
 
 @pytest.mark.parametrize(("n_first", "n_second"), [(0, 1), (1, 0), (1, 1), (1, 2), (2, 1), (0, 2)])

@@ -106,7 +106,7 @@ def test_what_diverges_is_no_number_nor_are_its_tangents():
     first = np.flatnonzero(np.isnan(y))[0]
     assert np.isnan(y[first:]).all()
     assert np.isfinite(y[:first]).all()
-    _, dy = operator.linearize(DRIVE, np.empty((len(DRIVE), 0)), 0.01)
+    _, dy = operator.sensitivities(DRIVE, np.empty((len(DRIVE), 0)), 0.01)
     assert np.isnan(dy).all()
 
 

@@ -69,7 +69,9 @@ def make_operators():
             [0.11, 0.03], [0.5, 0.7], [0.83, 0.77], [0.9], drive_offset=-0.37, limit="reading"
         ),
         "soft saturation": op.SoftSaturationOperator(0.413, 1.7, 0.037),
-        "soft saturation, upper": op.SoftSaturationOperator(0.213, 7.3, -0.037, side=1, rank=0),
+        "soft saturation, upper": op.SoftSaturationOperator(
+            0.213, 7.3, -0.037, side=1, stage_order=0
+        ),
         "dead band": op.DeadBandOperator(0.213, 0.037),
         "backlash": op.BacklashOperator(0.137),
         "slew limit": op.SlewLimitOperator(13.7),
@@ -223,15 +225,15 @@ def make_drive():
 
 
 def responses():
-    """Return, by name, what run, linearize and a step give from rest and from zero, as arrays."""
+    """Return what run, sensitivities and a step give from rest and from zero, arrays by name."""
     u, du = make_drive(), np.random.default_rng(0).normal(size=(N, 2))
     found = {}
     for name, operator in OPERATORS.items():
         for initial_state in ("rest", "zero"):
             state = operator.init(u[0], initial_state)
             y, _ = operator.run(u, DT, state)
-            _, dy = operator.linearize(u, du, DT, initial_state)
+            _, dy = operator.sensitivities(u, du, DT, initial_state)
             if operator.causal:
-                y = np.column_stack([y, Stepper(operator.lowered(DT, state)).run(u)])
+                y = np.column_stack([y, Stepper(operator.compiled_step(DT, state)).run(u)])
             found[f"{name}, from {initial_state}"] = np.column_stack([y, dy])
     return found

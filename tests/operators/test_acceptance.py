@@ -84,23 +84,23 @@ def test_step_by_step_from_rest_equals_run(operator, u):
 
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
-def test_lowered_step_equals_run(name, operator, u, initial_state):
+def test_compiled_step_equals_run(name, operator, u, initial_state):
     """Sample by sample, at once, from a state that was kept, and from a state in mid-run."""
     state = operator.init(u[0], initial_state)
     if not operator.causal:
         with pytest.raises(NotImplementedError, match="cannot be stepped"):
-            operator.lowered(DT, state)
+            operator.compiled_step(DT, state)
         return
     expected, _ = operator.run(u, DT, state)
-    lowered, cut = operator.lowered(DT, state), N // 3
-    stepper = Stepper(lowered)
+    compiled_step, cut = operator.compiled_step(DT, state), N // 3
+    stepper = Stepper(compiled_step)
     steps = [stepper.step(value) for value in u[:cut]]
     kept = stepper.state
     steps += [stepper.step(value) for value in u[cut:]]
     stepper.state = kept
-    middle = Stepper(operator.lowered(DT, operator.run(u[:cut], DT, state)[1]))
+    middle = Stepper(operator.compiled_step(DT, operator.run(u[:cut], DT, state)[1]))
     tolerance = 1e-12 * max(np.ptp(expected), 1.0)
-    for found in (steps, Stepper(lowered).run(u), stepper.run(u[cut:]), middle.run(u[cut:])):
+    for found in (steps, Stepper(compiled_step).run(u), stepper.run(u[cut:]), middle.run(u[cut:])):
         np.testing.assert_allclose(found, expected[-len(found) :], rtol=0, atol=tolerance)
 
 
@@ -108,7 +108,7 @@ def test_the_state_of_a_stepper_is_all_that_it_remembers(operator, u):
     """One that has rested elsewhere, or moved another way, goes on alike from a state."""
     if not operator.causal:
         return
-    stepper = Stepper(operator.lowered(DT, operator.init(u[0])))
+    stepper = Stepper(operator.compiled_step(DT, operator.init(u[0])))
     stepper.run(u[:20])
     kept, expected = stepper.state, stepper.run(u[20:])
     for state in (
@@ -116,14 +116,14 @@ def test_the_state_of_a_stepper_is_all_that_it_remembers(operator, u):
         operator.init(u[0], "zero"),
         operator.run(0.5 - u[:31], DT)[1],
     ):
-        other = Stepper(operator.lowered(DT, state))
+        other = Stepper(operator.compiled_step(DT, state))
         other.state = kept
         np.testing.assert_array_equal(other.run(u[20:]), expected)
 
 
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
-def test_linearize_returns_what_run_returns(operator, u, initial_state):
-    y, dy = operator.linearize(u, np.ones((N, 2)), DT, initial_state)
+def test_sensitivities_returns_what_run_returns(operator, u, initial_state):
+    y, dy = operator.sensitivities(u, np.ones((N, 2)), DT, initial_state)
     expected, _ = operator.run(u, DT, operator.init(u[0], initial_state))
     np.testing.assert_allclose(y, expected, rtol=1e-12, atol=1e-13)
     assert dy.shape == (N, 2 + operator.n_parameters)
@@ -137,11 +137,11 @@ def test_derivatives_and_pieces(operator, u, start):
 
 def test_tangents_are_carried_one_by_one(operator, u):
     du = np.cumsum(np.random.default_rng(0).normal(size=(N, 2)), axis=0)
-    _, both = operator.linearize(u, du, DT)
-    _, alone = operator.linearize(u, np.empty((N, 0)), DT)
+    _, both = operator.sensitivities(u, du, DT)
+    _, alone = operator.sensitivities(u, np.empty((N, 0)), DT)
     np.testing.assert_allclose(alone, both[:, 2:], rtol=1e-12, atol=1e-13)
     for j in range(2):
-        _, one = operator.linearize(u, du[:, [j]], DT)
+        _, one = operator.sensitivities(u, du[:, [j]], DT)
         np.testing.assert_allclose(one, both[:, [j, *range(2, both.shape[1])]], 1e-12, 1e-13)
 
 
@@ -162,7 +162,7 @@ def test_states_and_inputs_are_left_alone(operator, u):
     vector = operator.pack()
     first = operator.run(signal, DT, state)[0]
     operator.step(state, 3.0, DT)
-    operator.linearize(signal, du, DT)
+    operator.sensitivities(signal, du, DT)
     np.testing.assert_array_equal(flatten(state), flatten(kept))
     np.testing.assert_array_equal(operator.run(signal, DT, state)[0], first)
     np.testing.assert_array_equal(signal, u)
@@ -172,14 +172,16 @@ def test_states_and_inputs_are_left_alone(operator, u):
 
 def test_read_only_and_strided_inputs(operator, u):
     expected = operator.run(u, DT)[0]
-    _, dy = operator.linearize(u, np.ones((N, 1)), DT)
+    _, dy = operator.sensitivities(u, np.ones((N, 1)), DT)
     frozen, du = u.copy(), np.ones((N, 1))
     frozen.flags.writeable = du.flags.writeable = False
     np.testing.assert_array_equal(operator.run(frozen, DT)[0], expected)
-    np.testing.assert_array_equal(operator.linearize(frozen, du, DT)[1], dy)
+    np.testing.assert_array_equal(operator.sensitivities(frozen, du, DT)[1], dy)
     strided = np.stack([u, -u], axis=1)[:, 0]
     np.testing.assert_array_equal(operator.run(strided, DT)[0], expected)
-    np.testing.assert_array_equal(operator.linearize(strided, np.ones((N, 2))[:, ::2], DT)[1], dy)
+    np.testing.assert_array_equal(
+        operator.sensitivities(strided, np.ones((N, 2))[:, ::2], DT)[1], dy
+    )
 
 
 def test_pack_and_unpack_are_inverse(operator, u):
@@ -217,7 +219,7 @@ def test_signal_linear_means_affine_in_the_signal(name, operator, u):
 
 def test_pickle_and_copy_keep_the_output(operator, u):
     expected = operator.run(u, DT)[0]
-    operator.linearize(u, np.empty((N, 0)), DT)
+    operator.sensitivities(u, np.empty((N, 0)), DT)
     for again in (pickle.loads(pickle.dumps(operator)), copy.deepcopy(operator)):
         np.testing.assert_array_equal(again.run(u, DT)[0], expected)
 

@@ -17,9 +17,9 @@ from skhyst.operators import (
     FrozenOperator,
     SeriesOperator,
     SumOperator,
+    add_disturbances,
     check_operator,
-    put_beside,
-    take_apart,
+    split_disturbances,
 )
 from skhyst.static import DeadZoneOperator, SaturationOperator
 
@@ -50,7 +50,7 @@ def rank(operator):
     names = [name for name, _ in operator.entries()]
     # the drive's offset and the intercept are one for a device whose memory is full
     free = ~operator.gauge_mask() & [not name.endswith("drive_offset") for name in names]
-    tangents = operator.linearize(U, EMPTY, DT)[1][:, free]
+    tangents = operator.sensitivities(U, EMPTY, DT)[1][:, free]
     singular = np.linalg.svd(tangents / np.linalg.norm(tangents, axis=0), compute_uv=False)
     return int((singular > 1e-9 * singular[0]).sum()), int(free.sum())
 
@@ -169,11 +169,11 @@ def test_prompt_gain_of_two_branches_is_one_freedom():
 
 def test_what_stands_beside_is_taken_off_again():
     offset = OffsetOperator(np.array([0.4]))
-    assert take_apart(LAG) == (LAG, ())
-    assert take_apart(put_beside(LAG, (offset,), ("offset",))) == (LAG, (offset,))
-    assert take_apart(parallel(lag=LAG, offset=offset)) == (parallel(lag=LAG), (offset,))
-    assert take_apart(offset) == (parallel(), (offset,))
-    assert take_apart((MODE, (offset,))) == (MODE, (offset,))
+    assert split_disturbances(LAG) == (LAG, ())
+    assert split_disturbances(add_disturbances(LAG, (offset,), ("offset",))) == (LAG, (offset,))
+    assert split_disturbances(parallel(lag=LAG, offset=offset)) == (parallel(lag=LAG), (offset,))
+    assert split_disturbances(offset) == (parallel(), (offset,))
+    assert split_disturbances((MODE, (offset,))) == (MODE, (offset,))
 
 
 @pytest.mark.parametrize("kind", [series, parallel])
@@ -181,12 +181,12 @@ def test_a_composition_declares_what_its_stages_do(kind):
     whole = kind(lag=LAG, inner=FrozenOperator(kind(mode=MODE, creep=CREEP)))
     assert whole.n_poles == (2, 1)
     assert not whole.memoryless
-    assert not whole.stands_beside
+    assert not whole.is_disturbance
     assert whole.lag_rates() == LAG.lag_rates() + MODE.lag_rates() + CREEP.lag_rates()
     assert whole.n_ringing() == MODE.n_ringing()
     assert kind(limit=SaturationOperator(upper=1.0)).memoryless == SaturationOperator.memoryless
     assert kind(mode=MODE).linear_mode() == MODE.linear_mode()
-    assert whole.linear_mode() is whole.way_before_sliding() is None
+    assert whole.linear_mode() is whole.presliding_displacement is None
     stage = BoucWenStageOperator(90.0, 0.1, 0.5, 1.0, 0.0, 1.5)
     for motion in (FrozenOperator(stage), kind(stage=stage), kind(lag=LAG, stage=stage)):
         assert not motion.at_once
@@ -206,8 +206,8 @@ class Wrong(FirstOrderLagOperator):
         state, y = super().step(state, u, dt)
         return state, y + 1e-3 * (self.fault == "step")
 
-    def linearize(self, u, du, dt, initial_state="rest"):
-        y, dy = super().linearize(u, du, dt, initial_state)
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        y, dy = super().sensitivities(u, du, dt, initial_state)
         dy[:, -3] *= 1.001 if self.fault == "derivative" else 1.0
         dy[:, 0] *= 1.001 if self.fault == "carried" else 1.0
         return y + (self.fault == "output"), dy[:, 1:] if self.fault == "shape" else dy
@@ -220,8 +220,8 @@ class Wrong(FirstOrderLagOperator):
         ("step", "'step' from sample to sample"),
         ("derivative", "The derivative by time_constant"),
         ("carried", "The derivative by the input"),
-        ("shape", "The tangents of 'linearize' must be"),
-        ("output", "The output of 'linearize'"),
+        ("shape", "The tangents of 'sensitivities' must be"),
+        ("output", "The output of 'sensitivities'"),
     ],
 )
 def test_the_check_of_an_operator_names_the_fault(fault, message):

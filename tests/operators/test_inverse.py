@@ -107,9 +107,9 @@ def test_a_response_that_falls_with_the_rate_is_undone(dt):
 def test_a_shift_is_stepped_from_a_preview(shift, between):
     operator = TimeShiftOperator(shift, between=between)
     whole, _ = operator.run(REFERENCE, DT)
-    lowered, ahead = operator.ahead(DT, REFERENCE[0])
+    compiled_step, ahead = operator.ahead(DT, REFERENCE[0])
     assert ahead <= max(np.ceil(-shift / DT) + 2, 0)
-    steps = Stepper(lowered).run(REFERENCE)
+    steps = Stepper(compiled_step).run(REFERENCE)
     # behind the end of a record its last value stands, which a stream has not seen
     np.testing.assert_allclose(steps[ahead:], whole[: len(whole) - ahead], atol=1e-14)
 
@@ -131,8 +131,8 @@ def test_the_inverse_of_a_shift_is_stepped_as_over_a_record(shift, between):
     operator = TimeShiftOperator(shift, between=between)
     inverse = operator.inverse()
     whole, _ = inverse.run(REFERENCE, DT)
-    lowered, ahead = inverse.ahead(DT, REFERENCE[0], 1e-10)
-    steps = Stepper(lowered).run(REFERENCE)[ahead:]
+    compiled_step, ahead = inverse.ahead(DT, REFERENCE[0], 1e-10)
+    steps = Stepper(compiled_step).run(REFERENCE)[ahead:]
     near_half = shift == 0.0155  # 1.55 samples: the opposite shift is stepped
     bar = 1e-2 if near_half else 1e-9
     np.testing.assert_allclose(steps, whole[: len(steps)], rtol=0.0, atol=bar * np.ptp(whole))
@@ -149,9 +149,9 @@ def test_a_series_of_inverses_is_stepped_from_the_sum_of_their_previews():
     stages = OPERATORS["plays"], OPERATORS["mode"], OPERATORS["delay of several samples"]
     inverse = SeriesOperator(("plays", "mode", "delay"), stages).inverse()
     whole, _ = inverse.run(REFERENCE, DT)
-    lowered, ahead = inverse.ahead(DT, REFERENCE[0], 1e-12)
+    compiled_step, ahead = inverse.ahead(DT, REFERENCE[0], 1e-12)
     assert ahead == sum(stage.inverse().ahead(DT, 0.0, 1e-12)[1] for stage in stages)
-    steps = Stepper(lowered).run(REFERENCE)[ahead:]
+    steps = Stepper(compiled_step).run(REFERENCE)[ahead:]
     np.testing.assert_allclose(steps[:-ahead], whole[: -2 * ahead], atol=1e-9 * np.ptp(whole))
 
 

@@ -22,7 +22,7 @@ from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
 
 for operator in (BacklashOperator(0.1), SlewLimitOperator(0.1)):
     operator.run([0.0, 1.0], 0.1)
-    operator.linearize([0.0, 1.0], np.ones((2, 1)), 0.1)
+    operator.sensitivities([0.0, 1.0], np.ones((2, 1)), 0.1)
     for loop in (operator._run, operator._tangents):
         print(sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
     print(sum(operator._law.stats.cache_misses.values()))
@@ -82,7 +82,7 @@ def test_law_equals_a_loop_written_by_hand(initial_state):
 def test_empty_signal():
     operator = LowPassOperator(0.3)
     assert operator.run([], 0.1, (1.0, 2.0))[1] == (1.0, 2.0)
-    y, dy = operator.linearize(np.empty(0), np.empty((0, 3)), 0.1)
+    y, dy = operator.sensitivities(np.empty(0), np.empty((0, 3)), 0.1)
     assert (y.shape, dy.shape) == ((0,), (0, 5))
 
 

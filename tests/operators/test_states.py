@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from operator_cases import DT, OPERATORS, make_drive
 
-from skhyst.operators import LoweredSeries, Stepper, SumOperator, inverse_of
+from skhyst.operators import CompiledSeries, Stepper, SumOperator, inverse_of
 
 HOSTILE = [-1.0, 0.5, 1.0, 1e3, 1e9, 1e300, -1e300]
 
@@ -26,8 +26,8 @@ def steppers():
     for name, operator in OPERATORS.items():
         if operator.causal:
             state = operator.init(u[0])
-            yield name, Stepper(operator.lowered(DT, state))
-            yield name, Stepper(operator.lowered(DT, operator.run(u[:30], DT, state)[1]))
+            yield name, Stepper(operator.compiled_step(DT, state))
+            yield name, Stepper(operator.compiled_step(DT, operator.run(u[:30], DT, state)[1]))
     for name in ("mode", "transfer function", "tanh", "delay of several samples", "relays", "sum"):
         yield f"{name}, inverted", Stepper(inverse_of(OPERATORS[name]).ahead(DT, u[0])[0])
 
@@ -66,7 +66,7 @@ def test_places_out_of_range_are_refused(name, place, value):
     operator, u = OPERATORS[name], make_drive()
     if operator.causal:
         state = operator.run(u[:30], DT, operator.init(u[0]))[1]
-        stepper = Stepper(operator.lowered(DT, state))
+        stepper = Stepper(operator.compiled_step(DT, state))
         stepper.run(u[30:60])
     else:
         stepper = Stepper(operator.ahead(DT, u[0])[0])
@@ -75,7 +75,7 @@ def test_places_out_of_range_are_refused(name, place, value):
     state[place] = value
     with pytest.raises(ValueError, match="as it was read"):
         stepper.state = state
-    whole = Stepper(LoweredSeries((stepper.lowered, stepper.lowered)))
+    whole = Stepper(CompiledSeries((stepper.compiled_step, stepper.compiled_step)))
     with pytest.raises(ValueError, match="as it was read"):
         whole.state = np.append(stepper.state, state)
 
@@ -90,7 +90,7 @@ def test_a_root_takes_the_states_of_its_law(more):
     stepper.run(y[:30])
     state = stepper.state
     stepper.state = state
-    behind = [own.lowered(DT, own.init(0.0)).state for own in others]
+    behind = [own.compiled_step(DT, own.init(0.0)).state for own in others]
     state[-3 - sum(map(len, behind))] = 1e9  # the number of corners
     with pytest.raises(ValueError, match="as it was read"):
         stepper.state = state
@@ -99,7 +99,7 @@ def test_a_root_takes_the_states_of_its_law(more):
 @pytest.mark.parametrize("name", ["plays", "slip elements"])
 @pytest.mark.parametrize("copied", [Stepper.copy, copy.copy, copy.deepcopy])
 def test_a_copy_goes_its_own_way(name, copied):
-    stepper = Stepper(OPERATORS[name].lowered(DT, OPERATORS[name].init(0.0)))
+    stepper = Stepper(OPERATORS[name].compiled_step(DT, OPERATORS[name].init(0.0)))
     stepper.run(make_drive()[:30])
     state = stepper.state
     other = copied(stepper)

@@ -83,7 +83,7 @@ def test_covariance_is_that_of_the_tangents_in_the_parameters_own_units():
     truth = SecondOrderModeOperator(30.0, 0.2, gain=2.0, intercept=0.5)
     y = truth.run(u, DT)[0] + 0.1 * rng.normal(size=len(u))
     result = identify([truth], [RecordData(u, y, DT)])
-    model, tangents = result.operator.linearize(u, np.empty((len(u), 0)), DT)
+    model, tangents = result.operator.sensitivities(u, np.empty((len(u), 0)), DT)
     variance = np.sum((y - model) ** 2) / (len(u) - 4)
     expected = variance * np.linalg.inv(tangents.T @ tangents)
     np.testing.assert_allclose(result.covariance, expected, rtol=1e-5, atol=1e-12)

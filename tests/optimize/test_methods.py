@@ -104,7 +104,7 @@ def test_evaluations_are_counted_and_limited(kind):
 
     method = of_kind(kind, max_evaluations=57, max_iterations=300, project=False)
     result = identify([Counted(40.0, 0.2)], [record()], method=method)
-    # one for the box, one for the standard errors; summarize and linearize add their own
+    # one for the box, one for the standard errors; summarize and sensitivities add their own
     assert result.n_evaluations == 57 + 2
     assert 57 <= len(calls) <= 57 + 4
 

@@ -219,7 +219,7 @@ def test_eliminated_disturbances_equal_explicit_columns(disturbances):
     fixed = ("drive_offset", "intercept", "frequencies[0]")
     problem = OperatorProblem(plays, data, disturbances=disturbances, fixed=fixed)
     moving = np.array([name.startswith("disturbance") for name in problem.names])
-    own = [plays.linearize(record.u, np.empty((400, 0)), DT)[1][:, :3] for record in data]
+    own = [plays.sensitivities(record.u, np.empty((400, 0)), DT)[1][:, :3] for record in data]
     block = np.concatenate([d.basis(DT * np.arange(400)) for d in disturbances], axis=1)
     width = block.shape[1]
     design = np.column_stack([np.concatenate(own), np.kron(np.eye(3), block)])

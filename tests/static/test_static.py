@@ -159,7 +159,7 @@ def test_strictly_monotone_and_the_sum_of_its_parts(curve, v):
 def test_slopes_of_each_segment():
     curve = MonotoneDeadZoneOperator(np.array([3.0, 2.0, 0.5]), np.array([-2.0, -1.0, 1.0]), 2)
     v = np.array([-5.0, -1.5, 0.0, 7.0])
-    _, dy = curve.linearize(v, np.ones((4, 1)), 1.0)
+    _, dy = curve.sensitivities(v, np.ones((4, 1)), 1.0)
     np.testing.assert_array_equal(dy[:, 0], [3.0, 2.0, 1.0, 0.5])
     np.testing.assert_array_equal(curve.weights, [1.0, 1.0, -0.5])
     np.testing.assert_array_equal(respond(curve, v), [-12.0, -2.0, 0.0, 4.0])
@@ -204,7 +204,7 @@ def test_unit_of_the_drive_does_not_matter(knee, level, center, side):
 def test_far_drives_are_finite_and_bounded(knee, distance, level):
     operator = SoftSaturationOperator(level, knee)
     v = np.array([-distance, -1e-300, 0.0, 1e-300, distance])
-    y, dy = operator.linearize(v, np.ones((5, 1)), 1.0)
+    y, dy = operator.sensitivities(v, np.ones((5, 1)), 1.0)
     assert np.isfinite(y).all()
     assert np.isfinite(dy).all()
     assert np.abs(y).max() <= min(level, distance) * (1 + 1e-12)

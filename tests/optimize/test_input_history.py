@@ -14,9 +14,9 @@ from skhyst.optimize import (
     OperatorProblem,
     RecordData,
     ages,
-    estimate_histories,
-    histories_of,
+    estimate_input_history,
     identify,
+    input_history_of,
     path_of,
 )
 
@@ -58,10 +58,10 @@ def errors(device, record, before):
 def test_a_record_tells_how_it_began(name):
     device = DEVICES[name]
     records = [cut(device, seed) for seed in range(3)]
-    histories, runs = histories_of(device, (), records)
-    assert histories.shape == (3, 9)  # up to 256 samples before: half of a record, or less
+    input_history, runs = input_history_of(device, (), records)
+    assert input_history.shape == (3, 9)  # up to 256 samples before: half of a record, or less
     assert runs > 0
-    for record, before in zip(records, histories, strict=True):
+    for record, before in zip(records, input_history, strict=True):
         rest, known = errors(device, record, before)
         assert known < max(0.1 * rest, 2e-3)
 
@@ -70,21 +70,21 @@ def test_what_begins_at_rest_stays_there():
     u = drive(0)
     noise = 1e-3 * np.random.default_rng(0).normal(size=len(u))
     record = RecordData(u, PLAYS.run(u, DT)[0] + noise, DT)
-    histories, _ = histories_of(PLAYS, (), [record])
-    np.testing.assert_allclose(histories, u[0], atol=0.05)
+    input_history, _ = input_history_of(PLAYS, (), [record])
+    np.testing.assert_allclose(input_history, u[0], atol=0.05)
 
 
 def test_a_device_without_memory_tells_nothing():
     record = cut(GainOperator(2.0), 0, noise=0.1)
-    histories, _ = histories_of(GainOperator(2.0), (), [record])
-    np.testing.assert_allclose(histories, record.u[0], atol=1e-6)
+    input_history, _ = input_history_of(GainOperator(2.0), (), [record])
+    np.testing.assert_allclose(input_history, record.u[0], atol=1e-6)
 
 
 def test_parameters_are_identified_with_it():
     records = [cut(PLAYS, seed, noise=1e-3) for seed in range(3)]
     start = PLAYS.unpack(np.zeros(5))
     plain = identify([(start, ())], records, fixed=("drive_offset",))
-    result, before = estimate_histories(plain.operator, (), records, fixed=("drive_offset",))
+    result, before = estimate_input_history(plain.operator, (), records, fixed=("drive_offset",))
     assert result.error < 1.1e-3 < plain.error
     assert result.n_evaluations > 50
     np.testing.assert_allclose(result.operator.weights, PLAYS.weights, rtol=0.01)
@@ -95,8 +95,8 @@ def test_units_change_nothing():
     record = cut(PLAYS, 1, noise=1e-3)
     tiny = PrandtlIshlinskiiOperator(1e-9 * PLAYS.thresholds, 1e-6 * PLAYS.weights, 2e-16)
     other = RecordData(1e-9 * record.u, 1e-15 * record.y, DT)
-    first, _ = histories_of(PLAYS, (), [record])
-    second, _ = histories_of(tiny, (), [other])
+    first, _ = input_history_of(PLAYS, (), [record])
+    second, _ = input_history_of(tiny, (), [other])
     reached = errors(PLAYS, record, first[0])[1], errors(tiny, other, second[0])[1]
     np.testing.assert_allclose(*reached, rtol=0.01)
 
@@ -107,15 +107,15 @@ def test_what_stands_beside_is_no_history():
     shifted = RecordData(record.u, record.y + 5.0, DT)
     beside = (OffsetOperator(np.zeros(1)),)
     for own in (record, shifted):
-        histories, _ = histories_of(PLAYS, beside, [own])
-        assert errors(PLAYS, record, histories[0])[1] < 1e-3
+        input_history, _ = input_history_of(PLAYS, beside, [own])
+        assert errors(PLAYS, record, input_history[0])[1] < 1e-3
 
 
 def test_samples_that_do_not_count_tell_nothing():
     record = cut(DEVICES["lag"], 3)
     y, weights = record.y.copy(), np.ones(N)
     y[5:20], weights[5:20] = 1e3, 0.0
-    first, _ = histories_of(DEVICES["lag"], (), [RecordData(record.u, y, DT, weights=weights)])
+    first, _ = input_history_of(DEVICES["lag"], (), [RecordData(record.u, y, DT, weights=weights)])
     assert errors(DEVICES["lag"], record, first[0])[1] < 1e-3
 
 
@@ -146,6 +146,6 @@ def test_records_may_differ_in_length():
     """The values reach up to half of the longest, which is beyond the shortest."""
     whole = cut(PLAYS, 1)
     short = RecordData(whole.u[:40], whole.y[:40], DT)
-    histories, _ = histories_of(PLAYS, (), [whole, short])
-    for record, before in zip([whole, short], histories, strict=True):
+    input_history, _ = input_history_of(PLAYS, (), [whole, short])
+    for record, before in zip([whole, short], input_history, strict=True):
         assert errors(PLAYS, record, before)[1] < 2e-3

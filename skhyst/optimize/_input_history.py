@@ -37,13 +37,15 @@ _STARTS = 3  # where nothing is known
 _FAR = 1e10  # what a run that diverges leaves, relative to the response
 
 
-def estimate_histories(operator, disturbances, records, *, fixed=(), method="variable_projection"):
+def estimate_input_history(
+    operator, disturbances, records, *, fixed=(), method="variable_projection"
+):
     """Identify parameters and the drive before each record.
 
     Parameters
     ----------
     operator, disturbances : Operator, sequence of DisturbanceOperator
-        A fit from rest at each record's first value, or from known histories.
+        A fit from rest at each record's first value, or from known input_history.
     records : sequence of RecordData
     fixed : collection of str
     method : str or Method, default="variable_projection"
@@ -51,7 +53,7 @@ def estimate_histories(operator, disturbances, records, *, fixed=(), method="var
     Returns
     -------
     result : IdentificationResult
-    histories : ndarray of shape (n_records, n_values)
+    input_history : ndarray of shape (n_records, n_values)
         Drive 1, 2, 4, ... samples before each record, in its units.
     """
     count = _count(records)
@@ -65,7 +67,7 @@ def estimate_histories(operator, disturbances, records, *, fixed=(), method="var
     result, evaluations, gain = identify(start, late, fixed=fixed, method=method), 0, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
-        found, runs = histories_of(operator, disturbances, records)
+        found, runs = input_history_of(operator, disturbances, records)
         trial = [replace(r, before=own) for r, own in zip(records, found, strict=True)]
         result = identify([(operator, disturbances)], trial, fixed=fixed, method=method)
         evaluations += runs + result.n_evaluations
@@ -77,8 +79,8 @@ def estimate_histories(operator, disturbances, records, *, fixed=(), method="var
             loose = [replace(r, beside=problem.carried(best.operator, r)) for r in records]
             start = [(best.operator, best.disturbances)]
             result = identify(start, loose, fixed=fixed, method=method)
-    histories = np.array([_rest(r, count) if r.before is None else r.before for r in records])
-    return replace(best, n_evaluations=best.n_evaluations + evaluations), histories
+    input_history = np.array([_rest(r, count) if r.before is None else r.before for r in records])
+    return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
 
 
 def _count(records):
@@ -97,10 +99,10 @@ def _rest(record, count):
     return np.full(count, record.drive[0])
 
 
-def histories_of(operator, disturbances, records):
+def input_history_of(operator, disturbances, records):
     """Return the drive before each record with the parameters held, and how often all were run.
 
-    ``histories`` is (n_records, n_values).
+    ``input_history`` is (n_records, n_values).
     """
     drives = [record.drive for record in records]
     low, high = min(u.min() for u in drives), max(u.max() for u in drives)

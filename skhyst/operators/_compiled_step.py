@@ -44,7 +44,7 @@ def _loop(law):
 
 
 def in_ring(s, c):
-    """Whether a state begins with a place among its other numbers: `LoweredStep.possible`."""
+    """Whether a state begins with a place among its other numbers: `CompiledLaw.possible`."""
     return s[0] in range(len(s) - 1)
 
 
@@ -66,8 +66,8 @@ def _streaming(law, c, s):
     return run
 
 
-class Lowered:
-    """Base of lowered operators.
+class CompiledStep:
+    """Base of compiled steps.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Lowered:
 
 
 @dataclass(frozen=True)
-class LoweredStep(Lowered):
+class CompiledLaw(CompiledStep):
     """A compiled step with its constants.
 
     Parameters
@@ -137,9 +137,9 @@ class LoweredStep(Lowered):
     >>> import numpy as np
     >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
     >>> plays = PrandtlIshlinskiiOperator(np.array([0.0, 1.0]), np.array([1.0, 0.5]))
-    >>> lowered = plays.lowered(1e-3, plays.init(0.0))
-    >>> s = lowered.state.copy()
-    >>> [lowered.step(u, lowered.constants, s) for u in (0.0, 4.0, 0.0)]
+    >>> compiled_step = plays.compiled_step(1e-3, plays.init(0.0))
+    >>> s = compiled_step.state.copy()
+    >>> [compiled_step.step(u, compiled_step.constants, s) for u in (0.0, 4.0, 0.0)]
     [0.0, 5.5, 0.5]
     """
 
@@ -172,12 +172,12 @@ class LoweredStep(Lowered):
 
 
 @dataclass(frozen=True)
-class LoweredParts(Lowered):
-    """Base of what is made of other lowered operators; a subclass gives ``_joined``.
+class CompiledParts(CompiledStep):
+    """Base of what is made of other compiled steps; a subclass gives ``_joined``.
 
     Parameters
     ----------
-    parts : tuple of Lowered
+    parts : tuple of CompiledStep
     """
 
     parts: tuple
@@ -220,7 +220,7 @@ class LoweredParts(Lowered):
 
 
 @dataclass(frozen=True)
-class LoweredCall(Lowered):
+class CompiledCall(CompiledStep):
     """A step that calls what is no plain arithmetic: it streams, and cannot be written in C.
 
     Parameters
@@ -236,8 +236,8 @@ class LoweredCall(Lowered):
     Examples
     --------
     >>> import math
-    >>> from skhyst.operators import LoweredCall, Stepper
-    >>> Stepper(LoweredCall(lambda u, s: math.gamma(u), [], "gamma")).step(5.0)
+    >>> from skhyst.operators import CompiledCall, Stepper
+    >>> Stepper(CompiledCall(lambda u, s: math.gamma(u), [], "gamma")).step(5.0)
     24.0
     """
 
@@ -267,7 +267,7 @@ class LoweredCall(Lowered):
             raise
 
 
-class LoweredSeries(LoweredParts):
+class CompiledSeries(CompiledParts):
     """Steps of which each takes the output of the one before."""
 
     def _joined(self, functions):
@@ -279,7 +279,7 @@ class LoweredSeries(LoweredParts):
         return series
 
 
-class LoweredSum(LoweredParts):
+class CompiledSum(CompiledParts):
     """Steps whose outputs are added, one at least."""
 
     def _joined(self, functions):
@@ -288,12 +288,12 @@ class LoweredSum(LoweredParts):
 
 
 @dataclass(frozen=True)
-class LoweredColumn(LoweredParts):
+class CompiledColumn(CompiledParts):
     """A step that takes one column of the input, less a reference.
 
     Parameters
     ----------
-    parts : tuple of one Lowered
+    parts : tuple of one CompiledStep
     column : int
     reference : float
     """
@@ -312,12 +312,12 @@ class LoweredColumn(LoweredParts):
 
 
 @dataclass(frozen=True)
-class LoweredProduct(LoweredParts):
+class CompiledProduct(CompiledParts):
     """A step whose output is scaled by ``1 + sensitivity (column - reference)``.
 
     Parameters
     ----------
-    parts : tuple of one Lowered
+    parts : tuple of one CompiledStep
     column : int
     reference, sensitivity : float
     """
@@ -348,7 +348,7 @@ class _Replaced:
         return self.first if key == (..., 0) else self.u[key]
 
 
-class LoweredColumnSeries(LoweredParts):
+class CompiledColumnSeries(CompiledParts):
     """Two steps: the second one reads the output of the first in the place of column 0."""
 
     def _joined(self, functions):
@@ -361,7 +361,7 @@ class Stepper:
 
     Parameters
     ----------
-    lowered : Lowered
+    compiled_step : CompiledStep
         Operator at its sampling interval, with the state to begin from.
     dt : float, default=None
         That interval in s, where it is known.
@@ -379,7 +379,7 @@ class Stepper:
         All that is remembered: a copy, which may be kept and assigned again.
     status : frozenset of str
         Conditions that hold at the last sample, such as ``"limited"``: limits have cut the drive.
-    lowered : Lowered
+    compiled_step : CompiledStep
         What is stepped, with the state that it began from.
 
     Examples
@@ -388,7 +388,7 @@ class Stepper:
     >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
     >>> from skhyst.operators import Stepper
     >>> plays = PrandtlIshlinskiiOperator(np.array([0.0, 1.0]), np.array([1.0, 0.5]))
-    >>> stepper = Stepper(plays.lowered(1e-3, plays.init(0.0)))
+    >>> stepper = Stepper(plays.compiled_step(1e-3, plays.init(0.0)))
     >>> stepper.step(4.0)
     5.5
     >>> other = stepper.copy()
@@ -396,14 +396,14 @@ class Stepper:
     (0.5, array([3.5, 0.5]))
     """
 
-    def __init__(self, lowered, dt=None):
-        self.lowered = lowered
+    def __init__(self, compiled_step, dt=None):
+        self.compiled_step = compiled_step
         self.dt = None if dt is None else chosen_interval((), dt, "Stepper")
-        self._begin(lowered.state)
+        self._begin(compiled_step.state)
 
     def _begin(self, state):
         self._state = np.array(state)
-        self._step = self.lowered.stepping(self._state)
+        self._step = self.compiled_step.stepping(self._state)
 
     @property
     def state(self):
@@ -413,7 +413,7 @@ class Stepper:
     def state(self, values):
         values = np.asarray(values, dtype=float)
         whole = values.shape == self._state.shape and np.isfinite(values).all()
-        if not (whole and self.lowered.is_possible(values)):
+        if not (whole and self.compiled_step.is_possible(values)):
             raise ValueError(
                 f"The 'state' of a Stepper must be {self._state.size} finite numbers, as it was "
                 f"read. Got {values!r} instead."
@@ -422,7 +422,7 @@ class Stepper:
 
     @property
     def status(self):
-        return frozenset(name for name, at in self.lowered.flags if self._state[at] != 0.0)
+        return frozenset(name for name, at in self.compiled_step.flags if self._state[at] != 0.0)
 
     def step(self, u):
         """Return the response at the next sample.
@@ -441,7 +441,7 @@ class Stepper:
         ValueError
             If the input is not finite or of another shape; the state is as it was.
         """
-        if self.lowered.n_inputs is None:
+        if self.compiled_step.n_inputs is None:
             try:
                 value = float(u)
             except (TypeError, ValueError):
@@ -467,12 +467,12 @@ class Stepper:
         ValueError
             As in :meth:`step`.
         """
-        n_inputs = self.lowered.n_inputs
+        n_inputs = self.compiled_step.n_inputs
         u = self._checked(u, 1 if n_inputs is None else 2)
-        return self.lowered.streaming(self._state)(u)
+        return self.compiled_step.streaming(self._state)(u)
 
     def _checked(self, u, ndim):
-        n_inputs = self.lowered.n_inputs
+        n_inputs = self.compiled_step.n_inputs
         try:
             rows = np.asarray(u, dtype=float)
         except (TypeError, ValueError):
@@ -485,7 +485,7 @@ class Stepper:
 
     def copy(self):
         """Return another one in the same state, which goes its own way."""
-        other = Stepper(self.lowered, self.dt)
+        other = Stepper(self.compiled_step, self.dt)
         other._begin(self._state)
         return other
 
