@@ -12,7 +12,7 @@ from threading import Lock
 from typing import Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
 from threadpoolctl import ThreadpoolController
 
@@ -247,8 +247,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = self._read_records(X, y)
         data = data if records is None else list(records)
         with _calculable():
-            driven, beside = take_apart(operator)
-            result = self._refine([(self._with_held(driven), beside)], data, method)
+            result = self._refine([self.tree(operator)], data, method)
             return self._finish(result, data)
 
     def _read_records(self, X, y):
@@ -307,9 +306,38 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             method=method or self.method,
         )
 
-    def _with_held(self, operator):
-        """Return a driven operator with those parts held that the model holds."""
-        return operator
+    def tree(self, operator) -> Operator:
+        """Return an operator of this model as the tree that is the structure of the model.
+
+        Parameters
+        ----------
+        operator : Operator
+            As ``operator_``, with what stands beside it.
+
+        Returns
+        -------
+        Operator
+            One whose parts know the models that they belong to, so that its method ``estimator``
+            gives this model, unfitted. Parts that the model holds are held.
+
+        Examples
+        --------
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> FirstOrderLag(hold="zoh").tree(FirstOrderLagOperator(0.1)).estimator()
+        FirstOrderLag(hold='zoh')
+        """
+        driven, disturbances = take_apart(operator)
+        return self._tree(driven, iter(disturbances))
+
+    def _tree(self, driven, disturbances):
+        """Return the tree of what is driven, and of those of the disturbances that are its own."""
+        own = next(disturbances) if self.operator_class.stands_beside else driven
+        is_fitted = hasattr(self, "operator_")
+        return replace(own, model=informed(clone(self), self) if is_fitted else self)
+
+    def unfitted(self, operator) -> Self:
+        """Return the model of a tree whose root belongs to this model."""
+        return self
 
     def _with_histories(self, result, data):
         """Return the result refitted, and the drive before each record."""
@@ -353,7 +381,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _adopt(self, result):
         """Store what identification found."""
         names = self._disturbance_names(len(result.disturbances))
-        self.operator_: Operator = put_beside(result.operator, result.disturbances, names)
+        driven, disturbances = result.operator, result.disturbances
+        disturbances = tuple(disturbance.released() for disturbance in disturbances)
+        self.operator_: Operator = put_beside(driven.released(), disturbances, names)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params

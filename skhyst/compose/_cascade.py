@@ -11,7 +11,14 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
 from ..base import ParametricModel, informed, with_params
-from ..operators import FrozenOperator, Operator, SeriesOperator, put_beside, take_apart
+from ..operators import (
+    ESTIMATORS,
+    FrozenOperator,
+    Operator,
+    SeriesOperator,
+    put_beside,
+    take_apart,
+)
 from ..optimize import VariableProjection
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # ranks, see Operator
@@ -30,15 +37,18 @@ class HeldStep(ParametricModel):
     def __init__(self, model):
         self.model = model
 
+    series_rank = property(attrgetter("model.series_rank"))
+    _any_interval = property(attrgetter("model._any_interval"))
+    _reads_columns = property(attrgetter("model._reads_columns"))
+    _signal = property(attrgetter("model._signal"))
+    _schedules = property(attrgetter("model._schedules"))
+
     def starting_values(self, records):
         return [FrozenOperator(self.model.operator_)]
 
-    def _with_held(self, operator):
-        return FrozenOperator(operator) if operator.n_parameters else operator
-
-
-for _name in ("series_rank", "_any_interval", "_reads_columns", "_signal", "_schedules"):
-    setattr(HeldStep, _name, property(attrgetter(f"model.{_name}")))
+    def _tree(self, driven, disturbances):
+        held = FrozenOperator(driven) if driven.n_parameters else driven
+        return replace(held, model=FrozenEstimator(self.model))
 
 
 class Composition(ParametricModel, BaseComposition):
@@ -171,13 +181,13 @@ class Composition(ParametricModel, BaseComposition):
         names = self._disturbance_names(len(result.disturbances))
         return [put_beside(result.operator, result.disturbances, names)]
 
-    def _driven_models(self):
-        """Return the models of the stages of the driven part."""
-        return self._models()
+    def unfitted(self, operator) -> Self:
+        stages = zip(operator.names, operator.stages, strict=True)
+        return with_params(self, steps=[(name, stage.unfitted()) for name, stage in stages])
 
-    def _with_held(self, operator):
-        models = zip(self._driven_models(), operator.stages, strict=True)
-        return self._compose(operator.names, [model._with_held(stage) for model, stage in models])
+    def _node(self):
+        """Return the model without its steps, as that of a node of the tree."""
+        return type(self)(**(self.get_params(deep=False) | {"steps": []}))
 
     def held_parameters(self) -> frozenset[str]:
         return frozenset(
@@ -187,8 +197,10 @@ class Composition(ParametricModel, BaseComposition):
         )
 
     def _adopt(self, result):
-        self._identified = result
-        return super()._adopt(replace(result, operator=result.operator.released()))
+        beside = tuple(disturbance.released() for disturbance in result.disturbances)
+        own = {"operator": result.operator.released(), "disturbances": beside}
+        self._identified = replace(result, **own)
+        return super()._adopt(result)
 
     def _fitted_step(self, name, model, stage):
         """Return a step with its own part of what identification found."""
@@ -297,12 +309,13 @@ class Cascade(Composition):
     def _compose(self, names, stages):
         return SeriesOperator(tuple(names), tuple(stages)).normalized()
 
-    def _with_held(self, operator):
-        held, stages = operator.gauge_mask(), []
-        for stage in operator.stages:
+    def _tree(self, driven, disturbances):
+        held, stages = driven.gauge_mask(), []
+        for model, stage in zip(self._models(), driven.stages, strict=True):
             own, held = np.split(held, [stage.n_parameters])
-            stages.append(_to_unit_gain(stage) if own.any() else stage)
-        return super()._with_held(SeriesOperator(operator.names, tuple(stages)))
+            stage = _to_unit_gain(stage) if own.any() else stage
+            stages.append(model._tree(stage, disturbances))
+        return replace(self._compose(driven.names, stages), model=self._node())
 
     def _identify(self, data):
         self._check_steps()
@@ -405,6 +418,9 @@ class Cascade(Composition):
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return replace(result, n_evaluations=evaluations)
+
+
+ESTIMATORS[SeriesOperator] = Cascade
 
 
 def _distinct(results):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import Operator, SumOperator, take_apart
+from ..operators import ESTIMATORS, Operator, SumOperator, take_apart
 from ._cascade import Composition, HeldStep
-from ._columns import OnColumn
+from ._columns import FirstColumn
 
 
 class Sum(Composition):
@@ -44,7 +44,7 @@ class Sum(Composition):
         models = super()._models()
         if not any(model._reads_columns for model in models):
             return models
-        return [m if m._reads_columns or _stands_beside(m) else OnColumn(m, 0) for m in models]
+        return [m if m._reads_columns or _stands_beside(m) else FirstColumn(m, 0) for m in models]
 
     def _schedules(self, slices, X):
         found = [model._schedules(slices, X) for model in self._models()]
@@ -57,8 +57,15 @@ class Sum(Composition):
     def _disturbance_names(self, count):
         return tuple(name for name, model in self.steps if _stands_beside(model))
 
-    def _driven_models(self):
-        return [model for model in self._models() if not _stands_beside(model)]
+    def _tree(self, driven, disturbances):
+        own, stages = iter(driven.stages), []
+        for model in self._models():
+            stage = None if _stands_beside(model) else next(own)
+            stages.append(model._tree(stage, disturbances))
+        names = tuple(name for name, _ in self.steps)
+        tree = SumOperator(names, tuple(stages), model=self._node())
+        total, beside = tree.split()
+        return tree.filled(total.normalized(), iter(beside))
 
     def _identify(self, data):
         self._check_steps()
@@ -113,6 +120,9 @@ class Sum(Composition):
         beside = self._disturbance_names(len(disturbances))
         found = dict(zip(driven.names, driven.stages, strict=True))
         return found | dict(zip(beside, disturbances, strict=True))
+
+
+ESTIMATORS[SumOperator] = Sum
 
 
 def constant_entries(operator, disturbances):

@@ -9,18 +9,17 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from sklearn.base import clone
 
-from ..base import informed
-from ..compose import (
+from ..compose import OnColumn, Sum
+from ..linear import Gain, GainOperator
+from ..operators import (
     ColumnOperator,
-    OnColumn,
     Stage,
-    Sum,
+    SumOperator,
     modulated,
+    on_column,
     put_beside_series,
     scheduled,
 )
-from ..linear import Gain, GainOperator
-from ..operators import SumOperator
 
 _KEPT = {"dt", "fit_intercept", "hold", "initial_state", "mass", "method"}  # of an enriched stage
 
@@ -40,9 +39,8 @@ class Insert(_Edit):
     def apply(self, tree, name):
         stages = list(tree.stages)
         at = tree.position(self.model.series_rank)
-        return tree.with_stages(
-            [*stages[:at], Stage(name, self.model, self.operator), *stages[at:]]
-        )
+        stages.insert(at, Stage(name, self.model.tree(self.operator)))
+        return tree.with_stages(stages)
 
 
 @dataclass(frozen=True)
@@ -56,14 +54,14 @@ class Enrich:
 
     def apply(self, tree, name):
         at = tree.names.index(self.place)
-        _, model, operator = tree.stages[at]
+        model, operator = tree.models[at], tree.operators[at]
         if type(model) is type(self.model):
-            operator = _both_operators(operator, self.operator)
-            return tree.with_stage(at, model=both_models(model, self.model), operator=operator)
+            both = both_models(model, self.model)
+            return tree.with_stage(at, both.tree(_both_operators(operator, self.operator)))
         same = {key: value for key, value in model.get_params().items() if key in _KEPT}
         richer = clone(self.model)
         richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
-        return tree.with_stage(at, model=richer, operator=self.operator)
+        return tree.with_stage(at, richer.tree(self.operator))
 
 
 @dataclass(frozen=True)
@@ -76,9 +74,8 @@ class Hold:
 
     def apply(self, tree, name):
         at = tree.names.index(self.place)
-        _, model, operator = tree.stages[at]
-        model, operator = clone(model).set_params(hold=self.hold), replace(operator, hold=self.hold)
-        return tree.with_stage(at, model=model, operator=operator)
+        model = clone(tree.models[at]).set_params(hold=self.hold)
+        return tree.with_stage(at, model.tree(replace(tree.operators[at], hold=self.hold)))
 
 
 def both_models(model, other):
@@ -96,6 +93,8 @@ def _both_operators(operator, other):
     """Return an operator of one class that has what either has: the longer arrays, no zeros."""
     changes = {}
     for field in fields(other):
+        if field.kw_only:  # of the tree
+            continue
         old, new = getattr(operator, field.name), getattr(other, field.name)
         if np.size(old) > np.size(new) or (np.size(old) == np.size(new) and not np.any(new)):
             changes[field.name] = old
@@ -113,12 +112,11 @@ class AddForce:
 
     def apply(self, tree, name):
         at = tree.names.index(self.place)
-        stage = tree.stages[at]
-        steps, names, parts = [(stage.name, stage.model)], (stage.name,), (stage.operator,)
-        if isinstance(stage.operator, SumOperator):
-            steps, names, parts = stage.model.steps, stage.operator.names, stage.operator.stages
-        operator = SumOperator((*names, name), (*parts, self.operator)).normalized()
-        return tree.with_stage(at, model=Sum([*steps, (name, self.model)]), operator=operator)
+        forces = [tree.stages[at]]
+        if isinstance(forces[0].operator, SumOperator):
+            forces = forces[0].operator.members()
+        forces.append(Stage(name, self.model.tree(self.operator)))
+        return tree.with_stage(at, SumOperator.of_parts(forces, Sum([])))
 
 
 @dataclass(frozen=True)
@@ -130,8 +128,8 @@ class Beside(_Edit):
     kind = "beside"
 
     def apply(self, tree, name):
-        whole = put_beside_series(tree.whole, name, self.model)
-        return tree.composed(whole, (*tree.disturbances, self.operator))
+        disturbance = self.model.tree(self.operator)
+        return tree.composed(put_beside_series(tree.whole, name, disturbance))
 
 
 @dataclass(frozen=True)
@@ -144,8 +142,8 @@ class Drive(_Edit):
     kind = "branch"
 
     def apply(self, tree, name):
-        branch = self.operator, self.column
-        return tree.composed(put_beside_series(tree.whole, name, self.model, *branch))
+        branch = on_column(tree.whole, self.model.tree(self.operator), self.column)
+        return tree.composed(put_beside_series(tree.whole, name, branch))
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,7 @@ class Bias(_Edit):
         branch = ColumnOperator(self.operator, self.column, self.reference)
         parts = ColumnOperator(GainOperator(1.0), 0), branch
         operator = SumOperator(("drive", "column"), parts)
-        return tree.with_stages([Stage(name, model, operator), *tree.stages])
+        return tree.with_stages([Stage(name, model.tree(operator)), *tree.stages])
 
 
 @dataclass(frozen=True)
@@ -175,8 +173,8 @@ class Begin(_Edit):
     kind = "start"
 
     def apply(self, tree, name):
-        model = clone(tree.model).set_params(initial_state="estimate")
-        return replace(tree, model=informed(model, tree.model), histories=self.histories)
+        model = clone(tree.root.model).set_params(initial_state="estimate")
+        return replace(tree, root=replace(tree.root, model=model), histories=self.histories)
 
 
 @dataclass(frozen=True)
@@ -217,15 +215,14 @@ class Schedule(_Edit):
     def entries(tree, which):
         """Return which entries of the series follow the record, none where it makes no sense."""
         free, dynamics = [], []
-        masks = tree.series().gauge_mask().tolist()
-        for stage in tree.stages:
-            held = stage.model.held_parameters()
-            moving = stage.operator.signal_linear and sum(stage.operator.n_poles)
-            for entry, spec in stage.operator.entries():
-                if not masks.pop(0) and entry not in held:
-                    free.append((stage.name, entry))
+        marks = iter(tree.series().free_mask())
+        for name, operator in tree.stages:
+            moving = operator.signal_linear and sum(operator.n_poles)
+            for entry, spec in operator.entries():
+                if next(marks):
+                    free.append((name, entry))
                     if moving and not spec.linear:
-                        dynamics.append((stage.name, entry))
+                        dynamics.append((name, entry))
         if which == "dynamics":
             return dynamics
         more = {entry for _, entry in free} - {"intercept"}

@@ -4,8 +4,8 @@ The law, with the limit D of its hysteretic part as the unit, stands with :class
 the curve that all its branches are pieces of in ``_bouc_wen_curve``.
 """
 
-import dataclasses
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from numbers import Real
@@ -14,12 +14,12 @@ import numpy as np
 
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import LoweredStep, Operator, as_signal, parameter
+from ..operators import LoweredStep, Operator, as_signal, by_fields, parameter
 from ._bouc_wen_curve import curve_run, curve_step, curve_tangents, curves, on_branch
 from ._common import force_characteristics, show
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class BoucWenOperator(Operator):
     r"""Bouc-Wen hysteresis in normalised form, :math:`g = \alpha z` in :class:`BoucWen`.
 
@@ -95,9 +95,8 @@ class BoucWenOperator(Operator):
         self._require("exponent", self.exponent > 0.0, "be positive")
         self._require("asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
 
-    def __reduce__(self):  # without the tables
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
+    def __reduce__(self):
+        return by_fields(self)
 
     @classmethod
     def from_coefficients(cls, alpha, beta, gamma, exponent=1.0, *, gain=0.0, intercept=0.0):

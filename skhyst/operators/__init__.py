@@ -2,7 +2,10 @@
 
 from ._checks import check_operator
 from ._composition import (
+    ColumnOperator,
     FrozenOperator,
+    ModulatedOperator,
+    ScheduledOperator,
     SeriesOperator,
     SumOperator,
     WrappedOperator,
@@ -10,6 +13,16 @@ from ._composition import (
     take_apart,
 )
 from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
+from ._edits import (
+    modulated,
+    on_column,
+    put_beside_series,
+    scheduled,
+    series_stages,
+    stage_values,
+    with_series_stages,
+    with_stage_values,
+)
 from ._linear_inverse import InverseLinearOperator, in_weights, preview_step
 from ._lowered import (
     Lowered,
@@ -25,6 +38,7 @@ from ._lowered import (
     in_ring,
 )
 from ._one_state import OneStateOperator
+from ._part import ESTIMATORS, Factor, Stage, snake_case
 from ._plays import (
     Superposition,
     clip_play,
@@ -38,7 +52,7 @@ from ._plays import (
     turning_points,
 )
 from ._products import sum_of_products
-from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
+from ._protocol import Operator, ParameterSpec, as_constant, as_signal, by_fields, parameter
 from ._records import run_records
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import (
@@ -53,6 +67,9 @@ from ._state_space import (
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
+    "ESTIMATORS",
+    "ColumnOperator",
+    "Factor",
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
@@ -65,11 +82,14 @@ __all__ = [
     "LoweredSeries",
     "LoweredStep",
     "LoweredSum",
+    "ModulatedOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "RootInverseOperator",
+    "ScheduledOperator",
     "SeriesOperator",
+    "Stage",
     "Stepper",
     "SumOperator",
     "Superposition",
@@ -79,6 +99,7 @@ __all__ = [
     "as_signal",
     "block_run",
     "block_table",
+    "by_fields",
     "check_operator",
     "clip_play",
     "first_order_run",
@@ -86,6 +107,8 @@ __all__ = [
     "in_weights",
     "inverse_of",
     "latest",
+    "modulated",
+    "on_column",
     "parameter",
     "play_basis",
     "play_sum_run",
@@ -95,11 +118,16 @@ __all__ = [
     "play_thresholds",
     "preview_step",
     "put_beside",
+    "put_beside_series",
     "run_records",
     "samples_before",
+    "scheduled",
     "second_order_run",
+    "series_stages",
     "slope_step",
     "slopes",
+    "snake_case",
+    "stage_values",
     "state_space_run",
     "state_space_step",
     "state_space_tangents",
@@ -108,4 +136,6 @@ __all__ = [
     "sum_of_products",
     "take_apart",
     "turning_points",
+    "with_series_stages",
+    "with_stage_values",
 ]

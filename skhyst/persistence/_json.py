@@ -17,6 +17,8 @@ from importlib.metadata import version
 import numpy as np
 from sklearn.base import BaseEstimator
 
+from ._moved import MOVED
+
 FORMAT = 1
 _VERSION = version("skhyst")
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
@@ -156,7 +158,8 @@ def _plain_object(value):
             "written as JSON: save the model as .skops."
         )
     if dataclasses.is_dataclass(value):
-        own = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = [f.name for f in dataclasses.fields(value) if f.compare]
+        own = {name: _plain(getattr(value, name)) for name in fields}
         return {"class": name, "parameters": own, "fitted": {}}
     state = {k: v for k, v in value.__getstate__().items() if k != "_sklearn_version"}
     parameters = {k: _plain(state.pop(k)) for k in value.get_params(deep=False)}
@@ -199,10 +202,11 @@ def _array(plain):
 
 
 def _object(plain):
-    if plain["class"] not in _classes():
+    kind = _classes().get(MOVED.get(plain["class"], plain["class"]))
+    if kind is None:
         raise ValueError(f"skhyst has no public class {plain['class']!r}")
     parameters = {name: _value(item) for name, item in plain["parameters"].items()}
-    made = _classes()[plain["class"]](**parameters)
+    made = kind(**parameters)
     if plain["fitted"]:
         made.__setstate__({name: _value(item) for name, item in plain["fitted"].items()})
     return made

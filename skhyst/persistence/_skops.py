@@ -20,6 +20,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_input, replacing
+from ._moved import with_present_names
 
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
@@ -160,14 +161,15 @@ def _load_skops(path, trust):
 def read_trusted(path, known=()):
     """Return what a skops file holds, of classes of skhyst and types with known names alone."""
     skops = skops_io(path)
-    named = skops.get_untrusted_types(file=path)
+    data = with_present_names(path)
+    named = skops.get_untrusted_types(data=data)
     foreign = [name for name in named if name not in known and not _is_own_class(name)]
     if foreign:
         raise _Refused(
             f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "
             "trust whoever made the file, add --trust (in Python trust=True)."
         )
-    return skops.load(path, trusted=named)
+    return skops.loads(data, trusted=named)
 
 
 def _is_own_class(name):

@@ -15,10 +15,15 @@ from hypothesis import strategies as st
 from operator_cases import DT, OPERATORS, N, make_drive, responses
 
 import skhyst
-from skhyst.compose import ColumnOperator, ModulatedOperator
 from skhyst.discovery import all_operators
 from skhyst.linear import MultiInputTransferFunctionOperator
-from skhyst.operators import InverseOperator, Stepper, check_operator
+from skhyst.operators import (
+    ColumnOperator,
+    InverseOperator,
+    ModulatedOperator,
+    Stepper,
+    check_operator,
+)
 from skhyst.static import StaticOperator
 
 ABSTRACT = {StaticOperator}
