@@ -310,11 +310,12 @@ class Cascade(Composition):
         return SeriesOperator(tuple(names), tuple(stages)).normalized()
 
     def _tree(self, driven, disturbances):
-        held, stages = driven.gauge_mask(), []
-        for model, stage in zip(self._models(), driven.stages, strict=True):
+        models = zip(self._models(), driven.stages, strict=True)
+        parts = tuple(model._tree(stage, disturbances) for model, stage in models)
+        held, stages = SeriesOperator(driven.names, parts).gauge_mask(), []
+        for stage in parts:
             own, held = np.split(held, [stage.n_parameters])
-            stage = _to_unit_gain(stage) if own.any() else stage
-            stages.append(model._tree(stage, disturbances))
+            stages.append(_to_unit_gain(stage) if own.any() else stage)
         return replace(self._compose(driven.names, stages), model=self._node())
 
     def _identify(self, data):

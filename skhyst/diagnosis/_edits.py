@@ -116,7 +116,7 @@ class AddForce:
         if isinstance(forces[0].operator, SumOperator):
             forces = forces[0].operator.members()
         forces.append(Stage(name, self.model.tree(self.operator)))
-        return tree.with_stage(at, SumOperator.of_parts(forces, Sum([])))
+        return tree.with_stage(at, SumOperator.of_parts(forces, Sum([])).normalized())
 
 
 @dataclass(frozen=True)

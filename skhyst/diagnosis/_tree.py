@@ -251,7 +251,7 @@ class Tree:
 
     def with_operators(self, operator, disturbances):
         """Return the tree with other values of the operator and of what stands beside."""
-        return replace(self, root=self.root.filled(operator, iter(disturbances)))
+        return replace(self, root=self.model.tree((operator, tuple(disturbances))))
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
@@ -311,8 +311,8 @@ class Tree:
             tree = replace(tree, histories=other.histories)
         beside = dict(zip(other.beside_names, other.disturbances, strict=True))
         own = zip(tree.beside_names, tree.disturbances, strict=True)
-        tree = tree.composed(with_stage_values(tree.whole, values))
-        return tree.with_operators(tree.operator, [beside.get(n, start) for n, start in own])
+        driven = with_stage_values(tree.whole, values)
+        return tree.with_operators(driven, [beside.get(n, start) for n, start in own])
 
     # ------------------------------------------------------------------ as an operator
 
@@ -405,7 +405,7 @@ class Tree:
     def identified(self, records):
         """Return the tree as its model identifies it from nothing, as its user would fit it."""
         result = clone_of(self.model)._identify(self.read(records))
-        return replace(self, root=self.model.tree((result.operator, result.disturbances)))
+        return self.with_operators(result.operator, result.disturbances)
 
     def with_histories(self, records):
         """Return the tree refitted with what came before the records."""

@@ -109,9 +109,6 @@ class WrappedOperator(_ByEntries):
         driven, disturbances = self.operator.split()
         return self if driven is None else self._with(driven), disturbances
 
-    def filled(self, driven, disturbances):
-        return driven._with(self.operator.filled(driven.operator, disturbances))
-
     def inner(self, name=None):
         return Stage(name, bare(self.operator))
 
@@ -169,7 +166,7 @@ class FrozenOperator(WrappedOperator):
     def held_entries(self):
         return frozenset()
 
-    split, filled, inner, keys = Operator.split, Operator.filled, Operator.inner, Operator.keys
+    split, inner, keys = Operator.split, Operator.inner, Operator.keys
 
     def linearize(self, u, du, dt, initial_state="rest"):
         return self.operator.carry(u, du, dt, initial_state)
@@ -398,7 +395,7 @@ class ScheduledOperator(WrappedOperator):
     def released(self):
         return replace(self, base=self.base.released(), model=None)
 
-    split, filled = Operator.split, Operator.filled
+    split = Operator.split
 
     def inner(self, name=None):
         """Return what is scheduled: at the schedule, or at the means where there is none."""
@@ -809,7 +806,7 @@ class SumOperator(_Composition):
                 driven[name] = part
         if not disturbances or not self.is_composed:
             return self, ()
-        if self._stands_alone(driven):
+        if self.model is None and tuple(driven) == (_DRIVEN,):  # see put_beside
             return driven[_DRIVEN], tuple(disturbances)
         parts = {"names": tuple(driven), "stages": tuple(driven.values())}
         return replace(self, **parts), tuple(disturbances)
@@ -817,21 +814,6 @@ class SumOperator(_Composition):
     @property
     def beside_names(self):
         return tuple(n for n, s in zip(self.names, self.stages, strict=True) if s.stands_beside)
-
-    def _stands_alone(self, driven):
-        """Whether what is driven is no sum, but what :func:`put_beside` was given."""
-        return self.model is None and tuple(driven) == (_DRIVEN,)
-
-    def filled(self, driven, disturbances):
-        names = [n for n, s in zip(self.names, self.stages, strict=True) if not s.stands_beside]
-        if not self.is_composed or len(names) == len(self.names):
-            return driven
-        parts = iter((driven,) if self._stands_alone(names) else driven.stages)
-        stages = tuple(
-            stage.filled(None if stage.stands_beside else next(parts), disturbances)
-            for stage in self.stages
-        )
-        return replace(self, stages=stages)
 
     def parts(self):
         """Return the driven stages, the branches of further columns, and the disturbances."""
@@ -844,39 +826,36 @@ class SumOperator(_Composition):
     @classmethod
     def of_parts(cls, parts, model=None):
         """Return the sum of stages, disturbances last; beside one that reads columns others do."""
-        driven = [part for part in parts if not part.operator.stands_beside]
-        beside = [part for part in parts if part.operator.stands_beside]
-        stages = [stage for _, stage in driven]
+        parts = sorted(parts, key=lambda part: part.operator.stands_beside)
+        names, stages = zip(*parts, strict=True)
         if any(stage.reads_columns for stage in stages):
-            stages = map(of_columns, stages)
-        total = cls(tuple(name for name, _ in driven), tuple(stages), model=model).normalized()
-        names, stages = (tuple(part[i] for part in beside) for i in (0, 1))
-        return replace(total, names=total.names + names, stages=total.stages + stages)
+            stages = tuple(map(of_columns, stages))
+        return cls(names, stages, model=model)
 
     def inner(self, name=None):
         driven = self.parts()[0] if self.is_composed else []
         if len(driven) == 1:
             return driven[0]
         if driven and len(driven) < len(self.stages):
-            return Stage(_DRIVEN, self.of_parts(driven, self.model))
+            return Stage(_DRIVEN, self.of_parts(driven, self.model).normalized())
         return None
 
     def with_inner(self, stage, name=None):
         _, branches, disturbances = self.parts()
-        return self.of_parts([stage, *branches, *disturbances], self.model)
+        return self.of_parts([stage, *branches, *disturbances], self.model).normalized()
 
     def keys(self, name=None):
-        part, (_, branches, beside) = self.inner(name), self.parts()
+        part, (driven, branches, _) = self.inner(name), self.parts()
         if part is None:
             return super().keys(name)
         found = []
-        for own, stage in zip(self.names, self.stages, strict=True):
-            if own == part.name:
-                found += bare(stage).keys(own)
-            elif own in dict(branches):
+        for own, stage in self.members():
+            if own in dict(branches):
                 found += Operator.keys(stage, own)
-            elif own not in dict(beside):
-                found += [(part.name, f"{own}__{entry}") for entry, _ in stage.entries()]
+            elif own in dict(driven):
+                keys = bare(stage).keys(own)
+                several = [(part.name, f"{own}__{entry}") for entry, _ in stage.entries()]
+                found += keys if len(driven) == 1 else several
         return found
 
 
@@ -964,8 +943,9 @@ def bare(operator):
 
 
 def of_columns(operator):
-    """Return an operator of the whole input."""
-    return operator if operator.reads_columns else ColumnOperator(operator, 0)
+    """Return an operator of the whole input, as a disturbance is of any."""
+    is_one = operator.reads_columns or operator.stands_beside
+    return operator if is_one else ColumnOperator(operator, 0)
 
 
 def _one(u, column):
@@ -990,14 +970,7 @@ def _in_series(first, second):
 
 
 def _in_parallel(first, second):
-    stages = _together(SumOperator, first, second)
-    if any(stage.operator.reads_columns for stage in stages):
-        stages = [s._replace(operator=_beside_columns(s.operator)) for s in stages]
-    return SumOperator(*zip(*stages, strict=True))
-
-
-def _beside_columns(operator):
-    return operator if operator.stands_beside else of_columns(operator)
+    return SumOperator.of_parts(_together(SumOperator, first, second))
 
 
 def _scaled(operator, factor):

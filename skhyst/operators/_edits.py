@@ -81,7 +81,8 @@ def put_beside_series(whole, name, operator):
     else:
         model = total.model
     parts = [Stage(own, bare(stage)) for own, stage in total.members()]
-    return Stage(None, SumOperator.of_parts([*parts, Stage(name, operator)], model))
+    total = SumOperator.of_parts([*parts, Stage(name, operator)], model)
+    return Stage(None, total.normalized())
 
 
 def on_column(whole, operator, column):
@@ -134,18 +135,17 @@ def stage_values(whole, *, held=True):
 
 
 def with_stage_values(whole, values):
-    """Return a tree with values by (name of the stage, name of the entry), where it has any.
+    """Return what is driven with values by (stage, name of the entry), where it has any.
 
     What follows a number of the record in one of both only has its mean in the other.
     """
-    driven, disturbances = take_apart(whole.operator)
+    driven, _ = take_apart(whole.operator)
     keys, vector, held = whole.operator.keys(whole.name), driven.pack(), driven.gauge_mask()
     for key in set(keys) & set(values):
         rows = [i for i, own in enumerate(keys) if own == key and not held[i]]
         same = len(rows) == len(values[key])
         vector[rows] = values[key] if same else np.mean(values[key])
-    operator = whole.operator.filled(driven.unpack(vector), iter(disturbances))
-    return whole._replace(operator=operator)
+    return driven.unpack(vector)
 
 
 def _changed(whole, change, around=object):

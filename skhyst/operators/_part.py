@@ -154,13 +154,6 @@ class Part:
         """Names of the disturbances that stand beside."""
         return ()
 
-    def filled(self, driven, disturbances):
-        """Return the tree with others in place of what :meth:`split` has found.
-
-        ``disturbances`` is an iterator.
-        """
-        return next(disturbances) if self.stands_beside else driven
-
     def inner(self, name=None):
         """Return the :class:`Stage` within that follows the drive, None where that is all of it."""
         return None

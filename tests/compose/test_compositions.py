@@ -139,7 +139,6 @@ def test_stages_go_out_and_in_again(fitted):
     for key, value in before.items():
         np.testing.assert_allclose(values[key], value, err_msg=str(key))
     moved = with_stage_values(whole, {key: 2.0 * value for key, value in before.items()})
-    moved = take_apart(moved.operator)[0]
     free = ~operator.gauge_mask()
     np.testing.assert_allclose(moved.pack()[free], 2.0 * operator.pack()[free])
     assert [name for name, _ in moved.entries()] == [n for n, _ in operator.entries()]
