@@ -12,7 +12,6 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import BaseComposition, diagram_of
 from ..base import ParametricModel, informed, with_params
 from ..operators import (
-    ESTIMATORS,
     FrozenOperator,
     Operator,
     SeriesOperator,
@@ -419,9 +418,6 @@ class Cascade(Composition):
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return replace(result, n_evaluations=evaluations)
-
-
-ESTIMATORS[SeriesOperator] = Cascade
 
 
 def _distinct(results):

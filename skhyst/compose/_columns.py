@@ -8,7 +8,7 @@ import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed, with_params
-from ..operators import ESTIMATORS, ColumnOperator, ModulatedOperator, put_beside, take_apart
+from ..operators import ColumnOperator, ModulatedOperator, put_beside, take_apart
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 
@@ -238,6 +238,3 @@ class Modulated(_ColumnModel):
     def unfitted(self, operator) -> Self:
         column = "amplitude" if operator.column == -1 else operator.column
         return with_params(self, estimator=operator.operator.unfitted(), column=column)
-
-
-ESTIMATORS.update({ColumnOperator: OnColumn, ModulatedOperator: Modulated})

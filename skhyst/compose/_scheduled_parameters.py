@@ -10,7 +10,7 @@ from sklearn.base import clone
 from .._sklearn import Interval
 from ..base import informed, with_params
 from ..exceptions import RecordError
-from ..operators import ESTIMATORS, ScheduledOperator
+from ..operators import ScheduledOperator
 from ..optimize import RecordData, VariableProjection
 from ._columns import AroundModel, amplitude, is_constant
 
@@ -188,9 +188,6 @@ class ScheduledParameters(AroundModel):
         super()._adopt(result)
         self.polynomials_ = self.operator_.polynomials()
         return self
-
-
-ESTIMATORS[ScheduledOperator] = ScheduledParameters
 
 
 def _from_each_record(scheduled, records, plain, model):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import ESTIMATORS, Operator, SumOperator, take_apart
+from ..operators import Operator, SumOperator, take_apart
 from ._cascade import Composition, HeldStep
 from ._columns import FirstColumn
 
@@ -118,9 +118,6 @@ class Sum(Composition):
         beside = self._disturbance_names(len(disturbances))
         found = dict(zip(driven.names, driven.stages, strict=True))
         return found | dict(zip(beside, disturbances, strict=True))
-
-
-ESTIMATORS[SumOperator] = Sum
 
 
 def constant_entries(operator, disturbances):

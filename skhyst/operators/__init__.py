@@ -38,7 +38,7 @@ from ._lowered import (
     in_ring,
 )
 from ._one_state import OneStateOperator
-from ._part import ESTIMATORS, Factor, Stage, snake_case
+from ._part import Factor, Stage, snake_case
 from ._plays import (
     Superposition,
     clip_play,
@@ -67,7 +67,6 @@ from ._state_space import (
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
-    "ESTIMATORS",
     "ColumnOperator",
     "Factor",
     "FrozenOperator",

@@ -21,7 +21,7 @@ from ._lowered import (
     LoweredSum,
     nothing,
 )
-from ._part import ESTIMATORS, JOIN, Stage
+from ._part import JOIN, Stage
 from ._protocol import Operator, ParameterSpec
 from ._root_inverse import RootInverseOperator, inverse_of
 
@@ -198,6 +198,7 @@ class ColumnOperator(WrappedOperator):
     column: int
     reference: float = 0.0
     reads_columns = True
+    structure_of = "OnColumn"
 
     @property
     def driving_column(self):
@@ -277,6 +278,7 @@ class ModulatedOperator(WrappedOperator):
     sensitivity: float = 0.0
     signal_linear = False
     reads_columns = True
+    structure_of = "Modulated"
 
     def with_inner(self, stage, name=None):
         return self._with(of_columns(stage.operator))
@@ -351,6 +353,7 @@ class ScheduledOperator(WrappedOperator):
     low: float
     high: float
     schedule: float | None = field(default=None)
+    structure_of = "ScheduledParameters"
 
     @property
     def _like(self):
@@ -548,7 +551,7 @@ class _Composition(_ByEntries):
     @property
     def is_composed(self):
         """Whether it is a node of a tree, not the inside of a single model."""
-        return self.model is None or isinstance(self.model, ESTIMATORS.get(type(self), object))
+        return self.model is None or isinstance(self.model, self.estimator_class())
 
     def members(self):
         """Return the stages with their names."""
@@ -608,6 +611,8 @@ class _Composition(_ByEntries):
 
 class SeriesOperator(_Composition):
     """Operators in series: the output of one is the input of the next."""
+
+    structure_of = "Cascade"
 
     def linear_mask(self):
         # Parameters of one stage only, behind which everything is linear in the signal; the
@@ -732,6 +737,8 @@ class SeriesOperator(_Composition):
 
 class SumOperator(_Composition):
     """Operators in parallel: their outputs are added."""
+
+    structure_of = "Sum"
 
     def linear_mask(self):
         return _joined(stage.linear_mask() for stage in self.stages)

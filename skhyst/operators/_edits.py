@@ -18,7 +18,7 @@ from ._composition import (
     of_columns,
     take_apart,
 )
-from ._part import ESTIMATORS, Stage
+from ._part import Stage
 
 _DRIVEN = "model"  # name of what follows the drive, where that is several stages
 
@@ -160,4 +160,5 @@ def _changed(whole, change, around=object):
 def _node(kind, parts, whole, **params):
     """Return the estimator of a new node, with the options of a tree."""
     model = whole.model
-    return ESTIMATORS[kind](parts, initial_state=model.initial_state, dt=model.dt, **params)
+    options = {"initial_state": model.initial_state, "dt": model.dt}
+    return kind.estimator_class()(parts, **options, **params)

@@ -10,13 +10,14 @@ a tree, see ``_edits``.
 
 import dataclasses
 import re
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 from sklearn.base import clone
 
 JOIN = {}  # symbol -> function of two operands, filled where the nodes are defined
-ESTIMATORS = {}  # class of a node -> estimator of which it is the structure, filled by these
+_COMPOSE = f"{__package__.partition('.')[0]}.compose"  # which imports operators: found when asked
 
 
 def snake_case(name) -> str:
@@ -83,6 +84,7 @@ class Part:
     model: Any = dataclasses.field(default=None, kw_only=True, compare=False, repr=False)
 
     driving_column = 0  # of the input
+    structure_of = None  # of a node: name of the estimator in skhyst.compose
 
     def __or__(self, other):
         """Return the series: the output of the first is the input of the second."""
@@ -121,13 +123,19 @@ class Part:
 
     def unfitted(self):
         """Return the estimator, whose parts are those of the tree itself, not clones of them."""
-        kind = ESTIMATORS.get(type(self))
-        if self.model is None and kind is None:
+        if self.model is not None:
+            return self.model.unfitted(self)
+        if self.structure_of is None:
             raise ValueError(
                 f"{type(self).__name__} does not say which estimator it belongs to: take it from "
                 "the method 'tree' of one."
             )
-        return (kind(None) if self.model is None else self.model).unfitted(self)
+        return self.estimator_class()(None).unfitted(self)
+
+    @classmethod
+    def estimator_class(cls):
+        """Return the estimator of which a node is the structure."""
+        return getattr(import_module(_COMPOSE), cls.structure_of)
 
     def held_entries(self) -> frozenset[str]:
         """Return the names of the entries that the estimator holds at their values."""
