@@ -332,8 +332,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _tree(self, driven, disturbances):
         """Return the tree of what is driven, and of those of the disturbances that are its own."""
         own = next(disturbances) if self.operator_class.stands_beside else driven
-        is_fitted = hasattr(self, "operator_")
-        return replace(own, model=informed(clone(self), self) if is_fitted else self)
+        return replace(own, model=self._node())
+
+    def _node(self, **parts):
+        """Return the unfitted model, with others in place of the models that it is made of."""
+        model = informed(clone(self), self) if hasattr(self, "operator_") else self
+        return with_params(model, **parts) if parts else model
 
     def unfitted(self, operator) -> Self:
         """Return the model of a tree whose root belongs to this model."""

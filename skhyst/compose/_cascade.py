@@ -184,10 +184,6 @@ class Composition(ParametricModel, BaseComposition):
         stages = zip(operator.names, operator.stages, strict=True)
         return with_params(self, steps=[(name, stage.unfitted()) for name, stage in stages])
 
-    def _node(self):
-        """Return the model without its steps, as that of a node of the tree."""
-        return type(self)(**(self.get_params(deep=False) | {"steps": []}))
-
     def held_parameters(self) -> frozenset[str]:
         return frozenset(
             f"{name}__{entry}"
@@ -315,7 +311,7 @@ class Cascade(Composition):
         for stage in parts:
             own, held = np.split(held, [stage.n_parameters])
             stages.append(_to_unit_gain(stage) if own.any() else stage)
-        return replace(self._compose(driven.names, stages), model=self._node())
+        return replace(self._compose(driven.names, stages), model=self._node(steps=[]))
 
     def _identify(self, data):
         self._check_steps()

@@ -53,10 +53,6 @@ class AroundModel(ParametricModel):
         estimator = self.estimator._with_hold(hold)
         return self if estimator is self.estimator else with_params(self, estimator=estimator)
 
-    def _node(self):
-        """Return the model without the one inside, as that of a node of the tree."""
-        return type(self)(**(self.get_params(deep=False) | {"estimator": None}))
-
     def _check_estimator(self):
         if not isinstance(self.estimator, ParametricModel):
             raise TypeError(
@@ -165,7 +161,7 @@ class OnColumn(_ColumnModel):
 
     def _tree(self, driven, disturbances):
         inside = self.estimator._tree(driven.operator, disturbances)
-        return replace(driven, operator=inside, model=self._node())
+        return replace(driven, operator=inside, model=self._node(estimator=None))
 
     def unfitted(self, operator) -> Self:
         centered = self.centered or operator.reference != 0.0
@@ -233,7 +229,7 @@ class Modulated(_ColumnModel):
 
     def _tree(self, driven, disturbances):
         inside = self._driven()._tree(driven.operator, disturbances)
-        return replace(driven, operator=inside, model=self._node())
+        return replace(driven, operator=inside, model=self._node(estimator=None))
 
     def unfitted(self, operator) -> Self:
         column = "amplitude" if operator.column == -1 else operator.column

@@ -173,7 +173,7 @@ class ScheduledParameters(AroundModel):
 
     def _tree(self, driven, disturbances):
         base = self.estimator._tree(driven.base, disturbances)
-        return replace(driven, base=base, model=self._node())
+        return replace(driven, base=base, model=self._node(estimator=None))
 
     def unfitted(self, operator) -> Self:
         base, parameters = operator.base, self.parameters

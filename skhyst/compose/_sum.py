@@ -63,7 +63,7 @@ class Sum(Composition):
             stage = None if _stands_beside(model) else next(own)
             stages.append(model._tree(stage, disturbances))
         names = tuple(name for name, _ in self.steps)
-        return SumOperator(names, tuple(stages), model=self._node()).normalized()
+        return SumOperator(names, tuple(stages), model=self._node(steps=[])).normalized()
 
     def _identify(self, data):
         self._check_steps()

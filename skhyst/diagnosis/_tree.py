@@ -251,7 +251,8 @@ class Tree:
 
     def with_operators(self, operator, disturbances):
         """Return the tree with other values of the operator and of what stands beside."""
-        return replace(self, root=self.model.tree((operator, tuple(disturbances))))
+        both = operator, tuple(disturbances)
+        return replace(self, root=self.model.tree(both) if self.disturbances else operator)
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
@@ -405,7 +406,7 @@ class Tree:
     def identified(self, records):
         """Return the tree as its model identifies it from nothing, as its user would fit it."""
         result = clone_of(self.model)._identify(self.read(records))
-        return self.with_operators(result.operator, result.disturbances)
+        return replace(self, root=self.model.tree((result.operator, result.disturbances)))
 
     def with_histories(self, records):
         """Return the tree refitted with what came before the records."""
