@@ -385,9 +385,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _adopt(self, result):
         """Store what identification found."""
         names = self._disturbance_names(len(result.disturbances))
-        driven, disturbances = result.operator, result.disturbances
-        disturbances = tuple(disturbance.released() for disturbance in disturbances)
-        self.operator_: Operator = put_beside(driven.released(), disturbances, names)
+        result = result.released()
+        self.operator_: Operator = put_beside(result.operator, result.disturbances, names)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params

@@ -88,8 +88,7 @@ class Composition(ParametricModel, BaseComposition):
         """
         found = dict(self.steps)
         if hasattr(self, "operator_"):
-            driven, _ = take_apart(self.operator_)
-            stages = dict(zip(driven.names, driven.stages, strict=True))
+            stages = dict(take_apart(self.operator_)[0].members())
             for (name, step), model in zip(self.steps, self._models(), strict=True):
                 if name in stages and not isinstance(step, FrozenEstimator):
                     found[name] = self._fitted_step(name, model, stages[name])
@@ -101,8 +100,9 @@ class Composition(ParametricModel, BaseComposition):
     @property
     def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
-        operator = self.operator_
-        return dict(zip(operator.names, operator.stages, strict=True))
+        driven, disturbances = take_apart(self.operator_)
+        beside = self._disturbance_names(len(disturbances)) or ()
+        return dict(driven.members()) | dict(zip(beside, disturbances, strict=True))
 
     def get_params(self, deep=True) -> dict:
         """Return the parameters of the composition and, with ``deep``, those of its steps."""
@@ -192,10 +192,8 @@ class Composition(ParametricModel, BaseComposition):
         )
 
     def _adopt(self, result):
-        beside = tuple(disturbance.released() for disturbance in result.disturbances)
-        own = {"operator": result.operator.released(), "disturbances": beside}
-        self._identified = replace(result, **own)
-        return super()._adopt(result)
+        self._identified = result.released()
+        return super()._adopt(self._identified)
 
     def _fitted_step(self, name, model, stage):
         """Return a step with its own part of what identification found."""

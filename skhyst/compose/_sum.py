@@ -111,14 +111,6 @@ class Sum(Composition):
         starts = [take_apart(start)[0] for start in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
 
-    @property
-    def operators_(self) -> dict[str, Operator]:
-        """The identified operator of each step, by name."""
-        driven, disturbances = take_apart(self.operator_)
-        beside = self._disturbance_names(len(disturbances))
-        found = dict(zip(driven.names, driven.stages, strict=True))
-        return found | dict(zip(beside, disturbances, strict=True))
-
 
 def constant_entries(operator, disturbances):
     """Return the names of the entries whose constants disturbances have, one for each record."""
