@@ -203,6 +203,15 @@ def test_signal_linear_means_affine_in_the_signal(name, operator, u):
     assert bent == (not (operator.signal_linear or name == "no limit"))
 
 
+def test_it_keeps_the_model_that_it_belongs_to(operator):
+    own = dataclasses.replace(operator, model="its own")
+    whole = pickle.loads(pickle.dumps(own)), copy.deepcopy(own)
+    for again in (own.unpack(own.pack()), own.at(2.0), *whole):
+        assert again.model == "its own"
+    assert repr(own) == repr(operator)
+    assert own.released().model is None
+
+
 def test_pickle_and_copy_keep_the_output(operator, u):
     expected = operator.run(u, DT)[0]
     operator.linearize(u, np.empty((N, 0)), DT)
