@@ -1,7 +1,7 @@
 """Edits of a tree: what putting an effect into a model does to it.
 
-Each has ``apply(tree, name)``, which returns another tree; what is added is called ``name``. An
-edit knows the operators to start from and no data, so that it can be done again on another tree.
+Each is a function from a tree to a tree, ``edit(tree, name)``; what is added is called ``name``. It
+knows the operators to start from and no data, so that it can be done again on another tree.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -36,7 +36,7 @@ class Insert(_Edit):
     operator: object
     kind = "stage"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         stages = list(tree.stages)
         at = tree.position(self.model.series_rank)
         stages.insert(at, Stage(name, self.model.tree(self.operator)))
@@ -52,7 +52,7 @@ class Enrich:
     operator: object
     kind = "exchange"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         at = tree.names.index(self.place)
         model, operator = tree.models[at], tree.operators[at]
         if type(model) is type(self.model):
@@ -72,7 +72,7 @@ class Hold:
     hold: str
     kind = "exchange"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         at = tree.names.index(self.place)
         model = clone(tree.models[at]).set_params(hold=self.hold)
         return tree.with_stage(at, model.tree(replace(tree.operators[at], hold=self.hold)))
@@ -110,7 +110,7 @@ class AddForce:
     operator: object
     kind = "force"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         at = tree.names.index(self.place)
         forces = [tree.stages[at]]
         if isinstance(forces[0].operator, SumOperator):
@@ -127,7 +127,7 @@ class Beside(_Edit):
     operator: object
     kind = "beside"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         disturbance = self.model.tree(self.operator)
         return tree.composed(put_beside_series(tree.whole, name, disturbance))
 
@@ -141,7 +141,7 @@ class Drive(_Edit):
     column: int
     kind = "branch"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         branch = on_column(tree.whole, self.model.tree(self.operator), self.column)
         return tree.composed(put_beside_series(tree.whole, name, branch))
 
@@ -156,7 +156,7 @@ class Bias(_Edit):
     reference: float
     kind = "branch"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         column = OnColumn(self.model, self.column, centered=True)
         model = Sum([("drive", Gain(fit_intercept=False)), ("column", column)])
         branch = ColumnOperator(self.operator, self.column, self.reference)
@@ -172,7 +172,7 @@ class Begin(_Edit):
     histories: tuple
     kind = "start"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         model = clone(tree.root.model).set_params(initial_state="estimate")
         return replace(tree, root=replace(tree.root, model=model), histories=self.histories)
 
@@ -185,7 +185,7 @@ class Modulate(_Edit):
     reference: float
     kind = "modulation"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         return tree.composed(modulated(tree.whole, self.column, self.reference))
 
 
@@ -203,7 +203,7 @@ class Schedule(_Edit):
     which: object
     kind = "schedule"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         if self.which in ("dynamics", "all"):
             values = tree.values
             lines = {key: np.repeat(values[key], 2) for key in self.entries(tree, self.which)}

@@ -241,7 +241,7 @@ class Tree:
         """Return the tree with the edits of one more effect."""
         tree = self
         for edit in edits:
-            tree = edit.apply(tree, self.label(effect))
+            tree = edit(tree, self.label(effect))
         added = tuple((effect, edit) for edit in edits)
         return replace(tree, declared=self.declared or self, edits=(*self.edits, *added))
 
