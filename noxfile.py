@@ -13,6 +13,7 @@ import nox
 
 PYTHONS = ["3.11", "3.12", "3.13", "3.14"]
 OLDEST_PYTHON = PYTHONS[0]
+ALL = ("-m", "slow or not slow")  # tests
 
 nox.options.sessions = ["tests", "oldest"]
 nox.options.default_venv_backend = "uv|virtualenv"
@@ -45,7 +46,7 @@ def lower_bounds(project, extras):
 def tests(session):
     """Run the tests on the newest dependencies."""
     session.install("-e", ".[test]")
-    session.run("python", "-m", "pytest", *session.posargs)
+    session.run("python", "-m", "pytest", *ALL, *session.posargs)
 
 
 @nox.session(python=OLDEST_PYTHON)
@@ -54,7 +55,7 @@ def oldest(session):
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]
     session.install(*lower_bounds(project, ["test"]))
     session.install("--no-deps", "-e", ".")
-    session.run("python", "-m", "pytest", *session.posargs)
+    session.run("python", "-m", "pytest", *ALL, *session.posargs)
 
 
 @nox.session

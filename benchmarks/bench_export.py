@@ -9,6 +9,10 @@ the bar: of the last digit of the input in a drive, as on flat parts of the law,
 is right, and of the last digit of the input or the drive in a response, as where the law is steep
 or jumps. Inverses have limits of the drive, since a rounded input may be out of reach. Programs
 that are refused are listed with the reason. cppcheck is run where it is found.
+
+Programs in integers are also run under the sanitizers of the compiler with drives that they have
+not been sized by: random ones, steps and full swings from sample to sample within the range, where
+operators have the same limits, and with inputs up to the ends of 32 bits, which are to be held.
 """
 
 import argparse
@@ -34,6 +38,8 @@ NUMBERS = {"float64": ctypes.c_double, "float32": ctypes.c_float, "int32": ctype
 COUNTS = 2.0**20  # units of the range of input and output, in integers
 CHECKS = ("--std=c99", "--enable=warning,performance,portability", "--error-exitcode=1", "-q")
 TOLD = r"return largest <= (\S+) \* (\S+) \?"  # in the test: what it allows, and the range
+SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+HELD = r"Input below (\S+) or above (\S+), and"  # in the header: where input is held
 CASES = Path(__file__).parents[1] / "tests" / "operators"  # of operator_cases
 
 
@@ -121,6 +127,53 @@ def in_type(system, dtype, folder, name):
     return error, tolerance, effects[0], 2.0 * effects[1:].max()
 
 
+def fast_drives(low, high):
+    """Return counts within a range: random, steps, swings, a walk."""
+    rng = np.random.default_rng(0)
+    swings = np.tile([high, low], 30)
+    steps = np.repeat(rng.integers(low, high + 1, 12), 7)
+    walk = np.clip(np.cumsum(rng.normal(size=60) * (high - low) / 100), low, high).astype(int)
+    return np.concatenate([rng.integers(low, high + 1, 60), swings, steps, walk, swings])
+
+
+def run_sanitized(folder, name, counts):
+    """Return what a program answers, and what the sanitizers say."""
+    main = (
+        f'#include "{name}.h"\n#include <inttypes.h>\n#include <stdio.h>\nint main(void)\n'
+        f"{{ {name}_state s; int32_t u; {name}_init(&s);\n"
+        f'while (scanf("%" SCNd32, &u) == 1) printf("%" PRId32 "\\n", {name}_step(&s, u)); }}\n'
+    )
+    (folder / "main.c").write_text(main)
+    command = ["cc", "-std=c99", *SANITIZED, "main.c", f"{name}.c", "-o", "wild", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    text = "\n".join(map(str, counts))
+    done = subprocess.run("./wild", cwd=folder, input=text, capture_output=True, text=True)
+    return np.array(done.stdout.split(), dtype=float), done.stderr
+
+
+def in_integers(system, folder, name):
+    """Return the error within the range, its limit, whether input is held, and what is told."""
+    u, y = system.u, system.answers(system.u)
+    unit, of_y = (np.ptp(u) or 1.0) / COUNTS, (np.ptp(y) or 1.0) / COUNTS
+    header, *_ = to_c(
+        system.stepper, folder, name, "int32", drive=u, input_unit=unit, output_unit=of_y
+    )
+    ends = [int(x) for x in re.search(HELD, header.read_text()).groups()]
+    counts = np.round(u / unit).astype(int)
+    fast = fast_drives(counts.min(), counts.max())
+    rng = np.random.default_rng(1)
+    wild = np.concatenate([rng.integers(-(2**31), 2**31, 100), 30 * [2**31 - 1, -(2**31)], fast])
+    found, told = run_sanitized(folder, name, np.append(fast, wild))
+    held, _ = run_sanitized(folder, name, np.append(fast, np.clip(wild, *ends)))
+    expected = system.stepper.copy().run(unit * fast)
+    rounding = 2.0**-40 * (1.0 - 2.0 * (np.arange(len(fast)) % 2))
+    moved = [system.stepper.copy().run(unit * fast * (1.0 + s * rounding)) for s in (1, -1)]
+    allowed = 2.0 * np.abs(np.subtract(moved, expected)).max() / of_y
+    expected = np.clip(expected / of_y, 1 - 2**31, 2**31 - 1)
+    error = np.abs(found[: len(fast)] - expected).max() if len(found) >= len(fast) else np.inf
+    return error, allowed, np.array_equal(found, held), told
+
+
 def as_units(system, folder, name):
     """Yield each version of FMI with whether the unit is the program, and what FMPy finds."""
     import fmpy
@@ -147,9 +200,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=200_000, help="of the timing")
     parser.add_argument("--no-fmu", action="store_true", help="leave units out")
+    parser.add_argument("--integers", action="store_true", help="programs in integers alone")
     options = parser.parse_args()
     if shutil.which("cc") is None:
         sys.exit("There is no C compiler.")
+    check_integers()
+    if options.integers:
+        return
     errors, unlike, findings, n_units = {}, [], [], 0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -178,6 +235,26 @@ def main():
             said = done.stderr.strip().splitlines()[:3]
             print(f"cppcheck, {len(sources)} programs without a finding: {verdict(said)}")
     print(f"20 plays in C: {told(in_c(PLAYS, options.samples, 7), 'ns', C_LIMIT)} a sample")
+
+
+def check_integers():
+    """Run all programs in integers with any input."""
+    errors, not_held, findings, n = {}, [], [], 0
+    with tempfile.TemporaryDirectory() as place:
+        for k, system in enumerate(systems()):
+            name = f"{system.name}{', inverse' if system.is_inverse else ''}"
+            try:
+                *error, held, told = in_integers(system, Path(place), f"i{k}")
+            except ValueError:
+                continue  # refused, and told of elsewhere
+            n += 1
+            not_held += [] if held else [name]
+            findings += [f"{name}: {told[:200]}"] if told else []
+            if not system.is_inverse:  # which need not reach what is asked
+                errors[name] = error
+    print(f"integers, any input, {n} programs: nothing found by sanitizers: {verdict(findings)}")
+    print(f"integers, any input, {n} programs: input beyond is held: {verdict(not_held)}")
+    line("integers, fast drives within the range", errors, "int32")
 
 
 def report(errors):

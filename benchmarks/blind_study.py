@@ -61,11 +61,13 @@ STRIDE = 1_000_000  # seeds of plants that a reported study keeps to itself
 MOST = 100  # --plants: as many seeds has each effect, model and noise
 NOTHING, RAISED = "none", "error"  # in place of an effect
 # columns of a row behind those of its case
-TEXTS = ("column", "named", "claimed", "ambiguous", "verdict", "warnings", "message")
+TEXTS = ("column", "named", "claimed", "ambiguous", "p_values", "verdict", "warnings", "message")
 NUMBERS = (
     "effect_over_noise",
     "before",
     "after",
+    "floor",
+    "ceiling",
     "refitted",
     "seconds",
     "processor_seconds",
@@ -179,43 +181,62 @@ def study(case, record=recording_of):
         The case, what was claimed, held-out errors over the noise, seconds; `message` when the
         search raised.
     """
-    row = case._asdict() | {"named": RAISED, "claimed": "", "ambiguous": "", "message": ""}
-    caught = []
-    try:
+    row = case._asdict()
+
+    def searched():
         recording = record(case)
         sizes = recording.truth["effect_over_noise"]
         row["effect_over_noise"] = min(sizes.values(), default=np.nan)
         row["column"] = recording.truth["column"]
+        return search(recording, declared_model(case.declared, case.noise))
+
+    return attempt(searched) | row
+
+
+def attempt(searched):
+    """Return what a function returns, or what it raised, and its warnings."""
+    row, caught = {"named": RAISED, "claimed": "", "ambiguous": "", "message": ""}, []
+    try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            row |= search(recording, declared_model(case.declared, case.noise))
+            row |= searched()
     except Exception as error:  # a plant that fails is a result; the others still count
         row["message"] = f"{type(error).__name__}: {error}"
-    row["warnings"] = "; ".join(sorted({w.category.__name__ for w in caught}))
-    return row
+    return row | {"warnings": "; ".join(sorted({w.category.__name__ for w in caught}))}
+
+
+def timed(fit, *data):
+    """Return what a fit returns, and its seconds."""
+    wall, processor = time.perf_counter(), time.process_time()
+    fitted = fit(*data)
+    wall, processor = time.perf_counter() - wall, time.process_time() - processor
+    return fitted, {"seconds": wall, "processor_seconds": processor}
 
 
 def search(recording, model):
     """Search for what a declared model lacks and measure that on the held-out records."""
     from skhyst.diagnosis import EffectSearchCV
 
-    wall, processor = time.perf_counter(), time.process_time()
-    fitted = EffectSearchCV(model, random_state=0).fit(recording.X_train, recording.y_train)
-    wall, processor = time.perf_counter() - wall, time.process_time() - processor
-    claimed = list(fitted.effects_)
-    alternatives = ["|".join(names) for names in fitted.history_["ambiguous_with"]]
-    held_out, best = (recording.X_test, recording.y_test), fitted.best_estimator_
-    again = clone(best).fit(recording.X_train, recording.y_train)
+    X, y = recording.X_train, recording.y_train
+    fitted, seconds = timed(EffectSearchCV(model, random_state=0).fit, X, y)
+    row = result(fitted, recording.X_test, recording.y_test, recording.noise_std)
+    again = clone(fitted.best_estimator_).fit(X, y)
+    return row | {"refitted": again.fit_error_ / fitted.best_estimator_.fit_error_} | seconds
+
+
+def result(search, X, y, unit):
+    """Return what a search claims and its errors on held-out data, in a unit of the response."""
+    claimed, history = list(search.effects_), search.history_[: len(search.effects_)]
     return {
         "named": claimed[0] if claimed else NOTHING,
         "claimed": "+".join(claimed),
-        "ambiguous": "+".join(alternatives[: len(claimed)]),
-        "verdict": fitted.verdict_,
-        "before": fitted.held_out_error(*held_out, declared=True) / recording.noise_std,
-        "after": fitted.held_out_error(*held_out) / recording.noise_std,
-        "refitted": again.fit_error_ / best.fit_error_,
-        "seconds": wall,
-        "processor_seconds": processor,
+        "ambiguous": "+".join("|".join(names) for names in history["ambiguous_with"]),
+        "p_values": "+".join(f"{p:.3g}" for p in history["p_value"]),
+        "verdict": search.verdict_,
+        "before": search.held_out_error(X, y, declared=True) / unit,
+        "after": search.held_out_error(X, y) / unit,
+        "floor": search.noise_floor_ / unit,
+        "ceiling": getattr(search, "noise_ceiling_", np.nan) / unit,
     }
 
 
@@ -433,23 +454,28 @@ def summary(rows, first_seed=REPORTED_SEEDS.start):
     return "\n\n".join(parts)
 
 
-def read_rows(path, cases):
+def read_rows(path, cases, texts=TEXTS, numbers=NUMBERS):
     """Return the rows of earlier runs that belong to the cases, by case."""
     if not path or not Path(path).exists() or not Path(path).stat().st_size:
         return {}
+    kind, wanted = type(cases[0]), set(cases)
+    table = read_table(path, (*kind._fields, *texts, *numbers), texts, numbers)
+    rows = {kind(*(row[name] for name in kind._fields)): row for row in table.to_dict("records")}
+    return {case: row for case, row in rows.items() if case in wanted}
+
+
+def read_table(path, columns, texts=TEXTS, numbers=NUMBERS):
+    """Return the frame of a file, which must have these columns."""
     table = pd.read_csv(
         path,
-        dtype=dict.fromkeys(TEXTS, str) | dict.fromkeys(NUMBERS, float),
+        dtype=dict.fromkeys(texts, str) | dict.fromkeys(numbers, float),
         keep_default_na=False,
-        na_values=dict.fromkeys(NUMBERS, ""),
+        na_values=dict.fromkeys(numbers, ""),
     )
-    wanted = set(cases)
-    rows = {}
-    for row in table.to_dict("records"):
-        case = Case(*(row[name] for name in Case._fields))
-        if case in wanted:
-            rows[case] = row
-    return rows
+    if list(table) != list(columns):
+        other = sorted(set(table) ^ set(columns)) or "their order"
+        raise ValueError(f"The columns of {path} are not those of these rows: {other}.")
+    return table
 
 
 def names(allowed, convert=str):
@@ -509,22 +535,21 @@ def add_options_of_the_work(parser):
     )
 
 
-def work_off(cases, options, work=None, judge=judge, line=line):
+def work_off(cases, options, work=None, judge=judge, line=line, texts=TEXTS, numbers=NUMBERS):
     """Search the plants that are not in the file of an earlier run; return the rows of all."""
-    rows = read_rows(options.output, cases)
+    rows, kind = read_rows(options.output, cases, texts, numbers), type(cases[0])
     left = [case for case in cases if case not in rows]
     if rows:
         print(f"{len(rows)} of {len(cases)} plants are in {options.output} already", flush=True)
     for row in run(left, options.jobs, options.limit_seconds, work):
-        case = Case(*(row[name] for name in Case._fields))
-        rows[case] = row
+        rows[kind(*(row[name] for name in kind._fields))] = row
         (judged,) = judge([row]).itertuples()
         print(f"{len(rows):4d}/{len(cases)} {line(judged)}", flush=True)
         if options.output:
             path = Path(options.output)
             new = not path.exists() or not path.stat().st_size
-            frame = pd.DataFrame([row]).reindex(columns=[*Case._fields, *TEXTS, *NUMBERS])
-            frame.to_csv(path, mode="a", header=new, index=False)
+            frame = pd.DataFrame([row]).reindex(columns=[*kind._fields, *texts, *numbers])
+            frame.to_csv(path, mode="a", header=new, index=False, float_format="%.6g")
     if len(rows) < len(cases):
         print(f"\n{len(cases) - len(rows)} of {len(cases)} plants are still to be searched")
     return [rows[case] for case in cases if case in rows]

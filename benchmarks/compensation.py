@@ -52,7 +52,8 @@ def main():
     slow = X.loc["1 Hz"].iloc[:, 0].to_numpy(), y.loc["1 Hz"].to_numpy()
     gain, offset = np.polyfit(*slow, 1)
     (first, *_), _ = resonances(vibration)
-    compensator = InverseCompensator(model, bandwidth=RATE / 4.0).fit(X, y)
+    limits = {"drive_limits": None, "rate_limit": None}  # the simulated stage has none
+    compensator = InverseCompensator(model, bandwidth=RATE / 4.0, **limits).fit(X, y)
     for frequency in (1.0, 10.0, 100.0, 1e3, 5e3, 0.7 * first):
         wanted, dt = reference(frequency)
 

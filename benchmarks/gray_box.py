@@ -33,8 +33,8 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
+from skhyst.datasets.simulation import kelvin_voigt, oscillate, plays, reversal_curves
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import SystemLevelOperator
 from skhyst.neural import GrayBoxHysteresis
@@ -46,7 +46,7 @@ from skhyst.records import stack_records
 FINE = 40_000.0  # Hz, of the simulation
 RATE_B = 5000.0  # Hz, of table B
 FREQUENCIES = (0.5, 5.0, 10.0, 25.0)  # Hz
-OMEGA, ZETA = 2 * np.pi * 512.0, 0.03
+FREQUENCY, ZETA = 512.0, 0.03  # of the mode, Hz
 RESOLUTION, NOISE = 1.2, 1.0  # nm
 PUBLISHED = {"delta_d": 0.4783, "gamma": -370.47, "v_c": 24629.0}
 # slope, curvature and decay of (16) and (17)
@@ -67,28 +67,10 @@ BOUNDS = {"delta_d": (0.0, 500.0), "gamma": (-1.0, 1.0), "v_c": (1.0, 1000.0)}
 ROWS = 1000  # of each record, for the networks: a static map needs no neighbours
 
 
-def quasi_static(u, slope, curvature, decay):
-    """Equation (15), in closed form from turning point to turning point."""
-    turning, base, direction, last, y = 0.0, 0.0, 1.0, 0.0, np.empty(len(u))
-    for k, value in enumerate(u):
-        if (value - last) * direction < 0.0:
-            base, turning, direction = y[k - 1], last, -direction
-        s = abs(value - turning)
-        y[k] = base + direction * (
-            slope * s + curvature * (s + np.expm1(-decay * s) / decay) / decay
-        )
-        last = value
-    return y
-
-
 def outside(u):
     """Return the response of plays and of creep behind them."""
-    state, y = np.zeros(len(THRESHOLDS)), np.empty(len(u))
-    for k, value in enumerate(u):
-        state = np.maximum(value - THRESHOLDS, np.minimum(value + THRESHOLDS, state))
-        y[k] = LAWS["piezo"][0] * value + WEIGHT * state.sum()
-    pole = np.exp(-1.0 / (FINE * CREEP_TIME))
-    return y + CREEP * lfilter([1.0 - pole], [1.0, -pole], y)
+    y = LAWS["piezo"][0] * u + plays(u, 1.0 / FINE, THRESHOLDS, np.full(45, WEIGHT))
+    return kelvin_voigt(y, 1.0 / FINE, [CREEP_TIME], [CREEP])
 
 
 def stage(name, drive, duration):
@@ -97,11 +79,8 @@ def stage(name, drive, duration):
     The drive is periodic, and has run through once before: the first loading is not recorded.
     """
     u = np.tile(drive(np.arange(round(duration * FINE)) / FINE), 2)
-    y = outside(u) if name == "outside" else quasi_static(u, *LAWS[name])
-    numerator, denominator, _ = cont2discrete(
-        ([OMEGA**2], [1.0, 2 * ZETA * OMEGA, OMEGA**2]), 1.0 / FINE, method="foh"
-    )
-    return u[len(u) // 2 :], lfilter(numerator.ravel(), denominator, y)[len(u) // 2 :]
+    y = outside(u) if name == "outside" else reversal_curves(u, 1.0 / FINE, *LAWS[name])
+    return u[len(u) // 2 :], oscillate(y, 1.0 / FINE, FREQUENCY, ZETA)[len(u) // 2 :]
 
 
 def sinusoid(f):

@@ -81,7 +81,7 @@ def judged(rows):
     table["null"] = table["effect"] == NOTHING
     # of each claim all names that would do: those that are true of the condition are no news
     told = [
-        [set(filter(None, names)) for names in _alternatives(claimed, ambiguous)]
+        [set(filter(None, names)) for names in alternatives(claimed, ambiguous)]
         for claimed, ambiguous in zip(table["claimed"], table["ambiguous"], strict=True)
     ]
     truth = [set(effect.split("+")) - {NOTHING} for effect in table["effect"]]
@@ -101,7 +101,7 @@ def judged(rows):
     return table
 
 
-def _alternatives(claimed, ambiguous):
+def alternatives(claimed, ambiguous):
     """Yield the name of each claim with those that it was not told apart from."""
     others = ambiguous.split("+")
     for i, name in enumerate(claimed.split("+") if claimed else []):

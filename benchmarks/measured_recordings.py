@@ -289,18 +289,25 @@ def first_alone(X, y, X_test, y_test):
     return X, y, *stack_records(dict(enumerate(rest)))
 
 
+def parts(case, data, alone=False):
+    """Return X, y to search and X, y held out."""
+    return first_alone(*case.load(data)) if alone else case.load(data)
+
+
+def searched(case, X, y, jobs=None):
+    """Return the fitted search, which leaves out of held-out errors what the case says."""
+    search = case.search(n_jobs=jobs).fit(X, y)
+    return search if case.lead is None else search.set_params(washout=case.lead)
+
+
 def search_one(case, data, jobs, again, alone):
     """Return the row of the table."""
-    X, y, X_test, y_test = case.load(data)
-    if alone:
-        X, y, X_test, y_test = first_alone(X, y, X_test, y_test)
+    X, y, X_test, y_test = parts(case, data, alone)
     start = time.perf_counter()
-    search = case.search(n_jobs=jobs).fit(X, y)
+    search = searched(case, X, y, jobs)
     seconds = time.perf_counter() - start
     claims = list(search.history_.itertuples())
     span = np.ptp(np.asarray(y_test)) / 100.0
-    if case.lead is not None:
-        search.set_params(washout=case.lead)
     errors = [
         search.held_out_error(X_test, y_test, declared=declared) for declared in (True, False)
     ]

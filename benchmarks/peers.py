@@ -24,7 +24,7 @@ from recordings import SHARED, load_cascaded_tanks, load_silverbox
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.compose import Cascade
 from skhyst.datasets import triangle
-from skhyst.datasets.simulation import Effect, Plant, kelvin_voigt, plays
+from skhyst.datasets.simulation import Plant, PlantEffect, kelvin_voigt, plays
 from skhyst.fluid import TankChain
 from skhyst.hysteresis import PrandtlIshlinskii, RestoringForce
 from skhyst.linear import KelvinVoigt
@@ -58,7 +58,7 @@ def simulated_stage():
         return kelvin_voigt(signal, step, [0.1, 1.0], [0.07, 0.09])
 
     dt, rng = 0.01, np.random.default_rng(0)
-    (plant,) = Effect("dynamics", creep).changes([Plant({"core": (core,), "dynamics": ()})])
+    (plant,) = PlantEffect("dynamics", creep).changes([Plant({"core": (core,), "dynamics": ()})])
     parts = []
     for peaks in ((45.0, 30.0, 15.0), (40.0, 20.0, 10.0)):
         drives = [triangle(peak, 1.2, n_cycles=3, dt=dt)["drive"] for peak in peaks]

@@ -304,8 +304,8 @@ def main():
         both = compared(widest(stage, STAGE_DT, kps=kps), own)
         print(f"scanning stage: bandwidth with {name} {both}", flush=True)
 
-    learned = InverseCompensator(ByPath(), method="learned").fit(drive, response)
-    inverse = InverseCompensator(model, bandwidth=500.0).fit(drive, response)
+    learned = InverseCompensator(ByPath(), method="learned", rate_limit=2e3).fit(drive, response)
+    inverse = InverseCompensator(model, bandwidth=500.0, rate_limit=2e3).fit(drive, response)
     down = -AMPLITUDE * smooth(2000)
     lowest = float(model.operator_.run(down, DT)[0][-1])
     for target in TARGETS:

@@ -12,7 +12,7 @@ import numpy as np
 from signatures import BOTH, DOWN, GREY, STYLE, UP
 
 from skhyst.datasets import steps, triangle
-from skhyst.datasets.simulation import Effect, Plant, kelvin_voigt, plays
+from skhyst.datasets.simulation import Plant, PlantEffect, kelvin_voigt, plays
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.records import iter_records, stack_records
@@ -27,7 +27,9 @@ CANDIDATES = ["creep", "lag", "resonance", "drift", "rate_dependence", "static_n
 def _recording():
     """Return two records of steps and two of triangles, um over V."""
     core = partial(plays, thresholds=[0, 3, 8, 15, 25], weights=[0.06, 0.02, 0.015, 0.01, 0.008])
-    creep = Effect("dynamics", partial(kelvin_voigt, taus=[0.1, 1.0], compliances=[0.07, 0.09]))
+    creep = PlantEffect(
+        "dynamics", partial(kelvin_voigt, taus=[0.1, 1.0], compliances=[0.07, 0.09])
+    )
     (plant,) = creep.changes([Plant({"core": (core,), "dynamics": ()})])
     rng = np.random.default_rng(0)
     levels = [[0, 40, 10, -35, -10, 25], [0, -30, 20, 45, -20, 5]]

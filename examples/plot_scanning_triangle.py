@@ -66,7 +66,7 @@ lines = np.abs(slope) > 0.999 * slope.max()  # where a scanner records
 
 slow = X.loc["1 Hz", "drive"].to_numpy(), y.loc["1 Hz"].to_numpy()
 gain = np.polyfit(*slow, 1)[0]
-compensator = InverseCompensator(model, bandwidth=20e3).fit(X, y)
+compensator = InverseCompensator(model, bandwidth=20e3, rate_limit=2e6).fit(X, y)  # V/s
 
 
 def stage(drive, noise=0.0, seed=0):

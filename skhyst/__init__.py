@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # a type checker does not see what is imported when it is ask
     from . import fluid as fluid
     from . import hysteresis as hysteresis
     from . import inspection as inspection
+    from . import io as io
     from . import linear as linear
     from . import metrics as metrics
     from . import model_selection as model_selection

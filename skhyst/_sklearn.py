@@ -5,7 +5,13 @@ from typing import TypeVar
 
 from sklearn.base import _fit_context
 from sklearn.pipeline import FeatureUnion, Pipeline
-from sklearn.utils._param_validation import HasMethods, Interval, StrOptions, validate_params
+from sklearn.utils._param_validation import (
+    HasMethods,
+    Interval,
+    StrOptions,
+    validate_parameter_constraints,
+    validate_params,
+)
 from sklearn.utils.metaestimators import _BaseComposition as BaseComposition
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 
@@ -17,6 +23,7 @@ __all__ = [
     "check_feature_names_in",
     "diagram_of",
     "fit_context",
+    "validate_parameter_constraints",
     "validate_params",
 ]
 

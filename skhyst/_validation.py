@@ -1,8 +1,12 @@
 """What is asked of the data of every estimator: numbers, of sizes to calculate with, in records."""
 
+from numbers import Real
+from reprlib import repr as shortened
+
 import numpy as np
 from sklearn.utils.validation import validate_data
 
+from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import RecordError
 from .records import record_slices
 
@@ -15,7 +19,10 @@ _TOO_FAR = (
 
 
 def read_data(estimator, X, *y, reset, dt):
-    """Validate X and y and return the records, the array X, and y, None where it is not given."""
+    """Validate X and y and return the records, the array X, and y, None where it is not given.
+
+    An estimator that is fitted to them (``reset``) is given ``drive_range_`` and ``drive_rate_``.
+    """
     sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
     if not y:
         array = as_floats(estimator, X, reset=reset)
@@ -23,7 +30,21 @@ def read_data(estimator, X, *y, reset, dt):
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
     refuse_extreme(array[:, 0], response, _least(estimator))
-    return record_slices(X, *y, **sampling), array, response
+    slices = record_slices(X, *y, **sampling)
+    if reset:
+        keep_seen(estimator, array[:, 0], slices)
+    return slices, array, response
+
+
+def keep_seen(estimator, drive, slices):
+    """Keep the range and the largest rate of the drive of a fit, as :class:`ParametricModel` says.
+
+    See there for ``drive_range_`` and ``drive_rate_``.
+    """
+    with np.errstate(over="ignore"):
+        rates = [np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt for s in slices]
+    estimator.drive_range_ = (float(drive.min()), float(drive.max()))
+    estimator.drive_rate_ = float(max(rates))
 
 
 def as_floats(estimator, X, *y, **options):
@@ -109,3 +130,43 @@ def refuse_extreme(drive, response, extreme=EXTREME):
             f"The largest value of y is {y:g} and that of X is {u:g}, too far apart to calculate "
             "with: choose another unit of one of them."
         )
+
+
+def finite_numbers(values, caller, name, wanted, ndim=None):
+    """Return a parameter as finite numbers of ``ndim`` dimensions, by default any; or refuse it.
+
+    ``wanted`` says what it must be, such as "a finite number".
+    """
+    try:
+        found = np.asarray(values)
+        is_right = found.dtype.kind in "biuf" or all(isinstance(v, Real) for v in found.flat)
+        found = found.astype(float) if is_right else np.empty(0)
+    except (TypeError, ValueError):  # of several lengths
+        found = np.empty(0)
+    if ndim not in (None, found.ndim) or not found.size or not np.isfinite(found).all():
+        raise ValueError(
+            f"The '{name}' parameter of {caller} must be {wanted}. Got {shortened(values)} instead."
+        )
+    return found
+
+
+def finite_number(value, caller, name):
+    """Return a parameter as a finite number, or refuse it."""
+    return float(finite_numbers(value, caller, name, "a finite number", ndim=0))
+
+
+def rest_of(u0, initial_state, n_inputs, caller):
+    """Return the inputs (n_inputs,), or more, at which a device that is stepped rests before.
+
+    Refused are inputs that are not finite, or too few, and an initial state that is none of
+    "rest", "zero" and None.
+    """
+    options = {"initial_state": [StrOptions({"rest", "zero"}), None]}
+    validate_parameter_constraints(options, {"initial_state": initial_state}, caller)
+    wanted = "a finite number" + (f", or {n_inputs} of them" if n_inputs > 1 else "")
+    levels = np.ravel(finite_numbers(u0, caller, "u0", wanted))
+    if 1 < levels.size < n_inputs:
+        raise ValueError(
+            f"The 'u0' parameter of {caller} must be {wanted}. Got {shortened(u0)} instead."
+        )
+    return np.full(n_inputs, levels[0]) if levels.size == 1 else levels

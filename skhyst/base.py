@@ -18,7 +18,7 @@ from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
-from ._validation import read_data
+from ._validation import finite_number, read_data, rest_of
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, put_beside, run_records, take_apart
 from .optimize import (
@@ -146,6 +146,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Root mean square of the residual in the records of the fit, units of the response.
     records_ : tuple of RecordSlice
         The records of the fit.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
     initial_drive_ : ndarray of shape (n_records, n_values)
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
         is estimated. A drive between these values is a straight line, before them a rest.
@@ -495,7 +499,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         NotImplementedError
             If a part looks ahead, as a shift between two instruments.
         ValueError
-            If ``dt`` is not given and the records of the fit differ in theirs.
+            If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
+            in theirs.
 
         Examples
         --------
@@ -509,14 +514,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        dt = chosen_interval(self.records_, dt, f"{type(self).__name__}.stepper")
-        operator = self.operator_ if schedule is None else self.operator_.at(schedule)
-        if not self._reads_columns:
-            u0 = float(np.ravel(u0)[0])
-        elif np.ndim(u0) == 0:  # the amplitude of the record may stand behind the columns
-            u0 = np.full(self.n_features_in_ + 1, float(u0))
+        caller, operator = f"{type(self).__name__}.stepper", self.operator_
+        dt = chosen_interval(self.records_, dt, caller)
+        if schedule is not None:
+            operator = operator.at(finite_number(schedule, caller, "schedule"))
+        u0 = self._input_at_rest(u0, initial_state, caller)
         state = operator.init(u0, initial_state or self._free_run_state())
         return Stepper(operator.lowered(dt, state), dt)
+
+    def _input_at_rest(self, u0, initial_state, caller):
+        """Return the input at which the operator rests; see :meth:`stepper`."""
+        levels = rest_of(u0, initial_state, self.n_features_in_, caller)
+        if not self._reads_columns:
+            return float(levels[0])
+        # the amplitude of the record may stand behind the columns
+        return np.append(levels, levels[0]) if np.size(u0) == 1 else levels
 
     def _free_run_state(self):
         return "zero" if self.initial_state == "zero" else "rest"

@@ -6,6 +6,8 @@ import pytest
 import recordings
 from threadpoolctl import threadpool_limits
 
+_SHORT = "not slow"  # the tests that run by default, as in pyproject.toml
+
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
@@ -15,6 +17,8 @@ def one_thread():
 
 
 def pytest_configure(config):
+    if any("::" in str(argument) for argument in config.args) and config.option.markexpr == _SHORT:
+        config.option.markexpr = ""  # what is named by its id is run, slow or not
     config.addinivalue_line(
         "markers",
         "needs_recordings(name, named=False): reads measured recordings and is skipped where their "

@@ -1,5 +1,6 @@
 """The base of all models: data in every shape, units of every size, states, pickles."""
 
+import copy
 import pickle
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.operators import SeriesOperator, run_records
+from skhyst.persistence import from_json, to_json
 from skhyst.records import record_slices
 from skhyst.static import SaturationOperator
 
@@ -296,11 +298,30 @@ def test_error_of_the_fit(model):
     assert model.score(X, Y) > 0.9
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_a_model_knows_the_range_and_the_rate_of_its_drive(model):
+    """Over all records, each at its own interval; what is not sampled in a row is no change."""
+    first, second = frame(U[:40], record="a"), frame(U[40:80] - 5.0, record="b")
+    second.index = pd.MultiIndex.from_product([["b"], 2.0 * TIME[:40]], names=["record", "time"])
+    X = pd.concat([first, second])
+    y = model.fit(X, X["drive"]).predict(X)
+    changes = (np.abs(np.diff(U[:40])).max() / DT, np.abs(np.diff(U[40:80])).max() / (2.0 * DT))
+    assert model.drive_range_ == (X["drive"].min(), X["drive"].max())
+    np.testing.assert_allclose(model.drive_rate_, max(changes), rtol=1e-9)
+    for again in (pickle.loads(pickle.dumps(model)), from_json(to_json(model))):
+        assert (again.drive_range_, again.drive_rate_) == (model.drive_range_, model.drive_rate_)
+    older = copy.copy(model)
+    del older.drive_range_, older.drive_rate_
+    np.testing.assert_array_equal(from_json(to_json(older)).predict(X), y)
+    assert not hasattr(clone(model), "drive_range_")
+
+
 def test_refit_forgets(model):
     first = clone(model).fit(X[::-1], 2.0 * Y[::-1])
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
 
 
+@pytest.mark.slow
 def test_pickles_run_in_a_fresh_process(tmp_path):
     models = [clone(model).fit(X, Y) for model in MODELS.values()]
     (tmp_path / "models.pickle").write_bytes(pickle.dumps((models, X)))

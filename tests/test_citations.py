@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from citations import Reference, add_keys, read_references
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 REFERENCES = read_references()
 CITED = re.compile(r"\*([^*]+)\*, (\d{4}|undated)\b")
@@ -34,7 +36,7 @@ def docstrings(path):
 def texts():
     """Return all that is said to a reader, one line a text."""
     found = []
-    for folder in ("skhyst", "examples", "benchmarks", "tests"):
+    for folder in ("skhyst", "examples", "benchmarks", "tools", "tests"):
         for path in (ROOT / folder).rglob("*.py"):
             found += [(path, one_line(text)) for text in docstrings(path)]
     pages = [*(ROOT / "docs").glob("*.rst"), *(ROOT / "docs").glob("user_guide/**/*.rst")]

@@ -13,7 +13,7 @@ from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_sc
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
-from small_estimators import NO_GAIN, small_estimators
+from small_estimators import NO_GAIN, SLOW, small_estimators
 
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Sum
@@ -89,13 +89,34 @@ def expected_failed_checks(estimator):
     return {} if type(estimator).__name__ in {*MEMORYLESS, "Delay"} else MEMORY
 
 
+# models share the code that these checks are about: the default run has some of each kind
+OF_THEIR_KIND = {
+    *("BoucWen", "Cascade", "Delay", "FirstOrderLag", "LogCreep", "LuGre", "Offset"),
+    *("PrandtlIshlinskii", "Preisach", "Saturation", "Sum", "TransferFunction"),
+}
+QUICK = {
+    name
+    for name, cls in all_estimators()
+    if name not in SLOW and (name in OF_THEIR_KIND or not issubclass(cls, ParametricModel))
+}
+
+
 @parametrize_with_checks(
-    list(small_estimators().values()),
+    [estimator for name, estimator in small_estimators().items() if name in QUICK],
     expected_failed_checks=expected_failed_checks,
 )
 def test_scikit_learn(estimator, check):
     if isinstance(estimator, Delay) and check.func.__name__ in MEMORY:
         pytest.skip("their data have no delay: the fitted one is next to zero")
+    check(estimator)
+
+
+@pytest.mark.slow
+@parametrize_with_checks(
+    [estimator for name, estimator in small_estimators().items() if name not in QUICK],
+    expected_failed_checks=expected_failed_checks,
+)
+def test_scikit_learn_of_all_others(estimator, check):
     check(estimator)
 
 
@@ -224,7 +245,13 @@ def data():
     return make_records()
 
 
-@pytest.fixture(params=MODELS, scope="module")
+@pytest.fixture(
+    params=[
+        pytest.param(name, marks=pytest.mark.slow) if name.split(",")[0] in SLOW else name
+        for name in MODELS
+    ],
+    scope="module",
+)
 def name(request):
     return request.param
 
@@ -393,7 +420,14 @@ NOT_AS_JSON = {"Corrected", "EffectSearchCV", "InverseCompensator", "Monitor", "
 NO_PREDICTION = {"Observer": "filter", "Monitor": "alarms"}
 
 
-@pytest.mark.parametrize("name", sorted({n for n, _ in all_estimators()} - set(MODELS)))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
+        for name, _ in all_estimators()
+        if name not in MODELS
+    ],
+)
 def test_every_other_estimator_travels(name, tmp_path):
     """What is no model of the tests below goes through skops and, if it can, JSON."""
     X, y = make_records(("a", "b"), n=120)

@@ -1,4 +1,4 @@
-"""Threads, processes and jobs give what one gives; `benchmarks/concurrency.py` does more."""
+"""Threads, processes and jobs give what one gives; `tools/concurrency.py` does more."""
 
 import multiprocessing
 import os
@@ -78,6 +78,7 @@ def test_threads_of_linear_algebra_come_back():
         assert n_threads() == before
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
 @pytest.mark.parametrize("method", METHODS)
 def test_models_go_to_processes(method):
@@ -111,6 +112,7 @@ sys.stdout.buffer.write(pickle.dumps(found))
 """
 
 
+@pytest.mark.slow
 def test_first_use_from_threads_of_two_processes(tmp_path):
     """Nothing is compiled yet, and both write to one empty folder."""
     model = MODELS["hysteresis"]

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from measured_recordings import CASES
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("matplotlib", reason="the examples draw")
 
 FOLDER = Path(__file__).parents[1] / "examples"

@@ -42,7 +42,9 @@ WRITERS = {  # each writer of the package, by the file that it writes
 @pytest.mark.filterwarnings(
     "ignore:Exception ignored.*BytesIO:pytest.PytestUnraisableExceptionWarning"
 )
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(  # the pictures of the page take seconds
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "report.html" else n for n in WRITERS]
+)
 def test_a_full_disk_leaves_the_old_file_whole(search, tmp_path, name):
     path, write = tmp_path / name, WRITERS[name]
     write(search, path)

@@ -16,6 +16,7 @@ def snippets(page):
     return [textwrap.dedent(block) for block in BLOCK.findall(text)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "number"),
     [(page, i) for page in ("model_files", "other_tools") for i in range(1, len(snippets(page)))],

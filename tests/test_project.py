@@ -4,6 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 from runpy import run_path
+from types import SimpleNamespace
 
 import pytest
 from sklearn.utils.fixes import parse_version
@@ -55,3 +56,19 @@ def test_the_oldest_versions_are_the_lower_bounds():
     assert set(PROJECT["dependencies"]) <= {pin.replace("==", ">=") for pin in pins}
     assert any(pin.startswith("matplotlib==") for pin in pins)  # of an extra in an extra
     assert all(parse_version(pin.partition("==")[2]) > parse_version("0") for pin in pins)
+
+
+@pytest.mark.parametrize(
+    ("asked", "given", "run"),
+    [
+        ("not slow", ["tests"], "not slow"),
+        ("not slow", ["tests", "tests/test_project.py::test_it"], ""),
+        ("slow", ["tests/test_project.py::TestIt::test_it[a]"], "slow"),
+    ],
+)
+def test_what_is_named_by_its_id_is_run_though_it_is_slow(request, asked, given, run):
+    plugins = {getattr(p, "__file__", ""): p for p in request.config.pluginmanager.get_plugins()}
+    options = SimpleNamespace(markexpr=asked)
+    config = SimpleNamespace(args=given, option=options, addinivalue_line=lambda *line: None)
+    plugins[str(ROOT / "tests" / "conftest.py")].pytest_configure(config)
+    assert options.markexpr == run

@@ -196,6 +196,9 @@ def test_steps_are_the_free_run(name):
             stepper.run(np.append(u[:3], u[:1] + wrong, axis=0))
     np.testing.assert_array_equal(stepper.state, kept)
     np.testing.assert_array_equal(stepper.run(u[cut:]), rest)
+    elsewhere = model.stepper(u0=u[0] + 0.7)  # the state is all that is remembered
+    elsewhere.state = kept
+    np.testing.assert_array_equal(elsewhere.run(u[cut:]), rest)
     np.testing.assert_array_equal(other.state, first)  # whatever the one it was copied from did
     np.testing.assert_allclose(other.run(u), whole, rtol=0, atol=allowed)
 

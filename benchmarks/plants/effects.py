@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from skhyst.datasets.simulation import (
-    Effect,
+    PlantEffect,
     clip,
     dead_band,
     dead_zones,
@@ -61,7 +61,7 @@ def asymmetry(rng, setting):
     weights *= bend / np.sum(weights * (1.0 - thresholds))  # above -0.7 in all: monotone
     stage = partial(dead_zones, side=side, thresholds=thresholds, weights=weights)
     truth = {"side": side, "thresholds": setting.unit * thresholds, "weights": weights}
-    return Effect("middle", stage, truth=truth)
+    return PlantEffect("middle", stage, truth=truth)
 
 
 def static_nonlinearity(rng, setting):
@@ -76,7 +76,7 @@ def static_nonlinearity(rng, setting):
     else:
         bend = rng.choice([-1, 1]) * 2 * share
     truth = {"law": law.__name__, "bend": bend, "scale": setting.unit * scale}
-    return Effect("last", partial(law, scale=scale, bend=bend), truth=truth)
+    return PlantEffect("last", partial(law, scale=scale, bend=bend), truth=truth)
 
 
 def lag(rng, setting):
@@ -84,12 +84,14 @@ def lag(rng, setting):
     if setting.mode:  # a much slower lag would leave nothing of the mode to see
         tau = max(3.0, rng.uniform(0.8, 3.0) / (2 * np.pi * setting.mode))
     tau *= setting.strength
-    return Effect("dynamics", partial(first_order, tau=tau), truth={"tau": tau * setting.dt})
+    return PlantEffect("dynamics", partial(first_order, tau=tau), truth={"tau": tau * setting.dt})
 
 
 def delay(rng, setting):
     shift = rng.uniform(2, 15)
-    return Effect("dynamics", partial(pure_delay, delay=shift), truth={"delay": shift * setting.dt})
+    return PlantEffect(
+        "dynamics", partial(pure_delay, delay=shift), truth={"delay": shift * setting.dt}
+    )
 
 
 def resonance(rng, setting):
@@ -98,7 +100,7 @@ def resonance(rng, setting):
         frequency = 1.0 / log_uniform(rng, 14, 50)
     truth = {"frequency": frequency / setting.dt, "damping": damping}
     stage = partial(mode, frequency=frequency, damping=damping)
-    return Effect("dynamics", stage, truth=truth)
+    return PlantEffect("dynamics", stage, truth=truth)
 
 
 def creep(rng, setting):
@@ -120,7 +122,7 @@ def creep(rng, setting):
         "compliances": compliances,
     }
     stage = partial(kelvin_voigt, taus=taus, compliances=compliances, relax=first_order)
-    return Effect("dynamics", stage, truth=truth)
+    return PlantEffect("dynamics", stage, truth=truth)
 
 
 def _clipping_levels(rng, low, high, strength):
@@ -133,12 +135,12 @@ def _clipping_levels(rng, low, high, strength):
 def output_saturation(rng, setting):
     low, high = _clipping_levels(rng, *setting.settled, setting.strength)
     truth = {"low": setting.unit * low, "high": setting.unit * high}
-    return Effect("last", partial(clip, low=low, high=high), truth=truth)
+    return PlantEffect("last", partial(clip, low=low, high=high), truth=truth)
 
 
 def input_saturation(rng, setting):
     low, high = _clipping_levels(rng, *setting.drive, setting.strength)
-    return Effect("first", partial(clip, low=low, high=high), truth={"low": low, "high": high})
+    return PlantEffect("first", partial(clip, low=low, high=high), truth={"low": low, "high": high})
 
 
 def drift(rng, setting):
@@ -155,7 +157,7 @@ def drift(rng, setting):
         else:
             curve = np.sin(2 * np.pi * (rng.uniform(0.4, 1.0) * s + rng.random()))
         beside.append(rng.choice([-1, 1]) * span * (curve - curve[0]) / np.ptp(curve))
-    return Effect(beside=beside, truth={"law": law, "spans": setting.unit * spans})
+    return PlantEffect(beside=beside, truth={"law": law, "spans": setting.unit * spans})
 
 
 def offset(rng, setting):
@@ -165,7 +167,7 @@ def offset(rng, setting):
         values *= rng.choice([-1, 1], count)
     values *= np.ptp(setting.response) * setting.strength
     beside = [np.full(n, value) for n, value in zip(setting.lengths, values, strict=True)]
-    return Effect(beside=beside, truth={"values": setting.unit * values})
+    return PlantEffect(beside=beside, truth={"values": setting.unit * values})
 
 
 def periodic_disturbance(rng, setting):
@@ -187,7 +189,7 @@ def periodic_disturbance(rng, setting):
         "amplitudes": setting.unit * amplitudes,
         "locked": locked,
     }
-    return Effect(beside=beside, truth=truth)
+    return PlantEffect(beside=beside, truth=truth)
 
 
 # ------------------------------------------------------------------------- memory and rate
@@ -214,7 +216,7 @@ def hysteresis(rng, setting):
             "weights": weights,
         }
         stage = partial(plays, thresholds=thresholds, weights=weights)
-        return Effect("middle", stage, truth=truth)
+        return PlantEffect("middle", stage, truth=truth)
     force = rng.uniform(0.06, 0.2)  # largest hysteretic force, part of the largest drive
     force *= setting.strength
     stiffness = rng.uniform(0.3, 1.5)  # of the hysteretic spring near zero, part of the spring
@@ -225,7 +227,7 @@ def hysteresis(rng, setting):
         "exponent": rng.uniform(1.0, 2.0),
     }
     truth = {"law": "force", **parameters, "limit": setting.unit * parameters["limit"]}
-    return Effect(alter=lambda plant, _: plant.adapt("motion", **parameters), truth=truth)
+    return PlantEffect(alter=lambda plant, _: plant.adapt("motion", **parameters), truth=truth)
 
 
 def _one_play(half_width):
@@ -236,10 +238,10 @@ def backlash(rng, setting):
     if setting.declared == "second_order" and rng.random() < 0.5:
         half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.drive) / 2 * setting.strength
         truth = {"place": "first", "half_width": half_width}
-        return Effect("first", _one_play(half_width), truth=truth)
+        return PlantEffect("first", _one_play(half_width), truth=truth)
     half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.response) / 2 * setting.strength
     truth = {"place": "last", "half_width": setting.unit * half_width}
-    return Effect("last", _one_play(half_width), truth=truth)
+    return PlantEffect("last", _one_play(half_width), truth=truth)
 
 
 def dead_zone(rng, setting):
@@ -247,14 +249,16 @@ def dead_zone(rng, setting):
     half_width = rng.uniform(0.05, 0.15) * (high - low) / 2
     center = (low + high) / 2 + rng.uniform(-0.4, 0.4) * (high - low) / 2
     truth = {"center": center, "half_width": half_width}
-    return Effect("first", partial(dead_band, center=center, half_width=half_width), truth=truth)
+    return PlantEffect(
+        "first", partial(dead_band, center=center, half_width=half_width), truth=truth
+    )
 
 
 def rate_dependence(rng, setting):
     rates = np.abs(np.concatenate([np.diff(drive) for drive in setting.drives[:N_TRAIN]]))
     widening = rng.uniform(0.05, 0.15) * np.ptp(setting.drive) / 2 * setting.strength
     growth = widening / np.quantile(rates, 0.9)  # where the drive is fast, not only on edges
-    return Effect(
+    return PlantEffect(
         alter=lambda plant, _: plant.adapt("core", widening=growth),
         truth={"dilation": growth * setting.dt},
     )
@@ -263,7 +267,7 @@ def rate_dependence(rng, setting):
 def slew_limit(rng, setting):
     fastest = max(np.abs(np.diff(drive)).max() for drive in setting.drives[:N_TRAIN])
     rate = rng.uniform(0.12, 0.4) * fastest
-    return Effect("first", partial(slew_limited, rate=rate), truth={"rate": rate / setting.dt})
+    return PlantEffect("first", partial(slew_limited, rate=rate), truth={"rate": rate / setting.dt})
 
 
 # ------------------------------------------------------------------- equations of motion
@@ -288,7 +292,7 @@ def friction(rng, setting):
         parameters |= {"bristle": bristle, "bristle_damping": 2.0 * damping * np.sqrt(bristle)}
     truth = {"law": law.__name__, "stribeck": stribeck, **parameters}
     truth["velocity"] *= setting.unit / setting.dt
-    return Effect(alter=lambda plant, _: plant.adapt("motion", law, **parameters), truth=truth)
+    return PlantEffect(alter=lambda plant, _: plant.adapt("motion", law, **parameters), truth=truth)
 
 
 def cubic_stiffness(rng, setting):
@@ -305,7 +309,7 @@ def cubic_stiffness(rng, setting):
     ):
         cubic *= 0.8
     truth = {"hardening": hardening, "k3_over_k": cubic / setting.unit**2}
-    return Effect(alter=lambda plant, _: plant.adapt("motion", cubic=cubic), truth=truth)
+    return PlantEffect(alter=lambda plant, _: plant.adapt("motion", cubic=cubic), truth=truth)
 
 
 # ------------------------------------------------------------------------- in the parameters
@@ -320,7 +324,7 @@ def auxiliary_input(rng, setting):
     if law == "gain":
         truth["sensitivity"] = strength / size
         stages = [partial(modulated, gains=1.0 + strength * part) for part in units]
-        return Effect("last", stages, column=(name, column), truth=truth)
+        return PlantEffect("last", stages, column=(name, column), truth=truth)
     strength *= np.ptp(setting.response) / 2
     truth["gain"] = setting.unit * strength / size
     if law == "lag":
@@ -328,7 +332,7 @@ def auxiliary_input(rng, setting):
         truth["tau"] = tau * setting.dt
         units = [first_order(part, 1.0, tau) for part in units]
     beside = [strength * part for part in units]
-    return Effect(beside=beside, column=(name, column), truth=truth)
+    return PlantEffect(beside=beside, column=(name, column), truth=truth)
 
 
 def amplitude_dependence(rng, setting):
@@ -362,7 +366,7 @@ def amplitude_dependence(rng, setting):
         return plant.adapt("motion", **changed) if changed else plant
 
     truth = {"slopes": slopes, "amplitudes": amplitudes}
-    return Effect(alter=alter, truth=truth)
+    return PlantEffect(alter=alter, truth=truth)
 
 
 LAWS = {

@@ -5,7 +5,7 @@ from functools import partial
 import numba
 import numpy as np
 
-from skhyst.datasets.simulation import Effect, plays
+from skhyst.datasets.simulation import PlantEffect, plays
 
 from .motion import coulomb_mode
 from .physics import PARTS, WEIGHTS, first_order
@@ -28,7 +28,7 @@ def auxiliary_input(rng, setting):
         truth |= {"law": "bias behind a lag", "tau": tau * setting.dt}
         units = [first_order(part, 1.0, tau) for part in units]
     stages = [partial(biased, bias=strength * part) for part in units]
-    return Effect("first", stages, column=(name, column), truth=truth)
+    return PlantEffect("first", stages, column=(name, column), truth=truth)
 
 
 @numba.njit(cache=True)
@@ -74,7 +74,7 @@ def end_stops(rng, setting):
         "stiffer": log_uniform(rng, 5, 50),
         "damper": rng.uniform(0.1, 1.0) if rng.random() < 0.5 else 0.0,
     }
-    return Effect(
+    return PlantEffect(
         alter=lambda plant, _: plant.adapt("motion", knocking_mode, **parameters), truth=parameters
     )
 
@@ -87,7 +87,9 @@ def rectification(rng, setting):
     """The sensor reads how far the response is from a place, and not to which side."""
     low, high = setting.response
     center = low + rng.uniform(0.2, 0.8) * (high - low)
-    return Effect("last", partial(folded, center=center), truth={"center": setting.unit * center})
+    return PlantEffect(
+        "last", partial(folded, center=center), truth={"center": setting.unit * center}
+    )
 
 
 def friction(rng, setting):
@@ -100,7 +102,7 @@ def friction(rng, setting):
         "coulomb": coulomb,
         "velocity": rng.uniform(0.05, 0.2) * typical,
     }
-    return Effect(
+    return PlantEffect(
         alter=lambda plant, _: plant.adapt("motion", coulomb_mode, **parameters), truth=parameters
     )
 
@@ -109,7 +111,7 @@ def backlash(rng, setting):
     """A play of the displacement in front of a force."""
     half_width = rng.uniform(0.04, 0.12) * np.ptp(setting.drive) / 2
     play = partial(plays, thresholds=[half_width], weights=[1.0])
-    return Effect("first", play, truth={"half_width": half_width})
+    return PlantEffect("first", play, truth={"half_width": half_width})
 
 
 LAWS = {

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from scipy.signal import fftconvolve
 
-from skhyst.datasets.simulation import Effect
+from skhyst.datasets.simulation import PlantEffect
 
 from .motion import coulomb_mode, stopped_mode
 from .signals import N_TRAIN, log_uniform
@@ -66,7 +66,7 @@ def rate_dependence(rng, setting):
     def alter(plant, _):
         return plant.adapt("core", rate_plays, **parameters, tau=tau, signed=signed)
 
-    return Effect(alter=alter, truth={"law": law, "signed": signed, "tau": tau * setting.dt})
+    return PlantEffect(alter=alter, truth={"law": law, "signed": signed, "tau": tau * setting.dt})
 
 
 # ------------------------------------------------------------------------- creep
@@ -103,7 +103,7 @@ def creep(rng, setting):
         exponent = rng.uniform(0.15, 0.5)
         law = partial(by_power, size=size / longest**exponent, exponent=exponent)
     stage = partial(slow_step, compliance=law, longest=longest)
-    return Effect("dynamics", stage, truth={"law": law.func.__name__, **law.keywords})
+    return PlantEffect("dynamics", stage, truth={"law": law.func.__name__, **law.keywords})
 
 
 # ------------------------------------------------------------------------- curves
@@ -127,7 +127,7 @@ def _levels_off(rng, place, low, high, setting, unit):
         law, level = level_cubic, rng.uniform(0.7, 0.95)
     parameters = {"center": center, "level": level * half}
     truth = {"law": law.__name__, **{name: unit * value for name, value in parameters.items()}}
-    return Effect(place, partial(law, **parameters), truth=truth)
+    return PlantEffect(place, partial(law, **parameters), truth=truth)
 
 
 def output_saturation(rng, setting):
@@ -156,7 +156,7 @@ def static_nonlinearity(rng, setting):
     else:  # above -0.45, so that it is a root of what is above a tenth
         law, bend = bend_root, rng.choice([-1, 1]) * 1.4 * share
     truth = {"law": law.__name__, "bend": bend, "scale": setting.unit * scale}
-    return Effect("last", partial(law, scale=scale, bend=bend), truth=truth)
+    return PlantEffect("last", partial(law, scale=scale, bend=bend), truth=truth)
 
 
 # ------------------------------------------------------------------------- transmission, motion
@@ -189,7 +189,7 @@ def backlash(rng, setting):
     half_width = rng.uniform(0.04, 0.12) * np.ptp(ends) / 2
     tau = rng.uniform(0.3, 1.0)  # samples: the ends are stiff
     truth = {"place": place, "half_width": unit * half_width, "tau": tau * setting.dt}
-    return Effect(place, partial(elastic_play, half_width=half_width, tau=tau), truth=truth)
+    return PlantEffect(place, partial(elastic_play, half_width=half_width, tau=tau), truth=truth)
 
 
 def friction(rng, setting):
@@ -208,7 +208,9 @@ def friction(rng, setting):
     def alter(plant, _):
         return plant.adapt("motion", coulomb_mode, **parameters)
 
-    return Effect(alter=alter, truth={"law": ("exponential", "square")[curve - 1], **parameters})
+    return PlantEffect(
+        alter=alter, truth={"law": ("exponential", "square")[curve - 1], **parameters}
+    )
 
 
 def cubic_stiffness(rng, setting):
@@ -222,7 +224,7 @@ def cubic_stiffness(rng, setting):
     def alter(plant, _):
         return plant.adapt("motion", stopped_mode, **parameters)
 
-    return Effect(alter=alter, truth={"law": "two springs", **parameters})
+    return PlantEffect(alter=alter, truth={"law": "two springs", **parameters})
 
 
 LAWS = {

@@ -5,7 +5,7 @@ from functools import partial
 import numba
 import numpy as np
 
-from skhyst.datasets.simulation import Effect, refine
+from skhyst.datasets.simulation import PlantEffect, refine
 
 from .physics import PARTS, WEIGHTS, delayed_by_itself, first_order, modulated, pinned
 from .signals import log_uniform
@@ -25,7 +25,7 @@ def parametric_resonance(rng, setting):
     def alter(plant, number):
         return plant.adapt("motion", depth=depth, pump=pump, phase=phases[number])
 
-    return Effect(alter=alter, truth=truth)
+    return PlantEffect(alter=alter, truth=truth)
 
 
 @numba.njit(cache=True)
@@ -63,7 +63,7 @@ def self_oscillation(rng, setting):
         for u in _unit_drives(setting)
     ]
     truth = {"frequency": frequency / setting.dt, "strength": strength, "pull": pull}
-    return Effect(beside=beside, truth=truth)
+    return PlantEffect(beside=beside, truth=truth)
 
 
 def volterra_product(rng, setting):
@@ -79,7 +79,7 @@ def volterra_product(rng, setting):
     size = rng.uniform(0.02, 0.04) * np.ptp(setting.response)
     size /= np.sqrt(np.mean(np.square(np.concatenate(products))))
     truth = {"taus": (short * setting.dt, long * setting.dt)}
-    return Effect(beside=[size * product for product in products], truth=truth)
+    return PlantEffect(beside=[size * product for product in products], truth=truth)
 
 
 def switching_gain(rng, setting):
@@ -93,7 +93,7 @@ def switching_gain(rng, setting):
             gains[start:stop] = 1.0 + 0.5 * jump * state
             start, state = stop, -state
         stages.append(partial(modulated, gains=gains))
-    return Effect("last", stages, truth={"jump": jump})
+    return PlantEffect("last", stages, truth={"jump": jump})
 
 
 def wandering_gain(rng, setting):
@@ -106,7 +106,7 @@ def wandering_gain(rng, setting):
             2 * np.pi * (0.31 * frequency * t + rng.random())
         )
         stages.append(partial(modulated, gains=1.0 + depth * np.sin(phase)))
-    return Effect("last", stages, truth={"depth": depth, "frequency": frequency / setting.dt})
+    return PlantEffect("last", stages, truth={"depth": depth, "frequency": frequency / setting.dt})
 
 
 @numba.njit(cache=True)
@@ -135,7 +135,7 @@ def chaotic_neighbour(rng, setting):
     for u in _unit_drives(setting):
         start = np.array([1.0, 1.0, 25.0]) + rng.uniform(-5, 5, 3)
         beside.append(size * lorenz(refine(u, n), 1.0 / n, rate, push, start)[::n])
-    return Effect(beside=beside, truth={"rate": rate / setting.dt})
+    return PlantEffect(beside=beside, truth={"rate": rate / setting.dt})
 
 
 def state_dependent_delay(rng, setting):
@@ -144,14 +144,16 @@ def state_dependent_delay(rng, setting):
     growth /= np.abs(setting.response).max()
     truth = {"shortest": shortest * setting.dt, "growth": growth * setting.dt / setting.unit}
     stage = partial(delayed_by_itself, shortest=shortest, growth=growth)
-    return Effect("last", stage, truth=truth)
+    return PlantEffect("last", stage, truth=truth)
 
 
 def random_pinning(rng, setting):
     """Let the response stick at obstacles that are different each time."""
     low, high = np.array([0.01, 0.06]) * rng.uniform(0.7, 1.3) * np.ptp(setting.response)
     stages = [partial(pinned, obstacles=log_uniform(rng, low, high, 4096)) for _ in setting.lengths]
-    return Effect("last", stages, truth={"obstacles": (setting.unit * low, setting.unit * high)})
+    return PlantEffect(
+        "last", stages, truth={"obstacles": (setting.unit * low, setting.unit * high)}
+    )
 
 
 LAWS = {

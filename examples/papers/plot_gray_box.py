@@ -16,50 +16,38 @@ The example is shortened to a few seconds. The whole table, with the paper's bud
 # Quasi-static hysteresis, equations (15) to (17) in closed form from turning point to turning
 # point, drives a mode at 512 Hz; an encoder of 1.2 nm reads the position. The published values of
 # delta_d, gamma and V_c give these equations a loop of less than half a percent of the stroke, so
-# the loop here is that of an ordinary actuator. Nothing is computed by skhyst.
+# the loop here is that of an ordinary actuator. The plant shares no code with the
+# models.
 
 import time
+from functools import partial
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from scipy.signal import cont2discrete, lfilter
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from skhyst.datasets.simulation import Plant, oscillate, reversal_curves
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import ParticleSwarm
 from skhyst.preprocessing import GeneralizedInputGradient
 from skhyst.records import stack_records
 
 SLOPE, CURVATURE, DECAY = 80.0, 0.9, 0.005  # nm/V, nm/V^2, 1/V
-OMEGA, ZETA = 2 * np.pi * 512.0, 0.03
+FREQUENCY, ZETA = 512.0, 0.03  # Hz
 DT = 5e-4  # s
-FINE = 16
 rng = np.random.default_rng(0)
-
-
-def quasi_static(u):
-    """Return the integral of the slope over the drive."""
-    turning, base, direction, last, y = 0.0, 0.0, 1.0, 0.0, np.empty(len(u))
-    for k, value in enumerate(u):
-        if (value - last) * direction < 0.0:
-            base, turning, direction = y[k - 1], last, -direction
-        s = abs(value - turning)
-        bend = (s + np.expm1(-DECAY * s) / DECAY) / DECAY
-        y[k] = base + direction * (SLOPE * s + CURVATURE * bend)
-        last = value
-    return y
+curves = partial(reversal_curves, slope=SLOPE, curvature=CURVATURE, decay=DECAY)
+mode = partial(oscillate, frequency=FREQUENCY, damping=ZETA)
+plant = Plant({"core": (curves,), "motion": (mode,)})
 
 
 def stage(u):
     """Return what the encoder reads, nm."""
-    fine = np.interp(np.arange(FINE * (len(u) - 1) + 1) / FINE, np.arange(len(u)), u)
-    mode = [OMEGA**2], [1.0, 2 * ZETA * OMEGA, OMEGA**2]
-    numerator, denominator, _ = cont2discrete(mode, DT / FINE, method="foh")
-    y = lfilter(numerator.ravel(), denominator, quasi_static(fine))[::FINE]
+    y = plant.respond(u, substeps=16, dt=DT)
     return 1.2 * np.round((y + rng.normal(size=len(y))) / 1.2)
 
 

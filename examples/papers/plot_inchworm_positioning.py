@@ -101,8 +101,8 @@ class NetworkByPath(RegressorMixin, BaseEstimator):
         return np.interp(path, grid, run)
 
 
-learned = InverseCompensator(NetworkByPath(), method="learned").fit(*slow)
-inverse = InverseCompensator(model, bandwidth=500.0).fit(*slow)
+learned = InverseCompensator(NetworkByPath(), method="learned", rate_limit=2e3).fit(*slow)
+inverse = InverseCompensator(model, bandwidth=500.0, rate_limit=2e3).fit(*slow)
 
 # %%
 # Walking

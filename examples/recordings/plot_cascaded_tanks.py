@@ -33,7 +33,7 @@ print_findings(search)
 
 # %%
 # What the sensor does at the end of its range is found before any search, see
-# :func:`~skhyst.diagnosis.data_quality`.
+# :func:`~skhyst.records.data_quality`.
 
 for fault in search.data_quality_.itertuples():
     print(f"{fault.fault}: {fault.n_samples} samples; {fault.advice}")

@@ -13,14 +13,14 @@ from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
-from .._validation import refuse_large
+from .._validation import refuse_large, rest_of
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
 from ..records import chosen_interval
+from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
-from ._starts import estimate_history, fit_line, rest_outputs
 from ._streaming import lowered_lags
 
 _MISMATCH = 0.01  # relative difference between sampling intervals that are the same
@@ -75,6 +75,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Number of columns of ``X``.
     records_ : tuple of RecordSlice
         The records of the fit.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
     """
 
     _one_interval = True  # lags count samples
@@ -261,7 +265,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If ``dt`` is another than that of the records of the fit.
+            If a parameter is not as above, or ``dt`` is another than that of the records of the
+            fit.
 
         Examples
         --------
@@ -281,8 +286,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
                 f"fit: the model counts samples. Got {dt!r} instead."
             )
-        at = 0.0 if initial_state == "zero" else np.asarray(u0, dtype=float)
-        rules = SampleRules(np.broadcast_to(at, (self.n_features_in_,)))
+        levels = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
+        rules = SampleRules(0.0 * levels if initial_state == "zero" else levels)
         places = self._places(rules)
         inputs = [(places[j][0], places[j][1] + lag) for j, lag in self.input_lags_]
         history = np.zeros(self._n_outputs())

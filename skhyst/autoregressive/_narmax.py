@@ -15,7 +15,7 @@ from ._base import AutoregressiveRegressor
 from ._polynomial import PolynomialStep, candidate_terms, term_name, term_products
 from ._problems import FreeRunProblem, InnovationProblem, innovations
 from ._runs import Start
-from ._selection import Criterion, Search, condense_folds, error_reduction, subset_solution
+from ._selection import Search, SelectionCriterion, condense_folds, error_reduction, subset_solution
 from ._structure import improve
 
 _FEATURES = {
@@ -286,7 +286,8 @@ class NARMAXRegressor(AutoregressiveRegressor):
             lambda rows: np.column_stack([term_products(Z[rows], known), target[rows]]),
         )
         total = sum(float(np.sum(fold[:, -1] ** 2)) for fold in folds)
-        return Search(folds, Criterion(self.criterion, len(target), len(terms), total)), len(target)
+        criterion = SelectionCriterion(self.criterion, len(target), len(terms), total)
+        return Search(folds, criterion), len(target)
 
     def _lag_scale(self):
         inputs = [self._input_scale[column] for column, _ in self.input_lags_]

@@ -18,6 +18,7 @@ of each record. All is in scaled units.
 import numpy as np
 
 from ..preprocessing import lagged_columns
+from ._initial_outputs import rest_outputs
 from ._polynomial import (
     PolynomialStep,
     plan_polynomial,
@@ -26,7 +27,6 @@ from ._polynomial import (
     term_products,
 )
 from ._runs import bounded
-from ._starts import rest_outputs
 
 _SPLIT = 1e-8  # distance from an integrator at which its resting point is lost
 

@@ -124,7 +124,7 @@ def _deflate(columns, rest, best):
     return rest - q * (q @ rest)
 
 
-class Criterion:
+class SelectionCriterion:
     """What a search makes small: a penalised likelihood, or the error in folds left out (``"cv"``).
 
     ``"ebic"`` pays for the number of candidates; ``scale`` is the sum of squares of the target.

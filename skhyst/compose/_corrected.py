@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
-from .._validation import in_native_order
+from .._validation import in_native_order, rest_of
 from ..autoregressive import lowered_regressor
 from ..base import ParametricModel, informed, one_thread, read_data, with_params
 from ..linear import Gain
@@ -65,6 +65,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Times that the two were fitted, one more than turns that have lowered the error.
     n_features_in_ : int
         Number of columns of ``X``.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
 
     See Also
     --------
@@ -231,6 +235,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         ------
         NotImplementedError
             If the regressor has a memory and no ``stepper``, or an effect looks ahead.
+        ValueError
+            If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
+            in theirs.
 
         Examples
         --------
@@ -247,7 +254,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         dt = chosen_interval(self.records_, dt, "Corrected.stepper")
-        row = np.full(self.n_features_in_, float(u0)) if np.ndim(u0) == 0 else np.array(u0, float)
+        row = rest_of(u0, initial_state, self.n_features_in_, "Corrected.stepper")
         if hasattr(self.estimator_, "stepper"):
             first = self.estimator_.stepper(dt, row, initial_state).lowered
         else:

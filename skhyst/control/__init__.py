@@ -3,9 +3,9 @@
 from ._compensator import InverseCompensator
 from ._damping import IntegralResonantControl
 from ._feedback import FeedforwardPI
-from ._loop import Loop, simulate_loop
 from ._monitor import Monitor
 from ._observer import Observer
+from ._simulate_loop import Loop, simulate_loop
 
 __all__ = [
     "FeedforwardPI",

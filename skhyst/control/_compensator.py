@@ -16,9 +16,19 @@ trials so far tell of how changes follow from drives is used too (Anderson, *Jou
 1965). Each step starts from the best trial; where it has made the error larger, half of it is
 tried. On the model itself that makes the compensation as exact as the model is, and on the device
 as exact as its sensor.
+
+A drive is not determined by the response alone. A mass hardly answers a drive that changes its sign
+from sample to sample, and, with the zero of sampling near -3.73, what such a drive does at the end
+of a record, growing by that factor each sample, is not seen in it at all. Three things keep such
+parts out of the drive, whatever its limits are. On the model, a record is continued by a rest at
+the last value of its reference, so long that what comes later does not matter. A combination of
+trials is penalised by its drive, so that none is used of which the response shows little
+(regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). And a trial whose drive is larger is
+kept only if the error falls by more than what chance makes of the mean square of so many samples.
 """
 
 import warnings
+from dataclasses import replace
 from numbers import Integral, Real
 from typing import Literal, Self, overload
 
@@ -30,17 +40,27 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import refuse_large
+from .._validation import finite_number, finite_numbers, refuse_large
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
-from ..linear import DelayOperator
-from ..operators import LoweredSeries, SeriesOperator, Stepper, inverse_of, take_apart
+from ..linear import DelayOperator, GainOperator
+from ..operators import (
+    LoweredSeries,
+    SeriesOperator,
+    Stepper,
+    inverse_of,
+    put_beside,
+    take_apart,
+)
 from ..records import chosen_interval
-from ..static import SaturationOperator
+from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # part of a step below which nothing is gained
-_SINGULAR = 1e-8  # singular values, relative, that are but rounding in a sum of squares
+# Part of a change of the drive that must be seen in the response. An inverse sees all of it, one
+# that has a stiffness wrong by ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the
+# change that is asked for.
+_SEEN = 0.1
 
 
 class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
@@ -57,8 +77,18 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     bandwidth : float, default=None
         Hz. What is faster in the reference, and in errors that are learned from, is left out
         (Butterworth of order 4, forwards and backwards). By default nothing is.
-    drive_limits : tuple of (float, float), default=None
-        Units of the drive; by default there are none.
+    drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
+        Smallest and largest drive, its units. By default those that the fit of the model has seen
+        (``drive_range_``). None: there are none.
+    rate_limit : {"fit"}, float or None, default="fit"
+        Fastest change of the drive, its units per s. By default the fastest that the fit of the
+        model has seen (``drive_rate_``). None: there is none.
+    limit_margin : float, default=0.0
+        Part of the range of the fit by which its limits are widened at each end, and of its rate by
+        which that is raised.
+    max_residual : float, default=0.05
+        Part of the range of the reference by which the model's response may miss it at a sample
+        without a warning. The command line writes no drive beyond.
     tol : float, default=1e-9
         Error of the model's response, relative to the range of the reference, that is good enough.
     max_iter : int, default=50
@@ -71,12 +101,19 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     errors_ : list of float
         Root mean square error of each trial of the last :meth:`refine`, units of the response.
     n_features_in_ : int
+    drive_range_, drive_rate_ : tuple of (float, float), float
+        Range and fastest change of the drive that the fit of the model has seen, as those of
+        :class:`~skhyst.base.ParametricModel`; missing where the model does not know them.
+    drive_limits_, rate_limit_ : tuple of (float, float), float
+        Limits that hold, units of the drive and those per s; infinite where there are none.
 
     Warns
     -----
     ReachWarning
-        If drive limits cut samples (with their share), or a stage does not reach what is asked of
-        it (with its name and the value).
+        If limits cut the drive (with the share of the samples), the drive leaves what the fit has
+        seen where limits are None, or that is not known; if a stage does not reach what is asked of
+        it (with its name and the value); if the response to the drive misses the reference by more
+        than ``max_residual`` allows.
 
     Examples
     --------
@@ -91,7 +128,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     >>> y, _ = SecondOrderModeOperator(300.0, 0.05).run(plays.run(u, 1e-3)[0], 1e-3)
     >>> model = Cascade([("plays", PrandtlIshlinskii(5)), ("mode", SecondOrderMode())], dt=1e-3)
     >>> compensator = InverseCompensator(model).fit(u[:, None], y)
-    >>> reference = 4.0 * np.sin(20.0 * time) ** 2 * (time > 0.02)
+    >>> reference = 4.0 * np.sin(20.0 * np.clip(time - 0.02, 0.0, 0.6 * np.pi)) ** 2
     >>> drive = compensator.predict(reference[:, None])
     >>> drive, residual = compensator.predict(reference[:, None], return_residual=True)
     >>> bool(np.abs(residual).max() < 1e-6)
@@ -112,18 +149,34 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         "model": [HasMethods(["fit", "predict"])],
         "method": [StrOptions({"auto", "learned"})],
         "bandwidth": [Interval(Real, 0, None, closed="neither"), None],
-        "drive_limits": [tuple, list, None],
+        "drive_limits": [StrOptions({"fit"}), tuple, list, None],
+        "rate_limit": [StrOptions({"fit"}), Interval(Real, 0, None, closed="neither"), None],
+        "limit_margin": [Interval(Real, 0, None, closed="left")],
+        "max_residual": [Interval(Real, 0, None, closed="left")],
         "tol": [Interval(Real, 0, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
     }
 
     def __init__(
-        self, model, *, method="auto", bandwidth=None, drive_limits=None, tol=1e-9, max_iter=50
+        self,
+        model,
+        *,
+        method="auto",
+        bandwidth=None,
+        drive_limits="fit",
+        rate_limit="fit",
+        limit_margin=0.0,
+        max_residual=0.05,
+        tol=1e-9,
+        max_iter=50,
     ):
         self.model = model
         self.method = method
         self.bandwidth = bandwidth
         self.drive_limits = drive_limits
+        self.rate_limit = rate_limit
+        self.limit_margin = limit_margin
+        self.max_residual = max_residual
         self.tol = tol
         self.max_iter = max_iter
 
@@ -142,7 +195,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         -------
         self
         """
-        check_limits(self.drive_limits, "InverseCompensator")
+        if self.drive_limits != "fit":
+            check_limits(self.drive_limits, "InverseCompensator")
         _, columns, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
         if self.method == "learned":
             self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
@@ -154,6 +208,10 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                     f"skhyst of one input. Got {self.model!r} instead: method='learned' takes any "
                     "regressor."
                 )
+            for name in ("drive_range_", "drive_rate_"):  # of the model, whatever X is
+                delattr(self, name)
+                if hasattr(self.model_, name):
+                    setattr(self, name, getattr(self.model_, name))
         return self
 
     @overload
@@ -164,7 +222,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         """Return the drive under which the response follows a reference.
 
         A record begins at rest at its first value. Where dynamics are inverted the drive moves
-        before the response has to, so a reference that moves at once is missed at its beginning.
+        before the response has to, so a reference that moves at once is missed at its beginning, by
+        as little as a drive of moderate size allows. Behind a record it rests at its last value.
 
         Parameters
         ----------
@@ -188,11 +247,18 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         """
         slices, references = self._known(X) if return_residual else self._references(X)
         if self.method == "learned":
-            drive = self.model_.predict(_indexed(references, X))
-            return self._limited(np.ravel(drive).astype(float))
+            learned = self.model_.predict(_indexed(references, X))
+            learned = np.ravel(learned).astype(float)
+            limits = self._limits()
+            parts = [(limits.applied(learned[s.rows], s.dt), learned[s.rows]) for s in slices]
+            drive, asked = (np.concatenate(part) for part in zip(*parts, strict=True))
+            cut = np.abs(asked - drive) > limits.rounding
+            _warn(self._told(slices, drive, cut))
+            return drive
         parts = [self._compensated(references[s.rows], s.dt) for s in slices]
-        drive, residual = (np.concatenate(part) for part in zip(*parts, strict=True))
-        drive = self._limited(drive)
+        *parts, short = zip(*parts, strict=True)
+        drive, cut, residual = map(np.concatenate, parts)
+        _warn([*short, *self._told(slices, drive, cut), self._missed(residual, references)])
         return (drive, residual) if return_residual else drive
 
     def refine(self, X, measure, n_trials=6) -> np.ndarray:
@@ -226,9 +292,10 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             return y
 
         plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
-        drive = self._limited(self._compensated(reference, slices[0].dt)[0])
-        wanted = self._filtered(reference, slices[0].dt)
-        drive, self.errors_ = self._improved(drive, wanted, plant, measured, n_trials, 0.0)
+        asked, *_, short = self._compensated(reference, plant.dt)
+        wanted = self._filtered(reference, plant.dt)
+        drive, cut, self.errors_ = self._improved(asked, wanted, plant, measured, n_trials, 0.0)
+        _warn([short, *self._told(slices, drive, cut)])
         return drive
 
     def preview(self, dt=None) -> int:
@@ -247,7 +314,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         -------
         int
         """
-        return self._backwards(dt).streamed(0.0, self._part_left_out())[1]
+        return self._backwards(dt, "preview").streamed(0.0, self._part_left_out())[1]
 
     def stepper(self, dt=None, reference=0.0, preview=None) -> Stepper:
         """Return the compensator as a device that is fed the reference sample by sample.
@@ -273,32 +340,51 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If the preview is no whole number or shorter than a delay in the model, the reference is
             not finite, or a stage has no stable inverse.
         """
-        if not np.isfinite(reference):
-            raise ValueError(
-                "The 'reference' parameter of InverseCompensator.stepper must be finite. Got "
-                f"{reference!r} instead."
-            )
+        reference = finite_number(reference, "InverseCompensator.stepper", "reference")
         if preview is not None and not (isinstance(preview, Integral) and preview >= 0):
             raise ValueError(
                 "The 'preview' parameter of InverseCompensator.stepper must be a number of "
                 f"samples. Got {preview!r} instead."
             )
-        plant = self._backwards(dt)
-        return plant.stepper(float(reference), self._part_left_out(), preview)
+        plant = self._backwards(dt, "stepper")
+        _warn([self._unknown()])
+        return plant.stepper(reference, self._part_left_out(), preview)
 
     def drive_for(self, reference, dt) -> np.ndarray:
-        """Return the drive (n_samples,) for one record of a reference (n_samples,), dt in s."""
+        """Return the drive for one record of a reference.
+
+        Parameters
+        ----------
+        reference : array-like of shape (n_samples,)
+            Units of the response.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            As :meth:`predict` returns it.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not as above, or as for :meth:`predict`.
+        """
+        check_is_fitted(self)
+        caller, wanted = "InverseCompensator.drive_for", "finite numbers, one a sample"
+        reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
+        dt = chosen_interval((), dt, caller)
         index = pd.Index(dt * np.arange(len(reference)), name="time")
         names = getattr(self, "feature_names_in_", range(self.n_features_in_))
         X = np.zeros((len(index), self.n_features_in_))
         X[:, 0] = reference
         return self.predict(pd.DataFrame(X, index, names))
 
-    def _backwards(self, dt):
+    def _backwards(self, dt, caller):
         check_is_fitted(self)
         if self.method == "learned":
             raise NotImplementedError("An inverse that was learned is not stepped.")
-        dt = chosen_interval(self.model_.records_, dt, "InverseCompensator.stepper")
+        dt = chosen_interval(self.model_.records_, dt, f"InverseCompensator.{caller}")
         return _Backwards(self.model_.operator_, dt, self._limits())
 
     def _part_left_out(self):
@@ -317,21 +403,71 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             raise ValueError("Nothing is known of the response where an inverse was learned.")
         return self._references(X)
 
-    def _limits(self):
-        return (-np.inf, np.inf) if self.drive_limits is None else tuple(self.drive_limits)
+    @property
+    def drive_limits_(self) -> tuple[float, float]:
+        check_is_fitted(self)
+        limits = self._limits()
+        return float(limits.low), float(limits.high)
 
-    def _limited(self, drive):
-        """Return a drive within its limits."""
-        low, high = self._limits()
-        cut = np.clip(drive, low, high)
-        share = np.mean((cut == low) | (cut == high))
-        if share > 0.0:
-            warnings.warn(
-                f"The limits of the drive cut {100.0 * share:.3g} % of the samples.",
-                ReachWarning,
-                stacklevel=3,
+    @property
+    def rate_limit_(self) -> float:
+        check_is_fitted(self)
+        return float(self._limits().rate)
+
+    def _limits(self):
+        """Return the limits of the drive."""
+        low, high, rate = self._seen()
+        span = high - low if np.isfinite(high - low) else 0.0
+        rounding, wider = self.tol * span, self.limit_margin * span
+        if self.drive_limits != "fit":
+            low, high = self.drive_limits or (-np.inf, np.inf)
+            wider = 0.0
+        rate = rate * (1.0 + self.limit_margin) if self.rate_limit == "fit" else self.rate_limit
+        rate = np.inf if rate is None else rate
+        return DriveLimits(low - wider, high + wider, rate, rounding)
+
+    def _seen(self):
+        """Return the range and the rate that the fit has seen, infinite where nobody knows."""
+        low, high = getattr(self, "drive_range_", (-np.inf, np.inf))
+        return low, high, getattr(self, "drive_rate_", np.inf)
+
+    def _told(self, slices, drive, cut):
+        """Return in words which part of a drive (n_samples,) is limited or beyond the fit."""
+        limits, seen, told = self._limits(), DriveLimits(*self._seen()), [self._unknown()]
+        if cut.any():
+            told.append(
+                f"The limits of the drive cut {_percent(cut)} of the samples: {limits}. They are "
+                "'drive_limits' and 'rate_limit', by default what the fit has seen."
             )
-        return cut
+        if self.drive_limits is not None:
+            seen = replace(seen, low=-np.inf, high=np.inf)
+        if self.rate_limit is not None:
+            seen = replace(seen, rate=np.inf)
+        seen = replace(seen, rounding=limits.rounding)
+        beyond = np.concatenate([seen.exceeded(drive[s.rows], s.dt) for s in slices])
+        if beyond.any():
+            told.append(
+                f"{_percent(beyond)} of the samples of the drive, which is not limited, are beyond "
+                f"what the fit has seen ({seen}): up to {drive[np.abs(drive).argmax()]:.6g}."
+            )
+        return told
+
+    def _unknown(self):
+        """Return in words that the limits of the fit are not known, where they are asked for."""
+        if hasattr(self, "drive_range_") or "fit" not in (self.drive_limits, self.rate_limit):
+            return ""
+        return (
+            "The drive is not limited to what the fit has seen, as the model, of an earlier "
+            "version, does not know it: give 'drive_limits' and 'rate_limit'."
+        )
+
+    def _missed(self, residual, reference):
+        """Return in words by how much the response to the drive misses a reference."""
+        span, worst = np.ptp(reference), np.abs(residual).max()
+        if worst <= self.max_residual * (span or np.abs(reference).max()):
+            return ""
+        part = f" ({100.0 * worst / span:.3g} % of its range)" if span else ""
+        return f"By the model, the device will miss the reference by up to {worst:.4g}{part}."
 
     def _filtered(self, signal, dt):
         """Return what of a signal is slower than the bandwidth."""
@@ -341,23 +477,39 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return sosfiltfilt(low_pass, signal, padtype="constant", padlen=len(signal) - 1)
 
     def _compensated(self, reference, dt):
-        """Return the drive of a record, and what the model leaves."""
+        """Return the drive of a record, where limits cut it, what is left, and who falls short."""
         plant = _Backwards(self.model_.operator_, dt, self._limits())
-        wanted = self._filtered(reference, dt)
+        n = len(reference)
+        rest = np.full(min(plant.ahead(self._part_left_out()), n), reference[-1])
+        wanted = self._filtered(np.append(reference, rest), dt)
         enough = self.tol * np.ptp(wanted)
-        drive = np.clip(plant.invert(wanted), *self._limits())
-        plant.warn(wanted, max(enough, 1e-6 * np.ptp(wanted)))
-        drive, _ = self._improved(drive, wanted, plant, plant.run, self.max_iter, enough)
-        return drive, plant.run(drive) - reference
+        asked = plant.invert(wanted)
+        asked[0] = plant.rest(reference[0])
+        held, short = plant.held, plant.short(wanted, max(enough, 1e-6 * np.ptp(wanted)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            left = plant.run(plant.limits.applied(asked, dt)) - wanted
+            if not np.mean(left**2) <= np.mean((wanted - wanted[0]) ** 2):
+                asked = np.full(len(asked), asked[0])  # at rest it misses the reference by less
+        drive, cut, _ = self._improved(asked, wanted, plant, plant.run, self.max_iter, enough)
+        drive, cut = drive[:n], (cut | held)[:n]
+        return drive, cut, plant.run(drive) - reference, short
 
-    def _improved(self, drive, wanted, plant, measure, n_trials, enough):
-        """Return a drive with a smaller error, and the errors on the way."""
-        drives, changes, errors, best, part, aim = [], [], [], 0, 1.0, None
-        for trial in range(n_trials):
-            y = measure(drive)
+    def _improved(self, asked, wanted, plant, measure, n_trials, enough):
+        """Return a drive with a smaller error, where limits cut it, and the errors on the way."""
+        drives, cuts, changes, errors, best, part, aim = [], [], [], [], 0, 1.0, None
+        least = 1.0 - 1.0 / np.sqrt(2.0 * len(wanted))  # standard error of a root mean square
+        for trial in range(max(n_trials, 1)):
+            drive = plant.limits.applied(asked, plant.dt)
+            if drives and np.array_equal(drive, drives[best]):
+                break
             drives.append(drive)
+            cuts.append(np.abs(asked - drive) > plant.limits.rounding)
+            if not n_trials:
+                break
+            y = measure(drive)
             error = np.sqrt(np.mean((y - wanted) ** 2))
-            if not errors or error < errors[-1]:
+            larger = np.ptp(drive) > np.ptp(drives[best])
+            if not errors or error < (least if larger else 1.0) * errors[-1]:
                 errors.append(error)
                 best, part = trial, 1.0
             else:
@@ -368,28 +520,46 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 aim = plant.invert(wanted, by_modes=True)
             changes.append(aim - plant.invert(self._filtered(y, plant.dt), by_modes=True))
             step = changes[best] + _combined(drives, changes, best)
-            drive = np.clip(drives[best] + part * step, *self._limits())
-        return drives[best] if drives else drive, errors
+            asked = drives[best] + part * step
+            if not np.isfinite(asked).all():
+                break
+        return drives[best], cuts[best], errors
 
 
 def _combined(drives, changes, best):
     """Return what all trials add to the change that one of them asks for.
 
     That is of their combinations the one that leaves the smallest change to be asked for, as far as
-    changes are linear in drives.
+    changes are linear in drives, and costs the smallest change of the drive.
     """
     others = [i for i in range(len(drives)) if i != best]
     if not others:
         return 0.0
     d_drive = np.stack([drives[i] - drives[best] for i in others], axis=1)
     d_change = np.stack([changes[i] - changes[best] for i in others], axis=1)
-    weights = np.linalg.lstsq(d_change, changes[best], rcond=_SINGULAR)[0]
+    penalised = np.concatenate([d_change, _SEEN * d_drive])
+    wanted = np.append(changes[best], np.zeros(len(changes[best])))
+    weights = np.linalg.lstsq(penalised, wanted, rcond=None)[0]
     return -(d_drive + d_change) @ weights
+
+
+def _percent(samples):
+    return f"{100.0 * np.mean(samples):.3g} %"
+
+
+def _warn(told):
+    """Warn whoever has called the method that calls this, if anything is told."""
+    told = [sentence for sentence in dict.fromkeys(told) if sentence]
+    if told:
+        warnings.warn(" ".join(told), ReachWarning, stacklevel=3)
 
 
 def check_limits(limits, name):
     """Refuse limits of the drive that are not two numbers in their order."""
-    if limits is not None and not (len(limits) == 2 and limits[0] < limits[1]):
+    if limits is None:
+        return
+    are_numbers = np.shape(limits) == (2,) and all(isinstance(limit, Real) for limit in limits)
+    if not (are_numbers and limits[0] < limits[1]):
         raise ValueError(
             f"The 'drive_limits' parameter of {name} must be two numbers, the lower one first. "
             f"Got {limits!r} instead."
@@ -405,7 +575,7 @@ class _Backwards:
         series = isinstance(self.driven, SeriesOperator)
         self.names = self.driven.names if series else (type(self.driven).__name__,)
         self.stages = self.driven.stages if series else (self.driven,)
-        self.missed = None
+        self.missed = self.held = None
 
     def run(self, drive):
         """Return the response from rest."""
@@ -424,49 +594,77 @@ class _Backwards:
         for i in reversed(range(len(self.stages))):
             stage = self.stages[i]
             mode = stage.linear_mode() if by_modes and not stage.at_once else None
-            limits = self.limits if i == 0 else (-np.inf, np.inf)
+            limits = (self.limits.low, self.limits.high) if i == 0 else (-np.inf, np.inf)
             yield self.names[i], stage, mode.inverse() if mode else inverse_of(stage, *limits)
 
     def invert(self, wanted, by_modes=False):
-        """Return a drive for a response, and keep where a stage falls short the most."""
+        """Return a drive for a response.
+
+        Kept are where a stage falls short the most (``missed``), and at which samples the first
+        one does because limits hold its drive (``held``).
+        """
         v, self.missed = wanted - self._disturbed(len(wanted)), (0.0, "", 0.0)
+        self.held = np.zeros(len(v), dtype=bool)
         for name, stage, inverse in self._inverses(by_modes):
             found, _ = inverse.run(v, self.dt)
             if inverse.causal:  # what looks ahead is short where a record begins
                 short = np.abs(stage.run(found, self.dt, stage.init(found[0]))[0] - v)
+                if stage is self.stages[0]:
+                    low, high = self.limits.low, self.limits.high
+                    self.held = ((found <= low) | (found >= high)) & (short > 1e-9 * np.ptp(v))
+                    short = np.where(self.held, 0.0, short)
                 worst = np.argmax(short)
                 size = short[worst] / (np.ptp(v) or 1.0)
                 self.missed = max(self.missed, (size, name, float(v[worst])))
             v = found
         return v
 
-    def warn(self, wanted, enough):
-        """Say which stage does not reach what the last inversion has asked of it."""
+    def rest(self, value):
+        """Return the drive under which the response rests at a value."""
+        v = np.array([value]) - self._disturbed(1)
+        for _, _, inverse in self._inverses():
+            v = inverse.run(v, self.dt)[0]
+        return v[0]
+
+    def ahead(self, tol):
+        """Return how many samples what comes later matters before, but for the part ``tol``."""
+        samples = 0
+        for _, _, inverse in self._inverses():
+            try:
+                samples += inverse.ahead(self.dt, 0.0, tol)[1]
+            except NotImplementedError:  # all of the record does
+                continue
+        return samples
+
+    def short(self, wanted, enough):
+        """Return in words which stage does not reach what the last inversion has asked of it."""
         size, name, value = self.missed
-        if size * np.ptp(wanted) > enough:
-            warnings.warn(
-                f"The stage '{name}' does not give {value:g}, which is asked of it: the reference "
-                "is out of its reach, its law is not monotone, or its inverse is not stable.",
-                ReachWarning,
-                stacklevel=5,
-            )
+        if size * np.ptp(wanted) <= enough:
+            return ""
+        return (
+            f"The stage '{name}' does not give {value:g}, which is asked of it: the reference is "
+            "out of its reach, its law is not monotone, or its inverse is not stable."
+        )
 
     def streamed(self, reference, tol):
-        """Return the steps of the inverses, from rest, and by how many samples they are late."""
+        """Return the inverses' steps, from rest, by how many samples they are late, and the drive.
+
+        That is the drive at rest.
+        """
         lowered, late, v = [], 0, np.array([reference]) - self._disturbed(1)
         for _, _, inverse in self._inverses():
             own, samples = inverse.ahead(self.dt, v[0], tol)
             lowered.append(own)
             late += samples
             v = inverse.run(v, self.dt)[0]
-        return lowered, late
+        return lowered, late, v[0]
 
     def stepper(self, reference, tol, preview):
         """Return the inverse as a stepper, from rest, that is late by a preview."""
-        lowered, late = self.streamed(reference, tol)
+        lowered, late, drive = self.streamed(reference, tol)
         if preview is not None:
             for exponent in range(-15, 1):  # of the part that is left out: the least that it can be
-                lowered, late = self.streamed(reference, 10.0**exponent)
+                lowered, late, drive = self.streamed(reference, 10.0**exponent)
                 if late <= preview:
                     break
             else:
@@ -476,9 +674,14 @@ class _Backwards:
                 )
             if late < preview:
                 spare = DelayOperator(float(preview - late))
-                lowered.insert(0, spare.lowered(1.0, spare.init(reference)))
-        if self.limits != (-np.inf, np.inf):
-            lowered.append(SaturationOperator(*self.limits).lowered(self.dt, None))
+                begin = float(reference - self._disturbed(1)[0])
+                lowered.insert(0, spare.lowered(1.0, spare.init(begin)))
+        if self.beside:
+            without = [replace(d, coefficients=-d.coefficients) for d in self.beside]
+            own = put_beside(GainOperator(1.0), without)
+            lowered.insert(0, own.lowered(self.dt, own.init(reference)))
+        if self.limits:
+            lowered.append(self.limits.lowered(self.dt, drive))
         return Stepper(LoweredSeries(tuple(lowered)), self.dt)
 
 

@@ -22,6 +22,12 @@ One number is chosen, :math:`\zeta`, and all others follow from the mode.
 """
 
 import math
+from numbers import Real
+
+import numpy as np
+
+from .._sklearn import Interval, validate_parameter_constraints
+from ..records import chosen_interval
 
 
 class IntegralResonantControl:
@@ -79,24 +85,32 @@ class IntegralResonantControl:
         Raises
         ------
         ValueError
-            If the mode is not below half the sampling rate, or the damping ratio not above 0.
+            If the interval is none, the mode is not below half the sampling rate, or the damping
+            ratio not above 0.
         """
-        mode = getattr(self.mode, "operator_", self.mode)
-        if hasattr(mode, "natural_frequency"):
-            mode = mode.natural_frequency / (2.0 * math.pi), mode.gain
-        frequency, gain = map(float, mode)
+        dt = chosen_interval((), dt, "IntegralResonantControl.section")
+        frequency, gain = as_mode(self.mode, "gain")
         if not (0.0 < frequency * dt < 0.5 and gain != 0.0 and math.isfinite(gain)):
             raise ValueError(
                 "The 'mode' parameter of IntegralResonantControl must be a frequency below half "
-                f"the sampling rate, {0.5 / dt:g} Hz, and a gain. Got {(frequency, gain)!r} "
-                "instead."
+                f"the sampling rate, {0.5 / dt:g} Hz, and a gain. Got {self.mode!r} instead."
             )
-        if not 0.0 < self.damping_ratio < math.inf:
-            raise ValueError(
-                "The 'damping_ratio' parameter of IntegralResonantControl must be above 0. Got "
-                f"{self.damping_ratio!r} instead."
-            )
+        own = {"damping_ratio": [Interval(Real, 0, None, closed="neither")]}
+        validate_parameter_constraints(own, vars(self), "IntegralResonantControl")
         rho = (1.0 + 2.0 * self.damping_ratio) ** -2
         rate = 2.0 * math.pi * frequency * rho**-0.25
         settled = (1.0 - rho) / gain  # k / K = 1 / d
         return (-settled * math.expm1(-rate * dt), 0.0, 0.0, -math.exp(-rate * dt), 0.0)
+
+
+def as_mode(mode, number):
+    """Return frequency in Hz and another number of a mode, NaN where it does not have them.
+
+    ``number`` is the attribute of an operator that is the second of a pair.
+    """
+    own = getattr(mode, "operator_", mode)
+    if hasattr(own, "natural_frequency"):
+        return own.natural_frequency / (2.0 * math.pi), getattr(own, number, math.nan)
+    if np.shape(own) == (2,) and all(isinstance(value, Real) for value in own):
+        return float(own[0]), float(own[1])
+    return math.nan, math.nan

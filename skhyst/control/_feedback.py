@@ -8,16 +8,27 @@ integration), so that it does not wind up.
 
 import math
 from collections.abc import Callable
+from numbers import Real
 
 import numpy as np
 from scipy.signal import bilinear
 
 from .._jit import jit
+from .._sklearn import HasMethods, Interval, validate_parameter_constraints
+from .._validation import finite_number, finite_numbers
 from ..operators import LoweredStep, Stepper
+from ..records import chosen_interval
 from ._compensator import check_limits
+from ._damping import as_mode
 
 _THROUGH = (1.0, 0.0, 0.0, 0.0, 0.0)
 _NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0)
+_CONSTRAINTS = {
+    "kp": [Interval(Real, None, None, closed="neither")],
+    "ki": [Interval(Real, None, None, closed="neither")],
+    "compensator": [HasMethods("drive_for"), None],
+    "damping": [HasMethods("section"), None],
+}
 
 
 @jit
@@ -34,12 +45,16 @@ def section_step(x, b, s, at):
 
 @jit
 def limited_step(ahead, error, damped, c, s):
-    """Return the drive for an error, and what damping acts on."""
+    """Return the drive for an error, and what damping acts on.
+
+    ``s`` is the integral part, two states each of notch and damping, and 1 where limits cut, or 0.
+    """
     kp, ki, low, high, notch, damping = c
     step = ki * error
     wanted = ahead + section_step(kp * error + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
     drive = min(max(wanted, low), high)
+    s[5] = 1.0 if drive != wanted else 0.0
     if (wanted - drive) * step <= 0.0:
         s[0] += step
     return drive
@@ -138,23 +153,24 @@ class FeedforwardPI:
         ValueError
             If a parameter is not as above, or the notch is not below half the sampling rate.
         """
+        caller = "FeedforwardPI.stepper"
+        dt = chosen_interval((), dt, caller)
+        reference = finite_number(reference, caller, "reference")
+        u0 = finite_number(u0, caller, "u0")
         check_limits(self.drive_limits, "FeedforwardPI")
-        for name, gain in {"kp": self.kp, "ki": self.ki}.items():
-            if not math.isfinite(gain):
-                raise ValueError(
-                    f"The '{name}' parameter of FeedforwardPI must be finite. Got {gain!r} instead."
-                )
+        validate_parameter_constraints(_CONSTRAINTS, vars(self), "FeedforwardPI")
         low, high = self.drive_limits or (-math.inf, math.inf)
-        notch = _THROUGH if self.notch is None else notch_section(*as_mode(self.notch), dt)
+        notch = _THROUGH if self.notch is None else notch_section(self.notch, dt)
         damping = _NOTHING if self.damping is None else self.damping.section(dt)
         constants = (self.kp, self.ki * dt, low, high, notch, damping)
-        state = np.zeros(5)
+        state = np.zeros(6)
         follows = self.compensator is not None
-        settled, state[3:] = _settled(damping, 0.0 if follows else reference)
+        settled, state[3:5] = _settled(damping, 0.0 if follows else reference)
         state[0] = u0 - settled
         _, state[1:3] = _settled(notch, state[0])
         step = following_step if follows else feedback_step
-        return Stepper(LoweredStep(step, constants, state, 3 if follows else 2), dt)
+        n_inputs, flags = 3 if follows else 2, (("limited", 5),)
+        return Stepper(LoweredStep(step, constants, state, n_inputs, flags=flags), dt)
 
     def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
         """Return a function of the number of a sample and of its reading: the drive until the next.
@@ -167,7 +183,16 @@ class FeedforwardPI:
             Sampling interval in s.
         u0 : float, default=None
             Drive under which the device rests; by default the first of the compensator, or zero.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not as above, or as in :meth:`stepper`.
         """
+        caller, wanted = "FeedforwardPI.controlling", "finite numbers, one a sample"
+        reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
+        u0 = None if u0 is None else finite_number(u0, caller, "u0")
+        dt = chosen_interval((), dt, caller)
         # what is read is the response at the sample before
         due = np.concatenate([reference[:1], reference[:-1]])
         if self.compensator is None:
@@ -178,16 +203,7 @@ class FeedforwardPI:
         return lambda k, reading: step((due[k], reading, ahead[k]))
 
 
-def as_mode(mode):
-    """Return frequency in Hz and damping ratio of a mode."""
-    mode = getattr(mode, "operator_", mode)
-    if hasattr(mode, "natural_frequency"):
-        return mode.natural_frequency / (2.0 * math.pi), mode.damping_ratio
-    frequency, ratio = mode
-    return float(frequency), float(ratio)
-
-
-def notch_section(frequency, damping_ratio, dt):
+def notch_section(mode, dt):
     """Return b0, b1, b2, a1, a2 of the notch, by the bilinear transform that keeps its frequency.
 
     Raises
@@ -195,11 +211,11 @@ def notch_section(frequency, damping_ratio, dt):
     ValueError
         If the frequency is not below half the sampling rate, or the damping ratio is negative.
     """
+    frequency, damping_ratio = as_mode(mode, "damping_ratio")
     if not (0.0 < frequency * dt < 0.5 and 0.0 <= damping_ratio < math.inf):
         raise ValueError(
             "The 'notch' parameter of FeedforwardPI must be a frequency below half the sampling "
-            f"rate, {0.5 / dt:g} Hz, and a damping ratio. Got {(frequency, damping_ratio)!r} "
-            "instead."
+            f"rate, {0.5 / dt:g} Hz, and a damping ratio. Got {mode!r} instead."
         )
     w = 2.0 * math.pi * frequency
     b, a = bilinear(

@@ -6,6 +6,9 @@ its records gives the filter that makes them white. Sensitivities are difference
 models with one parameter changed a little, filtered alike. What is decided from the two, and how
 often for nothing, is in :mod:`skhyst.control._local_tests`; what it was that has changed, in
 :mod:`skhyst.control._suspects`.
+
+What the records of the fit say of the misfit of a model holds for drives like theirs. Blocks in
+which the drive leaves their range, or changes faster, count for nothing.
 """
 
 from copy import copy
@@ -21,11 +24,14 @@ from .._sklearn import HasMethods, Interval, fit_context
 from ..base import read_data
 from ..operators import put_beside, take_apart
 from ._local_tests import LocalTests, whitening
-from ._suspects import suspects
+from ._suspects import least_left, left_by_step, likely
 
 _EXACT = 1e-12  # of the response: rounding of runs
 _STEP = np.sqrt(_EXACT)  # of a difference, relative: rounding is as curvature is
 _AT_ONCE = 1 << 15  # samples
+_BETWEEN = (
+    0.01  # of the range: a turn between two of 22 samples of a period is 1 - cos(pi / 22) off
+)
 
 
 class Monitor(MetaEstimatorMixin, BaseEstimator):
@@ -36,7 +42,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     observer : Observer
         Of the model that was identified.
     false_alarms : float, default=1e-6
-        Alarms a sample, on average, while nothing has changed.
+        Alarms a sample, on average and at the most, while nothing has changed.
     block : int, default=64
         Samples after which it is decided: about these and about the last 2, 4, 8, ... blocks, up
         to as many samples as the fit has seen: beyond, the fit is the less certain of the two.
@@ -56,14 +62,25 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         Whether the last :meth:`update` has brought an alarm.
     suspect_ : tuple of str
         What has changed, the most likely first, and behind it what cannot be told apart from it;
-        ``"gain"`` is all linear parameters by the same share. Empty before the first alarm; what
-        comes behind an alarm makes it sharper, until :meth:`reset`.
+        ``"gain"`` is all linear parameters by the same share, ``"offset"`` a step of the sensor or
+        of what else stands beside the response. Empty before the first alarm; what comes behind an
+        alarm makes it sharper, until :meth:`reset`.
+    judged : bool
+        Whether the last block of :meth:`update` was within the range and the rate of the drives of
+        the fit. One that was not brings no alarm and no suspicion.
+    misfit_ : float
+        What the model leaves of its device in the records of the fit, by the largest share of the
+        noise's variance in the directions of the parameters; zero where the model is exact.
     n_features_in_ : int
 
     Notes
     -----
     The random walk of the observer takes a slow drift of the response, which is no change of a
     parameter, and what is as slow in others.
+
+    A model that is close to its device and not exact is watched with wider limits, by as much as
+    it leaves in the worst part of the records of the fit: they should be like those in service, of
+    every amplitude and rate. A change that moves the response by less than that is not found.
 
     Examples
     --------
@@ -85,6 +102,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     """
 
     _one_interval = False  # unless its model asks for one
+    _range = -np.inf, np.inf  # of one that was saved when none was kept
 
     _parameter_constraints = {
         "observer": [HasMethods(["fit", "lowered"])],
@@ -131,7 +149,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self._changed, self.whitening_ = self._candidates(), np.ones(1)
         read = list(self.observer_._rows(X, y))
         self._n_read = read[0][0].shape[1]
-        records = [_Columns(self, dt, u[0]).run(rows) for rows, u, dt in read]
+        runs = [(_Columns(self, dt, u[0]), rows) for rows, u, dt in read]
+        motion = np.concatenate([columns.motion(rows) for columns, rows in runs])
+        records = [columns.run(rows) for columns, rows in runs]
         self.whitening_ = whitening([record[:, 0] for record in records])
         white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
@@ -154,14 +174,22 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self._shift = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
         size = min(self.block, len(white))
         sums = self._sums(white[: len(white) // size * size], size)
-        self._tests = LocalTests(*sums, dof, self.false_alarms, self.block)
+        low, high = motion.min(axis=0), motion.max(axis=0)
+        beyond = _BETWEEN * (high - low)
+        self._range = low - beyond, high + beyond
+        orders = _orders(motion[: len(white) // size * size], size)
+        squares = (white[:, 0] - white[:, 1:] @ self._shift)[: len(white) // size * size] ** 2
+        energies = squares.reshape(-1, size).sum(axis=1), np.mean(squares**2)
+        self._tests = LocalTests(*sums, dof, self.false_alarms, self.block, orders, *energies)
+        self.misfit_ = self._tests.misfit / self.block
         return self.reset()
 
     def reset(self) -> None:
         """Forget all samples: the next one is the first of a device at rest."""
         self._tests.reset()
         self._columns, self._rows = None, []
-        self._detected, self._evidence = False, None
+        self._detected = self._judged = False
+        self._evidence = None
         return self
 
     def update(self, u, y):
@@ -189,10 +217,11 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self._rows.append(row)
         self._detected = False
         if len(self._rows) == self.block:
-            self._detected = bool(self._decide(self._columns, np.array(self._rows))[0])
+            found, judged = self._decide(self._columns, np.array(self._rows))
+            self._detected, self._judged = bool(found[0]), bool(judged[0])
             self._rows = []
 
-    def alarms(self, X, y) -> np.ndarray:
+    def alarms(self, X, y, return_judged=False) -> np.ndarray:
         """Return the samples of records at which there is an alarm.
 
         Parameters
@@ -211,18 +240,26 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         found, n = [], max(_AT_ONCE // self.block, 1) * self.block
         for rows, u, dt in self.observer_._rows(X, y):
             self.reset()
-            columns, own = _Columns(self, dt, u[0]), np.zeros(len(rows), dtype=bool)
+            columns, own = _Columns(self, dt, u[0]), np.zeros((len(rows), 2), dtype=bool)
             whole = len(rows) // self.block * self.block
             for start in range(0, whole, n):
                 part = slice(start, min(start + n, whole))
-                own[part][self.block - 1 :: self.block] = self._decide(columns, rows[part])
+                alarms, judged = self._decide(columns, rows[part])
+                own[part, 0][self.block - 1 :: self.block] = alarms
+                own[part, 1] = np.repeat(judged, self.block)
             found.append(own)
-        return np.concatenate(found)
+        found = np.concatenate(found)
+        return (found[:, 0], found[:, 1]) if return_judged else found[:, 0]
 
     @property
     def drift_detected(self) -> bool:
         check_is_fitted(self)
         return self._detected
+
+    @property
+    def judged(self) -> bool:
+        check_is_fitted(self)
+        return self._judged
 
     @property
     def suspect_(self):
@@ -237,14 +274,21 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         # the information of the fit is that of scaled parameters, of a diagonal of ones
         scaled = directions * self._scales[1:] / self._scales[0]
         units = 1.0 / np.sqrt(np.einsum("mp,pq,mq->m", scaled, self._tests.known, scaled))
-        left = self._left_by(directions)
-        return tuple(names[i] for i in suspects(left, units, values))
+        left, offset = self._left_by(directions)
+        least = [*least_left(left, units, values), offset]
+        blocks = len(self._evidence[2]) / self.block
+        found = likely(least, self._tests.misfit * blocks)
+        return tuple([*names, "offset"][i] for i in found)
 
     def _left_by(self, directions):
-        """Return the sum of squares that changes along directions leave, for :func:`suspects`."""
-        state, dt, rows = self._evidence
+        """Return the sum of squares that changes along directions leave, and that of an offset."""
+        state, dt, rows, judged = self._evidence
         columns = _Columns(self, dt, rows[0, :-1], state)
-        known = columns.run(rows)[:, 1:] / self._scales[1:] @ self._shift
+        white = columns.run(rows) / self._scales
+        known = white[:, 1:] @ self._shift
+        higher = rows + self._scales[0] * np.eye(rows.shape[1])[-1]
+        step = _Columns(self, dt, rows[0, :-1], state).run(higher)[:, 0] / self._scales[0]
+        offset = left_by_step(white[:, 0] - known, step - white[:, 0], judged, self.block)
         driven, beside = take_apart(self.observer_.model_.operator_)
         names = [name for name, _ in driven.entries()]
         places = [names.index(name) for name in self.parameters_]
@@ -259,24 +303,33 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                 return np.inf
             e = lowered.innovating(state.copy())(rows)
             white = lfilter(self.whitening_, 1.0, e) / self._scales[0] - known
-            total = white @ white
+            total = white[judged] @ white[judged]
             return total if np.isfinite(total) else np.inf
 
-        return left
+        return left, offset
 
     def _decide(self, columns, rows):
-        """Return whether there is an alarm at the end of each block of rows."""
+        """Return whether there is an alarm at the end of each block, and whether it is judged."""
         before = columns.states[0].copy()
-        found = self._tests.decide(*self._sums(columns.run(rows) / self._scales, self.block))
+        motion = columns.motion(rows)
+        within = ((motion >= self._range[0]) & (motion <= self._range[1])).all(axis=1)
+        judged = within.reshape(-1, self.block).all(axis=1)
+        scores, information = self._sums(columns.run(rows) / self._scales, self.block)
+        found = self._tests.decide(scores * judged[:, None], information * judged[:, None, None])
+        found &= judged  # of sums that end with what does not count
+        counts = np.repeat(judged, self.block)
         if self._evidence is not None:
-            state, dt, own = self._evidence
-            if len(own) < self._n_kept:
-                self._evidence = state, dt, np.concatenate([own, rows])[: self._n_kept]
+            state, dt, *own = self._evidence
+            if len(own[0]) < self._n_kept:
+                own = zip(own, (rows, counts), strict=True)
+                own = [np.concatenate(parts)[: self._n_kept] for parts in own]
+                self._evidence = state, dt, *own
         elif found.any():
             first = int(np.argmax(found)) * self.block
             columns.lowered.innovating(before)(rows[:first])
-            self._evidence = before, columns.dt, rows[first:][: self._n_kept]
-        return found
+            end = first + self._n_kept
+            self._evidence = before, columns.dt, rows[first:end], counts[first:end]
+        return found, judged
 
     def _sums(self, white, size):
         """Return the scores (n_blocks, p) and the information (n_blocks, p, p) of blocks."""
@@ -333,6 +386,7 @@ class _Columns:
         self.steps = np.array([step for *_, step, _ in monitor._changed])
         self.whitening = monitor.whitening_
         self.past = np.zeros((len(self.whitening) - 1, len(operators)))
+        self.last = np.reshape(u0, (1, -1))
 
     def run(self, rows):
         """Return innovations and sensitivities (n_samples, 1 + p) of the next rows."""
@@ -341,3 +395,20 @@ class _Columns:
         if len(self.past):
             columns, self.past = lfilter(self.whitening, 1.0, columns, axis=0, zi=self.past)
         return columns
+
+    def motion(self, rows):
+        """Return the drives of the next rows and how fast they change (n_samples, 2 n_inputs)."""
+        drives = rows[:, :-1]
+        rates = np.abs(np.diff(drives, axis=0, prepend=self.last)) / self.dt
+        self.last = drives[-1:]
+        return np.hstack([drives, rates])
+
+
+def _orders(motion, size):
+    """Return blocks of samples sorted by each part of their motion and by all of it."""
+    centre = motion.mean(axis=0)
+    centre[len(centre) // 2 :] = 0.0  # of the rates
+    energy = ((motion - centre) ** 2).reshape(-1, size, motion.shape[1]).mean(axis=1)
+    mean = energy.mean(axis=0)
+    energy = energy / np.where(mean > 0.0, mean, 1.0)
+    return [np.argsort(part, kind="stable") for part in (*energy.T, energy.sum(axis=1))]

@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import ParametricModel, one_thread, read_data
 from ..operators import Lowered, LoweredSeries, SeriesOperator, Stepper, SumOperator, take_apart
+from ..records import chosen_interval
 from ._compensator import _fitted
 from ._kalman import (
     LoweredObserver,
@@ -202,9 +203,16 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Lowered
             Its input is a row of the drive (and what else the model reads) and of the reading, its
             output the estimate.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
+            in theirs.
         """
         check_is_fitted(self)
         operator = self.model_.operator_ if operator is None else operator
+        u0 = self.model_._input_at_rest(u0, None, "Observer.lowered")
         return self._lowered(self._interval(dt), u0, operator)
 
     def stepper(self, dt=None, u0=0.0) -> Stepper:
@@ -299,16 +307,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._stream
 
     def _interval(self, dt):
-        intervals = {s.dt for s in self.model_.records_} if dt is None else {float(dt)}
-        if len(intervals) > 1:
-            raise ValueError(
-                "The 'dt' of Observer must be given: the records of the fit have the intervals "
-                f"{sorted(intervals)} s."
-            )
-        return intervals.pop()
+        return chosen_interval(self.model_.records_, dt, "Observer.lowered")
 
     def _lowered(self, dt, u0, operator):
-        u0 = float(u0) if np.ndim(u0) == 0 else np.asarray(u0, dtype=float)
         driven, beside = take_apart(operator)
         # the filter is that of the model, whatever operator it runs beside
         tail, state = tail_of(self.model_.operator_), self.model_._free_run_state()

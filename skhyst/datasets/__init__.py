@@ -2,15 +2,22 @@
 
 from ._catalogue import signals_within
 from ._inchworm_motor import inchworm_motor_stepper, make_inchworm_motor, walking_drive
+from ._random_test_signals import band_limited_noise, multisine
 from ._scanning_stage import (
     load_scanning_stage_parameters,
     make_scanning_stage,
     scanning_stage_stepper,
 )
-from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
-from ._signals_random import band_limited_noise, multisine
 from ._stepping import DeviceStepper
 from ._tanh_paper import load_tanh_parameters, make_tanh_recording
+from ._test_signals import (
+    decaying_sine,
+    first_order_reversal_curves,
+    sine,
+    steps,
+    swept_sine,
+    triangle,
+)
 
 __all__ = [
     "DeviceStepper",

@@ -3,8 +3,15 @@
 import numpy as np
 
 from . import _checks as check
-from ._signals import decaying_sine, first_order_reversal_curves, sine, steps, swept_sine, triangle
-from ._signals_random import multisine
+from ._random_test_signals import multisine
+from ._test_signals import (
+    decaying_sine,
+    first_order_reversal_curves,
+    sine,
+    steps,
+    swept_sine,
+    triangle,
+)
 
 _FACTOR = 3  # between neighbours of the grid, in frequency as in amplitude
 _PERIODS = 2  # of the slowest: the second shows what returns

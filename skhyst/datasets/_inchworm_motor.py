@@ -10,9 +10,9 @@ from sklearn.utils import Bunch, check_random_state
 from .._jit import jit
 from ..records import record_slices, stack_records
 from ._checks import count, interval, refuse, scalar
-from ._effects import Device, complete_effects, in_motion, path, simulate
-from ._signals import decaying_sine
+from ._device import Device, complete_effects, in_motion, path, simulate
 from ._stepping import DeviceStepper
+from ._test_signals import decaying_sine
 from .simulation import bouc_wen, oscillate, plays, refine, remembers
 
 _MASS, _DAMPING, _STIFFNESS = 3.04, 58.0, 2.312e6  # kg, N s/m, N/m, from (15)

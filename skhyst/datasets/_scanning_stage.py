@@ -11,9 +11,9 @@ from .._jit import jit
 from ..exceptions import RecordError
 from ..records import record_slices, stack_records
 from ._checks import interval, refuse, scalar
-from ._effects import Device, complete_effects, in_motion, path, simulate
-from ._signals import triangle
+from ._device import Device, complete_effects, in_motion, path, simulate
 from ._stepping import DeviceStepper
+from ._test_signals import triangle
 from .simulation import kelvin_voigt, oscillate, plays, refine, remembers
 
 _RATE = 250e3  # Hz, of the data acquisition

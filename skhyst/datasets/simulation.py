@@ -1,11 +1,11 @@
 """Simulated plants with effects in them: of the devices, of the demo and of the blind study.
 
-A :class:`Plant` is a signal path, an :class:`Effect` what changes in it, or what is added to its
-response. Stages of a path are called with a signal of shape (n_samples,) and the interval between
-its samples, and return a signal. The laws below are such; their times count as the interval does.
-A signal is a straight line between its samples, and its first value has stood since all dynamics
-settled, after a first loading from zero. Laws that remember take a ``memory``, a dict that is empty
-where a record begins: with it the next signal goes on where the last one has ended.
+A :class:`Plant` is a signal path, a :class:`PlantEffect` what changes in it, or what is added to
+its response. Stages of a path are called with a signal of shape (n_samples,) and the interval
+between its samples, and return a signal. The laws below are such; their times count as the interval
+does. A signal is a straight line between its samples, and its first value has stood since all
+dynamics settled, after a first loading from zero. Laws that remember take a ``memory``, a dict that
+is empty where a record begins: with it the next signal goes on where the last one has ended.
 
 Nothing here uses the models that find effects: the two share the recording and nothing else.
 """
@@ -23,8 +23,8 @@ from scipy.signal import lfilter
 from .._jit import jit
 
 __all__ = [
-    "Effect",
     "Plant",
+    "PlantEffect",
     "bouc_wen",
     "clip",
     "dead_band",
@@ -35,6 +35,7 @@ __all__ = [
     "plays",
     "pure_delay",
     "refine",
+    "reversal_curves",
     "slew_limited",
 ]
 
@@ -52,9 +53,9 @@ class Plant:
     --------
     >>> from functools import partial
     >>> import numpy as np
-    >>> from skhyst.datasets.simulation import Effect, Plant, first_order, plays
+    >>> from skhyst.datasets.simulation import PlantEffect, Plant, first_order, plays
     >>> core = partial(plays, thresholds=[0.0, 0.2], weights=[0.6, 0.4])
-    >>> lag = Effect("dynamics", partial(first_order, tau=0.1))
+    >>> lag = PlantEffect("dynamics", partial(first_order, tau=0.1))
     >>> (plant,) = lag.changes([Plant({"core": (core,), "dynamics": ()})])
     >>> plant.respond(np.linspace(0.0, 1.0, 5), dt=0.1).round(2).tolist()
     [0.0, 0.06, 0.22, 0.44, 0.68]
@@ -90,7 +91,7 @@ class Plant:
 
 
 @dataclass(frozen=True)
-class Effect:
+class PlantEffect:
     """How the plant of each record is changed, and what is added to each response.
 
     Attributes
@@ -174,6 +175,33 @@ def _plays(signal, step, thresholds, weights, stretch, widening, states, before)
             out[i] += weights[j] * state
         states[j] = state
     return out
+
+
+def reversal_curves(signal, step, slope, curvature, decay, memory=None):
+    """Follow the same curve from every turning point of the signal, in the direction of its motion.
+
+    At the distance s from the last turning point its slope is that of Ahmed and Yan (2021),
+    equations (15) to (17): slope + curvature (1 - exp(-decay s)) / decay.
+    """
+    memory = {} if memory is None else memory
+    state = memory.get("state", (0.0, 0.0, 1.0, 0.0, 0.0))
+    out, memory["state"] = _reversal_curves(signal, slope, curvature, decay, state)
+    return out
+
+
+@jit
+def _reversal_curves(signal, slope, curvature, decay, state):
+    turning, base, direction, last, y = state
+    out = np.empty(signal.size)
+    for i in range(signal.size):
+        if (signal[i] - last) * direction < 0.0:
+            base, turning, direction = y, last, -direction
+        s = abs(signal[i] - turning)
+        bend = (s + np.expm1(-decay * s) / decay) / decay
+        y = base + direction * (slope * s + curvature * bend)
+        last = signal[i]
+        out[i] = y
+    return out, (turning, base, direction, last, y)
 
 
 def slew_limited(signal, step, rate, memory=None):

@@ -1,6 +1,5 @@
 """Find the physical effect that a model lacks."""
 
-from ._data_quality import data_quality
 from ._effects import EFFECTS, Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence
 from ._next_experiment import Experiment, next_experiment
@@ -20,7 +19,6 @@ __all__ = [
     "Picture",
     "Progress",
     "Report",
-    "data_quality",
     "effect_names",
     "next_experiment",
     "register_effect",

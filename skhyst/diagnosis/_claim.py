@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..io import unit_of
 from ..operators import SumOperator
-from ..records import Units, unit_of
+from ..records import Units
 
 
 @dataclass(frozen=True)

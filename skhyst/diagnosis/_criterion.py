@@ -72,7 +72,8 @@ References
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+
+from .._block_test import block_p_value
 
 
 @dataclass(frozen=True)
@@ -165,75 +166,3 @@ def paired_p_value(worse, better, instruments=None):
         shown += np.sum(z * (a - b))
         chances.append(z * b)
     return block_p_value(0.5 * gain, chances) if shown > 0.0 else 1.0
-
-
-def block_p_value(total, chances):
-    """Return the p-value against a total that chance alone has made.
-
-    Parameters
-    ----------
-    total : float
-    chances : sequence of ndarray
-        Stretches of the series whose sum is what chance does to the total.
-
-    Returns
-    -------
-    float
-    """
-    if not total > 0.0:
-        return 1.0
-    length, missing = block_length(chances)
-    sums = np.concatenate([_block_sums(q, length) for q in chances])
-    spread = np.sqrt(sums @ sums / (1.0 - missing))
-    return float(student.sf(total / spread, len(sums))) if spread > 0.0 else 0.0
-
-
-def block_length(series):
-    """Return the length of blocks whose sums are about independent, and the variance they miss.
-
-    Parameters
-    ----------
-    series : sequence of ndarray
-        Stretches of one stationary series with a mean of zero.
-
-    Returns
-    -------
-    length : int
-    missing : float
-        Part of the variance of the sum that blocks of this length leave out, below one half.
-    """
-    n = sum(map(len, series))
-    longest = max(map(len, series))
-    size = longest // 2
-    covariance = sum(_autocovariance(s, size) for s in series) / n
-    if not covariance[0] > 0.0:
-        return 1, 0.0
-    rho = covariance / covariance[0]
-    # the smallest lag behind which a window of correlations is within chance
-    within = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
-    window = max(5, int(np.ceil(np.sqrt(np.log10(n)))))
-    within = np.append(within, np.ones(window, dtype=bool))  # what lies beyond the longest lag
-    m = int(np.argmax(np.convolve(within, np.ones(window), mode="valid") >= window))
-    lags = np.arange(min(2 * m, size) + 1)
-    taper = np.clip(2.0 * (1.0 - lags / max(2 * m, 1)), 0.0, 1.0)  # flat, then falling to zero
-    own = taper * rho[: len(lags)]
-    g, moment = own[0] + 2.0 * own[1:].sum(), 2.0 * (lags * own).sum()
-    if g <= 0.0:  # what is left of an oscillation: the whole range of correlation is one block
-        return min(2 * m + 1, longest), 0.0
-    length = int(np.ceil((1.5 * (moment / g) ** 2 * n) ** (1.0 / 3.0)))
-    length = min(max(length, 1), longest)
-    return length, float(np.clip(moment / (g * length), 0.0, 0.5))
-
-
-def _autocovariance(values, size):
-    """Return the sums of products of values up to ``size`` apart, (size + 1,)."""
-    spectrum = np.abs(np.fft.rfft(values, 2 * max(len(values), 1))) ** 2
-    products = np.fft.irfft(spectrum)[: min(size + 1, len(values))]
-    return np.pad(products, (0, size + 1 - len(products)))
-
-
-def _block_sums(values, length):
-    """Return the sums over blocks of about one length, none shorter."""
-    count = max(len(values) // length, 1)
-    edges = np.linspace(0, len(values), count + 1).astype(int)[:-1]
-    return np.add.reduceat(values, edges) if len(values) else np.empty(0)

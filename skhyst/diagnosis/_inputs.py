@@ -4,9 +4,10 @@ import numpy as np
 
 from ..base import read_data
 from ..exceptions import RecordError
+from ..io import unit_of
 from ..model_selection import stretches
 from ..optimize import RecordData
-from ..records import Units, unit_of
+from ..records import Units
 from ._black_box import drive_of
 from ._candidates import foretold, root_mean_square
 from ._reference import column_of, without_column

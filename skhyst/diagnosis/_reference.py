@@ -13,9 +13,9 @@ coefficients that have seen its own noise would carry some of it back.
 
 A drive that was recorded with noise of its own is a like case: the noise of the recording is in
 every prediction and, since the device has not seen it, in every residual. Whatever smooths the
-drive then foretells better, a lag or a backlash above all. Such noise is white (``_channels``), and
-the smooth drive takes the reference's place: a cubic smoothing spline, whose parameter is that of
-generalised cross-validation [3]_.
+drive then foretells better, a lag or a backlash above all. Such noise is white
+(``skhyst.records._channels``), and the smooth drive takes the reference's place: a cubic smoothing
+spline, whose parameter is that of generalised cross-validation [3]_.
 
 The fits themselves stay as they are. They make the error of the output small, noise in the drive
 included, and so their parameters are biased, the more the larger the part of the drive that the
@@ -37,7 +37,7 @@ from sklearn.linear_model import Ridge
 from ..preprocessing import PlayOperators, find_column
 from ._constants import ENOUGH, FACTOR, NEGLIGIBLE, STRETCHES
 from ._criterion import paired_p_value
-from ._noise import moved, past_mean
+from ._noise_floor import moved, past_mean
 
 
 class Reference:

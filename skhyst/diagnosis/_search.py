@@ -16,14 +16,20 @@ from threadpoolctl import threadpool_limits
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import by_content, segment_folds
-from ..records import resample_like, resample_records, resampling_error
+from ..records import (
+    data_quality,
+    lost_readings,
+    resample_like,
+    resample_records,
+    resampling_error,
+    with_reactions,
+)
 from ._black_box import declare
 from ._candidates import Candidate, extrapolated, fitted, held_out, knows_less
 from ._checkpoint import Checkpoint
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
 from ._criterion import Criterion
-from ._data_quality import data_quality, lost_readings, with_reactions
 from ._effects import EFFECTS, chosen_effects
 from ._evidence import gather_evidence
 from ._inputs import (
@@ -36,7 +42,7 @@ from ._inputs import (
     with_others,
 )
 from ._location import locate
-from ._noise import judge_residual, repeatability
+from ._noise_floor import judge_residual, repeatability
 from ._noise_model import NoiseModel
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
@@ -153,9 +159,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Part of the held-out samples where the drive is outside of the range that their fold was
         fitted to.
     data_quality_ : DataFrame
-        Faults of the measurement, see :func:`data_quality`; they are reported, not removed. Where
-        what is left is noise, also whether the drive reacts to it (``closed_loop``), unless a
-        reference takes account of it.
+        Faults of the measurement, see :func:`~skhyst.records.data_quality`; they are reported, not
+        removed. Where what is left is noise, also whether the drive reacts to it (``closed_loop``),
+        unless a reference takes account of it.
     declared_estimator_, best_estimator_ : estimator
         Both fitted on all data. Where a regressor that is no parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
@@ -169,6 +175,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     records_ : tuple of RecordSlice
     folds_ : ndarray of shape (n_samples,)
         Number of the fold that scores each sample, -1 where none does.
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
     units_ : Units
         Of drive, response and time, see :class:`skhyst.records.Units`. Without a time, of data
         whose index counts samples with ``dt`` at 1, frequencies are in cycles/sample.

@@ -9,11 +9,13 @@ from string import Template
 import numpy as np
 
 from .._files import replacing
+from .._validation import finite_numbers
 from ..operators import Stepper
-from ._fixed import Fixed, FixedPrinter, boundary
+from ..records import chosen_interval
+from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
-from ._ranges import Ranges
+from ._ranges import Ranges, explore
 from ._single import check_single
 from ._values import TAKEN
 
@@ -52,6 +54,9 @@ void ${name}_init(${name}_state *state);
 /* One sample. $caution */
 $type ${name}_step(${name}_state *state, $input);
 
+${bits}/* Conditions of the last sample, bits that are set while they hold; 0 if there are none. */
+uint32_t ${name}_status(const ${name}_state *state);
+
 #endif
 """)
 _SOURCE = Template("""\
@@ -71,6 +76,10 @@ void ${name}_init(${name}_state *state)
 $type ${name}_step(${name}_state *state, $input)
 {
 $body}
+
+uint32_t ${name}_status(const ${name}_state *state)
+{
+$conditions}
 """)
 _TEST = Template("""\
 /* Test of $name.c: returns 0 where it answers as the Python model did. */
@@ -98,7 +107,7 @@ int main(void)
         const double error = fabs((double)y - ${name}_outputs[k]);
         largest = error <= largest ? largest : error;
     }
-    printf("$name: %.3g of $measure, %.3g allowed\\n", largest / $span, $tolerance);
+    printf("$name: %.3g of $measure, %.3g allowed$covered\\n", largest / $span, $tolerance);
     return largest <= $tolerance * $span ? 0 : 1;
 }
 #undef N_SAMPLES
@@ -127,10 +136,12 @@ def to_c(
 ) -> list[Path]:
     """Write what is stepped as a C99 program, which answers sample by sample as it does.
 
-    Three files are made: the header ``name.h`` with ``name_state``, ``name_init`` and
-    ``name_step``, the source ``name.c``, and the test program ``name_test.c``, which returns 0
-    where the answers to a drive are those of the model in Python. How to compile is said in the
-    header.
+    Three files are made: the header ``name.h`` with ``name_state``, ``name_init``, ``name_step``
+    and ``name_status``, the source ``name.c``, and the test program ``name_test.c``, which returns
+    0 where the answers to a drive are those of the model in Python. How to compile is said in the
+    header. The status of a sample has a bit for each condition that holds, as
+    :attr:`~skhyst.operators.Stepper.status` has names: ``name_LIMITED`` where limits have cut the
+    output of a compensator or controller.
 
     Parameters
     ----------
@@ -154,8 +165,10 @@ def to_c(
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
         Input of the test program, units of the drive; further columns are not used. By default two
         sines that decay, of amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to
-        hold 4096 times what this drive makes of them, and larger input than 16 times its largest is
-        held there. It should lead through all of the law.
+        hold 4096 times what this drive, and jumps between its ends, make of them. Input is held at
+        up to 16 times its largest, as far as numbers hold what jumps from there make. The test goes
+        on with these jumps, with rests and with input that is held, where answers do not hang on a
+        rounding, and says how many of the branches of the law it takes.
     input_unit, output_unit : float, optional
         For ``"int32"``, the drive (the same for all inputs) and the response that the integer 1
         stands for.
@@ -182,6 +195,9 @@ def to_c(
     precision, and one unit of output in integers; in floating point, twice what half a unit in the
     last digit of the input makes of the Python model's answers, where that is more. It is much more
     where the law jumps, or an inverse meets a flat part of its law.
+
+    Arithmetic in integers saturates: whatever the input, nothing overflows. What adds up without an
+    end, as a count of time, stays at about 4096 times what the test makes of it.
 
     Integers have no ``exp``, ``tanh``, ``cos``, ... and no powers but squares: laws that need
     them are refused by name.
@@ -221,9 +237,11 @@ def to_c(
         "what": what,
         "dt": "NAN" if dt is None else double.literal(dt),
         "n_inputs": n_inputs,
+        "covered": "",
         "one": "" if lowered.n_inputs else "[0]",
         "n_states": max(len(lowered.state), 1),
         "digest": hashlib.sha256(_program(step, stepper.state).encode()).hexdigest(),
+        **_status(name, lowered.flags),
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
@@ -243,6 +261,8 @@ def to_c(
 
 def _stepper(model, dt, initial_state, u0):
     """Return a model as a stepper, and the sampling interval; None where nobody knows it."""
+    dt = None if dt is None else chosen_interval((), dt, "to_c")
+    finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
     if hasattr(model, "stepper"):
         more = {} if initial_state is None else {"initial_state": initial_state}
         model = model.stepper(dt, *([u0] if np.any(u0) else []), **more)
@@ -258,6 +278,20 @@ def _stepper(model, dt, initial_state, u0):
             f"is a Stepper, or an operator. Got {model!r} instead."
         )
     return model, model.dt if dt is None else dt
+
+
+def _status(name, flags):
+    """Return what header and source say of conditions that the state tells."""
+    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in flags}
+    lines = [
+        f"    if (state->s[{at}] != 0) {{\n        status |= {bits[flag]};\n    }}\n"
+        for flag, at in flags
+    ]
+    lines = ["    uint32_t status = 0u;\n", *lines, "    return status;\n"]
+    return {
+        "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
+        "conditions": "".join(lines if flags else ["    (void)state;\n    return 0u;\n"]),
+    }
 
 
 def _units(drive, *units):
@@ -311,7 +345,9 @@ def _texts(common, printer, inputs, outputs):
 
 
 def _reserve(printer):
-    printer.taken |= {f"{printer.prefix}_{own}" for own in ("init", "step", "state", "test")}
+    printer.taken |= {
+        f"{printer.prefix}_{own}" for own in ("init", "step", "state", "status", "test")
+    }
     return printer
 
 
@@ -350,19 +386,25 @@ def _in_reals(step, stepper, common, drive, dtype):
 def _in_integers(stepper, common, drive, units):
     step = model_step(stepper.lowered, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
-    drive = counts * units[0]
-    printer = _reserve(
-        FixedPrinter(common["name"], Fixed(), ranges=Ranges(step, stepper.state, drive))
-    )
-    body, first = boundary(printer, step, stepper, counts, units)
+    ranges = Ranges(step, stepper.state, counts * units[0])
+    counts, ends = explore(ranges, counts, units, MARGIN, lambda u: _answers(stepper, u))
+    printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
+    body, first = boundary(printer, step, stepper, ends, units)
+    taken, there_are = ranges.branches
+    missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.passed_by.items()))
     common |= _INTEGERS | {
         "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
         "   units of the model's drive and response.",
-        "caution": "Input beyond 16 times that of the test, and output beyond 32 bits, are held.",
+        "caution": "Input below {} or above {}, and output beyond 32 bits, are held.".format(
+            *(_listed(end, str) for end in ends.tolist())
+        ),
         "first": first,
         "body": body,
+        "covered": f"; {taken} of {there_are} branches taken"
+        + (f", not {missed}" if missed else ""),
     }
-    outputs = _answers(stepper, drive) / units[1]
+    outputs = _answers(stepper, np.clip(counts, *ends) * units[0]) / units[1]
+    outputs = np.clip(outputs, 1 - 2.0**31, 2.0**31 - 1)
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
 
 

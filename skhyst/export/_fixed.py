@@ -9,18 +9,16 @@ import math
 from dataclasses import dataclass
 from string import Formatter
 
-import numpy as np
-
+from ._expressions import COMPARISONS, Array, Call, If, compared, constant
 from ._fixed_functions import CONSTANTS, FUNCTIONS
 from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
+from ._ranges import exponent
 from ._slice import called
-from ._tree import COMPARISONS, Array, Call, If, compared, constant
 
-_BITS = 62  # of a number, its sign aside; one is left for a sum
-_MARGIN = 12  # bits that a number may grow by beyond what was seen
+_BITS = 62  # of a number, its sign aside
+MARGIN = 12  # bits that a number may grow by beyond what was seen
 _EXACT = 52  # bits of a double, behind the first
 _MOST = 2**62  # stands for infinity
-_BEYOND = 16  # times the largest input that was seen, where input is held
 _LONGEST = 126  # move of a product or quotient
 _OF_ONE = ("cos", "exp", "expm1", "log", "log1p", "sin", "tanh")
 
@@ -32,9 +30,9 @@ class Fixed:
     type: str = "int64_t"
 
 
-def digits(largest, bits=_BITS - _MARGIN):
+def digits(largest, bits=_BITS - MARGIN):
     """Return the binary digits behind the point of numbers up to a size."""
-    return bits - (math.frexp(largest)[1] if largest else 1)
+    return bits - exponent(largest)
 
 
 def is_within(value, f):
@@ -180,7 +178,7 @@ class FixedText(FunctionText):
 
     def _change(self, target, value, before):
         if value.kind != "real":
-            return super()._change(target, value, before)
+            return f"{target} = {self._text(value)}"
         return f"{target} = {self._fitted(value, self._own(before))[0]}"
 
     def _call(self, part, args, outs, path):
@@ -224,8 +222,18 @@ class FixedText(FunctionText):
             a, b = (self._bracketed(y, f, 5, True) for y in x.args)
             return f"{a} {symbol} {b}", binding
         if x.op == "cast" and x.args[0].kind == "real":
-            return self._whole(x.args[0]), UNARY
+            return self._whole(x.args[0]), ATOM
+        if x.op in ("+", "-", "*") and not self._is_place(x):
+            symbol, binding = SYMBOLS[x.op]
+            a, b = self._tight(x.args[0], ATOM), self._tight(x.args[1], binding + 1)
+            return self._helper("whole", f"(int64_t){a} {symbol} {b}"), ATOM
         return super()._bound(x)
+
+    def _is_place(self, x):
+        """Say whether an integer is made of constants and of the variables of loops alone."""
+        if x.op == "name":
+            return x.args[0] in self._loops
+        return x.op == "const" or (x.op in ("+", "-", "*") and all(map(self._is_place, x.args)))
 
     def _whole(self, x):
         """Return a real number as an integer."""
@@ -234,10 +242,10 @@ class FixedText(FunctionText):
         f = min(max(self._common(of), 0), _BITS)
         text = self._fitted(of, f)[0]
         if word == "trunc":
-            return f"(int32_t)({self._bracketed(of, f, 7)} / {2**f})"
+            return self._helper("whole", f"{self._bracketed(of, f, 7)} / {2**f}")
         if word == "floor":
-            return f"(int32_t){self._helper('floor', text, f)}"
-        return f"(int32_t)-{self._helper('floor', f'-({text})', f)}"
+            return self._helper("whole", self._helper("floor", text, f))
+        return self._helper("whole", f"-{self._helper('floor', f'-({text})', f)}")
 
     def _helper(self, op, *args):
         return f"{self._printer.helper(op, 'real')}({', '.join(map(str, args))})"
@@ -253,7 +261,7 @@ class FixedText(FunctionText):
         if own > f:
             return self._helper("shift", text, own - f), ATOM
         if own < f:
-            return f"{text if binding >= 6 else f'({text})'} * {2 ** min(f - own, _BITS)}", 6
+            return self._helper("moved", text, own, f), ATOM
         return text, binding
 
     def _fitted(self, x, f, is_limit=False):
@@ -271,8 +279,10 @@ class FixedText(FunctionText):
                 return self._moved(text, ATOM, self._own(x), f, self._endless(x))
             case "+" | "-":
                 own = self._common(*args, x)
-                texts = self._bracketed(args[0], own, 5), self._bracketed(args[1], own, 6)
-                return self._moved(f"{texts[0]} {op} {texts[1]}", 5, own, f)
+                b = self._bracketed(args[1], own, ATOM) if op == "-" else None
+                b = f"-{b}" if op == "-" else self._fitted(args[1], own)[0]
+                text = self._helper("sum", self._fitted(args[0], own)[0], b)
+                return self._moved(text, ATOM, own, f)
             case "*" | "/":
                 return self._product(op, *args, f)
             case "powi" if args[1].value == 2:
@@ -341,12 +351,12 @@ class FixedText(FunctionText):
 
     def _power(self, a, b, f):
         """Return a power of a number that is not negative."""
-        fa, fb = self._common(a), max(self._common(b), 0)
+        fa, fb = self._common(a), min(max(self._common(b), 0), _BITS)
         texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
         return self._helper("pow", *texts, fa, fb, f), ATOM
 
 
-def boundary(printer, model, stepper, counts, units):
+def boundary(printer, model, stepper, ends, units):
     """Return the body of the public step, and the first state.
 
     Parameters
@@ -354,26 +364,29 @@ def boundary(printer, model, stepper, counts, units):
     printer : FixedPrinter
     model : Slice
     stepper : Stepper
-    counts : ndarray of shape (n_samples, n_inputs)
-        The drive in units of the input.
+    ends : ndarray of shape (2, n_inputs)
+        Where the input is held, in its units.
     units : tuple of float
         Drive and response that the integer 1 stands for.
     """
     ranges, n_inputs = printer.ranges, stepper.lowered.n_inputs
     row, state = n_inputs is not None, stepper.state
-    limit = min(_BEYOND * int(max(np.abs(counts).max(), 1)), 2**31 - 1)
-    f, unit = digits(ranges.of(None, "u")), digits(units[0], _EXACT)
+    f = digits(ranges.of(None, "u"))
+    unit = min(max(digits(units[0], _EXACT), f), f + _LONGEST)
     product, least, most = (printer.helper(op, "real") for op in ("product", "min", "max"))
     inputs = [
-        f"{product}({least}({most}({u}, {-limit}), {limit}), {scaled(units[0], unit)}, {unit - f})"
-        for u in ([f"u[{k}]" for k in range(n_inputs)] if row else ["u"])
+        f"{product}({least}({most}({u}, {low}), {high}), {scaled(units[0], unit)}, {unit - f})"
+        for u, low, high in zip(
+            [f"u[{k}]" for k in range(n_inputs)] if row else ["u"], *ends.tolist(), strict=True
+        )
     ]
     lines = [f"const int64_t x{f'[{len(inputs)}]' if row else ''} = "]
     lines[0] += f"{{{', '.join(inputs)}}};" if row else f"{inputs[0]};"
-    own, per = digits(ranges.of(None, model, 0)), digits(1.0 / units[1], _EXACT)
+    own = digits(ranges.of(None, model, 0))
+    per = min(max(digits(1.0 / units[1], _EXACT), -own), _LONGEST - own)
     call = f"{printer.function(model)}({', '.join(model.args(['x', 'state->s']))})"
     lines += [f"const int64_t y = {product}({call}, {scaled(1.0 / units[1], per)}, {own + per});"]
-    lines += [f"return (int32_t){least}({most}(y, -INT32_MAX), INT32_MAX);"]
+    lines += [f"return {printer.helper('whole', 'real')}(y);"]
     unused = zip(("x", "state"), model.taken, strict=True)
     lines[1:1] = [f"(void){name};" for name, used in unused if not used]
     first = []

@@ -3,6 +3,9 @@
 ``{n}`` is the name of the function, ``{product}`` and such are those of others that it calls.
 Argument and result have ``fa`` and ``f`` binary digits behind the point, on the way there are 55 to
 60. Every loop ends after a number of turns that is known.
+
+Arithmetic saturates: arguments are from -2^62 to 2^62, and so are results; what is beyond stays at
+the end. No operation overflows, and no number below zero is shifted.
 """
 
 # all with 60 binary digits: log2(e), ln(2), pi; with 62: 1 / (2 pi)
@@ -15,6 +18,24 @@ CONSTANTS = {
 }
 
 FUNCTIONS = {
+    "sum": """\
+/* a + b */
+static int64_t {n}(int64_t a, int64_t b)
+{{
+    const int64_t most = (int64_t)1 << 62;
+    if (b > 0) {{
+        return a > most - b ? most : a + b;
+    }}
+    return a < -most - b ? -most : a + b;
+}}
+""",
+    "whole": """\
+/* an integer of 32 bits */
+static int32_t {n}(int64_t a)
+{{
+    return a > INT32_MAX ? INT32_MAX : a < -INT32_MAX ? -INT32_MAX : (int32_t)a;
+}}
+""",
     "floor": """\
 /* the next whole number below a / 2^n */
 static int64_t {n}(int64_t a, int32_t n)
@@ -37,6 +58,7 @@ static int64_t {n}(int64_t a, int32_t n)
 /* a b / 2^n, rounded, for n from 0 to 126 */
 static int64_t {n}(int64_t a, int64_t b, int32_t n)
 {{
+    const uint64_t most = (uint64_t)1 << 62;
     const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
     const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
     const uint64_t least = (x & 0xffffffffu) * (y & 0xffffffffu);
@@ -57,7 +79,7 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
         low = n > 0 ? low >> n | high << (64 - n) : low;
         high >>= n;
     }}
-    low = high > 0 || low > INT64_MAX ? INT64_MAX : low;
+    low = high > 0 || low > most ? most : low;
     return (a < 0) != (b < 0) ? -(int64_t)low : (int64_t)low;
 }}
 """,
@@ -65,13 +87,14 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
 /* a 2^n / b, for n from 0 to 126; the largest number where b is zero */
 static int64_t {n}(int64_t a, int64_t b, int32_t n)
 {{
+    const uint64_t most = (uint64_t)1 << 62;
     const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
     const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
-    uint64_t whole = y > 0 ? x / y : INT64_MAX;
+    uint64_t whole = y > 0 ? x / y : most;
     uint64_t rest = y > 0 ? x % y : 0;
     while (n > 0) {{
         rest *= 2;
-        whole = whole > INT64_MAX / 2 ? INT64_MAX : 2 * whole + (rest >= y && y > 0 ? 1 : 0);
+        whole = whole >= most / 2 ? most : 2 * whole + (rest >= y && y > 0 ? 1 : 0);
         rest -= rest >= y ? y : 0;
         n--;
     }}
@@ -188,7 +211,7 @@ static int64_t {n}(int64_t a, int64_t b, int32_t fa, int32_t fb, int32_t f)
     if (a > 0) {{
         return {exp}({product}(b, {log}(a, fa, 55), fb), 55, f);
     }}
-    return b > 0 ? 0 : {moved}(b < 0 ? INT64_MAX : 1, 0, f);
+    return b > 0 ? 0 : {moved}(b < 0 ? (int64_t)1 << 62 : 1, 0, f);
 }}
 """,
     "cos": """\

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
+from ._expressions import Array, Assign, Call, For, If, Jump, Listed, Return, Store, While
 from ._slice import called
-from ._tree import Array, Assign, Call, For, If, Jump, Listed, Return, Store, While
 
 _OPERATORS = {
     "+": operator.add,
@@ -70,8 +70,8 @@ class Interpreter:
     def _computed(self, op, values, frame):
         """Take an operation and its operands."""
 
-    def _number(self, value, step):
-        """Return a real number as it is kept in a step of the model."""
+    def _number(self, value, step, *key):
+        """Return a real number as it is kept in a step of the model; constants have no key."""
         return value
 
     # the run
@@ -173,7 +173,7 @@ class Interpreter:
         if x.op == "name":
             return env[x.args[0]]
         value = self._result(x, env, frame)
-        value = self._number(value, frame[0]) if x.kind == "real" else value
+        value = self._number(value, *frame, id(x)) if x.kind == "real" else value
         self._note((*frame, id(x)), value)
         return value
 

@@ -1,8 +1,8 @@
 """Puts the steps of a lowered model together as one function."""
 
+from ._expressions import Array, Call, Function, Return, constant, converted, leaves, variable
 from ._reader import read
 from ._slice import sliced
-from ._tree import Array, Call, Function, Return, constant, converted, leaves, variable
 from ._values import signature
 
 

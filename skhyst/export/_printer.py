@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ._slice import called, needs, within
-from ._tree import (
+from ._expressions import (
     Array,
     Assign,
     Call,
@@ -21,6 +20,7 @@ from ._tree import (
     leaves,
     variable,
 )
+from ._slice import called, needs, within
 
 SYMBOLS = {  # and how tightly they bind
     "or": ("||", 1),
@@ -169,7 +169,7 @@ class FunctionText:
         self._params = names
         self._places = {}
         self._place(part.body, ())
-        loops = {s.target for s in within(part.body) if isinstance(s, For)}
+        self._loops = loops = {s.target for s in within(part.body) if isinstance(s, For)}
         params = {p.args[0] for p in names if isinstance(p, Expression)}
         self._firsts = {name: self._first(name) for name in self._places.keys() - params - loops}
         results = zip(leaves(part.function.result), part.mask, strict=True)

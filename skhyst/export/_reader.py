@@ -10,7 +10,7 @@ import inspect
 import textwrap
 from functools import cache, lru_cache
 
-from ._tree import (
+from ._expressions import (
     Array,
     Assign,
     Call,

@@ -6,8 +6,8 @@ grows or in differences of numbers that are nearly the same, it becomes as large
 
 import numpy as np
 
+from ._expressions import Call
 from ._interpreter import Interpreter
-from ._tree import Call
 
 _FAILED = (ArithmeticError, ValueError, IndexError)
 
@@ -19,7 +19,7 @@ class _Single(Interpreter):
         super().__init__(model, state)
         self._only = only
 
-    def _number(self, value, step):
+    def _number(self, value, step, *key):
         return float(np.float32(value)) if self._only in (None, step) else value
 
 

@@ -9,7 +9,7 @@ nothing is added to it, and into the functions that are called.
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from ._tree import (
+from ._expressions import (
     Assign,
     Call,
     Expression,

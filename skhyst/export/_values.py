@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ._tree import (
+from ._expressions import (
     Array,
     Assign,
     Call,

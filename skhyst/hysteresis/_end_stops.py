@@ -21,6 +21,7 @@ from ..operators import parameter
 from ._oscillator import (
     FREE,
     OWN,
+    OscillatorModel,
     OscillatorOperator,
     Q,
     begin,
@@ -30,7 +31,6 @@ from ._oscillator import (
     oscillator,
     solve_tangents,
 )
-from ._oscillator_model import OscillatorModel
 
 _STEPS = 60  # halvings of the bracket reach the last digit
 _EXACT = 1e-15

@@ -31,6 +31,7 @@ from ._oscillator import (
     REACH,
     B,
     F,
+    OscillatorModel,
     OscillatorOperator,
     P,
     begin,
@@ -41,7 +42,6 @@ from ._oscillator import (
     oscillator,
     solve_tangents,
 )
-from ._oscillator_model import OscillatorModel
 
 _TINY = 1e-100  # level: without friction g = 0
 _LARGEST = 1e100  # exponent

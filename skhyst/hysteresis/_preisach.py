@@ -4,30 +4,447 @@ r"""Preisach model: relays with a density on the half plane of their thresholds.
 
 with relays gamma, and ``s_k`` that rise from -1 to 1 between levels ``k`` and ``k + 1``. The
 density mu is constant in the cells of a grid, see ``_relay_grid``; the response is evaluated from
-the turning points of the drive, see ``_preisach_loops``.
+the turning points of the drive.
+
+The levels ``x_0 < ... < x_{n-1}`` cut the half plane ``alpha >= beta`` into cells: interval ``i``
+of ``alpha`` (``x_i`` to ``x_{i+1}``) and interval ``j <= i`` of ``beta``; those on the diagonal
+are triangles. Cells are numbered ``i (i + 1) / 2 + j``. The weight of a cell is its density times
+its area.
+
+From the last turning point ``e`` the output follows (Everett)
+
+    y = y(e) +- S(e, v),    S(e, v) = 2 E(max(e, v), min(e, v)),
+
+with E the integral of the density over the triangle of all relays that switch on the way. In a
+cell off the diagonal S is bilinear between its values at the corners, less the bends of the
+triangular cells at both ends; in one on the diagonal it is quadratic. The reversible part (relays
+of equal thresholds) is piecewise straight in the drive and is part of S as well. On the first
+loading the staircase ends on the line ``alpha + beta = 2 center``; there the slope of the output is
+that of S at ``e = 2 center - v``, which is piecewise straight in ``v``.
+
+The stack is ``points[1..top]`` with outputs ``values[1..top]``; ``points[0]`` mirrors the first
+turning point about the centre, since beyond it the device is on its first loading again
+(``top = 0``). All drives are clipped to the levels' range: no relay switches outside.
 """
 
 import dataclasses
+import math
 from functools import cached_property
 
 import numpy as np
 
+from .._jit import jit
 from ..operators import LoweredStep, as_signal, parameter
 from ._common import show
-from ._preisach_loops import (
-    build_bins,
-    everett_run,
-    everett_step,
-    everett_tangents,
-    everett_value,
-    find_interval,
-    first_loading_table,
-    in_tables,
-    response,
-    restore_values,
-    staircase_rows,
-)
 from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
+
+
+@jit
+def build_bins(levels, bins):
+    """Fill ``bins`` (B + 1,), which lead to the first interval that may hold a value."""
+    scale = (bins.size - 1) / (levels[-1] - levels[0])
+    j = 0
+    for b in range(bins.size):
+        while j < levels.size - 2 and int((levels[j + 1] - levels[0]) * scale) < b:
+            j += 1
+        bins[b] = j
+    return scale
+
+
+@jit
+def find_interval(value, levels, bins, scale):
+    """Return the interval of a value within the levels' range."""
+    j = int(bins[int((value - levels[0]) * scale)])
+    if value >= levels[j + 1]:
+        end = levels.size - 2
+        j = min(j + 1, end)
+        step = 1
+        while j + step < end and value >= levels[j + step]:
+            j += step
+            step *= 2
+        end = min(j + step, end)
+        while j < end:
+            middle = (j + end + 1) // 2
+            if value >= levels[middle]:
+                j = middle
+            else:
+                end = middle - 1
+    return j
+
+
+@jit
+def everett_value(e, i, v, j, levels, everett, diagonal):
+    """Return S(e, v) for ``e`` in interval ``i`` and ``v`` in interval ``j``."""
+    width = levels[j + 1] - levels[j]
+    if i == j:
+        d = abs(v - e) / width
+        return d * (diagonal[j, 0] * d + diagonal[j, 1])
+    s = (e - levels[i]) / (levels[i + 1] - levels[i])
+    t = (v - levels[j]) / width
+    low = everett[i, j] + s * (everett[i + 1, j] - everett[i, j])
+    high = everett[i, j + 1] + s * (everett[i + 1, j + 1] - everett[i, j + 1])
+    # less what the triangles at both ends lack below the straight line
+    bend = diagonal[i, 0] * s * (1.0 - s) + diagonal[j, 0] * t * (1.0 - t)
+    return low + t * (high - low) - bend
+
+
+@jit
+def everett_slope(e, i, v, j, levels, everett, diagonal):
+    """Return the size of dS/dv: the slope of the response on the branch from ``e``, at ``v``."""
+    width = levels[j + 1] - levels[j]
+    if i == j:
+        return (2.0 * diagonal[j, 0] * abs(v - e) / width + diagonal[j, 1]) / width
+    s = (e - levels[i]) / (levels[i + 1] - levels[i])
+    low = everett[i, j] + s * (everett[i + 1, j] - everett[i, j])
+    high = everett[i, j + 1] + s * (everett[i + 1, j + 1] - everett[i, j + 1])
+    t = (v - levels[j]) / width
+    slope = (high - low - diagonal[j, 0] * (1.0 - 2.0 * t)) / width
+    return slope if j > i else -slope
+
+
+@jit
+def first_loading_table(knots, center, levels, everett, diagonal, bins, scale, table):
+    """Fill rows ``[knot, output, rise, bend]`` of the first-loading curve.
+
+    At the part ``t`` of the way to the next knot the output is ``output + t (rise + t bend)``.
+    ``knots`` are the levels, their mirror images about the centre and the centre. ``table[0, 1]``
+    holds the output at the first knot, the lowest level.
+    """
+    low, high = levels[0], levels[-1]
+    for k in range(knots.size - 1):
+        start, width = knots[k], knots[k + 1] - knots[k]
+        v = start + 0.5 * width
+        j = find_interval(v, levels, bins, scale)
+        e = min(max(2.0 * center - v, low), high)
+        i = find_interval(e, levels, bins, scale)
+        slopes = np.empty(2)
+        for end in range(2):
+            v = knots[k + end]
+            e = min(max(2.0 * center - v, low), high)
+            slopes[end] = everett_slope(e, i, v, j, levels, everett, diagonal)
+        table[k, 0] = start
+        table[k, 2] = slopes[0] * width
+        table[k, 3] = 0.5 * (slopes[1] - slopes[0]) * width
+        table[k + 1, 1] = table[k, 1] + 0.5 * (slopes[0] + slopes[1]) * width
+    table[-1, 0] = knots[-1]
+    table[-1, 2:] = 0.0
+
+
+@jit
+def first_loading_row(value, table):
+    """Return the row of the first-loading table for a value."""
+    row, end = 0, table.shape[0] - 2
+    while row < end:
+        middle = (row + end + 1) // 2
+        if value >= table[middle, 0]:
+            row = middle
+        else:
+            end = middle - 1
+    return row
+
+
+@jit
+def first_loading(value, table):
+    """Return the output on the first loading."""
+    row = first_loading_row(value, table)
+    t = (value - table[row, 0]) / (table[row + 1, 0] - table[row, 0])
+    return table[row, 1] + t * (table[row, 2] + t * table[row, 3])
+
+
+@jit
+def advance(points, depth, center, last, value):
+    """Move the drive from ``last`` to ``value``: push a turning point, wipe out; return depth."""
+    if depth == 0:
+        if abs(value - center) < abs(last - center):
+            points[0] = 2.0 * center - last
+            points[1] = last
+            return 1
+        return 0
+    sign = 1.0 if points[depth] < points[depth - 1] else -1.0
+    if sign * (value - last) < 0.0:
+        depth += 1
+        points[depth] = last
+        sign = -sign
+    while depth > 0 and sign * (value - points[depth - 1]) >= 0.0:
+        depth = max(depth - 2, 0)
+    return depth
+
+
+@jit
+def response(value, depth, points, values, at, levels, everett, diagonal, loading, bins, scale):
+    """Return the output behind ``points[1..depth]``, where it is ``values[at + 1]`` and so on."""
+    if depth == 0:
+        return first_loading(value, loading)
+    e = points[depth]
+    i = find_interval(e, levels, bins, scale)
+    j = find_interval(value, levels, bins, scale)
+    part = everett_value(e, i, value, j, levels, everett, diagonal)
+    return values[at + depth] + (part if e < points[depth - 1] else -part)
+
+
+@jit
+def restore_values(points, top, values, levels, everett, diagonal, loading, bins, scale):
+    """Recompute the outputs at the turning points ``points[1..top]``."""
+    tables = levels, everett, diagonal, loading, bins, scale
+    for k in range(top):
+        values[k + 1] = response(points[k + 1], k, points, values, 0, *tables)
+
+
+@jit
+def forget(points, values, at, depth):
+    """Drop the pair of turning points that matters least but for the first; return the new depth.
+
+    Without it a rectangle of relays stands otherwise. As all its sides add up to no more than the
+    drive's range on either axis, the smallest of n is below ``(range / n)^2``.
+    """
+    least, place = math.inf, 2
+    for k in range(2, depth - 1):
+        area = abs((points[k + 2] - points[k]) * (points[k + 1] - points[k - 1]))
+        if area < least:
+            least, place = area, k
+    for k in range(place, depth - 1):
+        points[k] = points[k + 2]
+        values[at + k] = values[at + k + 2]
+    return depth - 2
+
+
+@jit
+def everett_step(u, c, s):
+    """Return the response at one sample.
+
+    ``c`` is the centre, the intercept and the tables. ``s`` is the stack of n points, the n outputs
+    there, its depth, the last drive and its output.
+    """
+    center, y, levels, everett, diagonal, loading, bins, scale = c
+    n = (s.size - 3) // 2
+    value = min(max(u, levels[0]), levels[levels.size - 1])
+    depth = int(s[2 * n])
+    if depth == n - 1:
+        depth = forget(s, s, n, depth)
+    s[n + depth + 1] = s[2 * n + 2]  # counts only where the last drive is a turning point
+    depth = advance(s, depth, center, s[2 * n + 1], value)
+    output = response(value, depth, s, s, n, levels, everett, diagonal, loading, bins, scale)
+    s[2 * n], s[2 * n + 1], s[2 * n + 2] = depth, value, output
+    return y + output
+
+
+def in_tables(s, c):
+    """Whether depth, turning points and last drive in a state of :func:`everett_step` are."""
+    n, levels = (len(s) - 3) // 2, c[2]
+    depth, last = s[2 * n : 2 * n + 2]
+    if depth not in range(n):
+        return False
+    drives = [*s[1 : int(depth) + 1], last]
+    return levels[0] <= min(drives) and max(drives) <= levels[-1]
+
+
+@jit
+def everett_run(
+    u, center, levels, everett, diagonal, loading, bins, scale, points, values, top, last, y
+):
+    """Write the response, less its intercept, to ``y``; return ``top`` and the last drive."""
+    low, high = levels[0], levels[-1]
+    inverse = 1.0 / (levels[1:] - levels[:-1])
+    one = np.uint64(1)  # unsigned: spares a test for negative indices
+    depth = top
+    stale = True  # what belongs to the last turning point is yet to be looked up
+    row = np.uint64(0)
+    start, sign, limit, s, bend = 0.0, 1.0, 0.0, 0.0, 0.0
+    tables = levels, everett, diagonal, loading, bins, scale
+    output = response(last, depth, points, values, 0, *tables)
+    for k in range(u.size):
+        value = min(max(u[k], low), high)
+        if depth == 0 or sign * (value - last) < 0.0 or sign * (value - limit) >= 0.0 or stale:
+            before = depth
+            values[depth + 1] = output  # counts only where ``last`` becomes a turning point
+            depth = advance(points, depth, center, last, value)
+            if depth > 0 and (depth != before or stale):
+                e, limit, start = points[depth], points[depth - 1], values[depth]
+                sign = 1.0 if e < limit else -1.0
+                row = np.uint64(find_interval(e, levels, bins, scale))
+                s = (e - levels[row]) * inverse[row]
+                bend = start - sign * diagonal[row, 0] * s * (1.0 - s)
+                stale = False
+        last = value
+        if depth == 0:
+            output = first_loading(value, loading)
+        else:
+            # find_interval and everett_value, written out: what belongs to ``e`` is known
+            j = np.uint64(bins[np.uint64((value - low) * scale)])
+            if value >= levels[j + one]:
+                j = np.uint64(find_interval(value, levels, bins, scale))
+            t = (value - levels[j]) * inverse[j]
+            if row == j:
+                t = abs(t - s)
+                output = start + sign * t * (diagonal[j, 0] * t + diagonal[j, 1])
+            else:
+                a = everett[row, j]
+                b = everett[row, j + one]
+                a += s * (everett[row + one, j] - a)
+                b += s * (everett[row + one, j + one] - b)
+                output = bend + sign * (a + t * (b - a - diagonal[j, 0] * (1.0 - t)))
+        y[k] = output
+    return depth, last
+
+
+@jit
+def everett_tangents(
+    u, du, center, levels, everett, diagonal, loading, bins, scale, points, last, out
+):
+    """Write the tangents of the response to those of the drive to ``out[:, :m]``.
+
+    The run starts on the first loading, at ``last``.
+    """
+    low, high = levels[0], levels[-1]
+    m = du.shape[1]
+    held = np.zeros((points.size, m))  # tangents of the outputs at the turning points
+    moved = np.zeros((points.size, m))  # and of the turning points themselves
+    before, output = np.zeros(m), np.zeros(m)
+    depth = 0
+    for k in range(u.size):
+        value = min(max(u[k], low), high)
+        inside = 1.0 if low < u[k] < high else 0.0
+        for c in range(m):
+            held[depth + 1, c] = output[c]
+            moved[depth + 1, c] = before[c]
+        depth = advance(points, depth, center, last, value)
+        j = find_interval(value, levels, bins, scale)
+        for c in range(m):
+            before[c] = inside * du[k, c]
+        if depth == 0:
+            row = first_loading_row(value, loading)
+            width = loading[row + 1, 0] - loading[row, 0]
+            slope = (
+                loading[row, 2] + 2.0 * loading[row, 3] * (value - loading[row, 0]) / width
+            ) / width
+            for c in range(m):
+                output[c] = slope * before[c]
+        else:
+            e = points[depth]
+            i = find_interval(e, levels, bins, scale)
+            here = everett_slope(e, i, value, j, levels, everett, diagonal)
+            there = everett_slope(value, j, e, i, levels, everett, diagonal)
+            for c in range(m):
+                output[c] = held[depth, c] + here * before[c] - there * moved[depth, c]
+        last = value
+        for c in range(m):
+            out[k, c] = output[c]
+
+
+@jit
+def spread(r, j, upper, lower, level, slope, edges, areas):
+    """Add one piece of the staircase to the cells of row ``r``; return the cell where it ends.
+
+    Between ``upper`` and ``lower`` (of beta) relays are up below ``level + slope * beta``. The
+    piece does not cross the row's upper edge on its way.
+    """
+    while j >= 0:
+        high, low = min(upper, edges[j + 1]), max(lower, edges[j])
+        if high > low:
+            middle = 0.5 * (high + low)
+            height = min(level + slope * middle, edges[r + 1])
+            height -= middle if j == r else edges[r]
+            if height > 0.0:
+                areas[j] += (high - low) * height
+        if lower >= edges[j]:
+            break
+        j -= 1
+    return j
+
+
+@jit
+def row_areas(r, sign, value, center, edges, points, top, areas):
+    """Write the areas switched up in the cells of row ``r``, an interval of alpha, to ``areas``.
+
+    The staircase, below which relays are up, is the drive itself down to the last minimum, then
+    the maximum before that down to the minimum before, and so on to the first loading, where it is
+    ``2 center - beta``. With ``sign = -1`` and the ``edges`` mirrored, all is seen from the other
+    side: row ``r`` is interval ``n - 2 - r`` of beta, and the areas are those switched down.
+    """
+    areas[: r + 1] = 0.0
+    v = sign * value
+    axis = 2.0 * sign * center
+    k = top
+    if top == 0:
+        lower = min(v, axis - v)
+    elif sign * points[top] < v:
+        lower = sign * points[top]
+    else:  # a maximum was last: the drive is the last minimum itself
+        lower = v
+        k = top + 1
+    level = upper = v
+    j = r
+    while True:
+        if level >= edges[r + 1]:
+            spread(r, j, upper, -np.inf, level, 0.0, edges, areas)
+            return
+        j = spread(r, j, upper, lower, level, 0.0, edges, areas)
+        upper = lower
+        if k < 2:
+            break
+        level = sign * points[k - 1]
+        k -= 2
+        lower = sign * points[k]
+    end = axis - edges[r + 1]
+    j = spread(r, j, min(upper, axis - edges[r]), end, axis, -1.0, edges, areas)
+    spread(r, j, min(upper, end), -np.inf, edges[r + 1], 0.0, edges, areas)
+
+
+@jit
+def fill_row(r, sign, value, center, edges, points, top, areas, cells):
+    """Write the mean relay states of the cells of row ``r``, see :func:`row_areas`."""
+    row_areas(r, sign, value, center, edges, points, top, areas)
+    height = edges[r + 1] - edges[r]
+    n = edges.size
+    for j in range(r + 1):
+        area = height * (edges[j + 1] - edges[j])
+        if j == r:
+            area *= 0.5
+        state = sign * (2.0 * min(areas[j] / area, 1.0) - 1.0)
+        if sign > 0.0:
+            cells[r * (r + 1) // 2 + j] = state
+        else:
+            i, column = n - 2 - j, n - 2 - r
+            cells[i * (i + 1) // 2 + column] = state
+
+
+@jit
+def staircase_rows(u, center, levels, bins, scale, n_reversible, points, top, last, out):
+    """Write the mean relay states of all cells, then of the reversible part, to ``out``.
+
+    These are the derivatives of the response with respect to the weights. Returns ``top`` and the
+    last drive. A drive that rises changes the cells of the intervals of alpha it passes, one that
+    falls those of beta; inside the last interval the staircase is followed to its end.
+    """
+    n = levels.size
+    low, high = levels[0], levels[-1]
+    mirrored = -levels[::-1].copy()
+    n_cells = n * (n - 1) // 2
+    cells, areas = np.empty(n_cells), np.empty(n)
+    for r in range(n - 1):
+        fill_row(r, 1.0, last, center, levels, points, top, areas, cells)
+    for k in range(u.size):
+        value = min(max(u[k], low), high)
+        top = advance(points, top, center, last, value)
+        j = find_interval(value, levels, bins, scale)
+        if value > last:
+            for i in range(find_interval(last, levels, bins, scale), j):
+                cells[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] = 1.0
+            fill_row(j, 1.0, value, center, levels, points, top, areas, cells)
+        elif value < last:
+            for column in range(j + 1, find_interval(last, levels, bins, scale) + 1):
+                for i in range(column, n - 1):
+                    cells[i * (i + 1) // 2 + column] = -1.0
+            fill_row(n - 2 - j, -1.0, value, center, mirrored, points, top, areas, cells)
+        last = value
+        row = out[k]
+        for c in range(n_cells):
+            row[c] = cells[c]
+        for c in range(n_reversible):
+            part = (value - levels[c]) / (levels[c + 1] - levels[c])
+            row[n_cells + c] = 2.0 * min(max(part, 0.0), 1.0) - 1.0
+    return top, last
+
 
 # turning points that a step remembers; one that it must drop moves less than 2 / _CORNERS^2 of all
 # relays, half of what a converter of 16 bits resolves

@@ -9,24 +9,232 @@ that. Threshold and drive are straight lines between samples, so the ends of the
 a play, which lies between them at the start, is moved by one of them at most: clipping it to their
 last values is exact. A threshold of zero is the plain gain and does not grow. All others stay above
 zero and in their order, whatever the rate, since neither kappa nor beta is negative.
+
+With the rates known the inverse is exact (Al Janaideh and Krejčí 2013). Here the rates are those of
+the drive that is sought, which is found by repetition, beginning with the inverse at rest, as long
+as the response comes closer. Repetition amplifies fast changes of the rate, as the root of each
+sample would, so the rates are smoothed over windows of time, ever smaller ones.
+
+What is left is worked off by damped least squares over stretches of the record, of each of which
+the first half is kept, since what comes determines the drive too. Damping, as in Levenberg,
+*Quarterly of Applied Mathematics*, 1944, keeps noise from growing by more than its inverse. Where
+the motion turns, the response has a corner at the last drive: it may have no drive for a value near
+by, and a part of the error stays.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
+from .._jit import jit
 from .._sklearn import StrOptions
-from ..operators import LoweredStep, as_signal, parameter
+from ..operators import InverseOperator, LoweredStep, as_signal, clip_play, parameter
 from ._common import show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
-from ._rate_dependent_inverse import RateDependentInverseOperator
-from ._rate_dependent_prandtl_ishlinskii_loops import (
-    rate_play_inverse,
-    rate_play_run,
-    rate_play_step,
-    rate_play_tangents,
-)
+
+
+@jit(inline=True)
+def rate_play_sample(value, rate, thresholds, growth, weights, rate_weights, plays):
+    """Return ``sum_k (w_k + s_k rate) F_k[u]`` at one sample; ``plays`` begins with those (K,)."""
+    for k in range(thresholds.size):
+        slack = thresholds[k] + growth[k] * rate
+        plays[k] = clip_play(plays[k], value - slack, value + slack)
+    total = 0.0
+    for k in range(thresholds.size):
+        total += (weights[k] + rate * rate_weights[k]) * plays[k]
+    return total
+
+
+@jit
+def rate_play_step(u, c, s):
+    """Return the response at one sample; ``s`` is the plays, the last drive and low-pass.
+
+    ``c`` is (thresholds, growth, weights, rate_weights, intercept, dt, what is left of the low-pass
+    and what is gone of it, whether the rate keeps its sign in it).
+    """
+    thresholds, growth, weights, rate_weights, intercept, dt, fade, gain, signed = c
+    n = thresholds.size
+    velocity = (u - s[n]) / dt
+    smooth = gain * (velocity if signed > 0.0 else abs(velocity)) + fade * s[n + 1]
+    s[n], s[n + 1] = u, smooth
+    rate = abs(smooth)
+    y = rate_play_sample(u, rate, thresholds, growth, weights, rate_weights, s)
+    return y + intercept
+
+
+@jit
+def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write ``sum_k (w_k + s_k rate) F_k[u]`` to ``out`` (n,); ``plays`` (K,) is updated.
+
+    ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
+    """
+    for i in range(u.size):
+        out[i] = rate_play_sample(u[i], rates[i], thresholds, growth, weights, rate_weights, plays)
+
+
+@jit
+def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write to ``out`` (n,) the drive whose :func:`rate_play_run` is ``y`` at the given rates.
+
+    The first threshold is zero and does not grow, and the response rises with the drive, whichever
+    plays move: it is straight between the values at which one of them starts to. Newton's steps
+    lead from one such piece to another, within a bracket, until one leads to itself. ``plays`` (K,)
+    is updated.
+    """
+    for i in range(y.size):
+        rate = rates[i]
+        value, low, high = plays[0], -np.inf, np.inf
+        while True:
+            slope = offset = 0.0
+            for k in range(thresholds.size):
+                slack = thresholds[k] + growth[k] * rate
+                weight = weights[k] + rate * rate_weights[k]
+                if value - slack >= plays[k]:
+                    slope += weight
+                    offset -= weight * slack
+                elif value + slack <= plays[k]:
+                    slope += weight
+                    offset += weight * slack
+                else:
+                    offset += weight * plays[k]
+            goal = (y[i] - offset) / slope
+            if goal > value:
+                low = value
+            elif goal < value:
+                high = value
+            else:
+                break
+            if not low < goal < high:
+                goal = 0.5 * (low + high)
+                if not low < goal < high:  # the next number is on the other side
+                    break
+            value = goal
+        for k in range(thresholds.size):
+            slack = thresholds[k] + growth[k] * rate
+            plays[k] = clip_play(plays[k], value - slack, value + slack)
+        out[i] = value
+
+
+@jit
+def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write to ``out`` (n, m + K) the tangents carried through by the plays, and the plays.
+
+    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates, which act
+    by the thresholds here, not by the weights. ``plays`` (K,) is updated. A play that moves takes
+    over the tangent of the end of its slack; one that sticks keeps the one it took last.
+    """
+    m = du.shape[1]
+    tangents = np.zeros((thresholds.size, m))
+    for i in range(u.size):
+        value = u[i]
+        rate = rates[i]
+        row = out[i]
+        row[:m] = 0.0
+        for k in range(thresholds.size):
+            slack = thresholds[k] + growth[k] * rate
+            play = plays[k]
+            sign = 0.0
+            if value - slack >= play:
+                play = value - slack
+                sign = -1.0
+            elif value + slack <= play:
+                play = value + slack
+                sign = 1.0
+            plays[k] = play
+            row[m + k] = play
+            weight = weights[k] + rate * rate_weights[k]
+            for j in range(m):
+                if sign != 0.0:
+                    tangents[k, j] = du[i, j] + sign * growth[k] * drates[i, j]
+                row[j] += weight * tangents[k, j]
+
+
+_PASSES = 40  # of the inverse with one window, at most
+_GAIN = 0.99  # part of the error that a pass must leave at most, for another one
+_ENOUGH = 1e-12  # of the range
+_STRETCH = 400  # samples: of what its end has wrong a zero at 1.1 leaves 1e-8 in the first half
+_DIFFERENCE = 1e-7  # of the range of the drive: some roots of rounding
+_DAMPING = 1e-4  # of the mean slope
+_STEPS, _TRIALS = 20, 8  # of the least squares; of the damping of a step
+
+
+@dataclass(frozen=True)
+class RateDependentInverseOperator(InverseOperator):
+    """From the response of plays that follow the rate of the drive to a drive that gives it."""
+
+    causal = False
+
+    def init(self, u0, initial_state="rest"):
+        """Return the initial state by name: a record is inverted as a whole; see the base."""
+        return initial_state
+
+    def run(self, u, dt, state=None):
+        """Return the drive (n_samples,) for a response, which begins in the state; see the base."""
+        y, plays, initial_state = as_signal(u), self.operator, state or "rest"
+        fastest = plays.fastest_monotone()
+
+        def advance(rates):
+            drive = plays.drive_at_rates(y, np.minimum(rates, fastest))
+            back, _ = plays.run(drive, dt, plays.init(drive[0], initial_state))
+            return drive, np.linalg.norm(back - y)
+
+        best, smallest = advance(np.zeros(y.size))
+        for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
+            drive = best
+            for _ in range(_PASSES):
+                velocities = uniform_filter1d(np.diff(drive, prepend=drive[0]), 2 * half + 1) / dt
+                if initial_state == "zero":
+                    velocities[0] = drive[0] / dt
+                drive, error = advance(plays.paces(velocities, dt)[0])
+                gained = error < _GAIN * smallest
+                if error < smallest:
+                    best, smallest = drive, error
+                if not gained:
+                    break
+        return self._polished(best, y, dt, plays.init(best[0], initial_state)), None
+
+    def _polished(self, drive, y, dt, state):
+        """Return a drive with a smaller error, stretch by stretch; all but the last overlap."""
+        drive, enough = drive.copy(), _ENOUGH * np.ptp(y)
+        for begin in range(0, len(y), _STRETCH // 2):
+            part = slice(begin, begin + _STRETCH)
+            is_last = part.stop >= len(y)
+            drive[part] = self._improved(drive[part], y[part], dt, state, enough)
+            _, state = self.operator.run(drive[begin : begin + _STRETCH // 2], dt, state)
+            if is_last:
+                break
+        return drive
+
+    def _improved(self, drive, y, dt, state, enough):
+        """Return a drive whose squared error is less."""
+
+        def left(u):
+            return self.operator.run(u, dt, state)[0] - y
+
+        error, change, damping = left(drive), _DIFFERENCE * (np.ptp(drive) or 1.0), _DAMPING
+        for _ in range(_STEPS):
+            if np.abs(error).max() <= enough:
+                break
+            matrix = [left(drive + change * unit) - error for unit in np.eye(len(y))]
+            matrix = np.stack(matrix, axis=1) / change
+            square = matrix.T @ matrix
+            size = np.trace(square) / len(y) * np.eye(len(y))
+            before = error @ error
+            for _halving in range(_TRIALS):
+                trial = drive - np.linalg.solve(square + damping**2 * size, matrix.T @ error)
+                found = left(trial)
+                if found @ found < before:
+                    break
+                damping *= 4.0
+            else:
+                break
+            drive, error, damping = trial, found, max(0.25 * damping, _DAMPING)
+            if not error @ error < _GAIN**2 * before:
+                break
+        return drive
+
 
 _RESERVE = 0.9  # of the rate at which the response is no longer monotone
 _GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range

@@ -5,15 +5,15 @@ Every display stores data first and draws afterwards. Drawing needs matplotlib, 
 """
 
 from ._bode import FrequencyResponseDisplay
-from ._evidence import EvidenceDisplay
+from ._evidence_display import EvidenceDisplay
 from ._fleet import FleetDisplay
-from ._loop import HysteresisLoopDisplay
+from ._hysteresis_loop import HysteresisLoopDisplay
+from ._plot_data import binned_statistics, branch, spectrum
 from ._pole_zero import PoleZeroDisplay
 from ._prediction import PredictionDisplay
 from ._ranking import EffectRankingDisplay
 from ._recording import RecordingDisplay
 from ._residual import ResidualDisplay
-from ._signals import binned_statistics, branch, spectrum
 from ._svg import svg_text
 
 __all__ = [

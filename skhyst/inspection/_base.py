@@ -7,7 +7,8 @@ from typing import Self
 import numpy as np
 
 from .._documentation import documented_like, inherit_documentation
-from ..records import Units, record_slices, unit_of
+from ..io import unit_of
+from ..records import Units, record_slices
 
 
 class Display(ABC):

@@ -10,7 +10,7 @@ from ..linear import FrequencyResponse, frequency_response
 from ..records import Units
 from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
-from ._signals import log_average
+from ._plot_data import log_average
 
 _POINTS = 1000  # at which the curve of a model is drawn, beside the measured lines
 _DISTORTION = COLORS[2]

@@ -7,7 +7,7 @@ import numpy as np
 from .._documentation import documented_like
 from ._base import SignalDisplay
 from ._drawing import COLORS, MEASURED, MUTED, legend_beside, new_axes, plain, tidy
-from ._signals import envelope
+from ._plot_data import envelope
 
 
 class PredictionDisplay(SignalDisplay):

@@ -5,7 +5,7 @@ import numpy as np
 from .._documentation import documented_like
 from ._base import SignalDisplay
 from ._drawing import COLORS, MEASURED, MUTED, import_matplotlib, tidy
-from ._signals import envelope, loop_spans, thin_path
+from ._plot_data import envelope, loop_spans, thin_path
 
 _POINTS = 2000  # drawn of a signal
 

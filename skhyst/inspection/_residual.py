@@ -8,7 +8,7 @@ from .._documentation import documented_like
 from ..records import by_interval
 from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
-from ._signals import binned_statistics, branch, envelope, spectrum
+from ._plot_data import binned_statistics, branch, envelope, spectrum
 
 KINDS = ("time", "drive", "prediction", "spectrum")
 

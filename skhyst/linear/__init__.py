@@ -10,10 +10,13 @@ from ._kelvin_voigt import KelvinVoigt, KelvinVoigtOperator
 from ._linear import LinearOperator
 from ._log_creep import LogCreep, LogCreepOperator
 from ._modal import ModalModel, SampledStateSpace
-from ._rational import MultiInputTransferFunctionOperator, TransferFunctionOperator
 from ._second_order_mode import SecondOrderMode, SecondOrderModeOperator
 from ._time_shift import TimeShift, TimeShiftOperator
-from ._transfer_function import TransferFunction
+from ._transfer_function import (
+    MultiInputTransferFunctionOperator,
+    TransferFunction,
+    TransferFunctionOperator,
+)
 
 __all__ = [
     "Delay",

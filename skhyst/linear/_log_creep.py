@@ -40,15 +40,17 @@ def relax(decay, b0, b1, before, u, state):
 
 @jit
 def creep_step(u, c, s):
-    """Return the response at one sample; ``s`` are the units and the last drive, less the level.
+    """Return the response; ``s`` are the units, the last drive less the level, and the level.
 
-    ``c`` is (decay, b0, b1, weights (n_units,), level, gain, intercept), see :func:`_creep_bank`.
+    ``c`` is (decay, b0, b1, weights (n_units,), gain, intercept), see :func:`_creep_bank`.
     """
-    decay, b0, b1, weights, level, gain, intercept = c
-    relax(decay, b0, b1, s[decay.size], u - level, s)
-    s[decay.size] = u - level
+    decay, b0, b1, weights, gain, intercept = c
+    n = decay.size
+    change = u - s[n + 1]
+    relax(decay, b0, b1, s[n], change, s)
+    s[n] = change
     y = u
-    for j in range(decay.size):
+    for j in range(n):
         y += weights[j] * s[j]
     return gain * y + intercept
 
@@ -141,8 +143,8 @@ class LogCreepOperator(Operator):
     def lowered(self, dt, state):
         v, level, previous = state
         weights = self.creep * _DECADE * self._weights()[0]
-        constants = *self._discrete(dt), weights, level, self.gain, self.intercept
-        return LoweredStep(creep_step, constants, [*v, previous])
+        constants = *self._discrete(dt), weights, self.gain, self.intercept
+        return LoweredStep(creep_step, constants, [*v, previous, level])
 
     def linearize(self, u, du, dt, initial_state="rest"):
         u = np.ascontiguousarray(u, dtype=float)

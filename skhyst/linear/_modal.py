@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, refuse_extreme
+from .._validation import as_floats, keep_seen, refuse_extreme, rest_of
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
@@ -30,11 +30,11 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import record_slices
+from ..records import chosen_interval, record_slices
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
-from ._rational import state_space_run_many
+from ._transfer_function import state_space_run_many
 
 _EXCITED = 1e-3  # amplitude of an excited line, of the largest
 
@@ -177,6 +177,10 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         the mean square of the residual gives, as if it were white.
     n_evaluations_ : int
     records_ : tuple of RecordSlice
+    drive_range_ : tuple of (float, float)
+        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+    drive_rate_ : float
+        Fastest change of the drive between two samples that it has seen, units of the drive per s.
 
     Raises
     ------
@@ -251,6 +255,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = record_slices(X, y, dt=self.dt)
+        keep_seen(self, array[:, 0], slices)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
@@ -371,11 +376,13 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         NotImplementedError
             If there are several responses: a step returns one number.
         ValueError
-            If ``dt`` is another than that of the records of the fit.
+            If a parameter is not as above, or ``dt`` is another than that of the records of the
+            fit.
         """
         check_is_fitted(self)
-        dt = self.operator_.dt if dt is None else float(dt)
-        u0 = np.array(np.broadcast_to(np.asarray(u0, dtype=float), (self.n_features_in_,)))
+        caller = f"{type(self).__name__}.stepper"
+        dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
+        u0 = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
         state = self.operator_.init(u0, initial_state or self.initial_state)
         return Stepper(self.operator_.lowered(dt, state), dt)
 

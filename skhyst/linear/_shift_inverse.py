@@ -4,7 +4,9 @@ Each sample of the response is a sum of four of the drive. Their weights are the
 that has as many columns, which is solved from the opposite shift on, as in Fong and Saunders,
 *SIAM Journal on Scientific Computing*, 2011. What of the drive no response tells of stays as the
 opposite shift has it: what comes too late, and, behind a shift by half a sample, what alternates
-from sample to sample.
+from sample to sample. Samples of the response that read the drive before the record are taken as
+the opposite shift has them, since no drive within it makes them what they should be: with the least
+sum of squares it would alternate for long.
 """
 
 import math
@@ -57,6 +59,7 @@ class InverseShiftOperator(InverseOperator):
         columns = np.clip(places[:, None] + np.arange(4), 0, n - 1)
         rows = np.repeat(np.arange(n), 4)
         matrix = csr_array((weights.ravel(), (rows, columns.ravel())), shape=(n, n))
+        y = np.where(places < 0, matrix @ first, y)
         limits = {"atol": _ROUNDING, "btol": _ROUNDING, "conlim": _LARGEST, "maxiter": _PASSES}
         return lsmr(matrix, y, x0=first, **limits)[0], None
 

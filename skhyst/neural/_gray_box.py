@@ -1,22 +1,442 @@
-"""Gray-box network: quasi-static hysteresis and its dynamics, whose weights are parameters."""
+"""Gray-box network: quasi-static hysteresis and its dynamics, whose weights are parameters.
+
+A recursion that adds a polynomial of past signals to a known output. With the window
+``z = [w(k), ..., w(k - n_w), y(k - 1), ..., y(k - n_y)]`` and ``x = mix z``
+
+    y(k) = level(k) + sum_t weights[t] prod_j x[terms[t, j]]
+
+where -1 among the ``terms`` is the factor one. ``w`` and ``y`` carry their past in front.
+"""
 
 import dataclasses
+import math
 import warnings
 from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import combinations_with_replacement
 from numbers import Integral
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from .._jit import bind, jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..exceptions import DivergenceWarning, RecordError
-from ..hysteresis import SystemLevelHysteresis
+from ..hysteresis import SystemLevelHysteresis, SystemLevelOperator
+from ..operators import LoweredStep, Operator, ParameterSpec, as_signal, sum_of_products
 from ..optimize import IdentificationResult, identify
 from ..records import record_slices
-from ._gray_box_operator import GrayBoxOperator
 
-_BOUND = 100.0  # ranges of the response beyond the largest one: what lies there has diverged
+_LARGEST = 1e100  # beyond, the recursion has left the range in which squares are finite
+
+
+@jit(inline=True)
+def _signals(mix, w, at_w, n_w, y, at_y, x, at_x):
+    """Write a sample's signals from ``x[at_x]`` on; its w and y are ``w[at_w]`` and ``y[at_y]``."""
+    for i in range(mix.shape[0]):
+        value = 0.0
+        for j in range(n_w + 1):
+            value += mix[i, j] * w[at_w - j]
+        for j in range(1, mix.shape[1] - n_w):
+            value += mix[i, n_w + j] * y[at_y - j]
+        x[at_x + i] = value
+
+
+@jit(inline=True)
+def _sample(level, mix, terms, weights, w, at_w, n_w, y, at_y, x, at_x):
+    """Write y of a sample, no number from where it diverges on; see :func:`_signals`."""
+    _signals(mix, w, at_w, n_w, y, at_y, x, at_x)
+    total = level + sum_of_products(weights, terms, x, at_x)
+    y[at_y] = total if abs(total) <= _LARGEST else math.nan
+
+
+@jit
+def gray_box_run(level, w, mix, terms, weights, y):
+    """Fill ``y``, (n_y + n_samples,)."""
+    n_w, n_y = w.size - level.size, y.size - level.size
+    x = np.empty(mix.shape[0])
+    for k in range(level.size):
+        _sample(level[k], mix, terms, weights, w, n_w + k, n_w, y, n_y + k, x, 0)
+
+
+def step(u, c, s):
+    """Stand for the step of the quasi-static sub-model."""
+    raise NotImplementedError
+
+
+def gray_box(u, c, s):
+    """Return the response at one sample.
+
+    ``c`` is (n_w, constant, whether ``w`` is the level, mix, terms, weights, *those of the
+    sub-model), ``s`` its state, the last n_w + 1 of ``w``, n_y + 1 of ``y``, room for the signals.
+    """
+    level = step(u, c[6:], s)
+    level -= c[1]
+    n_w, mix = int(c[0]), c[3]
+    at_x = s.size - mix.shape[0]
+    at_y = at_x - 1
+    at_w = at_y - (mix.shape[1] - n_w)
+    for j in range(at_w - n_w, at_y):
+        s[j] = s[j + 1]
+    s[at_w] = level if c[2] > 0.0 else u
+    _sample(level, mix, c[4], c[5], s, at_w, n_w, s, at_y, s, at_x)
+    return s[at_y] + c[1]
+
+
+@cache
+def _lowered(law):
+    return bind(gray_box, law, allocates=False)
+
+
+@jit
+def gray_box_tangents(w, mix, terms, weights, y, dlevel, dw, dy):
+    """Fill ``dy``, (n_y + n_samples, m), behind the past in front.
+
+    ``dlevel`` (n_samples, m) and ``dw`` (n_w + n_samples, m) are the tangents of the known output
+    and of ``w``; the last columns of ``dy`` are those of the weights. Returns the number of samples
+    before the tangents leave the range of floating point.
+    """
+    n_samples, m = dlevel.shape
+    n_w, n_y = w.size - n_samples, y.size - n_samples
+    first = m - weights.size
+    x, slopes = np.empty(mix.shape[0]), np.empty(mix.shape[0])
+    for k in range(n_samples):
+        now = n_y + k
+        row = dy[now]
+        for q in range(m):
+            row[q] = dlevel[k, q]
+        _signals(mix, w, n_w + k, n_w, y, now, x, 0)
+        slopes[:] = 0.0
+        for t in range(weights.size):
+            product = 1.0
+            for j in range(terms.shape[1]):
+                if terms[t, j] < 0:
+                    continue
+                product *= x[terms[t, j]]
+                others = weights[t]
+                for i in range(terms.shape[1]):
+                    if i != j and terms[t, i] >= 0:
+                        others *= x[terms[t, i]]
+                slopes[terms[t, j]] += others
+            row[first + t] += product
+        for j in range(mix.shape[1]):
+            slope = 0.0
+            for i in range(x.size):
+                slope += slopes[i] * mix[i, j]
+            if slope == 0.0:
+                continue
+            past = dw[n_w + k - j] if j <= n_w else dy[now - (j - n_w)]
+            for q in range(m):
+                row[q] += slope * past[q]
+        for q in range(m):
+            if not abs(row[q]) <= _LARGEST:
+                return k
+    return n_samples
+
+
+@dataclass(frozen=True)
+class GrayBoxOperator(Operator):
+    r"""Quasi-static hysteresis plus a polynomial of past signals.
+
+    .. math:: y(k) = d_H(k) + \sum_i \theta_i x_i(k) + \sum_{i \le j} \theta_{ij} x_i(k) x_j(k)
+
+    where :math:`d_H` is the response of the system-level model to the drive. With
+    ``dynamics="rate"`` the signals x are
+
+    .. math:: \Delta d_H(k), \ldots, \Delta d_H(k - n_f + 1), \quad y(k - 1) - d_H(k), \quad
+        \Delta y(k - 1), \ldots, \Delta y(k - n_y + 1), \qquad \Delta s(k) = s(k) - s(k - 1)
+
+    and products may also have :math:`d_H(k)` less its constant as a factor. All of them vanish at
+    rest, so that the static response is that of :math:`d_H` alone. With ``degree=1`` and two lags
+    each, this is the quasi-static model followed by any linear dynamics of second order of unit
+    gain. With ``dynamics="printed"`` the signals are those of Ahmed and Yan (2021),
+    :math:`u(k - 1), \ldots, u(k - n_f), y(k - 1), \ldots, y(k - n_y)`.
+
+    Parameters
+    ----------
+    static : SystemLevelOperator
+        The quasi-static sub-model.
+    weights : ndarray of shape (n_terms,)
+        The weights theta, by degree; see :meth:`term_names`.
+    input_lags, output_lags : int, default=2
+        The numbers :math:`n_f` and :math:`n_y`.
+    degree : {1, 2}, default=1
+        Highest degree of a product.
+    dynamics : {"rate", "printed"}, default="rate"
+
+    Raises
+    ------
+    ValueError
+        If ``dynamics`` or ``degree`` is unknown, a number of lags is negative, or the number of
+        weights is not that of the terms.
+
+    Notes
+    -----
+    Lags are in samples: the weights hold for one sampling interval. The tangents of
+    :meth:`linearize` are NaN where the linear terms alone are unstable or the tangents leave the
+    range of floating point; identification refuses such weights. A run that diverges is NaN
+    from there on.
+
+    The state is the tuple (state of the static sub-model, last inputs, last outputs), the latest
+    last. Where the printed form has no rest at a drive, ``"rest"`` starts at :math:`d_H`.
+
+    References
+    ----------
+    "Modeling and identification of rate dependent hysteresis in piezoelectric actuated nano-stage:
+    a gray box neural network based approach", equations (15) to (22) and (30) to (38).
+
+    Examples
+    --------
+    >>> from skhyst.neural import GrayBoxOperator
+    >>> from skhyst.hysteresis import SystemLevelOperator
+    >>> operator = GrayBoxOperator(SystemLevelOperator(1.0, 0.0, 0.0), [0.5], 0, 1)
+    >>> operator.run([0.0, 1.0, 1.0, 1.0], dt=0.1)[0]
+    array([0.   , 0.5  , 0.75 , 0.875])
+    """
+
+    static: SystemLevelOperator
+    weights: np.ndarray
+    input_lags: int = 2
+    output_lags: int = 2
+    degree: int = 1
+    dynamics: str = "rate"
+
+    carries_scale = True
+    rank = 10
+
+    def __post_init__(self):
+        for name, fine, wanted in (
+            ("dynamics", self.dynamics in ("rate", "printed"), "be 'rate' or 'printed'"),
+            ("degree", self.degree in (1, 2), "be 1 or 2"),
+            ("input_lags", self.input_lags >= 0, "not be negative"),
+            ("output_lags", self.output_lags >= 0, "not be negative"),
+        ):
+            if not fine:
+                raise ValueError(
+                    f"The '{name}' parameter of GrayBoxOperator must {wanted}. "
+                    f"Got {getattr(self, name)!r} instead."
+                )
+        n_terms = len(self._terms)
+        if np.shape(self.weights) != (n_terms,):
+            raise ValueError(
+                f"The 'weights' parameter of GrayBoxOperator must have {n_terms} values, "
+                f"one a term. Got shape {np.shape(self.weights)} instead."
+            )
+
+    @classmethod
+    def at_rest(cls, static, **structure):
+        """Return an operator without dynamics: all weights are zero; the rest as in the class."""
+        fields = [field for field in dataclasses.fields(cls) if not field.kw_only]
+        given = {field.name: field.default for field in fields[2:]} | structure
+        return cls(static, np.zeros(len(_terms(**given))), **given)
+
+    # ---------------------------------------------------------------------------- the parameters
+
+    @cached_property
+    def _terms(self):
+        return _terms(self.input_lags, self.output_lags, self.degree, self.dynamics)
+
+    def term_names(self):
+        """Return the name of each term, such as ``"dy(k-1)"``; ``e`` is y(k-1) less ``d(k)``."""
+        n_f, n_y = self.input_lags, self.output_lags
+        if self.dynamics == "printed":
+            names = [f"u(k-{j})" for j in range(1, n_f + 1)]
+            names += [f"y(k-{j})" for j in range(1, n_y + 1)]
+        else:
+            names = ["d(k)", *(f"dd(k-{j})" if j else "dd(k)" for j in range(n_f))]
+            names += ["e(k)", *(f"dy(k-{j})" for j in range(1, n_y))][:n_y]
+        return [" ".join(names[i] for i in factors if i >= 0) for factors in self._terms]
+
+    def parameter_specs(self):
+        return dict(self.entries())
+
+    def entries(self):
+        # the recursion is linear, then, so that the output is linear in what drives it
+        linear = self.degree == 1
+        found = [
+            (name, dataclasses.replace(spec, linear=spec.linear and linear))
+            for name, spec in self.static.entries()
+        ]
+        return found + [(f"theta[{name}]", ParameterSpec()) for name in self.term_names()]
+
+    def sizes(self):
+        return dict.fromkeys((name for name, _ in self.entries()), 1)
+
+    def pack(self):
+        return np.concatenate([self.static.pack(), np.asarray(self.weights, dtype=float)])
+
+    def unpack(self, vector):
+        vector, n = np.asarray(vector, dtype=float), self.static.n_parameters
+        return dataclasses.replace(
+            self, static=self.static.unpack(vector[:n]), weights=vector[n:].copy()
+        )
+
+    # --------------------------------------------------------------------------------- the runs
+
+    @cached_property
+    def _mix(self):
+        """The signals x in terms of the window of past inputs and outputs."""
+        n_f, n_y = self.input_lags, self.output_lags
+        if self.dynamics == "printed":
+            return np.eye(n_f + n_y, n_f + n_y + 1, 1)
+        mix = np.zeros((1 + n_f + n_y, 1 + n_f + n_y))
+        mix[0, 0] = 1.0
+        for j in range(n_f):
+            mix[1 + j, j], mix[1 + j, j + 1] = 1.0, -1.0
+        if n_y:
+            mix[1 + n_f, 0], mix[1 + n_f, 1 + n_f] = -1.0, 1.0
+        for j in range(1, n_y):
+            mix[1 + n_f + j, n_f + j], mix[1 + n_f + j, n_f + j + 1] = 1.0, -1.0
+        return mix
+
+    def poles(self):
+        """Return the poles of the linear terms alone, in the z plane, shape (output_lags,)."""
+        n_f, n_y = self.input_lags, self.output_lags
+        linear = self._terms[:, 1] < 0 if self.degree == 2 else slice(None)
+        gains = np.asarray(self.weights)[linear] @ self._mix[self._terms[linear, 0]][:, n_f + 1 :]
+        if not n_y:
+            return np.empty(0, dtype=complex)
+        return np.linalg.eigvals(np.vstack([gains, np.eye(n_y - 1, n_y)])).astype(complex)
+
+    @property
+    def _constant(self):
+        """What is taken off the signals of the recursion and put back on its output."""
+        return float(self.static.intercept) if self.dynamics == "rate" else 0.0
+
+    def init(self, u0, initial_state="rest"):
+        static = self.static.init(u0, initial_state)
+        w, y = np.zeros(self.input_lags), np.zeros(self.output_lags)
+        if initial_state == "rest":
+            level = self.static.run(np.array([u0], dtype=float), 1.0, static)[0][0]
+            w[:] = level - self._constant if self.dynamics == "rate" else u0
+            y[:] = self._rest(float(u0), level)[0] - self._constant
+        return static, w, y
+
+    def _rest(self, u0, level):
+        """Return the output at rest and its derivatives by level, drive and weights."""
+        by_weights = np.zeros(len(self._terms))
+        if self.dynamics == "rate" or not len(self._terms):
+            return level, 1.0, 0.0, by_weights
+        # level + c0 - (1 - c1) y + c2 y^2 = 0; the root that is there for zero weights
+        weights, is_output = np.asarray(self.weights, dtype=float), self._terms >= self.input_lags
+        outputs = is_output.sum(axis=1)
+        inputs = (self._terms >= 0).sum(axis=1) - outputs
+        parts = weights * u0**inputs
+        c0, c1, c2 = (float(parts[outputs == power].sum()) for power in range(3))
+        square = (1.0 - c1) ** 2 - 4.0 * c2 * (level + c0)
+        if not (c1 < 1.0 and square > 0.0):
+            return level, 1.0, 0.0, by_weights
+        root = np.sqrt(square)
+        y = 2.0 * (level + c0) / (1.0 - c1 + root)
+        by_weights = u0**inputs * y**outputs / root
+        by_drive = np.sum(weights * inputs * u0 ** np.maximum(inputs - 1, 0) * y**outputs) / root
+        return y, 1.0 / root, by_drive, by_weights
+
+    def run(self, u, dt, state=None):
+        """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
+        u = as_signal(u)
+        if state is None:
+            state = self.init(u[0] if u.size else 0.0)
+        static, w, y = state
+        level, static = self.static.run(u, dt, static)
+        level = level - self._constant
+        w = np.concatenate([w, level if self.dynamics == "rate" else u])
+        y = np.concatenate([y, np.empty(u.size)])
+        gray_box_run(level, w, self._mix, self._terms, as_signal(self.weights), y)
+        start = y.size - u.size
+        last = w[w.size - self.input_lags :].copy(), y[y.size - start :].copy()
+        return y[start:] + self._constant, (static, *last)
+
+    def lowered(self, dt, state):
+        static, (_, w, y) = self.static.lowered(dt, state[0]), state
+        own = self.input_lags, self._constant, self.dynamics == "rate"
+        constants = *own, self._mix, self._terms, self.weights, *static.constants
+        room = np.zeros(len(self._mix))
+        state = np.concatenate([static.state, [0.0], w, [0.0], y, room])
+        return LoweredStep(_lowered(static.step), constants, state)
+
+    def regressors(self, u, y, dt, initial_state="rest"):
+        """Return the terms with measured outputs in them, and what is left for them to explain.
+
+        Parameters
+        ----------
+        u, y : ndarray of shape (n_samples,)
+            Drive and measured response; before the record both have rested at their first value.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"}
+
+        Returns
+        -------
+        columns : ndarray of shape (n_samples, n_terms)
+        rest : ndarray of shape (n_samples,)
+            Measured response less that of the static sub-model.
+        """
+        u, y = as_signal(u), as_signal(y)
+        level, _ = self.static.run(u, dt, self.static.init(u[0], initial_state))
+        w = level - self._constant if self.dynamics == "rate" else u
+        shifted = [np.append(np.full(j, w[0]), w)[: w.size] for j in range(self.input_lags + 1)]
+        past = y - self._constant
+        for j in range(1, self.output_lags + 1):
+            shifted.append(np.append(np.full(j, past[0]), past)[: w.size])
+        # a row of ones stands for the factor -1
+        x = np.vstack([self._mix @ np.array(shifted), np.ones(w.size)])
+        return np.prod(x[self._terms], axis=1).T, y - level
+
+    def linearize(self, u, du, dt, initial_state="rest"):
+        """Return the response and its tangents; see :meth:`Operator.linearize`."""
+        u, du = as_signal(u), as_signal(du)
+        n, m, own = u.size, du.shape[1], du.shape[1] + self.static.n_parameters
+        level, dlevel = self.static.linearize(u, du, dt, initial_state)
+        state = self.init(u[0] if n else 0.0, initial_state)
+        y, _ = self.run(u, dt, state)
+        known = np.zeros((n, own + len(self._terms)))
+        known[:, :own] = dlevel
+        rate = self.dynamics == "rate"
+        if rate:
+            constant = m + [name for name, _ in self.static.entries()].index("intercept")
+            known[:, constant] = 0.0
+            w, driven = level - self._constant, known
+        else:
+            w, driven = u, np.zeros_like(known)
+            driven[:, :m] = du
+        past_w = np.zeros((self.input_lags, known.shape[1]))
+        past_y = np.zeros((self.output_lags, known.shape[1]))
+        if initial_state == "rest" and n:
+            past_w[:] = driven[0]
+            _, by_level, by_drive, by_weights = self._rest(u[0], level[0])
+            past_y[:] = by_level * known[0] + by_drive * driven[0]
+            past_y[:, own:] += by_weights
+        dw, dy = np.concatenate([past_w, driven]), np.concatenate([past_y, np.zeros_like(known)])
+        w, full = np.concatenate([state[1], w]), np.concatenate([state[2], y - self._constant])
+        good = 0
+        if np.isfinite(y).all() and np.all(np.abs(self.poles()) < 1.0):
+            model = self._mix, self._terms, as_signal(self.weights)
+            good = gray_box_tangents(w, *model, full, known, dw, dy)
+        dy = np.ascontiguousarray(dy[self.output_lags :])
+        if good < n:
+            dy[:] = np.nan
+        elif rate:
+            dy[:, constant] = 1.0
+        return y, dy
+
+
+def _terms(input_lags, output_lags, degree, dynamics):
+    """Return the factors of each term, (n_terms, degree), by degree; -1 for none."""
+    rate = dynamics == "rate"
+    signals = range(input_lags + output_lags + rate)
+    rows = [
+        (*factors, *[-1] * (degree - size))
+        for size in range(1, degree + 1)
+        for factors in combinations_with_replacement(signals, size)
+        # the first signal of the rates is the level, and something has to vanish at rest
+        if not rate or any(factors)
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, degree)
+
+
+_DIVERGED = 100.0  # ranges of the response beyond the largest one: what lies there has diverged
 _SAME_INTERVAL = 1e-2  # relative
 _SLOW = 2.0  # records at most so much faster than the slowest one train the static sub-model
 
@@ -187,7 +607,7 @@ class GrayBoxHysteresis(ParametricModel):
         largest = max(np.abs(record.y).max() for record in data)
         span = max(r.y.max() for r in data) - min(r.y.min() for r in data)
         n_samples = sum(len(r.u) for r in data)
-        self.bound_ = float(largest + _BOUND * (span or largest or 1.0))
+        self.bound_ = float(largest + _DIVERGED * (span or largest or 1.0))
         options = {"initial_state": self._free_run_state(), "method": self.method}
         slow = self._slow_records(data)
         first = SystemLevelHysteresis(self.variant).starting_values(slow)

@@ -1,6 +1,6 @@
 """The protocol of operators, series and sums of them, and loops that several models share."""
 
-from ._checks import check_operator
+from ._check_operator import check_operator
 from ._composition import (
     ColumnOperator,
     FrozenOperator,

@@ -52,6 +52,7 @@ class WrappedOperator(_ByEntries):
     n_poles = property(attrgetter("_like.n_poles"))
     memoryless = property(attrgetter("_like.memoryless"))
     causal = property(attrgetter("_like.causal"))
+    at_once = property(attrgetter("_like.at_once"))
     reads_columns = property(attrgetter("_like.reads_columns"))
     n_ringing = property(attrgetter("_like.n_ringing"))
     lag_rates = property(attrgetter("_like.lag_rates"))
@@ -511,6 +512,10 @@ class _Composition(_ByEntries):
     @property
     def reads_columns(self):
         return any(stage.reads_columns for stage in self.stages)
+
+    @property
+    def at_once(self):
+        return all(stage.at_once for stage in self.stages)
 
     @property
     def rank(self):

@@ -13,6 +13,15 @@ move before the response has to (Devasia, Chen and Paden, *IEEE Transactions on 
 1996). The response then follows exactly where it rests for a while at the start of a record: a few
 samples for zeros that sampling has made.
 
+Where it moves earlier, what the drive should have done before the record is missing, and a mode
+rings on. So the first samples of the drive, as many as it looks ahead and one for each state, are
+changed by those ``w`` of least ``|e + G w|^2 + (s g |w|)^2``: ``e`` is the error over the record,
+from rest, ``G w`` the response to the change, ``g`` the gain at rest. A change that follows exactly
+would grow by the zeros from sample to sample; the penalty keeps out what the response shows less
+than the part ``s`` of (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). Columns of
+``G`` are one response to a pulse, shifted: ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i]
+h[n-1-j]``.
+
 What comes matters the less the later it is: k samples ahead by the k-th power of the zeros'
 inverses. So a preview of ``log(1/tol) / log |zero|`` samples leaves out the part ``tol``.
 """
@@ -31,6 +40,8 @@ from ._state_space import state_space_run
 
 _NEAR = 1e-9  # to the unit circle: such a part neither dies out forwards nor backwards
 _NOTHING = 1e-13  # relative to the largest term: rounding
+_SEEN = 0.1  # part of a drive, times the gain at rest, that must be seen in the response
+_LONGEST = 256  # samples at the start that are changed
 
 
 @dataclass(frozen=True)
@@ -65,9 +76,37 @@ class InverseLinearOperator(InverseOperator):
         """Return the drive that gives a response (n_samples,) from rest to rest; see the base."""
         y = as_signal(np.asarray(u, dtype=float) - self.operator.intercept)
         direct, late, forth, back = self._parts(dt)
-        y = np.append(y[late:], np.full(late, y[-1]))
-        p = _driven(*forth, y, shifted=True)
-        return direct * y + p + _driven(*back, y[::-1], shifted=False)[::-1], None
+        held = np.append(y, np.full(late, y[-1]))
+        p = _driven(*forth, held, shifted=True)
+        drive = (direct * held + p + _driven(*back, held[::-1], shifted=False)[::-1])[late:]
+        if len(back[1]) or late:
+            rest = direct + _at_rest(*forth) + _at_rest(*back)
+            drive[0] = rest * y[0]
+            order = len(forth[1]) + len(back[1])
+            self._begin(drive, y, dt, rest, self._length(back, 1e-9) + late + order)
+        return drive, None
+
+    def _begin(self, drive, y, dt, rest, samples):
+        """Change the first samples of a drive, from rest, for the response ``y`` (n_samples,)."""
+        samples = min(samples, len(y) - 1, _LONGEST)
+        if samples < 1 or rest == 0.0:
+            return
+        pulse = np.eye(1, len(y), k=1)[0]
+        h, e = (
+            self.operator.run(u, dt, self.operator.init(u[0]))[0] - self.operator.intercept
+            for u in (pulse, drive)
+        )
+        h, e = h[1:], y[1:] - e[1:]
+        n, r = len(h), np.zeros((samples, samples))
+        for j in range(samples):
+            r[0, j] = h[j:] @ h[: n - j]
+        for i in range(1, samples):
+            ends = h[n - samples + 1 : n - i + 1][::-1]
+            r[i, i:] = r[i - 1, i - 1 : -1] - h[n - i] * ends
+        r = np.triu(r) + np.triu(r, 1).T
+        penalty = (_SEEN / rest) ** 2 * np.eye(samples)
+        seen = np.array([h[: n - k] @ e[k:] for k in range(samples)])
+        drive[1 : samples + 1] += np.linalg.solve(r + penalty, seen)
 
     def ahead(self, dt, u0, tol=1e-9):
         """Return one step that is fed the response some samples ahead, and their number.
@@ -77,13 +116,12 @@ class InverseLinearOperator(InverseOperator):
         and Control*, 1999).
         """
         direct, late, (a, b, c), (back, given, read) = self._parts(dt)
-        length = math.ceil(-math.log(tol) / self.decay(dt)) if len(back) else 0
+        length = self._length((back, given, read), tol)
         weights = np.zeros(length + 1)
         for k in range(length):
             weights[k] = read @ given
             given = back @ given
-        if len(back):
-            weights[-1] = read @ np.linalg.solve(np.eye(len(back)) - back, given)
+        weights[-1] = _at_rest(back, given, read)
         weights[0] += direct
         y = u0 - self.operator.intercept
         x = np.linalg.solve(np.eye(len(b)) - a, b) * y
@@ -93,8 +131,12 @@ class InverseLinearOperator(InverseOperator):
 
     def decay(self, dt):
         """Return the rate, per sample, at which the drive forgets what comes, or infinity."""
-        *_, (back, _, _) = self._parts(dt)
-        return -math.log(np.abs(np.linalg.eigvals(back)).max()) if len(back) else math.inf
+        *_, back = self._parts(dt)
+        return _decay(back)
+
+    def _length(self, back, tol):
+        """Return how many samples ahead matter, but for the part ``tol``."""
+        return math.ceil(-math.log(tol) / _decay(back)) if len(back[1]) else 0
 
     def _parts(self, dt):
         """Return what makes the drive: a factor, samples ahead, and a part each way, (a, b, c).
@@ -159,6 +201,17 @@ def _both_ways(a, b, c):
     back = np.linalg.inv(t[n:, n:])
     forth = t[:n, :n], g[:n] - s @ g[n:], h[:n]
     return forth, (back, -back @ g[n:], h[n:] + h[:n] @ s)
+
+
+def _decay(part):
+    """Return the rate, per sample, at which a part dies out, or infinity."""
+    a, _, _ = part
+    return -math.log(np.abs(np.linalg.eigvals(a)).max()) if len(a) else math.inf
+
+
+def _at_rest(a, b, c):
+    """Return the gain of a part at rest."""
+    return float(c @ np.linalg.solve(np.eye(len(b)) - a, b)) if len(b) else 0.0
 
 
 def _driven(a, b, c, y, shifted):

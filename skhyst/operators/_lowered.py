@@ -17,6 +17,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from .._jit import bind, jit
+from ..records import chosen_interval
 from ._protocol import as_constant, as_signal
 
 
@@ -52,6 +53,8 @@ def _stepping(law, c, s):
 
 
 def _streaming(law, c, s):
+    if getattr(law, "py_func", law) is law:  # plain Python, which no compiled loop can call
+        return lambda u: np.array([law(row, c, s) for row in as_signal(u).tolist()], dtype=float)
     loop = _loop(law)
 
     def run(u):
@@ -74,10 +77,14 @@ class Lowered:
         Columns of the input that are read; None for a signal.
     double_only : str
         What of it needs the digits of double precision, in words; empty where nothing does.
+    flags : tuple of (str, int)
+        Conditions of the last sample that the state tells: their names, and the place in the state
+        of a number that is 0 where the condition does not hold. Numbers with one name are one flag.
     """
 
     n_inputs = None
     double_only = ""
+    flags = ()
 
     def is_possible(self, s):
         """Whether a step can go on from the finite state ``s``: places in it are those of its law.
@@ -142,6 +149,7 @@ class LoweredStep(Lowered):
     n_inputs: int | None = None
     double_only: str = ""
     possible: object = None
+    flags: tuple = ()
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -188,6 +196,12 @@ class LoweredParts(Lowered):
     def double_only(self):
         """What of the parts needs the digits of double precision."""
         return next((part.double_only for part in self.parts if part.double_only), "")
+
+    @property
+    def flags(self):
+        """Conditions that the states of the parts tell."""
+        places = self._each(range(len(self.state)))
+        return tuple((name, int(own[at])) for part, own in places for name, at in part.flags)
 
     def _each(self, s):
         """Yield each part with its part of a state."""
@@ -352,12 +366,19 @@ class Stepper:
     dt : float, default=None
         That interval in s, where it is known.
 
+    Raises
+    ------
+    ValueError
+        If ``dt`` is no interval.
+
     Attributes
     ----------
     dt : float or None
         Sampling interval in s, where it is known.
     state : ndarray of shape (n_states,)
         All that is remembered: a copy, which may be kept and assigned again.
+    status : frozenset of str
+        Conditions that hold at the last sample, such as ``"limited"``: limits have cut the drive.
     lowered : Lowered
         What is stepped, with the state that it began from.
 
@@ -376,7 +397,8 @@ class Stepper:
     """
 
     def __init__(self, lowered, dt=None):
-        self.lowered, self.dt = lowered, dt
+        self.lowered = lowered
+        self.dt = None if dt is None else chosen_interval((), dt, "Stepper")
         self._begin(lowered.state)
 
     def _begin(self, state):
@@ -398,6 +420,10 @@ class Stepper:
             )
         self._state[:] = values
 
+    @property
+    def status(self):
+        return frozenset(name for name, at in self.lowered.flags if self._state[at] != 0.0)
+
     def step(self, u):
         """Return the response at the next sample.
 
@@ -416,12 +442,14 @@ class Stepper:
             If the input is not finite or of another shape; the state is as it was.
         """
         if self.lowered.n_inputs is None:
-            u = float(u)
-            if not math.isfinite(u):
+            try:
+                value = float(u)
+            except (TypeError, ValueError):
+                value = math.nan
+            if not math.isfinite(value):
                 raise ValueError(f"The drive must be finite. Got {u!r} instead.")
-        else:
-            u = self._checked(u, 1)
-        return self._step(u)
+            return self._step(value)
+        return self._step(self._checked(u, 1))
 
     def run(self, u):
         """Return the response to many samples, and stand behind the last.
@@ -444,14 +472,27 @@ class Stepper:
         return self.lowered.streaming(self._state)(u)
 
     def _checked(self, u, ndim):
-        u, n_inputs = np.asarray(u, dtype=float), self.lowered.n_inputs
-        if u.ndim != ndim or (n_inputs and u.shape[-1] < n_inputs) or not np.isfinite(u).all():
+        n_inputs = self.lowered.n_inputs
+        try:
+            rows = np.asarray(u, dtype=float)
+        except (TypeError, ValueError):
+            rows = np.empty(())
+        is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
+        if not (is_whole and np.isfinite(rows).all()):
             wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
             raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
-        return u
+        return rows
 
     def copy(self):
         """Return another one in the same state, which goes its own way."""
         other = Stepper(self.lowered, self.dt)
         other._begin(self._state)
         return other
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo):
+        return self.copy()
+
+    def __reduce__(self):
+        raise TypeError("A Stepper is compiled, and not pickled: keep its model and its 'state'.")

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._jit import bind
 from ._lowered import Lowered, LoweredStep
-from ._protocol import Operator, as_constant, as_signal
+from ._protocol import Operator, as_signal
 
 _TRIALS = 300  # doublings up to any number, and three times the halvings of its digits
 
@@ -161,26 +161,14 @@ class RootInverseOperator(InverseOperator):
             ends.append(forward.stepping(forward.state.copy())(end))
         sign = 1.0 if ends[1] >= ends[0] else -1.0
         constants, start = (self.low, self.high, sign), [u, reach, *forward.state, *forward.state]
+        law = _plain(_Composed(forward))  # of several steps, which nothing compiles
         if isinstance(forward, LoweredStep):
             law = bind(root_step, forward.step)
-            return LoweredStep(law, (*constants, *forward.constants), start)
-        return _LoweredRoot(forward, constants, as_constant(start))
-
-
-@dataclass(frozen=True)
-class _LoweredRoot(Lowered):
-    """The root of what is made of several steps, which nothing compiles."""
-
-    forward: Lowered
-    constants: tuple
-    state: np.ndarray
-
-    def bound(self, s, binding):
-        return binding(_plain(_Composed(self.forward)), self.constants, s)
-
-    def streaming(self, s):
-        root = self.stepping(s)
-        return lambda y: np.array([root(value) for value in y])
+            constants += forward.constants
+        own = len(forward.state)
+        return LoweredStep(
+            law, constants, start, possible=lambda s, _: forward.is_possible(s[2 + own :])
+        )
 
 
 @dataclass(frozen=True)

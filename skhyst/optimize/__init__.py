@@ -6,8 +6,8 @@ from ._histories import estimate_histories, histories_of
 from ._identify import METHODS, IdentificationResult, identify
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem, modal_start
-from ._noise import coloured_covariance
 from ._nonnegative import nonnegative_minimum
+from ._pole_starts import distribute_poles, pole_starts, record_poles, sections, warp
 from ._population import (
     CuckooSearch,
     DifferentialEvolution,
@@ -17,7 +17,7 @@ from ._population import (
 )
 from ._problem import OperatorProblem, RecordData, ages, path_of
 from ._single_step import predicted_cost, single_step
-from ._starts import distribute_poles, pole_starts, record_poles, sections, warp
+from ._standard_errors import coloured_covariance
 from ._variable_projection import (
     Method,
     VariableProjection,

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..operators import take_apart
 from ._levenberg_marquardt import LevenbergMarquardt
-from ._noise import FEWEST, coloured_covariance
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
+from ._standard_errors import FEWEST, coloured_covariance
 from ._variable_projection import VariableProjection
 
 METHODS = {
@@ -61,7 +61,7 @@ class IdentificationResult:
         Standard errors if the noise is white.
     short : tuple of str
         Parameters for which the records are worth fewer than ``FEWEST`` independent samples, see
-        ``_noise``.
+        ``_standard_errors``.
     damping : tuple of float
         One value an entry of ``history``, where steps were damped; else empty.
     """

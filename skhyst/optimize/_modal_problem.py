@@ -12,7 +12,7 @@ the two scales that B and C of a section share are left to the damping of the so
 import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
-from ._starts import sections
+from ._pole_starts import sections
 
 
 def _resolvent(s, time_constants, w, zeta):

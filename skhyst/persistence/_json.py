@@ -17,8 +17,6 @@ from importlib.metadata import version
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from ._moved import MOVED
-
 FORMAT = 1
 _VERSION = version("skhyst")
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
@@ -114,6 +112,14 @@ def _classes():
     return found
 
 
+def class_named(name):
+    """Return the class of a public name, in whichever package it is now; None if there is none."""
+    package, _, last = name.rpartition(".")
+    moved = {own.rpartition(".")[2]: kind for own, kind in _classes().items()}
+    is_own = package.partition(".")[0] == __package__.partition(".")[0]
+    return _classes().get(name, moved.get(last) if is_own else None)
+
+
 @cache
 def _names():
     return {member: name for name, member in _classes().items()}
@@ -202,7 +208,7 @@ def _array(plain):
 
 
 def _object(plain):
-    kind = _classes().get(MOVED.get(plain["class"], plain["class"]))
+    kind = class_named(plain["class"])
     if kind is None:
         raise ValueError(f"skhyst has no public class {plain['class']!r}")
     parameters = {name: _value(item) for name, item in plain["parameters"].items()}

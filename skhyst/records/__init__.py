@@ -1,30 +1,30 @@
-"""Records: what the index of X says of time, and reading recordings from files."""
+"""Records: what the index of X says of time, recordings in files, faults of a measurement."""
 
+from ._channels import largest_noise as largest_noise
+from ._data_quality import data_quality
+from ._data_quality import lost_readings as lost_readings
+from ._data_quality import with_reactions as with_reactions
 from ._frames import iter_records, stack_records
 from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
-from ._inspect import ColumnOverview, RecordingOverview, inspect_recording
-from ._readers import read_records
-from ._recognise import RecognisedColumn, recognise_columns
+from ._read_records import read_records
+from ._recording_overview import RecordingOverview, inspect_recording
 from ._resample import resample_like, resample_records, resampling_error
-from ._units import Units, unit_of
+from ._units import Units
 
 __all__ = [
-    "ColumnOverview",
-    "RecognisedColumn",
     "RecordSlice",
     "RecordingOverview",
     "Units",
     "by_interval",
     "chosen_interval",
+    "data_quality",
     "inspect_recording",
     "iter_records",
     "read_records",
-    "recognise_columns",
     "record_slices",
     "resample_like",
     "resample_records",
     "resampling_error",
     "sampling_interval",
     "stack_records",
-    "unit_of",
 ]

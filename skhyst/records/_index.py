@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
+from ..io import JITTER, describe_rows
 
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
 LONGEST = (
     1e25  # interval in s; beyond, or below its inverse, squares of second derivatives overflow
 )
@@ -206,12 +206,12 @@ def by_interval(records) -> dict[float, list[int]]:
 
 
 def chosen_interval(records, dt, caller) -> float:
-    """Return the sampling interval at which a fitted model is used.
+    """Return the sampling interval at which a fitted model, or a controller, is used.
 
     Parameters
     ----------
     records : sequence of RecordSlice
-        Of the fit.
+        Of the fit; none where nothing is fitted, and the interval must be given.
     dt : float or None
         Interval in s where one is given.
     caller : str
@@ -225,7 +225,7 @@ def chosen_interval(records, dt, caller) -> float:
     Raises
     ------
     ValueError
-        If no interval is given and the records differ in theirs.
+        If the interval that is given is none, or none is given and the records differ in theirs.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def chosen_interval(records, dt, caller) -> float:
     >>> chosen_interval(records, None, "to_c"), chosen_interval(records, 0.2, "to_c")
     (0.1, 0.2)
     """
-    if dt is not None:
+    if dt is not None or not records:
         refuse_interval(dt, caller)
         return float(dt)
     intervals = list(by_interval(records))
@@ -471,9 +471,3 @@ def _numbers(times, dt, codes=None):
             f"drop these rows."
         )
     return TimeStamps(values, unit, dtype, counts)
-
-
-def describe_rows(rows, most=5) -> str:
-    """Return ``"3 row(s) (4, 7, 9)"``, with the first few numbers."""
-    shown = ", ".join(str(row) for row in rows[:most])
-    return f"{len(rows)} row(s) ({shown}{', ...' if len(rows) > most else ''})"

@@ -9,10 +9,10 @@ import pandas as pd
 from scipy.signal import butter, sosfiltfilt
 
 from ..exceptions import RecordError
+from ..io import describe_rows
 from ._frames import as_frame, as_series, refuse_lengths
 from ._index import (
     GAP,
-    describe_rows,
     record_slices,
     refuse_interval,
     refuse_lost_index,

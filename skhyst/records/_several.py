@@ -1,14 +1,12 @@
-"""Several recordings in one call: a list of files, and groups or sheets of one file."""
+"""Several recordings in one call, as records of one frame."""
 
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
 from ..exceptions import RecordError
 from ._frames import stack_records
-from ._units import without_unit
 
 
 def labelled(sources):
@@ -25,29 +23,6 @@ def labelled(sources):
     if len(set(labels)) < len(labels):
         raise RecordError("The 'path' parameter of read_records must name each file once.")
     return dict(zip(labels, sources, strict=True))
-
-
-def record_groups(variables, wanted):
-    """Return the variables by group, where several groups have all columns that are wanted.
-
-    There they are called as in their group. Else all variables are one group, or the only one that
-    has them all.
-    """
-    groups = {}
-    for variable in variables:
-        groups.setdefault(variable.group, []).append(variable)
-    holding = {group: own for group, own in groups.items() if _has_all(own, wanted)}
-    if len(holding) < 2:
-        return holding or {"": variables}
-    return {
-        group: [replace(variable, name=variable.bare, group="") for variable in own]
-        for group, own in holding.items()
-    }
-
-
-def _has_all(variables, wanted):
-    names = {name for v in variables for name in (v.bare, v.bare_label, without_unit(v.bare))}
-    return bool(wanted and variables[0].group) and all(one in names for one in wanted)
 
 
 def together(parts):

@@ -84,6 +84,7 @@ def choose(page, widget, name):
     raise AssertionError(f"{name} cannot be chosen")
 
 
+@pytest.mark.slow
 @pytest.mark.needs_recordings("piezo_afm")
 def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, recording, tmp_path):
     asked = []

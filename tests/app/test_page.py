@@ -35,7 +35,7 @@ def test_what_is_not_known_is_left_to_the_search():
 
 
 def test_without_streamlit_the_extra_is_named(monkeypatch, capsys):
-    monkeypatch.setattr("skhyst._app_command.find_spec", lambda name: None)
+    monkeypatch.setattr("skhyst.cli._app.find_spec", lambda name: None)
     assert main(["app"]) == 1
     assert 'pip install "skhyst[app]"' in capsys.readouterr().err
 
@@ -82,6 +82,7 @@ def search(page):
     return page
 
 
+@pytest.mark.slow
 def test_from_a_file_to_the_effect_and_the_next_drive(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     upload(page, recording(top=8.0))

@@ -20,7 +20,7 @@ from skhyst.linear import FirstOrderLag, KelvinVoigt
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
 
-__all__ = ["NO_GAIN", "small_estimators"]
+__all__ = ["NO_GAIN", "SLOW", "small_estimators"]
 
 _BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of theirs
 
@@ -28,7 +28,9 @@ _EXAMPLES = {
     "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
-    "InverseCompensator": lambda: InverseCompensator(Ridge(), method="learned"),
+    "InverseCompensator": lambda: InverseCompensator(  # at any drive: by default it is limited
+        Ridge(), method="learned", drive_limits=(-1e300, 1e300), rate_limit=1e300
+    ),
     "Observer": lambda: Observer(FirstOrderLag()),
     "Monitor": lambda: Monitor(Observer(FirstOrderLag())),
     "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
@@ -64,6 +66,18 @@ NO_GAIN = {
     "SmoothCurve",
     "SoftSaturation",
     "TimeShift",
+}
+
+# a fit takes a fifth of a second or more; quicker ones are made of the same parts
+SLOW = {
+    "BoucWenStage",
+    "EffectSearchCV",
+    "EndStops",
+    "FrictionStage",
+    "Monitor",
+    "Observer",
+    "RestoringForce",
+    "SCNRegressor",
 }
 
 

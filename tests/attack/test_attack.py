@@ -5,18 +5,9 @@ from zlib import crc32
 import pytest
 from attack import attack, examine, instance
 from hostile_data import Case
-from small_estimators import small_estimators
+from small_estimators import SLOW, small_estimators
 
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
-_SLOW = {  # a fit takes a tenth of a second or more
-    "BoucWenStage",
-    "EffectSearchCV",
-    "EndStops",
-    "FrictionStage",
-    "Monitor",
-    "Observer",
-    "RestoringForce",
-}
 
 # what was neither right nor refused
 FOUND = [
@@ -58,9 +49,10 @@ FOUND = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", small_estimators())
 def test_right_or_refused(name):
-    _, broken = examine(name, 1 if name in _SLOW else 4, number=crc32(name.encode()))
+    _, broken = examine(name, 1 if name in SLOW else 4, number=crc32(name.encode()))
     assert broken == []
 
 

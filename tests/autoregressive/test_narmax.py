@@ -12,7 +12,7 @@ from skhyst.autoregressive import NARMAXRegressor
 from skhyst.autoregressive._polynomial import candidate_terms
 from skhyst.autoregressive._problems import FreeRunProblem, InnovationProblem
 from skhyst.autoregressive._runs import Lags, Start
-from skhyst.autoregressive._selection import Criterion, Search, condense, error_reduction
+from skhyst.autoregressive._selection import Search, SelectionCriterion, condense, error_reduction
 from skhyst.preprocessing import PlayOperators
 
 LAGS = {"input_lags": (1, 2), "output_lags": (1, 2)}
@@ -45,7 +45,7 @@ def test_search_finds_the_best_of_all_subsets(seed):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(200, 9)) @ (np.eye(9) + 0.4 * rng.normal(size=(9, 9)))
     y = A[:, [1, 4, 7]] @ [1.0, -0.7, 0.4] + 0.3 * rng.normal(size=200)
-    search = Search([condense([np.column_stack([A, y])])], Criterion("bic", 200, 9, y @ y))
+    search = Search([condense([np.column_stack([A, y])])], SelectionCriterion("bic", 200, 9, y @ y))
 
     def bic(subset):
         rest = y - A[:, subset] @ np.linalg.lstsq(A[:, subset], y, rcond=None)[0]
@@ -137,6 +137,7 @@ def test_units(options, drive, response):
 # -------------------------------------------------------------------------- coefficients, errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", study.NOISES)
 def test_standard_errors_cover_the_truth(kind):
     rate, n_runs = study.coverage(kind, 500, 40)
@@ -201,6 +202,7 @@ def test_simulation_from_an_unstable_start():
     assert coefficients(model)["y(k-1)"] == pytest.approx(1.9, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_common_factor_is_taken_out():
     """The equation times a combination of itself and its past has the same free run."""
     lags = {"input_lags": (1, 2, 3), "output_lags": (1, 2, 3)}

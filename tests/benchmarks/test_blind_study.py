@@ -25,6 +25,7 @@ def test_plan_holds_what_the_study_asks_for():
         assert len({case.noise for case in cases if case.effect == structure}) == 3
 
 
+@pytest.mark.slow
 def test_no_plant_belongs_to_two_studies(row):
     """As many plants as there may be, of studies beside each other and at the ends."""
     settling, reported = blind_study.SETTLING_SEEDS, blind_study.REPORTED_SEEDS

@@ -12,6 +12,8 @@ from scipy.special import gamma
 
 from skhyst.datasets.simulation import Plant, first_order, oscillate, plays
 
+pytestmark = pytest.mark.slow
+
 PLANT = Plant({"dynamics": (partial(oscillate, frequency=1 / 25, damping=0.1),)})
 DRIVE = np.cumsum(np.random.default_rng(0).normal(size=400)) / 20.0
 

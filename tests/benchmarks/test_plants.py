@@ -20,6 +20,8 @@ from plants import (
 
 from skhyst.datasets.simulation import bouc_wen, first_order, oscillate, plays
 
+pytestmark = pytest.mark.slow
+
 SHORT = 2000
 
 

@@ -67,6 +67,7 @@ def test_a_mode_that_moves_with_the_amplitude():
     assert np.std(constant.predict(new_X) - new_y) > 20 * error
 
 
+@pytest.mark.slow
 def test_standard_errors_cover():
     hits = []
     for seed in range(12):

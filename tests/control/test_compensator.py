@@ -1,20 +1,25 @@
 """The response to the drive that a compensator finds is the reference."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
+from operator_cases import OPERATORS, make_drive
+from scipy.linalg import toeplitz
 from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
 
-from skhyst.compose import OnColumn, Sum
+from skhyst.compose import Cascade, OnColumn, Sum
 from skhyst.control import InverseCompensator
+from skhyst.control._drive_limits import DriveLimits
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ReachWarning
 from skhyst.hysteresis import (
     BoucWenStageOperator,
     FrictionStageOperator,
+    ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
     RateDependentPrandtlIshlinskiiOperator,
@@ -25,11 +30,18 @@ from skhyst.linear import (
     FirstOrderLagOperator,
     Gain,
     GainOperator,
+    SecondOrderMode,
     SecondOrderModeOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, Stepper, SumOperator
-from skhyst.static import SaturationOperator
+from skhyst.operators import (
+    FrozenOperator,
+    SeriesOperator,
+    Stepper,
+    SumOperator,
+    put_beside,
+)
+from skhyst.static import SaturationOperator, SoftSaturation
 
 DT, N = 1e-3, 1200
 TIME = DT * np.arange(N)
@@ -41,7 +53,7 @@ FRICTION = FrictionStageOperator(2.0 * np.pi * FREQUENCY, 0.1, 0.5, 0.8, 30.0, 2
 
 
 class Known(PrandtlIshlinskii):
-    """A model whose operator is known."""
+    """A model whose operator is known, at drives of any size and rate."""
 
     def __init__(self, operator):
         self.operator = operator
@@ -49,6 +61,7 @@ class Known(PrandtlIshlinskii):
     def fit(self, X, y):
         self._read_records(X, y)
         self.operator_ = self.operator
+        self.drive_range_, self.drive_rate_ = (-np.inf, np.inf), np.inf
         return self
 
     dt, initial_state, _parameter_constraints = DT, "rest", {}
@@ -107,6 +120,179 @@ def test_what_is_out_of_reach_is_named_with_its_value():
         compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
 
+# ------------------------------------------------------- drives that a device could not bear
+
+U = np.sin(20.0 * TIME) + 0.3 * np.sin(2.0 * np.pi * 50.0 * TIME**2)  # of a recording
+NONE = {"drive_limits": None, "rate_limit": None}
+
+
+def fitted_mode(damping_ratio, **options):
+    """Return the compensator of a mode that was fitted to a record with noise, and the mode."""
+    mode = SecondOrderModeOperator(2.0 * np.pi * 60.0, damping_ratio)
+    y = mode.run(U, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
+    return InverseCompensator(SecondOrderMode(dt=DT), **options).fit(U[:, None], y), mode
+
+
+def bounded(operator, reference, rest=60):
+    """Return the drive of least size that follows a reference between two rests, by its matrix."""
+    wanted = np.concatenate([np.full(rest, reference[0]), reference, np.full(rest, reference[-1])])
+    pulse = operator.run(np.eye(1, len(wanted), k=1)[0], DT)[0][1:]
+    found = np.linalg.lstsq(toeplitz(pulse, np.zeros(len(pulse))), wanted[1:], rcond=1e-9)[0]
+    return found[rest - 1 : rest - 1 + len(reference)]
+
+
+@pytest.mark.parametrize("damping_ratio", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize("phase", [0.0, 1.0])
+def test_a_reference_that_moves_at_its_ends_asks_for_no_more_than_it_needs(damping_ratio, phase):
+    """The direction that the response does not show stays out, whatever the limits are."""
+    reference = np.sin(40.0 * np.pi * DT * np.arange(300) + phase)
+    found, mode = fitted_mode(damping_ratio, **NONE)
+    with pytest.warns(ReachWarning, match="which is not limited, are beyond what the fit has seen"):
+        drive = found.predict(reference[:, None])
+    needed = bounded(mode, reference)
+    np.testing.assert_allclose(drive[-20:], needed[-20:], atol=0.05)
+    assert np.abs(drive).max() < 1.5 * np.abs(needed).max()
+    error = mode.run(drive, DT, mode.init(drive[0]))[0] - reference
+    assert np.abs(error).max() < 0.1 * np.ptp(reference)
+    assert np.sqrt(np.mean(error**2)) < 0.01 * np.ptp(reference)
+
+
+def test_a_mode_driven_to_the_end_of_a_record():
+    """The last drive stops the mass: 1.6 times what holds the reference at its largest."""
+    reference = np.sin(40.0 * np.pi * DT * np.arange(400))
+    found, mode = fitted_mode(0.05, **NONE)
+    with pytest.warns(ReachWarning):
+        last = found.predict(reference[:, None])[-1]
+    assert last == pytest.approx(bounded(mode, reference)[-1], rel=0.02)
+    assert abs(last) == pytest.approx(1.6, abs=0.05)
+    limited, _ = fitted_mode(0.05)
+    with pytest.warns(ReachWarning, match=r"cut \d.* % of the samples: .* per s"):
+        drive = limited.predict(reference[:, None])
+    assert U.min() <= drive.min() <= drive.max() <= U.max()
+    assert np.abs(np.diff(drive)).max() <= np.abs(np.diff(U)).max() * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.01, 0.05])
+def test_trials_on_the_device_ask_for_no_more_either(damping_ratio):
+    reference = np.sin(40.0 * np.pi * DT * np.arange(300) + 1.0)
+    found, mode = fitted_mode(damping_ratio, **NONE)
+    device, drives = dataclasses.replace(mode, damping_ratio=1.3 * damping_ratio), []
+    noise = np.random.default_rng(1)
+
+    def measure(drive):
+        drives.append(drive)
+        return device.run(drive, DT, device.init(drive[0]))[0] + 1e-4 * noise.normal(size=300)
+
+    with pytest.warns(ReachWarning):
+        found.refine(reference[:, None], measure, 12)
+    assert np.all(np.diff(found.errors_) < 0.0)
+    assert (
+        max(np.abs(drive).max() for drive in drives) < 3.0 * np.abs(bounded(mode, reference)).max()
+    )
+
+
+def test_three_times_the_reference_is_cut_and_told():
+    u = 5.0 * np.sin(7.0 * TIME) * TIME / TIME[-1]
+    y, _ = PLAYS.run(u, DT)
+    model = PrandtlIshlinskii(thresholds=np.arange(4.0), drive_offset=0.05, dt=DT)
+    found = InverseCompensator(model).fit(u[:, None], y)
+    assert (found.drive_limits_, found.rate_limit_) == ((u.min(), u.max()), found.drive_rate_)
+    np.testing.assert_allclose(found.predict(y[:, None]), u, atol=1e-6)  # as recorded: nothing
+    with pytest.warns(ReachWarning) as told:
+        drive, residual = found.predict(3.0 * y[:, None], return_residual=True)
+    (message,) = [str(one.message) for one in told]
+    share, missed = re.search(r"cut (\S+) % of .* miss .* by up to (\S+) \(", message).groups()
+    assert 0.0 < float(share) < 100.0
+    assert float(missed) == pytest.approx(np.abs(residual).max(), rel=1e-3)
+    assert (drive.min(), drive.max()) == (u.min(), u.max())
+    wide = clone(found).set_params(limit_margin=0.5).fit(u[:, None], y)
+    span = np.ptp(u)
+    assert wide.drive_limits_ == pytest.approx((u.min() - 0.5 * span, u.max() + 0.5 * span))
+    assert wide.rate_limit_ == pytest.approx(1.5 * found.drive_rate_)
+    free = clone(found).set_params(**NONE).fit(u[:, None], y)
+    with pytest.warns(ReachWarning, match="not limited, are beyond what the fit has seen"):
+        drive = free.predict(3.0 * y[:, None])
+    np.testing.assert_allclose(PLAYS.run(drive, DT)[0], 3.0 * y, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        ModifiedPrandtlIshlinskii(8, dt=DT),
+        Cascade([("plays", PrandtlIshlinskii(5)), ("knee", SoftSaturation(sides="upper"))], dt=DT),
+    ],
+)
+def test_a_stage_that_was_clipped_is_driven_no_further(model):
+    """Recorded at 5 to 75 V, clipped at 6.5 um, asked for 14 um."""
+    u = 40.0 + 35.0 * np.sin(4.0 * np.pi * TIME) * TIME / TIME[-1]
+    clipped = np.minimum(0.1 * PLAYS.run(u, DT)[0] / 1.9, 6.5)
+    found = InverseCompensator(model).fit(u[:, None], clipped)
+    with pytest.warns(ReachWarning, match=r"will miss the reference by up to \d"):
+        drive = found.predict(7.0 + 7.0 * np.sin(4.0 * np.pi * TIME[:, None]))
+    assert u.min() <= drive.min() <= drive.max() <= u.max()
+
+
+def test_a_mass_with_friction_is_not_thrown_about():
+    """A reference that jumps asks for hundreds of volts up and down; recorded were 12, slowly."""
+    u = 12.0 * np.sin(6.0 * np.pi * TIME) * np.cos(1.4 * np.pi * TIME)
+    model = Known(FRICTION).fit(u[:, None], FRICTION.run(u, DT)[0])
+    model.drive_range_, model.drive_rate_ = (u.min(), u.max()), np.abs(np.diff(u)).max() / DT
+    found = InverseCompensator(model).fit(u[:, None], u)
+    with pytest.warns(ReachWarning, match=r"cut .* miss the reference"):
+        drive = found.predict(8.0 * (TIME[:300, None] > 0.1))
+    assert np.abs(drive).max() <= 12.0
+    assert np.abs(np.diff(drive)).max() <= np.abs(np.diff(u)).max() * (1.0 + 1e-9)
+
+
+def test_a_start_that_is_missed_is_told():
+    """A response that begins the wrong way for 50 ms cannot follow what moves at once."""
+    slow = TransferFunctionOperator(
+        np.empty(0), np.array([300.0]), np.array([0.1]), np.array([-0.05])
+    )
+    with pytest.warns(ReachWarning, match=r"will miss the reference by up to (\S+) \(\d"):
+        found = compensator(slow).predict(100.0 * np.sin(100.0 * TIME[:300, None]))
+    assert np.abs(found).max() < 300.0
+
+
+def test_a_model_that_does_not_know_its_drive_is_told():
+    found = compensator(PLAYS)
+    del found.model_.drive_range_, found.model_.drive_rate_
+    older = InverseCompensator(found.model_).fit(np.zeros((4, 1)), np.arange(4.0))
+    for use in (lambda: older.predict(smooth(2.0)[:, None]), lambda: older.stepper(DT)):
+        with pytest.warns(ReachWarning, match="an earlier version, does not know it"):
+            use()
+    older.set_params(drive_limits=(-9.0, 9.0), rate_limit=None).predict(smooth(2.0)[:, None])
+
+
+def test_a_learned_inverse_is_limited_too():
+    u = np.tile([-1.0, 1.0], 25)[:, None]
+    found = InverseCompensator(LinearRegression(), method="learned").fit(u, 3.0 * u[:, 0])
+    with pytest.warns(ReachWarning, match="cut 50 % of the samples: -1 to 1, 2 per s"):
+        drive = found.predict([[0.3], [0.3], [12.0], [12.0]])
+    np.testing.assert_allclose(drive, [0.1, 0.1, 1.0, 1.0])
+
+
+def test_the_rate_holds_at_any_interval():
+    found = compensator(PLAYS, rate_limit=20.0)
+    with pytest.warns(ReachWarning, match="-inf to inf, 20 per s"):
+        drive = found.drive_for(smooth(2.0)[::2], 2.0 * DT)
+    assert np.abs(np.diff(drive)).max() <= 20.0 * 2.0 * DT * (1.0 + 1e-12)
+
+
+def test_the_nearest_drive_that_keeps_a_rate():
+    """No other that begins there is nearer, by the largest difference."""
+    rng = np.random.default_rng(0)
+    k = np.arange(40)
+    for change in (0.1, 0.5, 2.0):
+        u = rng.normal(size=40)
+        slower = DriveLimits(rate=change / DT).applied(u, DT)
+        apart = np.abs(u - u[:, None]) - change * np.abs(k - k[:, None])
+        distance = max(0.5 * apart.max(), apart[0].max(), 0.0)
+        assert np.abs(slower - u).max() == pytest.approx(distance, rel=1e-12)
+        assert np.abs(np.diff(slower)).max() <= change * (1.0 + 1e-12)
+        assert slower[0] == u[0]
+
+
 def test_iterations_on_the_device_never_make_it_worse():
     """The device is not the model; its sensor has noise."""
     noise, rng = 2e-3, np.random.default_rng(0)
@@ -128,7 +314,7 @@ def test_iterations_on_the_device_never_make_it_worse():
 def test_an_inverse_can_be_learned():
     y = np.random.default_rng(0).normal(size=(50, 1))
     found = InverseCompensator(LinearRegression(), method="learned").fit(3.0 * y + 1.0, y[:, 0])
-    np.testing.assert_allclose(found.predict([[2.0]]), [7.0])
+    np.testing.assert_allclose(found.predict([[1.5]]), [5.5])
     refused = (
         lambda X: found.predict(X, return_residual=True),
         lambda X: found.refine(X, np.ravel),
@@ -197,6 +383,66 @@ def test_it_streams_what_it_predicts_from_a_preview(name):
     assert error < 1e-8 * np.ptp(whole)
 
 
+HYSTERESES = tuple(OPERATORS[name] for name in ("Duhem", "slip elements", "Bouc-Wen"))
+AT_ONCE = {
+    "sum of hystereses": SumOperator(("a", "b", "c"), HYSTERESES),
+    "series of sums of hystereses": SeriesOperator(
+        ("first", "second"),
+        (SumOperator(("a", "b"), (PLAYS, HYSTERESES[1])), SumOperator(("a",), HYSTERESES[:1])),
+    ),
+    "slip elements, held": FrozenOperator(HYSTERESES[1]),
+    "slip elements before a mode": SeriesOperator(("slip", "mode"), (HYSTERESES[1], MODE)),
+}
+for name, operator in OPERATORS.items():
+    if operator.at_once and operator.causal and "delay" not in name:  # a record's ends tell it
+        AT_ONCE[name] = operator
+REFUSED = {  # what no drive can give, or what is known of a whole record alone
+    **dict.fromkeys(("offset", "drift", "sinusoid", "empty sum"), "has no inverse|of nothing"),
+    "plays, stop form, no spring left": "needs a first threshold",
+    **{name: "looks ahead" for name in AT_ONCE if name.startswith("rate-dependent")},
+}
+
+
+@pytest.mark.parametrize("name", AT_ONCE)
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ReachWarning")  # an end of the reach
+def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
+    found = compensator(AT_ONCE[name], max_iter=0)
+    if name in REFUSED:
+        with pytest.raises((ValueError, NotImplementedError), match=REFUSED[name]):
+            found.stepper(DT)
+        return
+    u = make_drive()
+    reference = AT_ONCE[name].run(u, DT, AT_ONCE[name].init(u[0]))[0]
+    rest = found.preview(DT)  # the drive moves before the response, and at its end before that
+    reference = np.pad(reference, (rest, 2 * rest), mode="edge")
+    stepper = found.stepper(DT, reference[0])
+    begin, other, ahead = stepper.state, stepper.copy(), found.preview(DT)
+    drive = stepper.run(reference)
+    np.testing.assert_array_equal([other.step(value) for value in reference], drive)
+    np.testing.assert_array_equal(other.state, stepper.state)
+    other.state = begin
+    np.testing.assert_array_equal(other.run(reference), drive)
+    elsewhere = found.stepper(DT, reference[rest + 20])  # the state is all that is remembered
+    elsewhere.state = begin
+    np.testing.assert_array_equal(elsewhere.run(reference), drive)
+    whole = found.predict(reference[:, None])[: len(drive) - ahead]
+    until = rest + len(u) - ahead
+    allowed = 1e-8 * np.ptp(whole)
+    np.testing.assert_allclose(drive[ahead:][:until], whole[:until], rtol=0.0, atol=allowed)
+
+
+@pytest.mark.parametrize("preview", [0, 3])
+def test_disturbances_that_are_known_are_taken_out_of_the_stream(preview):
+    """Offset and drift of the record, at the sample whose drive it is."""
+    beside = OPERATORS["offset"], OPERATORS["drift"]
+    device = put_beside(GainOperator(2.0), beside)
+    reference = smooth(3.0)
+    known = sum(own.run(reference, DT)[0] for own in beside)
+    drive = compensator(device).stepper(DT, reference[0], preview).run(reference)[preview:]
+    expected = (0.5 * (reference - known))[: N - preview]
+    np.testing.assert_allclose(drive, expected, rtol=0.0, atol=1e-12)
+
+
 def test_the_error_falls_exponentially_with_the_preview():
     """Each sample of it by the zero near -3.73 of a mass that is pushed along straight lines."""
     reference = smooth(0.7 * FREQUENCY)
@@ -255,7 +501,7 @@ def test_broken_references_are_refused(bad):
     reference[40] = bad
     with pytest.raises(ValueError, match=r"NaN|infinity"):
         found.predict(reference[:, None])
-    with pytest.raises(ValueError, match=r"'reference' .* must be finite"):
+    with pytest.raises(ValueError, match=r"'reference' .* must be a finite number"):
         found.stepper(DT, bad)
     stepper = found.stepper(DT)
     before = stepper.state

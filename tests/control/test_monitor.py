@@ -118,6 +118,150 @@ def test_colour_that_the_fit_has_left_is_no_change():
     assert 50 <= monitor.alarms(*recorded(100_000)).sum() <= 200
 
 
+def stretches(rng, n=60, size=40, p=3):
+    """Return sensitivities of stretches of samples (n, size, p) that are unlike each other."""
+    return rng.normal(size=(n, size, p)) @ rng.normal(size=(n, p, p))
+
+
+def test_the_energy_of_a_misfit_grows_no_faster_than_the_length():
+    """Cauchy and Schwarz: T of a sum is at most the sum of T, with equality where all are alike."""
+    rng = np.random.default_rng(0)
+    psi = stretches(rng)
+    scores, information = rng.normal(size=(60, 3)), psi.swapaxes(1, 2) @ psi
+    whole, _ = statistics(scores.sum(axis=0)[None], information.sum(axis=0)[None])
+    assert whole[0] <= statistics(scores, information)[0].sum()
+    alike, _ = statistics(5.0 * scores[:1], 5.0 * information[:1])
+    assert alike[0] == pytest.approx(5.0 * statistics(scores[:1], information[:1])[0][0])
+
+
+def test_sums_of_the_fit_are_those_of_parts_held_out():
+    """T with the covariance that the fit leaves is that of a part under the fit of the others."""
+    rng = np.random.default_rng(1)
+    psi = stretches(rng, n=4)
+    e = rng.normal(size=(4, 40))
+    fit = np.linalg.lstsq(psi.reshape(-1, 3), e.ravel(), rcond=None)[0]
+    scores = np.einsum("kip,ki->kp", psi, e - psi @ fit)
+    information = psi.swapaxes(1, 2) @ psi
+    rest = np.linalg.lstsq(psi[1:].reshape(-1, 3), e[1:].ravel(), rcond=None)[0]
+    score = psi[0].T @ (e[0] - psi[0] @ rest)
+    own = information[0]
+    covariance = own + own @ np.linalg.solve(information[1:].sum(axis=0), own)
+    expected = score @ np.linalg.solve(covariance, score)
+    left = own - own @ np.linalg.solve(information.sum(axis=0), own)
+    assert statistics(scores[:1], left[None])[0][0] == pytest.approx(expected)
+
+
+def test_misfit_is_found_where_drives_are_alike():
+    """Parameters that differ between two kinds of blocks, which come in turn, by 2 d."""
+    rng = np.random.default_rng(2)
+    information = np.tile(50.0 * np.eye(3), (200, 1, 1))
+    noise = np.sqrt(50.0) * rng.normal(size=(200, 3))
+    kinds = np.tile([1.0, -1.0], 100)
+    scores = noise + 50.0 * 0.07 * kinds[:, None] * [1.0, 0.0, 0.0]
+    scores -= scores.mean(axis=0)
+    sort = [np.argsort(kinds, kind="stable")]
+    wide = LocalTests(scores, information, 10**8, 1e-3, 10, sort)
+    # beside the other half, from which it differs by 2 d, half of the blocks has the energy of
+    # 50 (2 d)^2 / 2 a block
+    assert 0.9 < wide.misfit / (50.0 * 2.0 * 0.07**2) < 3.0
+    # one kind makes up for the other where they come in turn
+    assert LocalTests(scores, information, 10**8, 1e-3, 10).misfit == 0.0
+    assert LocalTests(noise - noise.mean(axis=0), information, 10**8, 1e-3, 10, sort).misfit == 0.0
+
+
+RADII, SIZES = np.array([0.3, 0.8, 1.5, 2.5, 4.0]), np.array([0.06, 0.05, 0.05, 0.04, 0.03])
+TIMES = 1e-3 * np.arange(8000)
+
+
+def other(u, seed, gain=1.0):
+    """Return the reading of a device of plays at thresholds that its model does not have."""
+    states, y = np.zeros(5), np.empty(len(u))
+    for k, value in enumerate(u):
+        states = np.minimum(np.maximum(states, value - RADII), value + RADII)
+        y[k] = 0.9 * value + states @ SIZES
+    return gain * y + 2e-3 * np.random.default_rng(seed).normal(size=len(u))
+
+
+@pytest.fixture(scope="module")
+def inexact():
+    u = 5.0 * np.sin(2.0 * np.pi * TIMES) * np.exp(-0.2 * TIMES)
+    y = other(u, 0)
+    model = PrandtlIshlinskii(20, dt=1e-3).fit(u[:, None], y)
+    return Monitor(Observer(model), false_alarms=1e-6).fit(u[:, None], y), u, y
+
+
+def test_a_model_that_is_close_and_not_exact_keeps_the_promise(inexact):
+    monitor, u, y = inexact
+    assert monitor.misfit_ > 0.0
+    assert not monitor.alarms(u[:, None], y).any()
+    for size in (1.0, 3.0, 4.9):
+        v = size * np.sin(1.4 * np.pi * TIMES) * np.sin(4.6 * np.pi * TIMES)
+        for seed in (1, 2):
+            found, judged = monitor.alarms(v[:, None], other(v, seed), return_judged=True)
+            assert not found.any()
+            assert judged.any()
+            assert judged.all() or size > 1.0  # 4.9 and 3 are faster than the drive of the fit
+
+
+def test_of_a_model_that_is_not_exact_a_change_beyond_the_misfit_is_found(inexact):
+    monitor, u, _ = inexact
+    assert monitor.alarms(u[:, None], other(u, 3, gain=1.1)).any()
+    assert "gain" in monitor.suspect_
+
+
+def test_an_exact_model_has_no_misfit(monitor):
+    assert monitor.misfit_ == 0.0
+
+
+@pytest.mark.parametrize("size", [0.1, -0.5])
+@pytest.mark.parametrize("start", [4 * PERIOD, 4 * PERIOD + 33])
+def test_an_offset_is_a_suspect_of_its_own(monitor, size, start):
+    u, y = service(14 * PERIOD, np.random.default_rng(8))
+    y[start:] += size
+    assert monitor.alarms(u[:, None], y).any()
+    assert monitor.suspect_ == ("offset",)
+
+
+def test_an_offset_of_a_device_that_the_model_is_close_to(inexact):
+    monitor, u, _ = inexact
+    y = other(u, 3)
+    y[4000:] += 0.05
+    assert monitor.alarms(u[:, None], y).any()
+    assert monitor.suspect_ == ("offset",)
+
+
+@pytest.mark.parametrize("drives", ["larger", "faster"])
+def test_what_the_fit_has_not_seen_is_not_judged(monitor, drives):
+    """A device that has changed a lot, where its drive is beyond that of the fit."""
+    u, y = service(4 * PERIOD, np.random.default_rng(9))
+    n = len(u) // 64 * 64
+    found, judged = monitor.alarms(u[:, None], y, return_judged=True)
+    assert not found.any()
+    np.testing.assert_array_equal(judged, np.arange(len(u)) < n)
+    beyond = 3.0 * u if drives == "larger" else np.tile(u[::4], 4)[: len(u)]
+    limit = {"larger": np.abs(beyond), "faster": np.abs(np.diff(beyond, prepend=0.0))}[drives]
+    own = {"larger": np.abs(u), "faster": np.abs(np.diff(u, prepend=0.0))}[drives]
+    changed = respond(beyond, weights=1.5 * WEIGHTS)
+    found, judged = monitor.alarms(beyond[:, None], changed, return_judged=True)
+    is_beyond = (limit[:n] > 1.5 * own.max()).reshape(-1, 64).any(axis=1)
+    assert is_beyond.any()
+    assert not judged[:n].reshape(-1, 64)[is_beyond].any()
+    assert not found[~judged].any()
+    monitor.reset()
+    for k in range(64 * 4):
+        monitor.update(beyond[k], changed[k])
+        if k % 64 == 63:
+            assert monitor.judged == judged[k]
+
+
+def test_beyond_the_drives_of_the_fit_there_is_no_suspicion(monitor):
+    u = np.full(640, 20.0)
+    found, judged = monitor.alarms(u[:, None], np.arange(640.0), return_judged=True)
+    assert not found.any()
+    assert not judged.any()
+    assert monitor.suspect_ == ()
+
+
 def test_whitening_finds_the_filter():
     noise = lfilter([1.0], [1.0, -1.2, 0.5], np.random.default_rng(0).normal(size=(3, 5000)))
     np.testing.assert_allclose(whitening(list(noise)), [1.0, -1.2, 0.5], atol=0.03)

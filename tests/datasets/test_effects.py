@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from skhyst.datasets import make_inchworm_motor, make_scanning_stage, swept_sine, triangle
-from skhyst.datasets._effects import EFFECTS, Device, complete_effects, path
+from skhyst.datasets._device import EFFECTS, Device, complete_effects, path
 from skhyst.datasets.simulation import oscillate, plays
 from skhyst.records import record_slices, stack_records
 

@@ -11,14 +11,14 @@ import plants
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.signal import lsim
 
 import skhyst
 from skhyst.datasets import simulation
 from skhyst.datasets.simulation import (
-    Effect,
     Plant,
+    PlantEffect,
     bouc_wen,
     first_order,
     kelvin_voigt,
@@ -26,6 +26,7 @@ from skhyst.datasets.simulation import (
     plays,
     pure_delay,
     refine,
+    reversal_curves,
     slew_limited,
 )
 
@@ -40,7 +41,7 @@ def test_what_makes_data_and_what_finds_effects_share_the_recording_alone():
     files = dict.fromkeys(home.glob("datasets/*.py"), "skhyst.datasets")
     files |= dict.fromkeys(Path(plants.__file__).parent.glob("*.py"), "plants")
     imported = set()
-    for path, package in {**files, home / "_demo.py": "skhyst"}.items():
+    for path, package in {**files, home / "cli" / "_demo_recording.py": "skhyst.cli"}.items():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 imported |= {alias.name for alias in node.names}
@@ -62,11 +63,11 @@ def test_refined_drive_is_the_piecewise_linear_one():
 def test_stages_and_effects_enter_at_their_places():
     plant = Plant({"core": (PLAYS,), "late": ()})
     delays = [partial(pure_delay, delay=2.0), partial(pure_delay, delay=0.0)]
-    late, plain = Effect("late", delays).changes([plant, plant])
+    late, plain = PlantEffect("late", delays).changes([plant, plant])
     drive = NOISE[:300]
     np.testing.assert_allclose(plain.respond(drive, 4), PLAYS(drive, 1.0), atol=1e-12)
     np.testing.assert_allclose(late.respond(drive, 4)[2:], plain.respond(drive, 4)[:-2], atol=1e-12)
-    own = Effect(alter=lambda p, number: p.adapt("core", weights=[number, 0.0, 0.0]))
+    own = PlantEffect(alter=lambda p, number: p.adapt("core", weights=[number, 0.0, 0.0]))
     for number, changed in enumerate(own.changes([plant, plant])):
         np.testing.assert_allclose(changed.respond(drive), number * drive, atol=1e-12)
 
@@ -95,6 +96,23 @@ def test_plays_are_rate_independent_unless_their_thresholds_grow():
     grown = plays(ramp, DT, [0.0, 0.05], [1.0, 1.0], stretch=0.2, widening=0.01)
     wide = 0.05 * (1.0 + 0.2 * 3.0) + 0.01 * 3.0
     np.testing.assert_allclose(grown[1:], (ramp + np.maximum(ramp - wide, 0.0))[1:], atol=1e-12)
+
+
+def test_reversal_curves_have_their_slope_from_every_turning_point():
+    """Along the drive the slope is integrated numerically, in either direction."""
+    law = {"slope": 2.0, "curvature": 3.0, "decay": 0.7}
+    turns, y = [0.0, 1.5, -0.4, 0.9, 0.9], [0.0]
+    for start, end in pairwise(turns):
+        way, _ = quad(lambda s: 2.0 + 3.0 * (1.0 - np.exp(-0.7 * s)) / 0.7, 0.0, abs(end - start))
+        y.append(y[-1] + np.sign(end - start) * way)
+    drive = np.interp(np.arange(401) / 100, np.arange(5), turns)
+    out = reversal_curves(drive, DT, **law)
+    np.testing.assert_allclose(out[::100], y, rtol=1e-12)
+    memory = {}
+    parts = [
+        reversal_curves(part, DT, **law, memory=memory) for part in np.split(drive, [130, 250])
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), out)
 
 
 # -------------------------------------------------------------------------------------- dynamics

@@ -113,12 +113,12 @@ MODELS = {
 # what the regressor can do itself is not missing: a forest clips, NARX has modes of its own
 CASES = [
     ("plays", lag),
-    ("plays", resonance),
-    ("plays", output_saturation),
-    ("polynomial", drift),
+    pytest.param("plays", resonance, marks=pytest.mark.slow),
+    pytest.param("plays", output_saturation, marks=pytest.mark.slow),
+    pytest.param("polynomial", drift, marks=pytest.mark.slow),
     ("forest", offset),
-    ("network", lag),
-    ("narx", drift),
+    pytest.param("network", lag, marks=pytest.mark.slow),
+    pytest.param("narx", drift, marks=pytest.mark.slow),
 ]
 
 
@@ -178,6 +178,7 @@ def test_a_single_record_is_cut_into_blocks():
     assert rms(search.predict(u.reshape(-1, 1)) - y) < 0.012
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_search():
     X, y = recording(static, offset, 3)
     forest = RandomForestRegressor(5, min_samples_leaf=5)
@@ -244,6 +245,7 @@ def static_sum(u):
     return 2.0 * u + 0.1
 
 
+@pytest.mark.slow
 def test_polynomials_of_degree_two_are_a_black_box():
     X, y = recording(static_sum, offset, 3)
     search = EffectSearchCV(

@@ -33,6 +33,7 @@ def test_noise_of_any_colour_is_no_drift(exponent, degree):
     ]
     assert np.mean(np.array(found) < 0.1) < 0.2
     assert min(found) > 1e-4
+    assert any(0.25 < p < 0.5 for p in found)  # chance has no values of its own
 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0])

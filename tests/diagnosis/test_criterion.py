@@ -9,14 +9,9 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
+from skhyst._block_test import block_length, block_p_value
 from skhyst.diagnosis._candidates import Candidate, root_mean_square
-from skhyst.diagnosis._criterion import (
-    Criterion,
-    block_length,
-    block_p_value,
-    paired_p_value,
-    weighted,
-)
+from skhyst.diagnosis._criterion import Criterion, paired_p_value, weighted
 
 N, RECORDS = 600, 4
 
@@ -245,6 +240,7 @@ def test_models_are_told_apart_by_what_matters():
     assert not criterion.foretells_better(contestant(1.0, rng.permutation(1.06 * noise)), best)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("records", [1, RECORDS])
 @pytest.mark.parametrize("kind", ["smooth", "edges", "slow"])
 @pytest.mark.parametrize("correlation", [0.0, 0.9, 0.995])

@@ -86,8 +86,8 @@ def lag(y, i, size):
 
 @pytest.mark.parametrize(
     ("name", "change"),
-    [(name, offset) for name in MODELS]
-    + [(name, lag) for name in ("BoucWen", "LuGre", "Preisach")],
+    [(name, lag) for name in ("BoucWen", "LuGre", "Preisach")]
+    + [pytest.param(name, offset, marks=pytest.mark.slow) for name in MODELS],
 )
 def test_the_effect_is_found(name, change):
     X, y = recording(name, change)
@@ -108,6 +108,7 @@ def test_in_a_cascade(name):
     assert cascade.operators_["lag"].time_constant == pytest.approx(0.05, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [nothing, lag])
 @pytest.mark.parametrize("name", LAWS)
 def test_other_laws(name, change):

@@ -26,7 +26,7 @@ from skhyst.diagnosis import (
     register_effect,
     unregister_effect,
 )
-from skhyst.diagnosis._noise import Judgement
+from skhyst.diagnosis._noise_floor import Judgement
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import RecordKFold
@@ -38,6 +38,14 @@ from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator
 EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
 SEED = 9000
 DECLARED = ("prandtl_ishlinskii", "cascade")
+
+
+def slow(*cases):
+    """Return cases as slow ones: a search over all effects takes seconds."""
+    return [
+        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        for case in cases
+    ]
 
 
 def declared_model(name):
@@ -86,8 +94,9 @@ def _searched(effect, declared):
 
 @pytest.mark.parametrize(
     ("effect", "declared"),
-    [(effect, "prandtl_ishlinskii") for effect in EFFECTS]
-    + [(effect, "cascade") for effect in ("lag", "output_saturation")],
+    [("lag", "prandtl_ishlinskii")]
+    + slow(*((effect, "prandtl_ishlinskii") for effect in EFFECTS if effect != "lag"))
+    + slow(("lag", "cascade"), ("output_saturation", "cascade")),
 )
 def test_the_missing_effect_is_named(effect, declared, found):
     recording, search = found(effect, declared)
@@ -99,7 +108,7 @@ def test_the_missing_effect_is_named(effect, declared, found):
     assert error < 0.5 * search.held_out_error(recording.X_test, recording.y_test, declared=True)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", ["lag", *slow(*(own for own in EFFECTS if own != "lag"))])
 def test_what_is_left_is_noise_and_nothing_else_is_claimed(effect, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     assert search.effects_ == [effect]
@@ -107,7 +116,7 @@ def test_what_is_left_is_noise_and_nothing_else_is_claimed(effect, found):
     assert search.noise_floor_ == pytest.approx(recording.noise_std, rel=0.1)
 
 
-@pytest.mark.parametrize("declared", DECLARED)
+@pytest.mark.parametrize("declared", slow(*DECLARED))
 def test_nothing_is_claimed_where_nothing_is_missing(declared, found):
     recording, search = found("none", declared)
     assert search.effects_ == []
@@ -128,6 +137,7 @@ def rate(u):
     return np.gradient(u) / np.gradient(u).std()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [
@@ -202,7 +212,7 @@ def test_an_error_beyond_repetitions_or_half_the_range_is_no_noise(error, repeat
     assert search._is_far_off(SimpleNamespace(error=error), judgement) == is_far
 
 
-@pytest.mark.parametrize("effect", ["lag", "offset", "none"])
+@pytest.mark.parametrize("effect", ["lag", *slow("offset", "none")])
 def test_the_attributes_agree_with_each_other(effect, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     y = recording.y_train.to_numpy()
@@ -234,6 +244,7 @@ def test_the_attributes_agree_with_each_other(effect, found):
     assert list(search.feature_names_in_) == ["drive"]
 
 
+@pytest.mark.slow
 def test_ambiguous_effects_come_with_an_experiment(found):
     rows = [
         row
@@ -269,6 +280,7 @@ def test_held_out_error_is_that_of_the_free_run(found):
         assert search.held_out_error(X, y, declared=declared) == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_held_out_error_of_one_sample_does_not_use_that_sample(found):
     """A record's own constants are taken from other stretches of it."""
     recording, search = found("offset", "prandtl_ishlinskii")
@@ -300,7 +312,7 @@ def test_the_declared_model_is_left_unfitted(found):
     assert search.declared_estimator_ is not search.estimator
 
 
-@pytest.mark.parametrize("effect", ["lag", "periodic_disturbance"])
+@pytest.mark.parametrize("effect", ["lag", *slow("periodic_disturbance")])
 def test_a_pickled_search_predicts_in_a_fresh_process(effect, tmp_path, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     path = tmp_path / "search.pickle"
@@ -391,6 +403,7 @@ def test_a_users_own_effect_is_found():
 # ---------------------------------------------------------------------------- a measured recording
 
 
+@pytest.mark.slow
 @pytest.mark.needs_recordings("piezo_afm")
 def test_measured_piezo_scanner_lacks_a_curve():
     X, y, X_test, y_test = load_piezo_afm()

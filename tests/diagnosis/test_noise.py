@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._noise import judge_residual, repeatability
+from skhyst.diagnosis._noise_floor import judge_residual, repeatability
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
 

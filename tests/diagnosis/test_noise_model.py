@@ -50,6 +50,10 @@ def test_a_power_law_is_found(exponent):
     assert found.coefficient == pytest.approx(exponent, abs=0.1)
 
 
+def test_pairs_of_readings_tell_the_size():
+    assert noise_model([np.array([5.0, 3.0])] * 50).standard_deviation == pytest.approx(1.0)
+
+
 def test_white_noise_below_a_colour_is_told_apart():
     rng = np.random.default_rng(4103)
     series = [first_order(0.95, rng) + 0.5 * rng.standard_normal(N) for _ in range(4)]

@@ -12,7 +12,7 @@ from sklearn.base import clone
 from skhyst.cli import main
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.diagnosis._criterion import Criterion, paired_p_value
-from skhyst.diagnosis._noise import judge_residual
+from skhyst.diagnosis._noise_floor import judge_residual
 from skhyst.diagnosis._reference import Reference
 from skhyst.linear import Gain
 from skhyst.optimize import RecordData

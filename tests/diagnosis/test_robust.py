@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 from plants import make_recording
 
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._data_quality import lost_readings
 from skhyst.diagnosis._robust import huber_weights
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData, identify
-from skhyst.records import record_slices
+from skhyst.records import lost_readings, record_slices
 
 TRUTH = PrandtlIshlinskiiOperator(
     np.array([0.0, 0.3, 0.7]), np.array([0.6, 0.3, 0.2]), non_negative=True

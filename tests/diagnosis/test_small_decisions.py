@@ -6,28 +6,28 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.signal import lfilter
 
-from skhyst.diagnosis import _changes, _open_questions
+from skhyst._block_test import _autocovariance
+from skhyst.diagnosis import EFFECTS, _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
-from skhyst.diagnosis._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._criterion import Criterion, _autocovariance
-from skhyst.diagnosis._data_quality import _clipped, _spikes
+from skhyst.diagnosis._constants import FLAT, REPEATS
+from skhyst.diagnosis._criterion import Criterion
+from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
-from skhyst.diagnosis._noise import _settled, repeatability
+from skhyst.diagnosis._noise_floor import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
-from skhyst.diagnosis._plausibility import stops
+from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._rounds import Rounds
+from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain, GainOperator
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
-
-SIDE = 8
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 5, 17])
@@ -65,49 +65,43 @@ def test_shares_of_octaves_are_those_of_the_power():
     np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
 
 
-def test_runs_at_the_top_of_a_wave_are_no_clipping():
-    """Of n readings in the step below, n + 2 sqrt(n) are within chance, times 1 + sqrt(2)."""
-    step, below = 0.1, 25
-    usual = (1.0 + np.sqrt(2.0)) * (below + 2.0 * np.sqrt(below))
-
-    def found(n_top):
-        top, low = np.full(n_top, 1.0), np.linspace(-1.0, 0.0, 200)
-        y = np.concatenate([low, np.full(below, 1.0 - step), top])
-        starts, lengths = np.array([0, 200, 200 + below]), np.array([1, below, n_top])
-        return [kind for kind, *_ in _clipped(y, starts, lengths, np.array([]), step)]
-
-    assert found(int(usual)) == []
-    assert found(int(usual) + 1) == ["clipped_range"]
+def test_what_a_column_adds_starts_from_that_column():
+    rng = np.random.default_rng(0)
+    u, *columns = np.linalg.qr(rng.normal(size=(500, 3)))[0].T * 20.0  # none is seen in another
+    y = u + 2.0 * columns[0] - 3.0 * columns[1]
+    records = [RecordData(u, y, 0.1, auxiliary=np.stack(columns, axis=1))]
+    tree = Tree(Gain(), GainOperator(1.0))
+    found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
+    edits = [edit for variant in found for one in variant for _, edit in one.edits]
+    gains = {(e.column, round(e.operator.gain, 1)) for e in edits if type(e) is Drive}
+    assert {(1, 2.0), (2, -3.0)} <= gains
 
 
-def test_rounding_leaves_something_beside_a_straight_line():
-    rows = np.arange(50, 150)
-    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).beside(rows) > 0.0).all()
+def test_a_curve_levels_off_by_its_slope_at_the_end_of_the_motion():
+    knee, end = SoftSaturationOperator(1.3, 2.0, 0.2), 1.1
+    above, below = (knee.run(np.array([end + h]), 0.01)[0][0] for h in (1e-6, -1e-6))
+    motion = knee.run(np.linspace(-0.3, end, 50), 0.01)[0]
+    slope = (above - below) / 2e-6
+    assert levels_off(knee, motion, []) == pytest.approx(FLAT - slope, abs=1e-6)
 
 
-@pytest.mark.parametrize("lost", [0, 1, 5, 2 * SIDE])
-@pytest.mark.parametrize("way", [1, -1])
-def test_stretches_beside_a_row_do_not_see_across_it(lost, way):
-    """One side is rough: what is left across the row is far more than beside it."""
-    noise = np.random.default_rng(lost).normal(size=200)
-    noise[100:] *= 1e4
-    stretches = _Stretches(noise[::way], SIDE)
-    assert stretches.ratio(np.array([100]), lost) > 1e4
+@pytest.mark.parametrize("beside", [0.1, 0.24, 0.26, 0.4])
+def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_turns(beside):
+    period, dt = 200, 0.01
+    time, u = dt * np.arange(2 * period), np.sin(2 * np.pi * np.arange(2 * period) / period)
+    frequency = (7.0 + beside) / (period * dt)
+    line = np.exp(2j * np.pi * frequency * time)  # of any phase
+    kept = np.mean(np.abs(line.reshape(2, period).mean(axis=0)) ** 2)
+    operator, record = SimpleNamespace(frequencies=np.array([frequency])), RecordData(u, u, dt)
+    assert (has_own_lines(operator, None, [record]) > 0.0) == (kept < 0.5)
 
 
-def test_noise_of_the_response_hides_whether_it_follows():
-    """A slow device is told from the noise on its drive, unless its own noise is in the way."""
-    n = 1000
-    smooth = np.sin(0.065 * np.arange(n)) + 0.5 * np.sin(0.15 * np.arange(n))
-    slow = lfilter([0.05], [1.0, -0.95], smooth)
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        u = smooth + 0.01 * rng.normal(size=n)
-        floor = noise_floor(u)
-        assert floor > 0.0
-        assert not _is_followed(u, slow, floor)
-        assert _is_followed(u, slow + 0.1 * rng.normal(size=n), floor)
-        assert _is_followed(u, lfilter([0.05], [1.0, -0.95], u), floor)
+@pytest.mark.parametrize(("times", "repeats"), [(0.9, False), (1.1, True)])
+def test_a_sinusoid_repeats_in_the_longest_record(times, repeats):
+    dt, rng = 0.01, np.random.default_rng(0)
+    records = [RecordData(rng.normal(size=n), np.zeros(n), dt) for n in (300, 500)]
+    operator = SimpleNamespace(frequencies=np.array([times * REPEATS / (500 * dt)]))
+    assert (has_own_lines(operator, None, records) > 0.0) == repeats
 
 
 def test_a_parameter_at_its_bound_has_no_interval():
@@ -205,25 +199,6 @@ def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
     search._structure.effects = ()
     found = [name for name, *_ in _open_questions._near_claims(search)]
     assert found == ["delay", "creep"]
-
-
-@pytest.mark.parametrize("row", [1, 2, 50, 97, 98])
-def test_a_spike_is_found_wherever_it_stands_between_readings(row):
-    y = 1e-3 * np.random.default_rng(0).normal(size=100)
-    y[row] = 2.0
-    found = _spikes(np.zeros(100), y, np.arange(100), np.ones(100, dtype=int))
-    assert row in np.concatenate([np.ravel(rows) for _, rows, *_ in found])
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
-def test_a_reaction_has_no_unit(unit):
-    rng = np.random.default_rng(0)
-    noise = rng.normal(size=500)
-    drive = rng.normal(size=500) + np.r_[0.0, 0.3 * noise[:-1]]
-    p_value = reaction_p_value(drive, noise)
-    assert 0.0 < p_value < 0.01
-    assert reaction_p_value(unit * drive, noise) == pytest.approx(p_value, rel=1e-6)
-    assert reaction_p_value(drive, unit * noise) == pytest.approx(p_value, rel=1e-6)
 
 
 @pytest.mark.parametrize(("n_turns", "tried"), [(1, False), (40, True)])

@@ -366,8 +366,8 @@ def of_branches(u, c, s):
 
 def of_secrets(u, c, s):
     """Lead to a place of which nothing can be known from elsewhere."""
-    if u > 9.0:
-        u = math.log(u - 5.0)
+    if u > 99.0:
+        u = math.log(u - 95.0)
         x = u - 1.0
         return x * x
     return u

@@ -7,8 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 from operator_cases import DT, OPERATORS, make_drive
+from sklearn.base import clone
 
-from skhyst.control import InverseCompensator
+from skhyst.control import FeedforwardPI, InverseCompensator
 from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.operators import LoweredStep, Stepper, inverse_of
@@ -61,6 +62,75 @@ def test_a_compensator_keeps_its_limits(tmp_path):
     assert error_of(tmp_path, "inverse") <= BARS["float64"]
     drive = compensator.stepper(None, y[0]).run(y)
     assert (drive.min(), drive.max()) == (-0.1, 0.6)
+
+
+WATCH = """
+#include <stdio.h>
+#include "$name.h"
+
+int main(void)
+{
+    $name_state state;
+    double u[$n];
+    $name_init(&state);
+    while ($scan) {
+        $name_step(&state, $u);
+        printf("%u\\n", (unsigned)($name_status(&state) & $name_LIMITED));
+    }
+    return 0;
+}
+"""
+
+
+def flags_of(folder, name, rows):
+    """Return which samples of an input (n_samples, n_inputs) raise the flag in C."""
+    n = rows.shape[1]
+    scan = " && ".join(f'scanf("%lf", &u[{k}]) == 1' for k in range(n))
+    text = WATCH.replace("$scan", scan).replace("$u)", "u)" if n > 1 else "u[0])")
+    text = text.replace("$name", name).replace("$n", str(n))
+    (folder / "watch.c").write_text(text)
+    command = ["cc", *FLAGS, f"{name}.c", "watch.c", "-o", "watch", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    given = "\n".join(" ".join(f"{value:.17g}" for value in row) for row in rows)
+    run = subprocess.run(folder / "watch", input=given, capture_output=True, text=True, check=True)
+    return np.array(run.stdout.split()) == "1"
+
+
+@pytest.mark.parametrize("rate_limit", [None, 0.5])
+def test_a_cut_drive_raises_a_flag(tmp_path, rate_limit):
+    """In Python and in C, at each sample where the drive is not the one that it is without."""
+    compensator, y = fitted()
+    compensator.set_params(rate_limit=rate_limit)
+    to_c(compensator, tmp_path, "inverse", drive=y, u0=y[0])
+    free = (
+        clone(compensator)
+        .set_params(drive_limits=None, rate_limit=None)
+        .fit(make_drive()[:, None], y)
+    )
+    stepper, wanted = compensator.stepper(None, y[0]), free.stepper(None, y[0]).run(y)
+    drive, flags = [], []
+    for value in y:
+        drive.append(stepper.step(value))
+        flags.append("limited" in stepper.status)
+    cut = np.abs(np.array(drive) - wanted) > 1e-8
+    assert 0 < cut.sum() < len(cut)
+    assert rate_limit is None or np.abs(np.diff(drive)).max() <= 0.5 * DT * (1.0 + 1e-12)
+    np.testing.assert_array_equal(flags, cut)
+    np.testing.assert_array_equal(flags_of(tmp_path, "inverse", y[:, None]), cut)
+    units = {"input_unit": 2.0**-20, "output_unit": 2.0**-20}
+    to_c(compensator, tmp_path, "whole", "int32", drive=y, u0=y[0], **units)
+    assert error_of(tmp_path, "whole") <= BARS["int32"]
+
+
+def test_a_cut_controller_raises_a_flag(tmp_path):
+    controller = FeedforwardPI(1.0, 40.0, drive_limits=(-0.5, 0.5))
+    rows = np.stack([np.linspace(-2.0, 2.0, 50), np.zeros(50)], axis=1)
+    to_c(controller, tmp_path, "loop", dt=1e-3, drive=rows)
+    at_limits = np.abs(controller.stepper(1e-3).run(rows)) == 0.5
+    assert 0 < at_limits.sum() < len(rows)
+    np.testing.assert_array_equal(flags_of(tmp_path, "loop", rows), at_limits)
+    text = to_c(OPERATORS["plays"], tmp_path, "plays", dt=DT)[1].read_text()
+    assert "return 0u;" in text
 
 
 def test_a_stepper_is_exported_as_it_stands(tmp_path):

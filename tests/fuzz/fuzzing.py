@@ -12,7 +12,7 @@ into `tests/fuzz/corpus`, a folder a format, beside a few of those that were ref
 Each format runs in a process of its own, so that what ends the interpreter is counted too. A seed
 makes the same mutants each time.
 
-What a library in C opens or starts, no audit hook sees: `tests/records/test_hostile_files.py` asks
+What a library in C opens or starts, no audit hook sees: `tests/io/test_hostile_files.py` asks
 for that with files made for it.
 """
 

@@ -63,6 +63,7 @@ def test_each_fault_is_seen(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_what_was_found_stays_mended(tmp_path):
     (tmp_path / "broken").mkdir()
     command = [sys.executable, fuzzing.__file__, "--replay", str(tmp_path)]

@@ -308,6 +308,7 @@ def plant(seed, n=1000):
     return u, clean, clean + error, np.sqrt(np.mean(error**2)), [*sizes, 0.0]
 
 
+@pytest.mark.slow
 def test_plants_are_found_to_the_noise_in_few_evaluations(assert_recovered):
     evaluations = assert_recovered(BoucWen("fit"), map(plant, range(60)))
     assert np.median(evaluations) <= 12

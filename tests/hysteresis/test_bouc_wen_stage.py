@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from skhyst.hysteresis import BoucWenOperator, BoucWenStageOperator
-from skhyst.hysteresis._bouc_wen_stage_loops import branch, branch_tangents, follow, sharpness
+from skhyst.hysteresis._bouc_wen_stage import branch, branch_tangents, follow, sharpness
 
 W, ZETA, RHO, LEVEL = 60.0, 0.3, 4.0, 0.3
 STAGE = BoucWenStageOperator(W, ZETA, RHO, LEVEL, 0.3)

@@ -255,6 +255,7 @@ def duhem(rng):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "make"),
     [

@@ -254,6 +254,7 @@ def plant(seed, n=1200):
     return fields, clean, clean + noise * rng.normal(size=n), noise, truth
 
 
+@pytest.mark.slow
 def test_recovery_and_standard_errors(assert_recovered):
     assert_recovered(JilesAtherton(), map(plant, range(30)))
 
@@ -300,6 +301,7 @@ def twice(fields, flux, columns):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.needs_recordings("bh_loops")
 @pytest.mark.parametrize(
     ("folder", "name", "held_out", "limit"),

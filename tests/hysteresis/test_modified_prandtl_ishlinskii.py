@@ -43,6 +43,7 @@ class Plant:
         return ModifiedPrandtlIshlinskii(thresholds=R, dead_zone_thresholds=self.levels)
 
 
+@pytest.mark.slow
 def test_recovery_of_random_plants(assert_recovered):
     def plant(seed):
         p = Plant(seed)

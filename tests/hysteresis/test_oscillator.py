@@ -481,6 +481,7 @@ def runge_kutta(rates, p, start, dt, u, n_steps=16):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("model", "law", "n", "n_samples"),

@@ -303,6 +303,7 @@ def displacements(u, thresholds, weights, intercept):
     return intercept + play_values(thresholds, u) @ weights
 
 
+@pytest.mark.slow
 @FORMS
 def test_recovery_and_standard_errors(form, assert_recovered):
     """Weights of plants that are summed here come back, with standard errors that are true."""

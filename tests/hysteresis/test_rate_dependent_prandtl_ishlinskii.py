@@ -300,6 +300,7 @@ class Plant:
         self.X = self.u.reshape(-1, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "smoothing"),
     [*((variant, "none") for variant in LAWS), ("threshold", "velocity"), ("slope", "speed")],

@@ -43,6 +43,7 @@ def plant(model, seed, low=0.5):
     return u, y, 0.005 * np.ptp(y), operator.pack()
 
 
+@pytest.mark.slow
 @MODELS
 def test_recovery_and_standard_errors(model, assert_recovered):
     def noisy(seed):

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from skhyst.hysteresis import RestoringForce, RestoringForceOperator
-from skhyst.hysteresis._restoring_force_loops import slide
+from skhyst.hysteresis._restoring_force import slide
 
 W, ZETA, K, LIMIT = 60.0, 0.3, 4.0, 0.2
 DT = 0.01

@@ -227,6 +227,7 @@ def plant(seed, variant, n=900, dt=1e-3):
     return u, clean, clean + noise * rng.normal(size=n), noise, truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["integral", "printed"])
 def test_recovery_and_standard_errors(variant, assert_recovered):
     plants = (plant(seed, variant) for seed in range(20))

@@ -196,6 +196,7 @@ def plant(seed, n=1500, dt=1e-3):
     return u, clean, clean + noise * rng.normal(size=n), noise, truth
 
 
+@pytest.mark.slow
 def test_recovery_and_standard_errors(assert_recovered):
     assert_recovered(TanhHysteresis(dt=1e-3), map(plant, range(20)))
 

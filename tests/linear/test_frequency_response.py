@@ -146,6 +146,7 @@ def test_units_do_not_matter(drive_power, response_power, method):
 # ------------------------------------------------------------------------- promised uncertainties
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "n_inputs", "overlap", "seeds"),
     [
@@ -177,6 +178,7 @@ def test_welch_uncertainty_covers(method, n_inputs, overlap, seeds):
     assert variances / squares == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n_inputs", "drive_noise"), [(1, 0.02), (2, 0.0)])
 def test_periodic_noise_uncertainty_covers(n_inputs, drive_noise):
     """As many experiments as inputs, periods scatter: chi-square and F laws hold line by line."""
@@ -460,6 +462,7 @@ def test_records_are_checked():
 # ------------------------------------------------------------------------------- a measured plant
 
 
+@pytest.mark.slow
 @pytest.mark.needs_recordings("piezo_fsm")
 def test_a_measured_mirror_grows_softer():
     """Three piezo stacks: the first resonance falls with amplitude, far beyond its errors."""

@@ -114,6 +114,7 @@ def test_logarithmic_creep_finds_it_too(u):
     assert model.params_["creep"] == pytest.approx(0.1, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", HOLDS)
 def test_a_declared_auto_is_what_was_fitted_in_a_search(hold):
     rng, pairs = np.random.default_rng(1), []

@@ -104,6 +104,7 @@ def from_record(truth, seed):
     return TransferFunction(3, n_zeros=2, dt=DT).fit(u, y)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fit", "n_seeds"), [(from_response, 60), (from_record, 24)])
 def test_coverage_of_intervals(fit, n_seeds):
     """Of 95 % intervals of frequency and damping, as many hold the truth."""
@@ -123,6 +124,7 @@ def test_coverage_of_intervals(fit, n_seeds):
     assert 0.9 <= np.mean(inside) <= 0.99
 
 
+@pytest.mark.slow
 def test_covariance_of_real_poles_by_simulation():
     """A damping ratio above one: two real poles, whose errors the delta method gives."""
     system = signal.ZerosPolesGain([], [-20.0, -90.0], 1800.0)

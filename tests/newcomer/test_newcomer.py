@@ -5,6 +5,8 @@ from newcomer import CASES, Outcome, run
 
 from skhyst.cli import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", ["milliseconds.csv", "coded.csv", "twice.csv"])
 def test_a_newcomer_finds_the_truth(name, tmp_path, capsys):

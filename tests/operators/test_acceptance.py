@@ -109,6 +109,23 @@ def test_lowered_step_equals_run(name, operator, u, initial_state):
         np.testing.assert_allclose(found, expected[-len(found) :], rtol=0, atol=tolerance)
 
 
+def test_the_state_of_a_stepper_is_all_that_it_remembers(operator, u):
+    """One that has rested elsewhere, or moved another way, goes on alike from a state."""
+    if not operator.causal:
+        return
+    stepper = Stepper(operator.lowered(DT, operator.init(u[0])))
+    stepper.run(u[:20])
+    kept, expected = stepper.state, stepper.run(u[20:])
+    for state in (
+        operator.init(u[0] + 0.7),
+        operator.init(u[0], "zero"),
+        operator.run(0.5 - u[:31], DT)[1],
+    ):
+        other = Stepper(operator.lowered(DT, state))
+        other.state = kept
+        np.testing.assert_array_equal(other.run(u[20:]), expected)
+
+
 @pytest.mark.parametrize("initial_state", ["rest", "zero"])
 def test_linearize_returns_what_run_returns(operator, u, initial_state):
     y, dy = operator.linearize(u, np.ones((N, 2)), DT, initial_state)

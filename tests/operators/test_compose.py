@@ -187,6 +187,10 @@ def test_a_composition_declares_what_its_stages_do(kind):
     assert kind(limit=SaturationOperator(upper=1.0)).memoryless == SaturationOperator.memoryless
     assert kind(mode=MODE).linear_mode() == MODE.linear_mode()
     assert whole.linear_mode() is whole.way_before_sliding() is None
+    stage = BoucWenStageOperator(90.0, 0.1, 0.5, 1.0, 0.0, 1.5)
+    for motion in (FrozenOperator(stage), kind(stage=stage), kind(lag=LAG, stage=stage)):
+        assert not motion.at_once
+    assert whole.at_once
 
 
 class Wrong(FirstOrderLagOperator):

@@ -189,3 +189,29 @@ def test_a_gain_of_zero_has_no_inverse():
         FrictionStageOperator(90.0, 0.1, 0.3, 0.8, 3.0, 8.0, gain=0.0).inverse().run(REFERENCE, DT)
     with pytest.raises(ValueError, match="sum of nothing"):
         OPERATORS["empty sum"].inverse()
+
+
+@pytest.mark.parametrize("hold", ["foh", "zoh"])
+@pytest.mark.parametrize("damping_ratio", [0.01, 0.5])
+def test_a_response_that_moves_at_once_is_missed_the_least(damping_ratio, hold):
+    """Of all changes of the first drives none has a smaller error, with its penalty."""
+    operator = SecondOrderModeOperator(300.0, damping_ratio, 1.7, 0.4, hold=hold)
+    wanted = 2.0 + np.sin(60.0 * 1e-3 * np.arange(200))
+    drive, _ = operator.inverse().run(wanted, 1e-3)
+    rests = np.concatenate([np.full(80, 2.0), wanted])  # stable inversion with room to begin
+    free = operator.inverse().run(rests, 1e-3)[0][80:]
+    assert drive[0] == pytest.approx((2.0 - 0.4) / 1.7)
+    ahead = operator.inverse().ahead(1e-3, 2.0)[1] + 2  # and one for each state
+    np.testing.assert_allclose(drive[ahead + 1 :], free[ahead + 1 :], atol=1e-8)
+
+    def cost(u):
+        error = operator.run(u, 1e-3, operator.init(u[0]))[0] - wanted
+        return np.sum(error**2) + (0.1 * 1.7) ** 2 * np.sum((u - free)[1:] ** 2)
+
+    least, rng = cost(drive), np.random.default_rng(0)
+    for size in (1e-3, 1e-2, 1e-1):
+        change = np.zeros(200)
+        change[1 : ahead + 1] = size * rng.normal(size=ahead)
+        assert least < cost(drive + change)
+        assert least < cost(drive - change)
+    assert np.abs(drive).max() < 2.0 * np.abs(free).max()

@@ -29,6 +29,7 @@ for operator in (BacklashOperator(0.1), SlewLimitOperator(0.1)):
 """
 
 
+@pytest.mark.slow
 def test_loops_of_each_law_come_from_the_cache(tmp_path):
     root = str(Path(skhyst.__file__).parents[1])
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": root}

@@ -3,8 +3,10 @@
 Compiled code does not check places. So the laws are run as plain Python, which does.
 """
 
+import copy
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 from operator_cases import DT, OPERATORS, make_drive
 
-from skhyst.operators import LoweredSeries, Stepper
+from skhyst.operators import LoweredSeries, Stepper, SumOperator, inverse_of
 
 HOSTILE = [-1.0, 0.5, 1.0, 1e3, 1e9, 1e300, -1e300]
 
@@ -26,8 +28,8 @@ def steppers():
             state = operator.init(u[0])
             yield name, Stepper(operator.lowered(DT, state))
             yield name, Stepper(operator.lowered(DT, operator.run(u[:30], DT, state)[1]))
-    for name in ("mode", "transfer function", "tanh", "delay of several samples"):
-        yield f"{name}, inverted", Stepper(OPERATORS[name].inverse().ahead(DT, u[0])[0])
+    for name in ("mode", "transfer function", "tanh", "delay of several samples", "relays", "sum"):
+        yield f"{name}, inverted", Stepper(inverse_of(OPERATORS[name]).ahead(DT, u[0])[0])
 
 
 def faults():
@@ -78,6 +80,40 @@ def test_places_out_of_range_are_refused(name, place, value):
         whole.state = np.append(stepper.state, state)
 
 
+@pytest.mark.parametrize("more", [(), ("slip elements",)])
+def test_a_root_takes_the_states_of_its_law(more):
+    """Compiled as one step, and of several parts."""
+    relays, *others = (OPERATORS[name] for name in ("relays", *more))
+    operator = SumOperator(("own", *more), (relays, *others)) if more else relays
+    y, _ = operator.run(make_drive(), DT)
+    stepper = Stepper(inverse_of(operator).ahead(DT, y[0])[0])
+    stepper.run(y[:30])
+    state = stepper.state
+    stepper.state = state
+    behind = [own.lowered(DT, own.init(0.0)).state for own in others]
+    state[-3 - sum(map(len, behind))] = 1e9  # the number of corners
+    with pytest.raises(ValueError, match="as it was read"):
+        stepper.state = state
+
+
+@pytest.mark.parametrize("name", ["plays", "slip elements"])
+@pytest.mark.parametrize("copied", [Stepper.copy, copy.copy, copy.deepcopy])
+def test_a_copy_goes_its_own_way(name, copied):
+    stepper = Stepper(OPERATORS[name].lowered(DT, OPERATORS[name].init(0.0)))
+    stepper.run(make_drive()[:30])
+    state = stepper.state
+    other = copied(stepper)
+    other.step(3.0)
+    np.testing.assert_array_equal(stepper.state, state)
+    assert (other.state != state).any()
+    again = stepper.copy()
+    again.step(3.0)
+    np.testing.assert_array_equal(other.state, again.state)
+    with pytest.raises(TypeError, match="keep its model and its 'state'"):
+        pickle.dumps(stepper)
+
+
+@pytest.mark.slow
 def test_no_state_that_is_taken_leads_out_of_a_table():
     script = "import json, test_states; print(json.dumps(test_states.faults()))"
     here = os.pathsep.join([str(Path(__file__).parent), *sys.path])

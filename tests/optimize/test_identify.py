@@ -28,6 +28,7 @@ def drive(seed, n):
     return np.cumsum(np.random.default_rng(seed).normal(size=n)) / 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "disturbances"),
     [

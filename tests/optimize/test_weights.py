@@ -114,6 +114,7 @@ def test_disturbances_of_a_prediction_obey_the_weights():
     np.testing.assert_allclose(offset, np.average(own.records[0].y - y, weights=weights))
 
 
+@pytest.mark.slow
 def test_the_error_of_a_weighted_fit_is_that_of_generalised_least_squares():
     """Standard errors cover where weights of mean one are as inverse variances."""
     rng, hits, count = np.random.default_rng(5), 0, 120

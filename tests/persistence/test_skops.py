@@ -1,6 +1,7 @@
 """Models in skops files of this and of other versions."""
 
 import warnings
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -9,9 +10,12 @@ from sklearn.linear_model import Ridge
 from skhyst.linear import Gain
 from skhyst.persistence import _skops, load_model, save_model
 
-pytest.importorskip("skops.io")
-
 U = np.linspace(0.0, 1.0, 20)[:, None]
+
+
+@pytest.fixture(autouse=True)
+def skops():
+    pytest.importorskip("skops.io")  # its import takes half a second
 
 
 @pytest.fixture
@@ -54,3 +58,15 @@ def test_a_file_without_a_version_is_read(tmp_path):
 
     skops.io.dump(Ridge().fit(U, U[:, 0]), tmp_path / "ridge.skops")
     np.testing.assert_allclose(load_model(tmp_path / "ridge.skops").predict([[0.5]]), 0.5, atol=0.1)
+
+
+def test_a_class_may_be_named_by_the_package_that_exports_it(tmp_path):
+    """As files of a version name it in which the package was one module."""
+    model, path, earlier = Gain().fit(U, 2.0 * U[:, 0]), tmp_path / "new", tmp_path / "old.skops"
+    save_model(model, path.with_suffix(".skops"))
+    with ZipFile(path.with_suffix(".skops")) as new, ZipFile(earlier, "w") as old:
+        for name in new.namelist():
+            content = new.read(name)
+            old.writestr(name, content.replace(b"skhyst.linear._gain", b"skhyst.linear"))
+    assert b"skhyst.linear._gain" not in earlier.read_bytes()
+    np.testing.assert_array_equal(load_model(earlier).predict(U), model.predict(U))

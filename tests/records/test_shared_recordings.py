@@ -5,10 +5,10 @@ import pytest
 from recordings import SHARED as DATA
 
 from skhyst.exceptions import RecordError
+from skhyst.io import recognise_columns
 from skhyst.records import (
     iter_records,
     read_records,
-    recognise_columns,
     record_slices,
     resample_records,
 )

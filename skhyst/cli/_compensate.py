@@ -1,0 +1,64 @@
+"""`skhyst compensate`: the drive under which a fitted model follows a reference."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+
+from .._files import check_outputs, replacing
+from ..control import InverseCompensator
+from ..exceptions import ReachWarning
+from ..persistence import load_model
+from ..records import read_records
+
+
+def compensate(options):
+    """Write the drive, and report how far the model stays from the reference."""
+    check_outputs([options.output], [options.model, options.file], force=options.force)
+    model = load_model(options.model, options.trust)
+    columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
+    X, _ = read_records(options.file, **columns)
+    reference = X.iloc[:, 0]
+    fitted = None if options.no_limits else "fit"
+    compensator = InverseCompensator(
+        model,
+        bandwidth=options.bandwidth,
+        drive_limits=fitted if options.limits is None else options.limits,
+        rate_limit=fitted if options.rate_limit is None else options.rate_limit,
+        limit_margin=options.limit_margin,
+        max_residual=options.max_residual,
+    ).fit(X, reference)  # the model is fitted: nothing is learned from the reference
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ReachWarning)
+        drive, residual = compensator.predict(X, return_residual=True)
+    span, worst = np.ptp(reference) or 1.0, np.abs(residual).max()
+    (low, high), rate = compensator.drive_limits_, compensator.rate_limit_
+    print(f"limits of the drive: {low:.6g} to {high:.6g}, {rate:.6g} per s")
+    print(f"largest residual of the model: {worst:.4g} ({100.0 * worst / span:.3g} % of the range)")
+    for message in dict.fromkeys(str(warning.message) for warning in caught):
+        print(message)
+    if not options.force:
+        _refuse(options, worst, span, hasattr(compensator, "drive_range_"))
+    table = pd.DataFrame({"drive": drive}, X.index).reset_index()
+    single = table["record"].nunique() == 1
+    with replacing(options.output) as (part,):
+        table.drop(columns="record" if single else []).to_csv(part, index=False)
+    print(f"written: {options.output}")
+
+
+def _refuse(options, worst, span, known):
+    """Refuse to write a drive that a device should not be given."""
+    if not (known or options.no_limits or options.limits):
+        raise ValueError(
+            f"{options.output} is not written: the model, of an earlier version, does not know the "
+            "drive that its fit has seen. Give the limits of the amplifier (--limits), or lift "
+            "them (--no-limits)."
+        )
+    if worst > options.max_residual * span:
+        raise ValueError(
+            f"{options.output} is not written: by the model, the device would miss the reference "
+            f"by up to {worst:.4g} ({100.0 * worst / span:.3g} % of its range), more than "
+            f"{100.0 * options.max_residual:g} % (--max-residual). Ask for less, let the reference "
+            "rest at its beginning, widen the limits (--limits, --rate-limit, --limit-margin), or "
+            "write it all the same with --force."
+        )

@@ -1,0 +1,270 @@
+"""`skhyst diagnose` and `skhyst next`: search a recording, tell the result, write the files."""
+
+import importlib.util
+import math
+import sys
+from collections import Counter
+from concurrent.futures import BrokenExecutor
+from itertools import chain
+
+import numpy as np
+
+from .._files import check_outputs
+from ..diagnosis import EffectSearchCV, Report, next_experiment
+from ..discovery import parse_model
+from ..exceptions import RecordError
+from ..fleet import diagnose_files
+from ..persistence import save_model
+from ..records import read_records, record_slices
+from ._reading_options import find_columns, reading_options
+
+_LEFT = {
+    "noise": "noise",
+    "undetermined": "perhaps noise; the recording cannot tell",
+    "unexplained": "structure that is not explained",
+}
+_DRAWN = ("jinja2", "matplotlib")
+_REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
+_NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
+_NEEDED[".skops"] = (("skops",), "io")  # what a file's suffix needs, and the extra that has it
+_OF_ONE = (
+    "rows",
+    "train_fraction",
+    "report",
+    "save",
+    "json",
+    "checkpoint",
+)  # options of a single recording
+
+
+def diagnose(options):
+    """Search one recording, or many for a table."""
+    if options.summary:
+        return _summarize(options)
+    if len(options.files) > 1:
+        raise ValueError("Of several recordings there is one table: add --summary FILE.")
+    return _diagnose_one(options)
+
+
+def _diagnose_one(options):
+    """Search one recording, tell the result, and return the search."""
+    outputs = [options.report, options.save, options.json, getattr(options, "output", None)]
+    if options.report and options.report.suffix.lower() not in _REPORTS:
+        raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
+    model = parse_model(options.model)
+    checkpoint = [options.checkpoint] if options.checkpoint else []
+    prepare([path for path in outputs if path], [*options.files, *checkpoint], options)
+    check_outputs(checkpoint, options.files, force=True)  # of another search it refuses itself
+    X, y = read_records(options.files[0], **_reading(options))
+    if options.rows:
+        rows = _rows(options.rows)
+        X, y = X.iloc[rows], y.iloc[rows]
+    held_out = None
+    if options.train_fraction is not None:
+        n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)
+        X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
+    search = make_search(model, options, **_searching(options)).fit(X, y)
+    conclude(search, options, held_out)
+    return search
+
+
+def _summarize(options):
+    """Search many recordings, and write one row for each."""
+    refused = [name for name in _OF_ONE if getattr(options, name)]
+    if refused:
+        raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
+    model, more = parse_model(options.model), _searching(options)
+    search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
+    reading = _reading(options)
+    try:
+        table = diagnose_files(
+            options.files,
+            search,
+            reading=reading,
+            summary=options.summary,
+            force=options.force,
+            n_jobs=options.jobs,
+            on_done=None if options.quiet else _tell_rows,
+        )
+    except BrokenExecutor as error:
+        raise OSError(
+            f"A worker process has died. {options.summary} has what was done before: the same "
+            "command goes on from there, with fewer --jobs where memory ran out."
+        ) from error
+    found = table[table["file"].isin([str(file) for file in options.files])]
+    failed = int(found["failure"].astype(bool).sum())
+    print(f"{len(found)} recordings: {failed} could not be searched")
+    effects = Counter(name for names in found["effects"] for name in names.split(", ") if name)
+    for effect, number in effects.most_common():
+        print(f"  {effect}: {number}")
+    print(f"written: {options.summary}")
+
+
+def _tell_rows(rows):
+    for row in rows.itertuples():
+        print(f"{row.file}: {row.failure or row.effects or 'nothing missing'}", file=sys.stderr)
+
+
+def _reading(options):
+    """Return the parameters of read_records, with the columns that no option names.
+
+    They are those of the first file that tells them; of a table one that is broken is a row.
+    """
+    reading = reading_options(options)
+    if options.reference is not None:
+        reading["auxiliary"] = [*options.auxiliary, options.reference]
+    for path in options.files:
+        try:
+            find_columns(path, reading)
+            break
+        except (RecordError, OSError) as error:
+            failure = error
+    else:
+        if None in (options.drive, options.response) or len(options.files) == 1:
+            raise failure
+    return reading
+
+
+def _searching(options):
+    """Return the parameters of the search."""
+    effects = options.effects if options.effects == "all" else options.effects.split(",")
+    names = ("alpha", "max_effects", "resample", "washout", "loss", "checkpoint")
+    more = {name: getattr(options, name) for name in names}
+    more |= {"effects": effects, "cv": options.folds, "reference": None}
+    if options.reference is not None:  # the last column: drive and auxiliary inputs come before
+        more["reference"] = 1 + len(options.auxiliary)
+    return more
+
+
+def propose(options):
+    """Search one recording, and write the drive to record next."""
+    if not options.limits[0] < options.limits[1]:
+        raise ValueError(f"The limits must be LOW HIGH. Got {options.limits} instead.")
+    search = _diagnose_one(options)
+    asked = options.limits, options.rate, options.duration, options.dt
+    experiment = next_experiment(search, *asked)
+    experiment.save(options.output, force=options.force)
+    print(f"record next: {experiment.reason}")
+    print(f"written: {options.output}")
+
+
+def make_search(model, options, **more):
+    """Return a search as the options of every command that searches say."""
+    quiet = {"n_jobs": options.jobs, "verbose": int(not options.quiet)}
+    return EffectSearchCV(model, random_state=options.seed, **quiet, **more)
+
+
+def conclude(search, options, held_out):
+    """Print the result and write the files."""
+    for line in chain(_result(search), _recording(search), _kept_away(search, held_out)):
+        print(line)
+    _write(search, options, held_out)
+
+
+def _result(search):
+    """Tell the claims, the errors and what is left."""
+    yield f"missing: {', '.join(search.effects_) or 'nothing'}"
+    for row in search.history_.itertuples():
+        yield f"  {row.effect}: {row.evidence.statement}"
+        if row.ambiguous_with:
+            yield f"    not told apart from: {', '.join(row.ambiguous_with)}. {row.experiment}"
+        if row.provisional:
+            yield "    provisional: more than half of the structure before it is left"
+    span, unit = np.ptp(search.response_) / 100.0 or 1.0, _unit_after(search)
+    for row in search.failed_.itertuples():
+        yield f"not tried to the end: {row.effect}, {row.error}"
+    yield (
+        f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g}{unit} "
+        f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
+        f"range), noise floor {search.noise_floor_:.4g}{unit}"
+    )
+    yield f"what is left: {_LEFT[search.verdict_]}"
+    yield f"its noise: {search.noise_model_}"
+
+
+def _recording(search):
+    """Tell what the recording does not say, and what was done to it."""
+    if search.units_.time == "sample":
+        yield "no time is known: give --time or --sampling-rate for s and Hz"
+    if search.reference_share_ is not None:
+        yield f"the reference foretells {100.0 * search.reference_share_:.3g} % of the drive"
+    if search.resampling_error_:
+        changed = f"{search.resampling_error_:.4g}{_unit_after(search)}"
+        yield f"interpolation onto even grids changes the response by about {changed} (RMS)"
+
+
+def _kept_away(search, held_out):
+    if held_out is not None:
+        before = search.held_out_error(*held_out, declared=True)
+        after = search.held_out_error(*held_out)
+        change = f"{before:.4g} -> {after:.4g}{_unit_after(search)}"
+        yield f"error on the part kept away from the search: {change}"
+
+
+def _unit_after(search):
+    return f" {search.units_.response}".rstrip()
+
+
+def _write(search, options, held_out):
+    """Write the files; one that fails takes no other with it."""
+    report = Report.from_search(search, command=options.command, held_out=held_out)
+    is_markdown = options.report and options.report.suffix.lower() == ".md"
+    outputs = (
+        (options.save, lambda path: save_model(search.best_estimator_, path)),
+        (options.json, report.to_json),
+        (options.report, report.to_markdown if is_markdown else report.to_html),
+    )
+    failures = []
+    for path, write in outputs:
+        if path:
+            try:
+                check_outputs([path], force=options.force)  # the search has taken its time
+                write(path)
+            except OSError as error:
+                failures.append(str(error))
+            except TypeError as error:  # not to be written as skops
+                failures.append(f"{path} cannot be written: {error}")
+            else:
+                print(f"written: {path}")
+    if failures:
+        raise OSError(" ".join(failures))
+
+
+def prepare(paths, inputs, options):
+    """Find out now whether all outputs can be written, and what they need is installed."""
+    check_outputs(paths, inputs, force=options.force)
+    for path in paths:
+        modules, extra = _NEEDED.get(path.suffix.lower(), ((), ""))
+        missing = [module for module in modules if importlib.util.find_spec(module) is None]
+        if missing:
+            raise ImportError(
+                f"{path} needs {' and '.join(missing)}. "
+                f'Install with: python -m pip install "skhyst[{extra}]"'
+            )
+
+
+def _rows(text):
+    try:
+        start, stop = (int(part) if part else None for part in text.split(":"))
+    except ValueError:
+        raise ValueError(f"The rows must be given as A:B. Got {text!r} instead.") from None
+    return slice(start, stop)
+
+
+def _training_rows(X, fraction, uneven=False):
+    """Return the number of rows of the first part: whole records, or part of the only one.
+
+    Where they may be sampled unevenly, the record level alone tells them apart.
+    """
+    if not 0.0 < fraction < 1.0:
+        raise ValueError(f"The train fraction must lie between 0 and 1. Got {fraction:g} instead.")
+    if uneven:
+        labels = X.index.get_level_values("record") if X.index.nlevels > 1 else [0] * len(X)
+        sizes = list(Counter(labels).values())
+    else:
+        sizes = [record.n_samples for record in record_slices(X, one_interval=False)]
+    single = len(sizes) == 1
+    n = int(fraction * len(X)) if single else sum(sizes[: math.ceil(fraction * len(sizes))])
+    if not 0 < n < len(X):
+        raise ValueError(f"A train fraction of {fraction:g} leaves nothing to hold out.")
+    return n

@@ -1,0 +1,25 @@
+"""`skhyst inspect`: what is understood of recordings, and their faults."""
+
+from .._files import check_outputs, replacing
+from ..inspection import RecordingDisplay
+from ..records import inspect_recording
+from ._messages import as_options
+from ._reading_options import reading_options
+
+
+def inspect(options):
+    """Tell what is understood of each recording, and draw it."""
+    picture = options.picture
+    if picture and len(options.files) > 1:
+        raise ValueError("A picture is of one recording: --picture with one file.")
+    check_outputs([picture] if picture else [], options.files, force=options.force)
+    for number, path in enumerate(options.files):
+        overview = inspect_recording(path, **reading_options(options))
+        print(as_options(f"\n{overview}" if number else str(overview)))
+    if picture:
+        if overview.X is None or overview.y is None:
+            raise ValueError(f"{path} is not drawn: its drive and response are not known.")
+        display = RecordingDisplay.from_recording(overview.X, overview.y)
+        with replacing(picture) as (part,):
+            display.figure_.savefig(part)
+        print(f"written: {picture}")

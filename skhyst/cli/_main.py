@@ -1,0 +1,251 @@
+"""The command line: argparse over the public interface.
+
+Exit codes: 0 done; 1 the data or the options do not fit together, or a file cannot be read or
+written; 2 the call is wrong; 130 interrupted (Ctrl-C); 143 terminated (SIGTERM). Results go to the
+standard output, progress and errors to the standard error stream. Nothing here imports a model:
+what a command runs is imported when it runs, so that help and usage errors come at once.
+"""
+
+import argparse
+import importlib
+import os
+import shlex
+import sys
+import warnings
+from pathlib import Path
+
+from .. import __version__
+from ._interruption import ending_on_signals
+from ._messages import as_options
+
+
+def main(argv=None) -> int:
+    """Run the command line; return the exit code.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments, without the name of the program.
+    """
+    argv = sys.argv[1:] if argv is None else list(argv)
+    parser = _parser()
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks what may follow
+        importlib.import_module("argcomplete").autocomplete(parser)
+    options = parser.parse_args(argv)
+    options.command = shlex.join(["skhyst", *argv])
+    try:
+        with warnings.catch_warnings(), ending_on_signals():
+            warnings.showwarning = lambda message, *more, **named: _tell(message)
+            options.run(options)
+            sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads has seen enough: `skhyst models | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt as ended:
+        print(f"skhyst: {ended or 'interrupted'}", file=sys.stderr)
+        return getattr(ended, "code", 130)
+    except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
+        _tell(error)
+        return 1
+    return 0
+
+
+def _tell(message):
+    print(f"skhyst: {as_options(str(message))}", file=sys.stderr)
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="skhyst",
+        description="Find the physical effect that a declared model lacks; put models to use.",
+    )
+    parser.add_argument("--version", action="version", version=f"skhyst {__version__}")
+    commands = parser.add_subparsers(dest="subcommand", required=True, metavar="command")
+    _add_inspect(commands)
+    _add_diagnose(commands)
+    _add_next(commands)
+    _add_compensate(commands)
+    _add_export(commands)
+    demo = commands.add_parser("demo", help="hide an effect in a simulated actuator, then find it")
+    add = demo.add_argument
+    add("--output", type=Path, default=Path("skhyst_demo"), help="folder for the files")
+    add("--seed", type=int, default=0, help="chooses the actuator and the effect")
+    add("--jobs", type=int, default=-1, help="processes (default: all processors)")
+    add("--quiet", action="store_true", help="no progress")
+    demo.set_defaults(run=_later("_demo", "demo"))
+    for name, command in commands.choices.items():
+        more = ", and a drive that misses the reference" if name == "compensate" else ""
+        about = f"write over files that are there{more}"
+        command.add_argument("--force", action="store_true", help=about)
+    _add_app(commands)
+    for name, listed in (
+        ("models", "models that can be declared"),
+        ("effects", "effects that a search tries"),
+    ):
+        commands.add_parser(name, help=f"list the {listed}").set_defaults(
+            run=_later("_list", f"list_{name}")
+        )
+    return parser
+
+
+def _add_app(commands):
+    parser = commands.add_parser("app", help="do all of it in the browser, on this machine")
+    parser.add_argument("--port", type=int, default=8501, help="(default: 8501)")
+    parser.add_argument("--no-browser", action="store_true", help="serve, and open no browser")
+    parser.set_defaults(run=_later("_app", "app"))
+
+
+def _later(module, name):
+    """Return a function that is imported when it is called."""
+
+    def run(options):
+        getattr(importlib.import_module(f".{module}", __package__), name)(options)
+
+    return run
+
+
+def _add_inspect(commands):
+    parser = commands.add_parser(
+        "inspect", help="tell what is understood of recordings, and faults"
+    )
+    _add_reading(parser, nargs="+")
+    drawn = "draw the signals and the loop of one recording, .png, .svg or .pdf"
+    parser.add_argument("--picture", type=Path, metavar="FILE", help=drawn)
+    parser.set_defaults(run=_later("_inspect", "inspect"))
+
+
+def _add_diagnose(commands):
+    parser = commands.add_parser("diagnose", help="search recordings for missing effects")
+    _add_search(parser, nargs="+")
+    table = "one row a recording, .parquet or .csv; goes on where it was stopped"
+    parser.add_argument("--summary", type=Path, metavar="FILE", help=table)
+    parser.set_defaults(run=_later("_diagnose", "diagnose"))
+
+
+def _add_next(commands):
+    about = "search a recording, and write the drive to record next"
+    parser = commands.add_parser("next", help=about)
+    _add_search(parser)
+    add = parser.add_argument
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
+    limits = "of the drive, in its units"
+    add("--limits", type=float, nargs=2, required=True, metavar=("LOW", "HIGH"), help=limits)
+    add("--rate", type=float, metavar="R", help="largest slope, units of the drive over s")
+    longest = "default: as the longest record"
+    add("--duration", type=float, metavar="S", help=f"length in s ({longest})")
+    add("--dt", type=float, metavar="S", help=f"sampling interval ({longest})")
+    parser.set_defaults(run=_later("_diagnose", "propose"))
+
+
+def _add_reading(parser, nargs=1):
+    """Add the recordings, and what says how they are read."""
+    add = parser.add_argument
+    known = "csv, txt, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
+    add("files", type=Path, nargs=nargs, metavar="file", help=f"recording: {known}")
+    told = "(default: what its name and values say, if they do)"
+    add("--drive", metavar="COL", help=f"column or variable of the drive {told}")
+    add("--response", metavar="COL", help="column or variable of the response (likewise)")
+    add("--time", metavar="COL", help="column of the time (likewise)")
+    add("--time-unit", help="unit of the time (default: that which the file says, else s)")
+    unit = "unit of a column that the file does not say; repeatable"
+    add("--unit", metavar="COL=UNIT", action="append", default=[], help=unit)
+    add("--record", metavar="COL", help="column that labels the records (likewise)")
+    add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
+    add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
+    lost = "value that marks a lost reading; nan: none does"
+    add("--missing-code", type=float, metavar="VALUE", help=lost)
+    add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
+    add("--delimiter", metavar="CHAR", help="of a text, where it is not found")
+    add("--decimal", choices=(".", ","), help="decimal sign of a text, where it is not found")
+
+
+def _add_search(parser, nargs=1):
+    _add_reading(parser, nargs)
+    add = parser.add_argument
+    loop = "column of the reference that the controller followed, where there was one"
+    add("--reference", metavar="COL", help=loop)
+    add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
+    grid = "interpolate unevenly sampled records onto even grids, of their own or of S s"
+    add("--resample", type=_grid, metavar="auto|S", help=grid)
+    rest = "search the first part (of the records, or of the only one), report on the rest"
+    add("--train-fraction", type=float, metavar="F", help=rest)
+    series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
+    add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
+    add("--effects", default="all", help="comma-separated names (default: all)")
+    add("--folds", "--cv", type=int, default=5, metavar="N", help="folds (default: 5)")
+    add("--washout", type=int, metavar="N", help="samples at a start that are not scored")
+    gross = "huber: gross errors of the measurement count less (default: squared)"
+    add("--loss", choices=("squared", "huber"), default="squared", help=gross)
+    add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
+    add("--max-effects", type=int, default=3, help="claims at the most (default: 3)")
+    add("--seed", type=int, default=0, help="seed (default: 0)")
+    add("--jobs", type=int, default=-1, help="processes (default: all processors)")
+    add("--report", type=Path, metavar="FILE", help="report, .html or .md")
+    add("--save", type=Path, metavar="FILE", help="augmented model, .skops or .joblib")
+    add("--json", type=Path, metavar="FILE", help="numbers")
+    kept = "what is finished after each claim; the same command goes on from there"
+    add("--checkpoint", type=Path, metavar="FILE", help=kept)
+    add("--quiet", action="store_true", help="no progress")
+
+
+def _add_model(parser):
+    add = parser.add_argument
+    add("model", type=Path, help="fitted model, .skops; others with --trust")
+    trust = "load a pickle, or what skops does not know: it can run any code"
+    add("--trust", action="store_true", help=trust)
+
+
+def _add_compensate(commands):
+    about = "the drive under which a fitted model follows a reference"
+    parser = commands.add_parser("compensate", help=about)
+    _add_model(parser)
+    add = parser.add_argument
+    add("file", type=Path, help="reference: csv or another format that diagnose reads")
+    add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
+    add("--time", default=0, metavar="COL", help="column of the time (default: the first)")
+    add("--time-unit", help="unit of the time (default: that which the file says, else s)")
+    column = "column of the reference (default: the second)"
+    add("--reference", default=1, metavar="COL", help=column)
+    limits = "of the drive, in its units (default: what the fit of the model has seen)"
+    add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
+    rate = "fastest change of the drive, its units per s (default: as the fit has seen)"
+    add("--rate-limit", type=float, metavar="RATE", help=rate)
+    margin = "part of the range and rate of the fit by which its limits are widened (default: 0)"
+    add("--limit-margin", type=float, default=0.0, metavar="PART", help=margin)
+    add("--no-limits", action="store_true", help="none but those that are given")
+    missed = "part of the reference's range that may be missed (default: 0.05)"
+    add("--max-residual", type=float, default=0.05, metavar="PART", help=missed)
+    faster = "leave out what is faster in the reference"
+    add("--bandwidth", type=float, metavar="HZ", help=faster)
+    parser.set_defaults(run=_later("_compensate", "compensate"))
+
+
+def _add_export(commands):
+    about = "a fitted model, compensator or controller as a C99 program or an FMU"
+    parser = commands.add_parser("export", help=about)
+    _add_model(parser)
+    add = parser.add_argument
+    to = parser.add_mutually_exclusive_group(required=True)
+    to.add_argument("--c", type=Path, metavar="DIR", help="folder for the C files")
+    unit = "functional mock-up unit, which is called as the file is"
+    to.add_argument("--fmu", type=Path, metavar="FILE.fmu", help=unit)
+    add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
+    add("--initial-state", choices=("rest", "zero"), help="(default: that of the model)")
+    add("--u0", type=float, default=0.0, help="input at which the device rests (default: 0)")
+    units = "name of its unit in an FMU; for int32 what of it the integer 1 stands for"
+    add("--input-unit", metavar="UNIT", help=units)
+    add("--output-unit", metavar="UNIT", help=units)
+    for_c = parser.add_argument_group("for --c")
+    add = for_c.add_argument
+    add("--name", help="how files and functions are called (default: as the model's file)")
+    add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
+    add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
+    column = "column of the drive (default: the second); repeat it for a model of several inputs"
+    add("--column", action="append", metavar="COL", help=column)
+    for_fmu = parser.add_argument_group("for --fmu")
+    for_fmu.add_argument("--fmi-version", choices=("2.0", "3.0"), help="(default: 3.0)")
+    parser.set_defaults(run=_later("_export", "export"))
+
+
+def _grid(text):
+    return text if text == "auto" else float(text)

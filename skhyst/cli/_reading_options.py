@@ -1,0 +1,31 @@
+"""Options of the command line that say how a recording is read, as parameters of Python."""
+
+from ..io import recognise_columns
+
+_READING = (  # options that are parameters of read_records
+    *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
+    *("on_missing", "missing_code", "delimiter", "decimal"),
+)
+_KNOWN = tuple(name for name in _READING if name not in ("time_unit", "on_missing", "missing_code"))
+
+
+def reading_options(options):
+    """Return the parameters of read_records."""
+    reading = {name: getattr(options, name) for name in _READING}
+    reading["units"] = dict(_unit(text) for text in options.unit)
+    return reading
+
+
+def find_columns(path, reading):
+    """Put the columns that no option names into the parameters, and tell what was found."""
+    known = {name: reading[name] for name in _KNOWN}
+    for role, found in recognise_columns(path, **known).items():
+        print(f"{role}: {found.name!r} ({found.reason}); --{role} chooses another")
+        reading[role] = found.column
+
+
+def _unit(text):
+    column, _, unit = text.rpartition("=")
+    if not (column and unit):
+        raise ValueError(f"A unit must be given as COLUMN=UNIT. Got {text!r} instead.")
+    return column, unit

@@ -1,0 +1,145 @@
+"""A feedback loop around a device, sample by sample.
+
+At a sample the response is read, the controller takes the reading and the reference, and its output
+drives the device until the next sample, whose response stands in the same row.
+"""
+
+import math
+import warnings
+from numbers import Integral, Real
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.utils import check_random_state
+
+from .._sklearn import HasMethods, Interval, validate_parameter_constraints
+from .._validation import finite_numbers
+from ..exceptions import DivergenceWarning
+from ..records import chosen_interval
+
+_CONSTRAINTS = {
+    "device": [HasMethods("step")],
+    "controller": [HasMethods("controlling")],
+    "u0": [Interval(Real, None, None, closed="neither"), None],
+    "noise": [Interval(Real, 0, None, closed="left")],
+    "resolution": [Interval(Real, 0, None, closed="left")],
+    "delay": [Interval(Integral, 0, None, closed="left")],
+    "random_state": ["random_state"],
+}
+
+
+class Loop(NamedTuple):
+    """What a loop did: arrays of shape (n_samples,), fewer where it has diverged."""
+
+    time: np.ndarray  # s
+    reference: np.ndarray
+    drive: np.ndarray
+    response: np.ndarray
+    reading: np.ndarray
+
+
+def simulate_loop(
+    device,
+    controller,
+    reference,
+    dt,
+    *,
+    u0=None,
+    noise=0.0,
+    resolution=0.0,
+    delay=0,
+    random_state=None,
+) -> Loop:
+    """Close a loop around a device and run it along a reference.
+
+    Parameters
+    ----------
+    device : object
+        With ``step(u) -> y``, such as a :class:`~skhyst.operators.Stepper`; it goes on from the
+        state that it is in.
+    controller : object
+        With ``controlling(reference, dt, u0)``, as :class:`FeedforwardPI` has.
+    reference : array-like of shape (n_samples,)
+        Units of the response.
+    dt : float
+        Sampling interval in s.
+    u0 : float, default=None
+        Drive under which the device rests at the first reference; by default that of the
+        controller's feed-forward, or zero.
+    noise : float, default=0.0
+        Standard deviation of the sensor's noise, units of the response.
+    resolution : float, default=0.0
+        Smallest step of the sensor, units of the response.
+    delay : int, default=0
+        Samples by which a drive acts late; the first drive stands before.
+    random_state : int, RandomState or None, default=None
+        Of the noise.
+
+    Returns
+    -------
+    Loop
+        ``time``, ``reference``, ``drive``, ``response``, ``reading``. Finite always: of a loop that
+        diverges, the samples before the first at which the reading, the drive or the response is
+        not.
+
+    Raises
+    ------
+    ValueError
+        If the reference is not finite or an option is out of its range.
+
+    Warns
+    -----
+    DivergenceWarning
+        If the loop has diverged, with the time and the number of the sample.
+
+    Examples
+    --------
+    A gain of 3 around a device of gain 1 that is read a sample late: each deviation is three times
+    the one before.
+
+    >>> import warnings
+    >>> from skhyst.control import FeedforwardPI, simulate_loop
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import Stepper
+    >>> device = Stepper(GainOperator(1.0).lowered(1e-3, ()))
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     loop = simulate_loop(device, FeedforwardPI(3.0, 0.0), [0.0] + [1.0] * 999, 1e-3)
+    >>> print(str(caught[0].message)[:73])
+    The loop diverged: it left the range of floating point at 0.648 s, sample
+    >>> len(loop.response), f"{abs(loop.response[-1]):.0e}"
+    (648, '1e+308')
+    """
+    caller, given = "simulate_loop", (device, controller, u0, noise, resolution, delay)
+    named = dict(zip(_CONSTRAINTS, (*given, random_state), strict=True))
+    validate_parameter_constraints(_CONSTRAINTS, named, caller)
+    wanted = "finite numbers, one a sample"
+    reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
+    dt = chosen_interval((), dt, caller)
+    n, control = len(reference), controller.controlling(reference, dt, u0)
+    errors = (noise * check_random_state(random_state).standard_normal(n)).tolist()
+    drive, response, reading = np.empty((3, n))
+    y = float(reference[0])
+    for k in range(n):
+        # what is read now, the drive answers from now on
+        seen = y + errors[k]
+        steps = seen / resolution if resolution else math.inf
+        reading[k] = resolution * round(steps) if math.isfinite(steps) else seen
+        if not math.isfinite(seen):
+            break
+        drive[k] = control(k, reading[k])
+        if not math.isfinite(drive[k]):
+            break
+        response[k] = y = float(device.step(drive[max(k - delay, 0)]))
+        if not math.isfinite(y):
+            break
+    else:
+        k = n
+    if k < n:
+        warnings.warn(
+            f"The loop diverged: it left the range of floating point at {k * dt:.6g} s, sample "
+            f"{k}, and is returned as far as there.",
+            DivergenceWarning,
+            stacklevel=2,
+        )
+    return Loop(dt * np.arange(k), *(part[:k] for part in (reference, drive, response, reading)))

@@ -1,0 +1,84 @@
+"""A slow function of time: Legendre polynomials over the longest record."""
+
+from dataclasses import dataclass
+from numbers import Integral
+
+import numpy as np
+
+from .._jit import jit
+from .._sklearn import Interval
+from ..base import ParametricModel
+from ..operators import parameter
+from ._base import Disturbance, DisturbanceOperator
+
+
+@jit
+def drift_step(u, c, s):
+    """Return the drift at one sample, ``s``; ``c`` is (dt, coefficients, duration)."""
+    dt, coefficients, duration = c
+    z = min(2.0 * dt * s[0] / duration - 1.0, 1.0)
+    s[0] += 1.0
+    before, value, y = 0.0, 1.0, 0.0
+    for d in range(coefficients.size):
+        y += coefficients[d] * value
+        # (d + 1) P_{d+1} = (2 d + 1) z P_d - d P_{d-1}
+        before, value = value, ((2 * d + 1) * z * value - d * before) / (d + 1)
+    return y
+
+
+@dataclass(frozen=True)
+class DriftOperator(DisturbanceOperator):
+    """Legendre polynomials of time over ``duration`` (s), from degree 0; constant afterwards."""
+
+    has_constant = True
+
+    coefficients: np.ndarray = parameter(linear=True, unit="response")
+    duration: float
+
+    def basis(self, time):
+        z = np.clip(2.0 * time / self.duration - 1.0, -1.0, 1.0)
+        return np.polynomial.legendre.legvander(z, np.size(self.coefficients) - 1)
+
+    def _step(self):
+        return drift_step, (self.coefficients, self.duration)
+
+    def characteristics(self, seen):
+        curves = zip(seen.inputs, seen.dts, seen.coefficients, strict=True)
+        spans = [np.ptp(self.basis(dt * np.arange(len(u))) @ own) for u, dt, own in curves]
+        return {"largest span in a record": (max(spans), "response")}
+
+
+class Drift(Disturbance):
+    """A slow function of the time since each record's start: Legendre polynomials.
+
+    Parameters
+    ----------
+    degree : int, default=3
+        Highest degree.
+
+    Attributes
+    ----------
+    record_coefficients_ : ndarray of shape (n_records, degree + 1)
+        Units of the response; :meth:`predict` gives the mean over the records.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import Drift
+    >>> model = Drift(degree=1).fit(np.zeros((5, 1)), [0.0, 1.0, 2.0, 3.0, 4.0])
+    >>> np.round(model.predict(np.zeros((3, 1))), 9) + 0.0
+    array([0., 1., 2.])
+    """
+
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "degree": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(self, degree=3, *, initial_state="rest", dt=1.0, method="variable_projection"):
+        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        self.degree = degree
+
+    def starting_values(self, records):
+        duration = max((len(record.u) - 1) * record.dt for record in records)
+        return [DriftOperator(np.zeros(self.degree + 1), duration or records[0].dt)]

@@ -1,0 +1,90 @@
+"""Drive against response, with the loop of the model."""
+
+from typing import Self
+
+import numpy as np
+
+from .._documentation import documented_like
+from ._base import SignalDisplay
+from ._drawing import COLORS, MEASURED, legend_beside, new_axes, plain, tidy
+from ._plot_data import loop_spans, thin_path
+
+_POINTS = 240  # drawn of a cycle
+
+
+class HysteresisLoopDisplay(SignalDisplay):
+    """Hysteresis loops: measured, and as models predict them.
+
+    Make one with :meth:`from_estimator`, :meth:`from_predictions` or :meth:`from_search`. All
+    parameters are kept as attributes.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes or ndarray of Axes
+        Where it was drawn: one Axes for each model if they stand side by side.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.inspection import HysteresisLoopDisplay
+    >>> time = np.linspace(0, 1, 500)
+    >>> drive = np.sin(2 * np.pi * 3 * time)
+    >>> response = drive + 0.1 * np.cos(2 * np.pi * 3 * time)
+    >>> display = HysteresisLoopDisplay.from_predictions(drive[:, None], response, drive)
+    >>> display.ax_.get_xlabel(), display.ax_.get_ylabel()
+    ('drive', 'response')
+    """
+
+    @documented_like(SignalDisplay.plot)
+    def plot(self, ax=None, *, subtract_line=False, max_cycles=10) -> Self:
+        """Draw the loops.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, array of Axes or None, default=None
+            One Axes: all models over each other. As many Axes as models: one model each. None: a
+            new figure with one Axes for each model.
+        subtract_line : bool, default=False
+            Subtract the straight line that fits the measured response best, from everything. The
+            loop opens, and differences of a percent of the range become visible.
+        max_cycles : int, default=10
+            Cycles of the drive to draw. Of a longer recording every record gives a stretch of
+            whole cycles around its largest excursion.
+        """
+        n_models = len(self.predictions)
+        one = ax is not None and np.size(np.asarray(ax, dtype=object)) == 1
+        n_panels = 1 if one else max(n_models, 1)
+        shared = {"size": (1.0 + 4.2 * n_panels, 4.2), "sharex": True, "sharey": True}
+        axes = new_axes(ax, 1, n_panels, "HysteresisLoopDisplay", **shared).ravel()
+        stretches = loop_spans(self.drive, self.spans, max_cycles)
+        line = self._straight_line() if subtract_line else np.zeros(len(self.drive))
+        for panel in axes:
+            self._draw(panel, self.response - line, stretches, "measured", MEASURED, 2.0)
+        panels = axes if n_panels == n_models else np.repeat(axes, n_models)
+        for k, (label, prediction) in enumerate(self.predictions.items()):
+            color = COLORS[k % len(COLORS)]
+            self._draw(panels[k], prediction - line, stretches, label, color, 0.8)
+        y_label = self.response_name + (" less its straight line" if subtract_line else "")
+        shown = {}
+        for k, panel in enumerate(axes):
+            tidy(panel, x_label=self.drive_name, y_label=y_label if k == 0 else None)
+            for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+                shown.setdefault(label, handle)
+        legend_beside(axes[-1], list(shown.values()), list(shown))
+        self.ax_ = axes[0] if n_panels == 1 else axes
+        self.figure_ = axes[0].figure
+        return self
+
+    def _straight_line(self):
+        """Return the least-squares line through the measured points, shape (n_samples,)."""
+        centred = self.drive - np.mean(self.drive)
+        slope = np.dot(centred, self.response) / max(np.dot(centred, centred), np.finfo(float).tiny)
+        return np.mean(self.response) + slope * centred
+
+    def _draw(self, ax, values, stretches, label, color, width):
+        """Draw one curve, a line for each stretch, the first of them with the label."""
+        for k, (rows, cycles) in enumerate(stretches):
+            kept = thin_path(self.drive[rows], values[rows], int(_POINTS * max(cycles, 1.0)))
+            style = {"color": color, "linewidth": width, "solid_joinstyle": "round"}
+            style["label"] = plain(label) if k == 0 else None
+            ax.plot(self.drive[rows][kept], values[rows][kept], **style)

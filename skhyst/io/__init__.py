@@ -1,0 +1,14 @@
+"""Files as named columns with units: readers of formats and layouts, and what a column is.
+
+Nothing here knows of records in an index: :mod:`skhyst.records` puts them together.
+"""
+
+from ._clock import JITTER as JITTER
+from ._column_names import unit_of
+from ._column_overview import ColumnOverview
+from ._column_overview import inspect_columns as inspect_columns
+from ._missing import describe_rows as describe_rows
+from ._read_columns import read_columns as read_columns
+from ._recognise import RecognisedColumn, recognise_columns
+
+__all__ = ["ColumnOverview", "RecognisedColumn", "recognise_columns", "unit_of"]

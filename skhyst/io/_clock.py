@@ -1,0 +1,115 @@
+"""When the rows of a file were taken, and in which record each stands."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError, TimeUnitWarning
+from ._column_names import SECONDS, time_unit_of
+from ._file_columns import coerced, numbers
+from ._formats import reading
+
+JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
+
+
+def evenly(path, columns, rows, sampling_rate):
+    """Return times in s by the rate that is given or the interval that the file says, or counts.
+
+    ``rows`` are the numbers of the rows within their records.
+    """
+    if sampling_rate is not None:
+        return rows / float(sampling_rate)
+    said = {column.name: column.interval for column in columns if column.interval is not None}
+    if len(set(said.values())) > 1:
+        shown = ", ".join(f"{name!r} {value:g} s" for name, value in said.items())
+        raise RecordError(
+            f"The columns of {path.name} differ in their sampling intervals: {shown}. Bring them "
+            "to one, or pass 'sampling_rate' if the file is wrong."
+        )
+    return rows * next(iter(said.values())) if said else rows
+
+
+def _seconds(path, name, values, unit):
+    """Return times in s, and ask where nobody has said their unit and it is hardly that."""
+    if unit is None:
+        try:
+            unit = time_unit_of(name)
+        except ValueError as error:
+            raise RecordError(
+                f"The time {name!r} of {path.name} is in {str(error)!r}, which is no unit of time "
+                f"that is known: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
+                "instead of 'time'."
+            ) from None
+    steps = np.abs(np.diff(values))
+    step = np.median(steps[np.isfinite(steps)]) if np.isfinite(steps).any() else 0.0
+    if not unit and step >= 1.0:
+        warnings.warn(
+            f"The time {name!r} of {path.name} has no unit and is taken for seconds, {step:g} s "
+            "from sample to sample. Pass 'time_unit' if it counts s, ms or others, or "
+            "'sampling_rate' instead of 'time' if it counts samples.",
+            TimeUnitWarning,
+            stacklevel=6,
+        )
+    return values * SECONDS[unit or "s"]
+
+
+def times(path, column, unit):
+    """Return s as floats, or datetimes or timedeltas as a pandas index."""
+    name, values = column.name, column.values
+    if values.dtype.kind in "biuf":
+        return _seconds(path, name, values.astype(float), unit)
+    if values.dtype.kind in "Mm":
+        return pd.Index(values)
+    column = pd.Series(values, dtype=object)
+    column = column.where(column.astype(str).str.strip() != "", None)
+    if coerced(path, name, column).notna().any():
+        return _seconds(path, name, numbers(path, name, values), unit)
+    clock = pd.to_timedelta(column, errors="coerce")
+    if clock.notna().any() and (clock.notna() | column.isna()).all():
+        return pd.TimedeltaIndex(clock)
+    with reading(path):
+        try:
+            dates = pd.to_datetime(column, format="ISO8601", utc=True)
+        except (ValueError, TypeError) as error:
+            first = str(column.dropna().iloc[0])[:40] if column.notna().any() else ""
+            raise RecordError(
+                f"the time {name!r} must be numbers, ISO 8601 dates (2024-05-31T12:00:00.5) or "
+                f"clock times (hh:mm:ss.fff). It starts with {first!r} instead"
+            ) from error
+    return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def record_labels(values):
+    """Return the labels of records, whole numbers as integers."""
+    if values.dtype.kind == "f" and (values[np.isfinite(values)] % 1.0 == 0.0).all():
+        return pd.Index(values).astype("Int64") if np.isnan(values).any() else values.astype(int)
+    return values
+
+
+def positions(labels, n):
+    """Return the number of each row within its record, from 0."""
+    rows = np.arange(n)
+    if labels is None:
+        return rows
+    starts = np.flatnonzero(np.diff(pd.factorize(labels)[0], prepend=-2))
+    return rows - np.repeat(starts, np.diff([*starts, n]))
+
+
+def record_numbers(path, stamps, n):
+    """Return a label for each row: how often time has started again before it."""
+    if stamps is None:
+        return np.zeros(n, dtype=int)
+    still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
+    if still.size:
+        raise RecordError(
+            f"The time of {path.name} stands still at row {still[0]} ({still.size} rows in all), "
+            "so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
+        )
+    restarts = np.append(False, stamps[1:] < stamps[:-1])
+    if restarts.sum() > max(n // 4, 1):
+        raise RecordError(
+            f"The time of {path.name} runs backwards at {restarts.sum()} of {n} rows: the rows are "
+            "shuffled, or 'time' names another column. Sort the rows by time."
+        )
+    return np.cumsum(restarts)

@@ -1,0 +1,129 @@
+"""What is understood of the columns of a file, and what is wrong with them."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ..exceptions import RecordError
+from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
+from ._formats import opened
+from ._recognise import ROLES, find_roles
+
+_MOST = 100  # columns that are looked at
+_STANDS = 0.01  # of the rows at the largest or smallest value: clipped
+_OFTEN = 5  # times as often as the value beside it
+_FINE = 50  # different values, below which a signal is a series of steps
+
+
+@dataclass(frozen=True)
+class ColumnOverview:
+    """What is known of a column.
+
+    Parameters
+    ----------
+    name : str
+        With its unit.
+    role : {"drive", "response", "time", "record", ""}
+    reason : str
+        What tells the role.
+    kind : str
+        Type of the values in the file.
+    low, high : float
+        Range of the readings, NaN where there are none.
+    """
+
+    name: str
+    role: str
+    reason: str
+    kind: str
+    low: float
+    high: float
+
+    def __str__(self):
+        span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
+        return f"{self.role or '-':10s}{self.name!r}: {span} ({self.kind}; {self.reason})"
+
+
+def inspect_columns(path, **reading):
+    """Return the name of a file, its columns, those with a role, and faults of the columns.
+
+    ``reading`` are options of :func:`skhyst.records.read_records`. The columns with a role are as
+    that function takes them, by role.
+    """
+    layout = {name: reading.get(name) for name in ("delimiter", "decimal")}
+    source, variables = opened(path, **layout)
+    faults = []
+    roles = _roles(source, variables, reading, faults)
+    own = next(iter(record_groups(variables, [column for column, _ in roles.values()]).values()))
+    told = {
+        load_column(source, own, column).name: (role, reason)
+        for role, (column, reason) in roles.items()
+    }
+    columns, signals = [], {}
+    for place in long_columns(own)[:_MOST]:
+        values = load_column(source, own, place.position).values
+        role, reason = told.get(place.name) or told.get(place.full_name) or ("", "not used")
+        columns.append(_overview(source, place.name, role, reason, values))
+        signals[place.name] = role, values
+    faults += _faults_of_columns(source, signals)
+    addresses = {role: column for role, (column, _) in roles.items()}
+    return source.name, tuple(columns), addresses, faults
+
+
+def _roles(source, variables, reading, faults):
+    """Return (column, reason) by role; what nothing tells is added to the faults."""
+    given = {name: reading.get(name) for name in ROLES}
+    timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
+    known = {role: (column, "as given") for role, column in given.items() if column is not None}
+    try:
+        found = find_roles(source, variables, given, as_columns(others), timed=timed)
+    except RecordError as error:
+        faults.append(str(error))
+        return known
+    return known | {role: (one.column, one.reason) for role, one in found.items()}
+
+
+def _overview(source, name, role, reason, values):
+    try:
+        readings = numbers(source, name, values)
+        readings = readings[np.isfinite(readings)]
+    except RecordError:
+        readings = np.empty(0)
+    span = (readings.min(), readings.max()) if readings.size else (np.nan, np.nan)
+    return ColumnOverview(name, role, reason, str(values.dtype), *map(float, span))
+
+
+def _faults_of_columns(source, signals):
+    readings = {}
+    for name, (role, values) in signals.items():
+        try:
+            readings[name] = numbers(source, name, values)
+        except RecordError as error:
+            if role in ("drive", "response"):
+                yield str(error)
+    for name, values in readings.items():
+        role, known = signals[name][0], values[np.isfinite(values)]
+        if known.size < values.size and role not in ("drive", "response"):
+            yield f"{name!r} misses {values.size - known.size} of {values.size} readings."
+        if known.size and not np.ptp(known):
+            yield f"{name!r} does not move: it is {known[0]:g} throughout."
+        elif role == "response":
+            yield from _clipped(name, known)
+    for (name, values), (other, others) in combinations(readings.items(), 2):
+        if np.array_equal(values, others, equal_nan=True) and np.ptp(values) > 0.0:
+            yield f"{name!r} and {other!r} are the same signal."
+
+
+def _clipped(name, values):
+    """Tell where a signal stands at an end of its range, far more often than beside it."""
+    levels, counts = np.unique(values, return_counts=True)
+    if levels.size < _FINE:
+        return
+    for word, end, beside in (("largest", -1, -2), ("smallest", 0, 1)):
+        if counts[end] > max(_STANDS * values.size, _OFTEN * counts[beside]):
+            share = 100.0 * counts[end] / values.size
+            yield (
+                f"{name!r} stands at its {word} value, {levels[end]:g}, in {share:.2g} % of the "
+                "rows: is it clipped?"
+            )

@@ -1,0 +1,257 @@
+"""Find a column among the variables of a file by name, position or index."""
+
+import re
+from bisect import bisect_right
+from collections import Counter
+from dataclasses import dataclass, replace
+from itertools import accumulate
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError
+from ._column_names import without_unit
+from ._formats import reading
+
+_INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
+_POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
+_SHOWN = 20  # variables that an error message lists
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a file: its name with its unit, its values, and the interval in s if said."""
+
+    name: str
+    values: np.ndarray
+    interval: float | None
+
+
+def load_column(path, variables, wanted):
+    """Return one column of a file.
+
+    ``wanted`` is a name, with its unit or without, the last part of a path if that is unique,
+    ``name[2]`` for a column of a matrix, or the 0-based position among all columns of the file.
+    """
+    if isinstance(wanted, int | np.integer) and not isinstance(wanted, bool):
+        return _at_position(path, variables, int(wanted))
+    if not isinstance(wanted, str):
+        raise RecordError(
+            f"A column must be named by a str or by its position as an int. Got {wanted!r} instead."
+        )
+    variable = _named(path, variables, wanted)
+    if variable is not None:
+        name = variable.label or wanted
+        return Column(name, _vector(path, variable, wanted), variable.interval)
+    if re.fullmatch(r"\d+", wanted):
+        return _at_position(path, variables, int(wanted))
+    match = _INDEXED.fullmatch(wanted)
+    variable = match and _named(path, variables, match["name"])
+    if variable is None:
+        raise RecordError(f"{path.name} has no column {wanted!r}. {_listed(variables)}")
+    name = replace(variable, name=wanted).label
+    return Column(name, _indexed(path, variable, wanted, match["index"]), variable.interval)
+
+
+def record_groups(variables, wanted):
+    """Return the variables by group, where several groups have all columns that are wanted.
+
+    There they are called as in their group. Else all variables are one group, or the only one that
+    has them all.
+    """
+    groups = {}
+    for variable in variables:
+        groups.setdefault(variable.group, []).append(variable)
+    holding = {group: own for group, own in groups.items() if _has_all(own, wanted)}
+    if len(holding) < 2:
+        return holding or {"": variables}
+    return {
+        group: [replace(variable, name=variable.bare, group="") for variable in own]
+        for group, own in holding.items()
+    }
+
+
+def _has_all(variables, wanted):
+    names = {name for v in variables for name in (v.bare, v.bare_label, without_unit(v.bare))}
+    return bool(wanted and variables[0].group) and all(one in names for one in wanted)
+
+
+def as_columns(columns):
+    """Return one column or a sequence of them as a list."""
+    single = isinstance(columns, str) or not np.iterable(columns)
+    return [columns] if single else list(columns)
+
+
+def _named(path, variables, name):
+    parts = [re.split(r"[/.]", v.name) for v in variables]
+    bare = [re.split(r"[/.]", without_unit(v.name)) for v in variables]
+    found = [i for i, v in enumerate(variables) if v.name == name]
+    if not found and name:
+        found = [i for i, v in enumerate(variables) if v.label == name]
+        found = found or [i for i, own in enumerate(parts) if own[-1] == name]
+        found = found or [i for i, own in enumerate(parts) if own == re.split(r"[/.]", name)]
+        found = found or [i for i, own in enumerate(bare) if own[-1] == name]
+    if len(found) > 1:
+        raise RecordError(
+            f"{path.name} has {len(found)} columns that {name!r} may mean, at the positions "
+            f"{', '.join(map(str, found))}: give the full name or the position. "
+            f"{_listed(variables)}"
+        )
+    return variables[found[0]] if found else None
+
+
+def _listed(variables):
+    shown = [
+        f"{v.name or 'an array without a name'} {v.refused or _size(v.shape)}"
+        for v in variables[:_SHOWN]
+    ]
+    more = len(variables) - len(shown)
+    return f"It has: {', '.join(shown)}{f' and {more} more' if more > 0 else ''}."
+
+
+def _size(shape):
+    return f"({', '.join(map(str, shape))})" if shape else "(a single value)"
+
+
+def _is_vector(shape):
+    return len(shape) > 0 and sum(n != 1 for n in shape) <= 1
+
+
+def _length(shape):
+    return 0 if not shape else max(shape) if _is_vector(shape) else shape[0]
+
+
+def _at_position(path, variables, position):
+    """Count the columns of all variables that are as long as the longest one."""
+    usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
+    longest = max((_length(v.shape) for v in usable), default=0)
+    usable = [v for v in usable if _length(v.shape) == longest]
+    widths = [1 if _is_vector(v.shape) else v.shape[1] for v in usable]
+    if not 0 <= position < sum(widths):
+        raise RecordError(
+            f"{path.name} has no column at position {position}: it has {sum(widths)} columns, "
+            f"counted from 0. {_listed(variables)}"
+        )
+    ends = list(accumulate(widths))
+    which = bisect_right(ends, position)
+    variable, column = usable[which], position - ends[which] + widths[which]
+    if _is_vector(variable.shape):
+        name = variable.label or str(position)
+        return Column(name, _load(path, variable).reshape(-1), variable.interval)
+    name = f"{variable.name}[{column}]" if variable.name else str(column)
+    name = replace(variable, name=name).label
+    return Column(name, _load(path, variable)[:, column], variable.interval)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a column stands: its position, and its address where it is one of several groups."""
+
+    position: int
+    address: str | int
+    name: str  # with its unit, within its group
+    full_name: str
+
+
+def long_columns(variables):
+    """Return the places of the columns that are as long as the longest.
+
+    Of a name that several groups have the first is returned; its address is the name in them.
+    """
+    usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
+    longest = max((_length(v.shape) for v in usable), default=0)
+    repeats = Counter(v.bare for v in usable)
+    found, position = {}, 0
+    for variable in (v for v in usable if _length(v.shape) == longest):
+        if _is_vector(variable.shape):
+            own = variable.bare if variable.group else position
+            address = own if repeats[variable.bare] > 1 else variable.name or position
+            names = (name or str(position) for name in (variable.bare_label, variable.label))
+            found.setdefault(address, Place(position, address, *names))
+            position += 1
+            continue
+        width = variable.shape[1]
+        for k in range(position, position + width if width <= _SHOWN else 0):
+            name = f"{variable.name}[{k - position}]" if variable.name else str(k)
+            found[k] = Place(k, k, *[replace(variable, name=name).label] * 2)
+        position += width
+    return list(found.values())
+
+
+def _load(path, variable):
+    if variable.refused:
+        raise RecordError(
+            f"{variable.name!r} in {path.name} is not read: it is {variable.refused}."
+        )
+    with reading(path):
+        return np.asarray(variable.load())
+
+
+def _vector(path, variable, wanted):
+    if variable.refused or _is_vector(variable.shape):
+        return _load(path, variable).reshape(-1)
+    if not variable.shape:
+        raise RecordError(f"{wanted!r} in {path.name} is a single value, not a column.")
+    zeros = ", ".join(["0"] * (len(variable.shape) - 1))
+    raise RecordError(
+        f"{wanted!r} in {path.name} has the shape {_size(variable.shape)}: give one column of it, "
+        f"such as '{variable.name}[{zeros}]'."
+    )
+
+
+def _indexed(path, variable, wanted, text):
+    matches = [_POSITION.fullmatch(part) for part in text.split(",")]
+    values = _load(path, variable)
+    if all(matches):
+        symbols = {":": slice(None), "...": Ellipsis}
+        index = [symbols.get(m[1]) or int(m[1]) for m in matches]
+        if all(isinstance(part, int) for part in index):
+            index = [slice(None), *index]  # numbers alone count behind the axis of samples
+        try:
+            column = values[tuple(index)]
+        except IndexError:
+            column = None
+        if column is not None and _is_vector(column.shape):
+            return column.reshape(-1)
+    raise RecordError(
+        f"{wanted!r} is not a column of {variable.name or 'the array'!r} in {path.name}, whose "
+        f"shape is {_size(values.shape)}: count from 0, one number for each axis but the first."
+    )
+
+
+def numbers(path, name, values):
+    """Return a column as floats, NaN where a cell is empty."""
+    if values.dtype.kind in "biuf":
+        return values.astype(float)
+    if values.dtype.kind in "OUSTV":
+        column = pd.Series(values, dtype=object)
+        found = coerced(path, name, column)
+        text = column.notna() & (column.astype(str).str.strip() != "")
+        wrong = np.flatnonzero(found.isna() & text)
+        if not len(wrong) and found.dtype.kind in "biuf":
+            return found.to_numpy(dtype=float)
+        row = int(wrong[0]) if len(wrong) else 0
+        cell = str(column.iloc[row])
+        if cell.strip().lstrip("+-").isdigit():  # which pandas 2 takes for none
+            raise _beyond(path, name)
+        raise RecordError(
+            f"Column {name!r} of {path.name} must hold numbers. Got {cell[:40]!r} in row {row} "
+            f"instead ({len(wrong)} of {len(column)} rows are not numbers)."
+        )
+    raise RecordError(
+        f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
+    )
+
+
+def coerced(path, name, column):
+    """Return a series as numbers, NaN where a cell is none."""
+    try:
+        return pd.to_numeric(column, errors="coerce")
+    except OverflowError as error:
+        raise _beyond(path, name) from error
+
+
+def _beyond(path, name):
+    return RecordError(
+        f"Column {name!r} of {path.name} has an integer beyond all floating-point numbers."
+    )

@@ -1,0 +1,475 @@
+"""What a file holds: one small function a format, each returns the file's variables.
+
+Nothing a file contains is ever executed: pickled objects, MATLAB objects and function handles are
+listed and refused, HDF5 data that lie in another file too.
+"""
+
+import importlib
+import io
+import json
+import warnings
+import zipfile
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .._files import check_input
+from ..exceptions import RecordError
+from ._column_names import unit_of
+from ._mat_objects import matlab_object, matlab_text
+from ._mat_tags import check_tags
+from ._sizes import DENSEST, Finite, check_array, check_size
+from ._text import read_table
+from ._workbook import read_workbook
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
+_INTERVALS = ("dt", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
+_RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One array of a file, loaded when it is asked for.
+
+    ``name`` is "" where the file holds one array without a name; ``refused`` says why it is not
+    read, "" where it is. ``unit`` is what the file says of it elsewhere than in the name, ""
+    where it does not; ``interval`` is the time from sample to sample in s, None where it is unsaid.
+    ``group`` is the beginning of the name that it shares with others: a group, struct or sheet.
+    """
+
+    name: str
+    shape: tuple
+    load: Callable
+    refused: str = ""
+    unit: str = ""
+    interval: float | None = None
+    group: str = ""
+
+    @property
+    def label(self):
+        """The name with its unit."""
+        said = self.unit and not unit_of(self.name)
+        return f"{self.name} [{self.unit}]" if said else self.name
+
+    @property
+    def bare(self):
+        """The name within the group."""
+        return self.name[len(self.group) + 1 :] if self.group else self.name
+
+    @property
+    def bare_label(self):
+        """The name within the group with its unit."""
+        return replace(self, name=self.bare, group="").label
+
+
+def _file_variables(path, layout):
+    """List the variables of a file by its suffix; ``layout`` holds options of a text."""
+    if path.suffix.lower() not in _READERS:
+        remedy = _ELSEWHERE.get(path.suffix.lower(), "")
+        raise RecordError(
+            f"The 'path' parameter of read_records must end in one of {', '.join(_READERS)}. "
+            f"Got {path.name!r} instead.{remedy}"
+        )
+    check_input(path)
+    if path.stat().st_size == 0:
+        raise RecordError(f"{path.name} is empty: {_expected(path)} was expected.")
+    with reading(path):
+        variables = _READERS[path.suffix.lower()][0](path, **layout)
+        if not variables:
+            raise RecordError("it holds no variable")
+    return variables
+
+
+@dataclass(frozen=True)
+class Table:
+    """A frame in place of a file: what errors call it."""
+
+    name: str = "the frame"
+    suffix: str = ""
+
+
+def opened(source, **layout):
+    """Return what a file or a table is called, a path or a Table, and its variables.
+
+    ``layout`` are options of a text, None where they are not given.
+    """
+    is_frame = hasattr(source, "columns")
+    path = Table() if is_frame else Path(source).expanduser()
+    layout = {name: value for name, value in layout.items() if value is not None}
+    if layout and _READERS.get(path.suffix.lower()) is not _TEXT:
+        raise ValueError(
+            f"The {' and '.join(map(repr, layout))} of read_records must be None where 'path' is "
+            f"no delimited text. Got {path.name!r} instead."
+        )
+    return path, _frame_variables(source) if is_frame else _file_variables(path, layout)
+
+
+def _frame_variables(frame):
+    """List the columns of a frame or table, and the levels of an index that says much.
+
+    Units are those of pint, or of a dict ``frame.attrs["units"]``.
+    """
+    if hasattr(frame, "column_names"):  # of Arrow
+        frame = frame.to_pandas()
+    said = getattr(frame, "attrs", {}).get("units", {})
+    if hasattr(frame, "iloc") and not isinstance(frame.index, pd.RangeIndex):
+        frame = frame.reset_index()
+    columns = [
+        frame.iloc[:, i] if hasattr(frame, "iloc") else frame[:, i] for i in range(frame.shape[1])
+    ]
+    units = [getattr(c.dtype, "units", None) for c in columns]
+    return [
+        Variable(str(c.name), (len(c),), c.to_numpy, unit=str(said.get(c.name, "")))
+        if unit is None
+        else Variable(str(c.name), (len(c),), partial(c.to_numpy, dtype=float), unit=f"{unit:~}")
+        for c, unit in zip(columns, units, strict=True)
+    ]
+
+
+@contextmanager
+def reading(path):
+    """Turn every fault of a parser into a RecordError that names the file."""
+    try:
+        yield
+    except (ImportError, PermissionError):
+        raise
+    except Exception as error:  # parsers fail on broken files in every way there is
+        reason = str(error) or type(error).__name__
+        raise RecordError(
+            f"{path.name} cannot be read: {_expected(path)} was expected, but {reason}."
+        ) from error
+
+
+def _expected(path):
+    return _READERS.get(path.suffix.lower(), (None, "a table"))[1]
+
+
+def _optional(name, suffix):
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ImportError(
+            f"Reading {suffix} files needs {name.split('.')[0]}: pip install 'skhyst[io]'."
+        ) from error
+
+
+def _held(name, values):
+    """Return the variables of an array in memory: a struct or a cell has more than one."""
+    refused = _refusal(values)
+    if refused:
+        if values.dtype.names == _OPAQUE:  # scipy has no name for it, but the first field
+            name = matlab_text(values.flat[0]["s0"])
+        return [Variable(name, getattr(values, "shape", ()), lambda: values, refused)]
+    if values.dtype.names and values.dtype.hasobject:  # MATLAB struct
+        return [
+            part
+            for label, element in _elements(name, values)
+            for field in values.dtype.names
+            for part in _held(f"{label}.{field}", element[field])
+        ]
+    if values.dtype.names:
+        return [
+            Variable(_join(name, field, "."), values.shape, partial(values.__getitem__, field))
+            for field in values.dtype.names
+        ]
+    if values.dtype.hasobject and any(isinstance(v, np.ndarray) for v in values.flat):  # cell
+        return [part for label, cell in _elements(name, values) for part in _held(label, cell)]
+    return [Variable(name, values.shape, lambda: values)]
+
+
+def _refusal(values):
+    kind = type(values).__name__
+    if kind == "MatlabFunction":
+        return "a MATLAB function handle"
+    if kind == "MatlabObject":
+        return matlab_object(values.classname)
+    if kind == "MatlabOpaque":
+        return matlab_object(values.flat[0]["s2"] if values.dtype.names == _OPAQUE else "object")
+    return "" if isinstance(values, np.ndarray) else f"{kind}, not an array"
+
+
+def _elements(name, values):
+    if values.size == 1:
+        return [(name, values.flat[0])]
+    return [(f"{name}[{i}]", value) for i, value in enumerate(values.ravel(order="F"))]
+
+
+def _join(group, name, separator):
+    return f"{group}{separator}{name}" if group else name
+
+
+def _read_text(path, **layout):
+    return [
+        Variable(name, values.shape, partial(np.asarray, values), unit=unit)
+        for name, unit, values in zip(*read_table(path, **layout), strict=True)
+    ]
+
+
+def _read_workbook(path):
+    sheets = read_workbook(path, _optional("openpyxl", path.suffix))
+    several = len(sheets) > 1
+    return [
+        Variable(
+            _join(sheet if several else "", name, "/"),
+            values.shape,
+            partial(np.asarray, values),
+            unit=unit,
+            group=sheet if several else "",
+        )
+        for sheet, *table in sheets
+        for name, unit, values in zip(*table, strict=True)
+    ]
+
+
+def _read_npy(path):
+    with path.open("rb") as file:
+        check_array(file, path.stat().st_size)
+    return _held("", np.lib.format.open_memmap(path, mode="r").view(np.ndarray))
+
+
+def _read_npz(path):
+    with zipfile.ZipFile(path) as archive:
+        return [part for entry in archive.infolist() for part in _npz_entry(archive, entry)]
+
+
+def _npz_entry(archive, entry):
+    """Return the variables of one array of an archive."""
+    name = entry.filename.removesuffix(".npy")
+    check_size(name, entry.file_size, entry.compress_size)
+    try:
+        with archive.open(entry) as stream:
+            check_array(stream, entry.file_size)
+    except ValueError as error:  # RecordError is one
+        return [Variable(name, (), partial(np.empty, 0), f"no array: {error}")]
+    with archive.open(entry) as stream:
+        return _held(name, np.lib.format.read_array(stream, allow_pickle=False))
+
+
+def _read_mat(path):
+    from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
+
+    with path.open("rb") as file:
+        head = file.read(520)
+    if _HDF5 in (head[:8], head[512:]):
+        return _read_hdf5(path, matlab=True)
+    data = path.read_bytes()  # what is looked over is what is read
+    if matfile_version(io.BytesIO(data))[0] == 1:
+        check_tags(data)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*`spmatrix`", DeprecationWarning)  # either is refused
+        content = loadmat(io.BytesIO(data), struct_as_record=True, chars_as_strings=True)
+    return [
+        replace(variable, group=variable.name.rpartition(".")[0])
+        for name, values in content.items()
+        if not name.startswith("__")
+        for variable in _held(name, values)
+    ]
+
+
+def _read_hdf5(path, matlab=False):
+    h5py = _optional("h5py", path.suffix)
+    variables = []
+
+    def collect(name, item):
+        if not isinstance(item, h5py.Dataset) or (matlab and name.startswith("#")):
+            return
+        shown = name.replace("/", ".") if matlab else name
+        shape = item.shape or ()
+        refused = _hdf5_refusal(h5py, item)
+        for field in item.dtype.names or (None,):
+            load = partial(_hdf5_values, h5py, path, name, field, matlab)
+            full = shown if field is None else f"{shown}.{field}"
+            size = shape[::-1] if matlab else shape
+            group = full[: -len(field or name.rpartition("/")[2]) - 1]
+            variables.append(Variable(full, size, load, refused, *_hdf5_said(item), group))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(collect)  # follows no link to another file
+    return variables
+
+
+def _hdf5_said(item):
+    """Return the unit of a dataset, and the interval that it, its groups or its file say."""
+    own = {key.lower(): value for key, value in item.attrs.items()}
+    unit = next((own[key] for key in ("unit", "units", "unit_string") if key in own), "")
+    unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+    said, group = own, item
+    while group.name != "/":
+        group = group.parent
+        said = {key.lower(): value for key, value in group.attrs.items()} | said
+    interval = None
+    for key, value in said.items():
+        if key in _RATES or key in _INTERVALS:
+            value = np.ravel(value)
+            if value.size == 1 and value.dtype.kind in "iuf" and value[0] > 0:
+                interval = float(value[0] if key in _INTERVALS else 1.0 / value[0])
+    return unit if isinstance(unit, str) else "", interval
+
+
+def _hdf5_refusal(h5py, item):
+    kind = matlab_text(item.attrs.get("MATLAB_class", b""))
+    objects = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
+    reasons = {
+        "a MATLAB function handle": kind == "function_handle",
+        "MATLAB text or empty": kind == "char" or "MATLAB_empty" in item.attrs,
+        matlab_object(kind): "MATLAB_object_decode" in item.attrs,
+        "data that lie in another file": item.external or item.is_virtual,
+        "empty": item.shape is None,
+        "references or lists of different lengths": objects,
+    }
+    reason = next((reason for reason, holds in reasons.items() if holds), "")
+    if not reason and item.nbytes > DENSEST * item.id.get_storage_size():
+        reason = "larger than what the file holds of it"
+    return reason
+
+
+def _hdf5_values(h5py, path, name, field, transpose):
+    with h5py.File(path, "r") as file:
+        item = file[name]
+        text = h5py.check_string_dtype(item.dtype) is not None
+        values = item.asstr()[()] if text else item[()] if field is None else item[field]
+    return np.asarray(values).T if transpose else np.asarray(values)  # MATLAB stores columns first
+
+
+def _read_json(path):
+    content = json.loads(path.read_bytes())
+    if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
+        names = dict.fromkeys(name for row in content for name in row)
+        if len(names) * len(content) > path.stat().st_size:  # a reading takes a byte at least
+            raise RecordError(f"its {len(content)} rows share few of {len(names)} names")
+        content = {name: [row.get(name) for row in content] for name in names}
+    return _json_variables("", content)
+
+
+def _json_variables(name, content, group=""):
+    if isinstance(content, dict):
+        return [
+            variable
+            for key, value in content.items()
+            for variable in _json_variables(_join(name, key, "."), value, name)
+        ]
+    try:
+        values = np.asarray(content, dtype=float)
+    except ValueError:
+        values = np.asarray(content, dtype=object)
+    except (TypeError, OverflowError):
+        return [Variable(name, (), partial(np.empty, 0), "neither numbers nor text")]
+    if any(isinstance(value, list) for value in values.flat):
+        return [Variable(name, values.shape, partial(np.empty, 0), "rows of different lengths")]
+    return [Variable(name, values.shape, lambda: values, group=group)]
+
+
+def _read_parquet(path):
+    parquet = _optional("pyarrow.parquet", path.suffix)
+    with parquet.ParquetFile(path) as file:
+        names, rows = file.schema_arrow.names, file.metadata.num_rows
+        groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+        declared = max(rows, sum(group.num_rows for group in groups)) * np.dtype(float).itemsize
+        check_size("its table", declared, path.stat().st_size)
+    load = partial(_parquet_values, parquet, path)
+    return [
+        Variable(name, (rows,), partial(load, name, names[:i].count(name)))
+        for i, name in enumerate(names)
+    ]
+
+
+def _parquet_values(parquet, path, name, occurrence):
+    with parquet.ParquetFile(path) as file:
+        return file.read(columns=[name]).column(occurrence).to_numpy()
+
+
+def _read_feather(path):
+    ipc, arrow = (_optional(name, path.suffix) for name in ("pyarrow.ipc", "pyarrow"))
+    content = arrow.py_buffer(path.read_bytes())  # whose parts are not copied
+    with ipc.open_file(content) as file:
+        names = file.schema.names
+    with _feather_columns(ipc, content, [0]) as file:
+        rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
+    check_size("its table", rows * np.dtype(float).itemsize, content.size)
+    load = partial(_feather_values, ipc, content)
+    return [Variable(name, (rows,), partial(load, i)) for i, name in enumerate(names)]
+
+
+def _feather_columns(ipc, content, columns):
+    return ipc.open_file(content, options=ipc.IpcReadOptions(included_fields=columns))
+
+
+def _feather_values(ipc, content, column):
+    with _feather_columns(ipc, content, [column]) as file:
+        values = file.read_all().column(0)
+    values.validate(full=True)  # texts may point anywhere
+    return values.to_numpy()
+
+
+def _read_tdms(path):
+    nptdms = _optional("nptdms", path.suffix)
+    with Finite(path) as stream, nptdms.TdmsFile.open(stream) as file:
+        channels = [
+            (group.name, channel.name, len(channel), _tdms_said(channel.properties))
+            for group in file.groups()
+            for channel in group.channels()
+        ]
+    load = partial(_tdms_values, nptdms, path)
+    return [
+        Variable(f"{g}/{c}", (length,), partial(load, g, c), "", *said, g)
+        for g, c, length, said in channels
+    ]
+
+
+def _tdms_said(properties):
+    """Return the unit and the interval of a channel; LabVIEW writes no interval as 0."""
+    interval = float(properties.get("wf_increment", 0.0))
+    return str(properties.get("unit_string", "")).strip(), interval if interval > 0.0 else None
+
+
+def _tdms_values(nptdms, path, group, channel):
+    with Finite(path) as stream, nptdms.TdmsFile.open(stream) as file:
+        return np.asarray(file[group][channel][:])
+
+
+def _read_wav(path):
+    from scipy.io import wavfile
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of notes beside the samples
+        warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
+        rate, values = wavfile.read(io.BytesIO(path.read_bytes()))  # a file: as long as it says
+    return [Variable("channel", values.shape, lambda: values, interval=1.0 / rate)]
+
+
+_TEXT = (_read_text, "a table of delimited text")
+_READERS = {
+    ".csv": _TEXT,
+    ".txt": _TEXT,
+    ".tsv": _TEXT,
+    ".dat": _TEXT,
+    ".xlsx": (_read_workbook, "an Excel workbook"),
+    ".mat": (_read_mat, "a MATLAB file"),
+    ".npy": (_read_npy, "a NumPy array"),
+    ".npz": (_read_npz, "an archive of NumPy arrays"),
+    ".json": (_read_json, "a JSON list of rows, list of records or dict of columns"),
+    ".h5": (_read_hdf5, "an HDF5 file"),
+    ".hdf5": (_read_hdf5, "an HDF5 file"),
+    ".parquet": (_read_parquet, "a Parquet file"),
+    ".feather": (_read_feather, "a Feather file of version 2"),
+    ".tdms": (_read_tdms, "a TDMS file"),
+    ".wav": (_read_wav, "a WAV file"),
+}
+_MDF = (
+    " An MDF file can be exported with asammdf: MDF('rig.mf4').export('parquet', 'rig.parquet', "
+    "single_time_base=True)."
+)
+_ELSEWHERE = {
+    ".mf4": _MDF,
+    ".mdf": _MDF,
+    ".xls": " Save the workbook as .xlsx.",
+    ".xlsm": " Save the workbook as .xlsx.",
+    ".ods": " Save the workbook as .xlsx.",
+}

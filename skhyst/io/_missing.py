@@ -1,0 +1,91 @@
+"""Missing values: find them, name them, refuse or drop their rows."""
+
+import re
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError
+
+_LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
+_FAR = 5.0  # times as large as any other
+
+
+def missing_rows(path, values, names, codes, stamps, labels, on_missing):
+    """Mark missing values as NaN, in place, and return a mask of the rows to keep.
+
+    ``codes`` are readings that stand for lost ones, by column, NaN where there is none. The time
+    (``stamps``) and the labels of records, each None or (n_samples,), are not interpolated.
+    """
+    values[~np.isfinite(values) | (values == codes)] = np.nan
+    lost = dict(zip(names, np.isnan(values).T, strict=True))
+    index = {}
+    if stamps is not None:
+        unclear = pd.isna(stamps)
+        index["the time"] = unclear | np.isinf(stamps) if stamps.dtype.kind == "f" else unclear
+    if labels is not None:
+        index["the record"] = pd.isna(labels)
+    refused = {"raise": {**lost, **index}, "drop": {}, "interpolate": index}[on_missing]
+    refused = {name: mask for name, mask in refused.items() if mask.any()}
+    if refused:
+        shown = "; ".join(f"{n}: {describe_rows(np.flatnonzero(m))}" for n, m in refused.items())
+        ways = "'drop'" if index.keys() & refused.keys() else "'drop' or 'interpolate'"
+        raise RecordError(
+            f"{path.name}, of {len(values)} rows, misses values. {shown}. Pass on_missing={ways}, "
+            "or correct the file."
+        )
+    keep = np.ones(len(values), dtype=bool)
+    if on_missing == "drop":
+        keep = ~np.logical_or.reduce([*lost.values(), *index.values()])
+        keep &= ~_alone(keep, stamps, labels)
+    if not keep.any():
+        raise RecordError(f"{path.name} has no two neighbouring rows without a missing value.")
+    return keep
+
+
+def _alone(keep, stamps, labels):
+    """Mark the rows that lost their last neighbour of the same record to a missing value."""
+    joined = np.ones(len(keep) - 1, dtype=bool)  # whether a row and the next are of one record
+    if stamps is not None:
+        joined &= ~(stamps[1:] < stamps[:-1])  # a row without a time may belong to either side
+    if labels is not None:
+        codes = pd.factorize(labels)[0]
+        joined &= (np.diff(codes) == 0) | (codes[1:] < 0) | (codes[:-1] < 0)
+    before, after = np.append(False, joined), np.append(joined, False)
+    lost_before, lost_after = np.append(False, ~keep[:-1]), np.append(~keep[1:], False)
+    lost = before & lost_before | after & lost_after
+    left = before & ~lost_before | after & ~lost_after
+    return lost & ~left
+
+
+def likely_codes(path, values, names, on_missing):
+    """Return a code of lost readings for each column, NaN where it seems to have none.
+
+    It stands far from all others and looks like one. It is refused where nobody has said what
+    happens to lost readings.
+    """
+    codes = np.full(len(names), np.nan)
+    for i, column in enumerate(values.T):
+        finite = column[np.isfinite(column)]
+        for code in {np.min(finite), np.max(finite)} if finite.size else ():
+            others = finite[finite != code]
+            if not others.size or not _LIKELY.fullmatch(f"{abs(code):.15g}"):
+                continue
+            low, high = np.min(others), np.max(others)
+            if abs(code) / _FAR <= max(-low, high):
+                continue
+            if on_missing == "raise":
+                raise RecordError(
+                    f"The reading {code:.15g} of {names[i]!r} in {path.name}, "
+                    f"{finite.size - others.size} of {len(column)} rows, lies far from all others "
+                    f"({low:g} to {high:g}). Pass on_missing='interpolate' or on_missing='drop' "
+                    "if it marks lost ones, missing_code=nan if it is one like any other."
+                )
+            codes[i] = code
+    return codes
+
+
+def describe_rows(rows, most=5) -> str:
+    """Return ``"3 row(s) (4, 7, 9)"``, with the first few numbers."""
+    shown = ", ".join(str(row) for row in rows[:most])
+    return f"{len(rows)} row(s) ({shown}{', ...' if len(rows) > most else ''})"

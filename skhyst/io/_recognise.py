@@ -1,0 +1,276 @@
+"""Which columns of a recording are its drive, its response, its time and its records.
+
+A name says what a column is by its words, else by its unit: `drive`, `input`, `command` come before
+`voltage`, and that before `V`. A column whose words contradict each other says nothing. Of the time
+the values must rise as a time does; a column without a telling name is the time where it alone
+rises evenly. The only other column that moves takes the role that is left. Where two columns may
+have a role, none is chosen: a wrong guess is worse than a question.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..exceptions import RecordError
+from ._clock import JITTER
+from ._column_names import time_unit_of, unit_of, without_unit
+from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
+from ._formats import opened
+
+ROLES = ("drive", "response", "time", "record")
+_ALONE = {"drive": {"drive", "input", "u"}, "response": {"response", "output", "y"}}
+_WORDS = (  # what a column does, and what quantity it is; the former comes first
+    {
+        "drive": "drive|driving|input|in|u|command|commanded|cmd|excitation|stimulus|ao|dac",
+        "response": "response|output|out|y|measured|sensor|sensed|feedback|readout|ai|adc",
+    },
+    {
+        "drive": "voltage|volts?|current|spannung|strom",
+        "response": "position|pos|displacement|disp|stroke|path|weg|deflection|deformation|"
+        "extension|elongation|strain|angle|rotation|gauge|encoder|interferometer|lvdt|x|z",
+    },
+)
+_UNITS = {"drive": "[mk]?V|m?A", "response": "[munpµμ]?m|[muµμ]?rad|deg|°"}
+_NEITHER = (  # of a controller, of the room, of the book-keeping
+    "reference|ref|target|setpoint|desired|error|velocity|speed|acceleration|temperature|temp|"
+    "humidity|status|flag|mode|index|samples?|number|count|counter|id"
+)
+_FORCE = "force|torque|load|kraft|[mk]?N|Nm"  # it drives, or answers to a motion
+_TIME = "t|times?|timestamp|elapsed|zeit|temps"
+_RECORD = "record|run|recording|trial|segment"
+_MOST_RESTARTS = 0.1  # of the rows: a time that starts again, a label that changes
+_SHOWN = 20  # candidates that an error message lists
+_NAMED, _LEFT = "by its name", "the only other column that moves"
+
+
+@dataclass(frozen=True)
+class RecognisedColumn:
+    """A column with a role: how it is addressed, how it is called, and what tells.
+
+    Parameters
+    ----------
+    column : str or int
+        As :func:`~skhyst.records.read_records` takes it.
+    name : str
+        With its unit.
+    reason : str
+    """
+
+    column: str | int
+    name: str
+    reason: str
+
+
+def recognise_columns(
+    path,
+    *,
+    drive=None,
+    response=None,
+    time=None,
+    record=None,
+    auxiliary=(),
+    sampling_rate=None,
+    delimiter=None,
+    decimal=None,
+):
+    """Find the columns of a recording by their names, units and values.
+
+    Parameters
+    ----------
+    path : str, Path, or pandas or polars DataFrame
+        Recording, as :func:`~skhyst.records.read_records` reads it.
+    drive, response, time, record : str or int, optional
+        Columns that are known already.
+    auxiliary : sequence of str or int, default=()
+        Columns that are auxiliary inputs.
+    sampling_rate : float, optional
+        In Hz; where it is given no time is looked for.
+    delimiter, decimal : str, optional
+        As in :func:`~skhyst.records.read_records`.
+
+    Returns
+    -------
+    dict of str to RecognisedColumn
+        What was not given: ``"drive"`` and ``"response"``, ``"time"`` and ``"record"`` where the
+        file has them.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read, or no column or more than one may be the drive, the response or
+        the time.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skhyst.io import recognise_columns
+    >>> table = pd.DataFrame({"time_ms": [0.0, 1.0, 2.0], "U [V]": [0, 1, 2], "sg [um]": [0, 3, 5]})
+    >>> {role: found.name for role, found in recognise_columns(table).items()}
+    {'time': 'time_ms', 'drive': 'U [V]', 'response': 'sg [um]'}
+    """
+    path, variables = opened(path, delimiter=delimiter, decimal=decimal)
+    roles = {"drive": drive, "response": response, "time": time, "record": record}
+    return find_roles(
+        path, variables, roles, as_columns(auxiliary), timed=sampling_rate is not None
+    )
+
+
+def find_roles(path, variables, roles, others=(), *, timed):
+    """Return a RecognisedColumn for each role that no column is given for, by its name."""
+    given = [column for column in (*roles.values(), *others) if column is not None]
+    own = next(iter(record_groups(variables, given).values()))
+    taken = {load_column(path, own, column).name for column in given}
+    free = [
+        _Candidate(path, own, place)
+        for place in long_columns(own)
+        if not {place.name, place.full_name} & taken
+    ]
+    found, missing = {}, [role for role in ROLES if roles[role] is None]
+    if "time" in missing and not timed:
+        found["time"] = _time(path, free)
+    if "record" in missing:
+        labels = [c for c in free if re.fullmatch(_RECORD, c.name.lower()) and c.changes_seldom]
+        found["record"] = (labels[0], _NAMED) if len(labels) == 1 else None
+    found = {role: choice for role, choice in found.items() if choice}
+    used = [column for column, _ in found.values()]
+    signals = [c for c in free if not any(c is one for one in used)]
+    for role in ("drive", "response"):
+        if role in missing:
+            found[role] = _named(path, role, signals)
+    for role in ("drive", "response"):
+        if role in missing and found[role] is None:
+            found[role] = _left_over(path, role, signals, found)
+    return {
+        role: RecognisedColumn(column.place.address, column.name, reason)
+        for role, (column, reason) in found.items()
+    }
+
+
+class _Candidate:
+    """A column that may have a role; it is loaded when its values are asked for."""
+
+    def __init__(self, path, variables, place):
+        self.path, self.variables, self.place, self.name = path, variables, place, place.name
+
+    @cached_property
+    def words(self):
+        """Words of the name in lower case, without digits."""
+        parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüµμ°]+|[A-ZÄÖÜ]+", without_unit(self.name))
+        return [part.lower() for part in parts]
+
+    @cached_property
+    def unit(self):
+        """Unit in brackets, or what may be one at the end of the name."""
+        return unit_of(self.name) or re.split(r"[\s_/]", self.name)[-1]
+
+    def has(self, words):
+        """Whether one of the words is in the name."""
+        return any(re.fullmatch(words, word) for word in self.words)
+
+    @cached_property
+    def values(self):
+        """Values as floats, None where they are no numbers."""
+        try:
+            return numbers(self.path, self.name, self.stored)
+        except RecordError:
+            return None
+
+    @cached_property
+    def stored(self):
+        """Values as they are stored."""
+        return load_column(self.path, self.variables, self.place.position).values
+
+    @cached_property
+    def role(self):
+        """What it is: drive, response, either or neither; empty where nothing tells."""
+        if self.has(_NEITHER):
+            return "neither"
+        kinds = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
+        kinds.append({role for role, units in _UNITS.items() if re.fullmatch(units, self.unit)})
+        telling = next((kind for kind in kinds if kind), {""})
+        return telling.pop() if len(telling) == 1 else "either"
+
+    @cached_property
+    def is_force(self):
+        """Whether it is a force, which drives or answers to a motion."""
+        return self.has(_FORCE) or bool(re.fullmatch(_FORCE, self.unit))
+
+    @cached_property
+    def rises(self):
+        """Whether it rises from row to row, but for a few restarts."""
+        if self.values is None:
+            return self.stored.dtype.kind in "Mm" or bool(re.match(r"\d+[:-]", str(self.stored[0])))
+        steps = np.diff(self.values)
+        return bool(steps.size and np.mean(~(steps > 0)) <= _MOST_RESTARTS)
+
+    @cached_property
+    def rises_evenly(self):
+        """Whether it rises throughout by steps of one length, and does not count the rows."""
+        steps = np.empty(0) if self.values is None else np.diff(self.values)
+        if not steps.size or not np.all(steps > 0.0) or np.all(steps == 1.0):
+            return False
+        return bool(np.all(np.abs(steps / np.median(steps) - 1.0) < JITTER))
+
+    @cached_property
+    def changes_seldom(self):
+        """Whether most rows repeat the one above."""
+        changes = np.count_nonzero(self.stored[1:] != self.stored[:-1])
+        return changes <= _MOST_RESTARTS * len(self.stored)
+
+    @cached_property
+    def moves(self):
+        """Whether it holds numbers that are not all the same, and do not count."""
+        values = np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
+        return bool(values.size and np.ptp(values) > 0.0) and not self.rises
+
+    @property
+    def called_time(self):
+        """Whether the name is that of a time."""
+        try:
+            return bool(time_unit_of(self.name)) or self.has(_TIME)
+        except ValueError:  # the unit in brackets is none of time
+            return False
+
+
+def _time(path, free):
+    """Return the column of the time with what tells, None where there is none."""
+    named = [c for c in free if c.called_time and c.rises]
+    if len(named) > 1:
+        raise _undecided(path, "time", named)
+    if named:
+        return named[0], _NAMED
+    even = [c for c in free if not c.role and c.rises_evenly]
+    return (even[0], "it alone rises evenly") if len(even) == 1 else None
+
+
+def _named(path, role, signals):
+    """Return the signal whose name has the role, None where there is none."""
+    alone = [c for c in signals if without_unit(c.name).lower() in _ALONE[role]]
+    named = alone if len(alone) == 1 else [c for c in signals if c.role == role]
+    if len(named) > 1:
+        raise _undecided(path, role, named)
+    return (named[0], _NAMED) if named else None
+
+
+def _left_over(path, role, signals, found):
+    """Return the only other signal that moves, where no name is against it."""
+    used = [choice[0] for choice in found.values() if choice]
+    free = [c for c in signals if not any(c is one for one in used)]
+    possible = [c for c in free if c.role in ("", "either") and c.moves]
+    other = {"drive": "response", "response": "drive"}[role]
+    if len(possible) == 1 and found.get(other, possible):
+        (only,) = possible
+        if not only.role and not (role == "drive" and only.is_force):
+            return only, _LEFT
+    raise _undecided(path, role, [c for c in free if c.role != "neither"] or free)
+
+
+def _undecided(path, role, candidates):
+    shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
+    may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
+    return RecordError(
+        f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: "
+        f"{shown or 'none is left'}."
+    )

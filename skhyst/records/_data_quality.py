@@ -1,0 +1,233 @@
+"""Faults of the measurement, kept apart from physics: what no model should be fitted to.
+
+A physical effect acts before the noise of the sensor; a fault of the converter or of the recorder
+acts behind it, and leaves readings that are equal to the last digit. That tells clipping at the
+converter's range from a saturation of the device, and a stuck sensor from a rest.
+
+What drive and response say of each other, see ``_channels``.
+"""
+
+import numpy as np
+import pandas as pd
+
+from ._channels import are_exchanged, lost_samples, noise_on_drive, reaction_p_value
+
+_ADVICE = {
+    "outlier": "take the rows out as missing readings, or use a robust loss",
+    "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
+    "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
+    "clipped_range": "choose a larger range of the converter, or leave these samples out",
+    "wrapped_reading": "put the turns together again, as np.unwrap(y, period=value) does",
+    "clock_jitter": "resample with skhyst.records.resample_records",
+    "lost_samples": "start a new record at each of these rows; a time index would show the gap",
+    "swapped_channels": "check the columns: the drive reads like a response, and lags",
+    "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
+    "closed_loop": "record what the controller follows, and search with it as the reference",
+}
+
+
+def data_quality(X, y, records) -> pd.DataFrame:
+    """Return the faults found in a recording.
+
+    Parameters
+    ----------
+    X : DataFrame or array-like of shape (n_samples, n_inputs)
+        Column 0 is the drive; a time index tells the jitter of the clock.
+    y : ndarray of shape (n_samples,)
+        Response.
+    records : sequence of RecordSlice
+
+    Returns
+    -------
+    DataFrame
+        One row a fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
+        ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
+        ``lost_samples``, ``swapped_channels``, ``noisy_drive``), ``record``, ``n_samples``,
+        ``rows`` (the first few), ``value`` (reading at which it stuck or was clipped or lost; the
+        way of a turn; relative standard deviation of the interval; number of samples lost before
+        each row; standard deviation of the drive's noise; NaN for others), ``advice``.
+
+    Notes
+    -----
+    Whether the drive reacts to the noise of the response shows in what a model leaves alone:
+    ``data_quality_`` of a search that leaves noise has ``closed_loop`` too, with the p-value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.records import data_quality, record_slices
+    >>> drive = np.sin(np.linspace(0, 20, 1000))
+    >>> y = drive + 0.01 * np.random.default_rng(0).normal(size=1000)
+    >>> y[400] = 9.0
+    >>> X = drive.reshape(-1, 1)
+    >>> data_quality(X, y, record_slices(X))[["fault", "rows"]].to_numpy().tolist()
+    [['outlier', (400,)]]
+    """
+    drive = np.asarray(X, dtype=float)[:, 0]
+    y = np.asarray(y, dtype=float)
+    found = []
+    for record in records:
+        u, own = drive[record.rows], y[record.rows]
+        runs = _runs(own)
+        faults = list(_spikes(u, own, *runs))
+        codes = [value for fault, _, value in faults if fault == "lost_reading"]
+        faults += [] if faults else _wrapped(u, own)
+        if _noisy(runs[1]):
+            step = np.min(np.diff(np.unique(own)), initial=np.inf)
+            faults += _clipped(own, *runs, codes, step)
+            # below a step of the converter a rest of the device gives one reading, too
+            if _scatter(own) > step:
+                faults += _stuck(u, own, *runs)
+        for fault, rows, value in faults:
+            found.append((fault, record.label, rows + record.rows.start, value))
+        jitter = _jitter(X, record)
+        if jitter > 0.05:  # rounding of the interval by a tenth gives 0.04
+            found.append(("clock_jitter", record.label, np.arange(record.n_samples), jitter))
+        whole = np.arange(record.rows.start, record.rows.stop)
+        noise = noise_on_drive(u, own)
+        if noise > 0.0 and are_exchanged(u, own):
+            found.append(("swapped_channels", record.label, whole, np.nan))
+        elif noise > 0.0:
+            found.append(("noisy_drive", record.label, whole, noise))
+        for rows, number in lost_samples(u, own):
+            found.append(("lost_samples", record.label, rows + record.rows.start, number))
+    return _table(found)
+
+
+def with_reactions(table, drive, residuals, records):
+    """Return the table with the records whose drive reacts to what a model leaves as noise.
+
+    Noise on the drive is in the residual too: of such records nothing is said.
+    """
+    found = []
+    others = set(table["record"][table["fault"].isin(["noisy_drive", "swapped_channels"])])
+    for record, own in zip(records, residuals, strict=True):
+        start = int(np.argmax(np.isfinite(own)))
+        p_value = reaction_p_value(drive[record.rows][start:], np.nan_to_num(own[start:]))
+        if len(records) * p_value < 0.001 and record.label not in others:
+            rows = np.arange(record.rows.start, record.rows.stop)
+            found.append(("closed_loop", record.label, rows, p_value))
+    tables = [own for own in (table, _table(found)) if len(own)]
+    return pd.concat(tables, ignore_index=True) if tables else table
+
+
+def _table(found):
+    rows = [
+        (fault, label, len(at), tuple(at[:5].tolist()), float(value), _ADVICE[fault])
+        for fault, label, at, value in found
+    ]
+    return pd.DataFrame(rows, columns=["fault", "record", "n_samples", "rows", "value", "advice"])
+
+
+def lost_readings(drive, y, records):
+    """Return, for each record, whether a sample is a lost reading or one off its neighbours."""
+    found = []
+    for record in records:
+        own = y[record.rows]
+        lost = np.zeros(len(own), dtype=bool)
+        for _, rows, _ in _spikes(drive[record.rows], own, *_runs(own)):
+            lost[rows] = True
+        found.append(lost)
+    return found
+
+
+def _runs(y):
+    """Return starts and lengths of stretches of equal readings."""
+    starts = np.flatnonzero(np.r_[True, np.diff(y) != 0.0])
+    return starts, np.diff(np.r_[starts, len(y)])
+
+
+def _spikes(u, y, starts, lengths):
+    """Yield readings off both neighbours, to one side: one value again and again is a code."""
+    if len(y) < 5 or not np.ptp(y) > 0.0:
+        return
+    # of the second difference, and 2 % of the range
+    least = max(12.0 * _scatter(y), 0.02 * np.ptp(y))
+    inner = slice(1, -1)
+    before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
+    into, back = value - before, value - after
+    height = np.minimum(np.abs(into), np.abs(back))
+    off = (into * back > 0.0) & (height > least) & (lengths[inner] <= 20)
+    off &= np.abs(after - before) < 0.5 * height
+    # a drive that jumps there and back explains it
+    first, last = starts[inner], (starts + lengths)[inner]
+    moved = np.minimum(np.abs(u[first] - u[first - 1]), np.abs(u[last] - u[last - 1]))
+    off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
+    if not off.any() or lengths[inner][off].sum() > 0.02 * len(y):  # the signal is so
+        return
+    at = np.concatenate([np.arange(a, b) for a, b in zip(first[off], last[off], strict=True)])
+    rows = {code: at[y[at] == code] for code in np.unique(value[off])}
+    single = [own for own in rows.values() if own.size == 1]
+    if single:
+        yield "outlier", np.sort(np.concatenate(single)), np.nan
+    for code, own in rows.items():
+        if own.size > 1:
+            yield "lost_reading", own, code
+
+
+def _scatter(y):
+    """Return the robust standard deviation of the distance from the middle of the neighbours."""
+    bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
+    return 1.4826 * np.median(np.abs(bend - np.median(bend))) if bend.size else 0.0
+
+
+def _wrapped(u, y):
+    """Yield where readings jump by nearly their range and go on smoothly, and the drive does not.
+
+    A counter that overflows does: its jumps are all of one size.
+    """
+    jumps, size = np.diff(y), np.ptp(y)
+    at = np.flatnonzero(np.abs(jumps) > 0.5 * size)
+    if not at.size:
+        return
+    sizes, rest = np.abs(jumps[at]), np.delete(np.abs(jumps), at)
+    moved = np.abs(np.diff(u)[at]).max() / (np.ptp(u) or 1.0)
+    alike = np.ptp(sizes) + 2.0 * rest.max(initial=0.0) < 0.2 * size
+    if alike and moved < 0.2 and 2 * at.size < len(rest):
+        yield "wrapped_reading", at + 1, np.median(sizes)
+
+
+def _noisy(lengths):
+    """Whether readings hardly ever repeat, so that repetitions mean something."""
+    return np.median(lengths) == 1.0 and np.mean(lengths == 1) > 0.5
+
+
+def _stuck(u, y, starts, lengths):
+    """Yield stretches of one reading while the drive moves, away from the ends of the range."""
+    ends, least = (y.min(), y.max()), 0.03 * (np.ptp(u) or np.inf)
+    long = lengths >= 10
+    for start, length in zip(starts[long], lengths[long], strict=True):
+        rows = np.arange(start, start + length)
+        if y[start] not in ends and np.ptp(u[rows]) > least:
+            yield "stuck_sensor", rows, y[start]
+
+
+def _clipped(y, starts, lengths, codes, step):
+    """Yield the readings at the largest or smallest value that is no code, if there are runs.
+
+    A converter of this step gives runs at the top of any wave. In the last step below the top of a
+    parabola it stays 1 / (sqrt(2) - 1) times as long as in the one before, at the most.
+    """
+    if not np.ptp(y) > 0.0:
+        return
+    real = y[~np.isin(y, codes)]
+    for end in (real.min(), real.max()):
+        long = (y[starts] == end) & (lengths >= 3)
+        rows = np.flatnonzero(y == end)
+        beside = np.count_nonzero(np.abs(np.abs(y - end) - step) < 0.5 * step)
+        usual = (1.0 + np.sqrt(2.0)) * (beside + 2.0 * np.sqrt(beside))  # and twice the chance
+        if long.any() and len(rows) >= max(5, usual):
+            yield "clipped_range", rows, end
+
+
+def _jitter(X, record):
+    """Return the relative standard deviation of the interval, 0 without times."""
+    index = X.index if hasattr(X, "iloc") else pd.RangeIndex(0)
+    times = index.get_level_values("time") if index.nlevels > 1 else index
+    if times.dtype.kind not in "fmM":
+        return 0.0
+    if getattr(times, "tz", None) is not None:
+        times = times.tz_convert(None)  # with a zone they would be objects
+    steps = np.diff(times[record.rows].to_numpy())
+    steps = steps / np.timedelta64(1, "s") if steps.dtype.kind == "m" else steps
+    return float(steps.std() / steps.mean()) if len(steps) > 1 else 0.0

@@ -1,0 +1,178 @@
+"""The front door to recordings in files."""
+
+from itertools import pairwise
+from typing import overload
+
+import numpy as np
+import pandas as pd
+
+from ..exceptions import RecordError
+from ..io import read_columns
+from ._index import time_stamps
+from ._several import labelled, together
+
+
+@overload
+def read_records(
+    path, *, drive: None = None, response: str | int | None = None, **options
+) -> tuple[pd.DataFrame, pd.Series]: ...
+@overload
+def read_records(
+    path, *, drive: str | int, response: str | int, **options
+) -> tuple[pd.DataFrame, pd.Series]: ...
+@overload
+def read_records(
+    path, *, drive: str | int, response: None = None, **options
+) -> tuple[pd.DataFrame, None]: ...
+def read_records(
+    path,
+    *,
+    drive=None,
+    response=None,
+    time=None,
+    record=None,
+    auxiliary=(),
+    sampling_rate=None,
+    on_missing="raise",
+    missing_code=None,
+    time_unit=None,
+    units=None,
+    delimiter=None,
+    decimal=None,
+):
+    r"""Read recordings from a file or a table into a frame and a series that carry record and time.
+
+    Parameters
+    ----------
+    path : str, Path, pandas or polars DataFrame, table of Arrow, or list of these
+        A table, or a file whose suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
+        (delimited text; the delimiter, a decimal comma and the header are found), ``.xlsx``,
+        ``.mat`` (all versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict
+        of columns), ``.h5``, ``.hdf5``, ``.parquet``, ``.feather``, ``.tdms`` and ``.wav``.
+        Version 7.3 of ``.mat``, and ``.xlsx``, ``.h5``, ``.parquet``, ``.feather`` and ``.tdms``
+        need ``skhyst[io]``. Of a list each is a record, labelled by the name of its file.
+    drive : str or int, optional
+        Column of the drive. A column is named as in the file; by its position, counted from 0; as
+        ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
+        samples along the first); as ``struct.field``, ``group/channel`` or ``sheet/column``, of
+        which the last part is enough. Where several groups or sheets have all columns that are
+        asked for, each is a record. None: drive, response, time and record are those that
+        :func:`~skhyst.io.recognise_columns` finds, if they are not given.
+    response : str or int, optional
+        Column of the response; None: none is read, unless ``drive`` is None.
+    time : str or int, optional
+        Column of the time: numbers, ISO 8601 dates (in UTC where they carry an offset) or clock
+        times ``hh:mm:ss``.
+    record : str or int, optional
+        Column that labels the records. Without it, time that starts again starts a new one.
+    auxiliary : sequence of str or int, default=()
+        Columns of auxiliary inputs.
+    sampling_rate : float, optional
+        In Hz, instead of ``time``. Without either the interval is what the file says: the
+        ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 such as ``dt`` or ``fs``.
+        Without that too the time level numbers the samples, and the interval is that of the model
+        (``dt``).
+    on_missing : {"raise", "drop", "interpolate"}, default="raise"
+        What happens to rows in which a value is missing, not finite or equal to
+        ``missing_code``. Dropped rows leave a gap in time, which starts a new record where it is
+        longer than 1.5 intervals; a row that is left without a neighbour is dropped too.
+        Interpolation is linear in time and within a record; rows before the first and after the
+        last reading of a record are dropped.
+    missing_code : float or dict of column to float, optional
+        Reading that stands for a lost one, in all columns or by column. None: one such as -9999
+        or 1e30 that lies far from all others is lost, so that ``on_missing`` has to say what
+        happens to it. NaN: it is a reading like any other.
+    time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
+        Unit of a time column of numbers. None: what the file says, in the column's name
+        (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
+    units : dict of column to str, optional
+        Units of drive, response and auxiliary inputs, in place of what the file says.
+    delimiter : str, optional
+        Of a text: the character between columns, ``" "`` for any white space. By default it is
+        found, and a text that can be read in more than one way is refused.
+    decimal : {".", ","}, optional
+        Of a text: the decimal sign; found by default.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_samples, n_inputs)
+        Drive, then auxiliary inputs, named as in the file; the unit that a line of units, a TDMS
+        ``unit_string``, an HDF5 attribute, ``frame.attrs["units"]`` or a column of pint says stands
+        in brackets behind the name. Its index has the levels ``record`` and ``time`` (s, datetimes
+        or timedeltas).
+    y : Series of shape (n_samples,), or None
+
+    Raises
+    ------
+    RecordError
+        If the file is empty or broken, can be read in more than one way, has no such column, its
+        columns do not tell which is the drive, values are missing or look like codes of missing
+        ones, or files of a list differ in their columns. Rows are counted from 0, without the
+        header.
+    ImportError
+        If the format needs a package that is not installed.
+
+    Warns
+    -----
+    TimeUnitWarning
+        If the time has no unit, and counts by whole numbers or steps of seconds.
+
+    Notes
+    -----
+    Nothing in a file is executed: pickled objects, MATLAB objects and function handles are
+    refused. Sampling may be uneven here; models refuse it, see `resample_records`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from skhyst.records import read_records
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "stage.csv")
+    ...     _ = path.write_text("t;V;nm\n0,0;1,5;10\n0,1;2,5;20\n")
+    ...     X, y = read_records(path, drive="V", response="nm", time="t")
+    >>> X["V"].tolist(), y.loc[0].index.tolist()
+    ([1.5, 2.5], [0.0, 0.1])
+    """
+    options = {"drive": drive, "response": response, "time": time, "record": record}
+    options |= {"auxiliary": auxiliary, "sampling_rate": sampling_rate, "units": units}
+    options |= {"on_missing": on_missing, "missing_code": missing_code, "time_unit": time_unit}
+    options |= {"delimiter": delimiter, "decimal": decimal}
+    if isinstance(path, list | tuple):
+        return together({k: read_records(one, **options) for k, one in labelled(path).items()})
+    groups = read_columns(path, **options)
+    return together({label: _indexed(own, on_missing) for label, own in groups.items()})
+
+
+def _indexed(columns, on_missing):
+    """Return the frame of inputs and the series of a response, with record and time as index."""
+    index = pd.MultiIndex.from_arrays([columns.records, columns.times], names=["record", "time"])
+    values, names, n = columns.values, columns.names, columns.n_inputs
+    if on_missing == "interpolate":
+        values, filled = _fill(values, time_stamps(index))
+        if not filled.any():
+            raise RecordError(f"{columns.source} has no record with readings in every column.")
+        values, index = values[filled], index[filled]
+    X = pd.DataFrame(values[:, :n], index, columns=names[:n])
+    if len(names) == n:
+        return X, None
+    return X, pd.Series(values[:, -1].copy(), index, name=names[-1])
+
+
+def _fill(values, stamps):
+    """Interpolate missing values linearly in time, between the gaps in the stamps of the rows.
+
+    Return the values and a mask of complete rows, False before the first and after the last reading
+    of a stretch without a gap.
+    """
+    values, clock = values.copy(), stamps.values.astype(float)
+    stretches = (cut for run in pairwise(stamps.runs()) for cut in pairwise(stamps.cuts(*run)))
+    for start, stop in stretches:
+        own = clock[start:stop]
+        for column in values[start:stop].T:
+            known = np.isfinite(column)
+            if known.any() and not known.all():
+                column[~known] = np.interp(
+                    own[~known], own[known], column[known], left=np.nan, right=np.nan
+                )
+    return values, np.isfinite(values).all(axis=1)

@@ -1,0 +1,115 @@
+"""What is understood of a recording, and what is wrong with it, before any model is fitted."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from ..exceptions import RecordError
+from ..io import inspect_columns
+from ._index import record_slices
+from ._read_records import read_records
+
+_MOST = 100  # records that are shown
+
+
+@dataclass(frozen=True, repr=False)
+class RecordingOverview:
+    """What is understood of a recording. Printing it tells all.
+
+    Parameters
+    ----------
+    name : str
+        Of the file.
+    columns : tuple of ColumnOverview
+    records : tuple of RecordSlice
+        Empty where it is not known how the rows were sampled.
+    faults : tuple of str
+        What has to be settled, and what is suspicious, a sentence each.
+    X, y : DataFrame and Series, or None
+        As :func:`read_records` returns them, lost readings interpolated; None where drive or
+        response are not known.
+    """
+
+    name: str
+    columns: tuple
+    records: tuple
+    faults: tuple
+    X: pd.DataFrame | None
+    y: pd.Series | None
+
+    def __repr__(self):
+        lines = [self.name, *(f"  {column}" for column in self.columns)]
+        for record in self.records[:_MOST]:
+            every = "at an unknown interval (samples are counted)"
+            if record.time_unit == "s":
+                every = f"every {record.dt:g} s, {record.n_samples * record.dt:.4g} s in all"
+            lines.append(f"  record {record.label}: {record.n_samples} samples {every}")
+        faults = [f"  {fault}" for fault in self.faults] or ["  none found"]
+        return "\n".join([*lines, "faults:", *faults])
+
+
+def inspect_recording(path, **reading):
+    """Tell what is understood of a recording: its columns, records, intervals and faults.
+
+    Parameters
+    ----------
+    path : str, Path, or pandas or polars DataFrame
+        Recording.
+    **reading
+        Options of :func:`read_records`. Columns that are not given are those that
+        :func:`~skhyst.io.recognise_columns` finds.
+
+    Returns
+    -------
+    RecordingOverview
+        Faults are readings that are missing, or look like codes of missing ones; signals that do
+        not move, stand at their largest or smallest value, or are the same; text where numbers
+        are expected; gaps, uneven or coarse times; and what nothing tells.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read at all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from skhyst.records import inspect_recording
+    >>> u = np.sin(0.1 * np.arange(200))
+    >>> table = pd.DataFrame({"t [ms]": np.arange(200), "u [V]": u, "y [um]": np.minimum(u, 0.9)})
+    >>> print(inspect_recording(table))
+    the frame
+      time      't [ms]': 0 to 199 (int64; by its name)
+      drive     'u [V]': -0.99999 to 0.999574 (float64; by its name)
+      response  'y [um]': -0.99999 to 0.9 (float64; by its name)
+      record 0: 200 samples every 0.001 s, 0.2 s in all
+    faults:
+      'y [um]' stands at its largest value, 0.9, in 14 % of the rows: is it clipped?
+    """
+    name, columns, roles, faults = inspect_columns(path, **reading)
+    X = y = None
+    if {"drive", "response"} <= roles.keys():
+        X, y = _read(path, reading | roles, faults)
+    records = _records(X, y, faults)
+    return RecordingOverview(name, columns, records, tuple(faults), X, y)
+
+
+def _records(X, y, faults):
+    try:
+        return () if X is None else record_slices(X, y, one_interval=False)
+    except RecordError as error:
+        faults.append(str(error))
+        return ()
+
+
+def _read(path, options, faults):
+    """Return X and y; what has to be settled before is added to the faults, and passed over."""
+    try:
+        return read_records(path, **options)
+    except RecordError as error:
+        faults.append(str(error))
+    try:
+        return read_records(path, **options | {"on_missing": "interpolate"})
+    except RecordError:
+        return None, None

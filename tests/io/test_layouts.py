@@ -1,0 +1,144 @@
+"""Texts in every layout are read as they were written, or refused with what would settle it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from text_layouts import draw_layout, judge
+
+from skhyst.exceptions import RecordError
+from skhyst.records import read_records
+
+
+def read(folder, text, **options):
+    """Return all columns of numbers of a text."""
+    path = folder / "rig.csv"
+    path.write_text(text)
+    first = read_records(path, drive=0, **options)[0]
+    columns = [first.iloc[:, 0].tolist()]
+    while True:
+        try:
+            X, _ = read_records(path, drive=len(columns), **options)
+        except RecordError as error:
+            assert "no column at position" in str(error)  # noqa: PT017
+            return columns
+        columns.append(X.iloc[:, 0].tolist())
+
+
+def refused(folder, text, message, **options):
+    path = folder / "rig.csv"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=message):
+        read_records(path, drive=0, **options)
+
+
+@pytest.mark.slow
+def test_no_layout_is_read_wrongly(tmp_path):
+    verdicts = []
+    for number in range(60):
+        data, truth, names = draw_layout(np.random.default_rng([1, number]))
+        path = tmp_path / "rig.txt"
+        path.write_bytes(data)
+        verdicts.append(judge(path, truth, names))
+    assert "wrong" not in verdicts
+    assert verdicts.count("right") > 0.9 * len(verdicts)  # 97 % less three deviations
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ("0,5\t1\n1,25\t2\n", [[0.5, 1.25], [1.0, 2.0]]),
+        ("0,5 1 7\n1,25 2 8\n", [[0.5, 1.25], [1.0, 2.0], [7.0, 8.0]]),
+        ("0,5\t1.5\n1,25\t2.25\n", [[0.5, 1.25], [1.5, 2.25]]),  # each column has its own sign
+        ("u\n0,5\n1,25\n", [[0.5, 1.25]]),
+        ("0,05\n1,25\n", [[0.05, 1.25]]),  # no column has 05 in it
+        ("1.5\n2.5\n", [[1.5, 2.5]]),
+        ('"0,5","1"\n"1,25","2"\n', [[0.5, 1.25], [1.0, 2.0]]),
+        ("t,u\n0,5\n1,25\n", [[0.0, 1.0], [5.0, 25.0]]),
+        ("t;u\n0;1,5\n1;2,5\n# end\nStopped by user\n", [[0.0, 1.0], [1.5, 2.5]]),
+        ("t,u\n0,1.5\n1,2.5\nmean,2.0\n", [[0.0, 1.0], [1.5, 2.5]]),
+        ("Gain;2\nRate;1000\n\nt;u\n0;1,5\n1;2,5\n", [[0.0, 1.0], [1.5, 2.5]]),
+        ("t;u\n0;1,5\n1;2,5\n;\n;\n", [[0.0, 1.0], [1.5, 2.5]]),
+        ("0,5;1,5;\n1,25;2,5;\n", [[0.5, 1.25], [1.5, 2.5]]),  # every line ends in a delimiter
+    ],
+)
+def test_what_is_no_doubt_is_read(tmp_path, text, columns):
+    assert read(tmp_path, text) == columns
+
+
+@pytest.mark.parametrize(
+    ("text", "settled", "columns"),
+    [
+        ("0,5\n1,25\n", {"decimal": ","}, [[0.5, 1.25]]),
+        ("0,5\n1,25\n", {"delimiter": ","}, [[0.0, 1.0], [5.0, 25.0]]),
+        ("1,2,5\n2,3,5\n", {"delimiter": ","}, [[1.0, 2.0], [2.0, 3.0], [5.0, 5.0]]),
+        ("t,u,y\n0,1,1,5,2\n1,2,1,5,2\n", {}, None),
+        ("1,250;20,125\n2,250;21,125\n", {"decimal": ","}, [[1.25, 2.25], [20.125, 21.125]]),
+        ("run 1,5\nrun 2,5\n", {"decimal": ","}, None),
+    ],
+)
+def test_what_is_in_doubt_is_refused_with_what_settles_it(tmp_path, text, settled, columns):
+    refused(tmp_path, text, "delimiter=','|decimal=','")
+    if columns:
+        assert read(tmp_path, text, **settled) == columns
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t;u\n0;1\n1;2\n\nt;u\n0;1\n1;2\n", "Got 't' in row 2"),  # two tables
+        ("t;u\n0;1\n1;2\n3;oops;4\n5;6\n", "oops"),
+        ("t;u\n0;1\n1;2\n2,5\n", "below the table"),
+        ("t;u\n0;1;1\n1;2\n2;3\n3;4\n", "0 1 1"),
+        ("0;1\n0.1;1.5\n0.2;1.6\n", "may number the columns"),
+        ("t;u\n" + "0;1,5\n" * 20_000 + "5,1\n", "below the table"),
+    ],
+)
+def test_rows_that_are_none_are_refused(tmp_path, text, message):
+    refused(tmp_path, text, message)
+
+
+def test_a_footer_behind_many_rows_is_left_out(tmp_path):
+    (column, _) = read(tmp_path, "t;u\n" + "0,25;1,5\n" * 20_000 + "End of file\n")
+    assert column == [0.25] * 20_000
+
+
+@pytest.mark.parametrize("columns", [{"drive": 0}, {"drive": 1, "time": 0}])
+def test_an_integer_beyond_floating_point_is_refused(tmp_path, columns):
+    (tmp_path / "a.csv").write_text(f"0;1\n1{'0' * 400};2\n")
+    with pytest.raises(RecordError, match="beyond all floating-point numbers"):
+        read_records(tmp_path / "a.csv", **columns)
+
+
+def test_a_value_by_name_below_labels_is_no_row(tmp_path):
+    (tmp_path / "a.csv").write_text("run0 2.5\nrun1 3.5\nmean: 3.0\n")
+    assert read_records(tmp_path / "a.csv", drive=1)[0].iloc[:, 0].tolist() == [2.5, 3.5]
+    (tmp_path / "b.csv").write_text("one: 2.5\ntwo: 3.5\nmean: 3.0\n")
+    assert read_records(tmp_path / "b.csv", drive=1)[0].iloc[:, 0].tolist() == [2.5, 3.5, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"delimiter": ", "}, "'delimiter' parameter .* one character"),
+        ({"delimiter": 3}, "'delimiter' parameter .* Got 3"),
+        ({"decimal": ";"}, "'decimal' parameter .* Got ';'"),
+    ],
+)
+def test_options_are_checked(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        read(tmp_path, "t,u\n0,1\n", **options)
+    np.save(tmp_path / "a.npy", np.arange(3.0))
+    with pytest.raises(ValueError, match="no delimited text"):
+        read_records(tmp_path / "a.npy", drive=0, decimal=",")
+    with pytest.raises(ValueError, match="the frame"):
+        read_records(pd.DataFrame({"u": [1.0, 2.0]}), drive="u", delimiter=";")
+
+
+@pytest.mark.parametrize("footer", ["", "Stopped by user\n"])
+def test_a_line_of_units_is_read_under_every_layout(tmp_path, footer):
+    path = tmp_path / "rig.csv"
+    path.write_text(f"Rig 7\nt;u;y;\nms;[V];-;\n0;1,5;2;\n1;2,5;3;\n{footer}")
+    X, y = read_records(path, drive="u", response="y", time="t", delimiter=";", decimal=",")
+    assert (X.columns.tolist(), y.name) == (["u [V]"], "y")
+    assert X.index.get_level_values("time").tolist() == [0.0, 0.001]
+    assert X["u [V]"].tolist() == [1.5, 2.5]

@@ -1,0 +1,174 @@
+"""Columns are recognised by names, units and values, and asked for where two may be meant."""
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from skhyst.exceptions import RecordError
+from skhyst.io import recognise_columns
+from skhyst.records import (
+    inspect_recording,
+    read_records,
+    record_slices,
+)
+
+N = 200
+T = 1e-3 * np.arange(N)
+U, Y, Z = np.sin(50.0 * T), np.cos(40.0 * T), np.sin(77.0 * T)
+
+
+def recognised(table, **given):
+    found = recognise_columns(pd.DataFrame(table), **given)
+    return tuple(
+        found[role].name if role in found else None for role in ("time", "drive", "response")
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "names"),
+    [
+        ({"time_ms": T, "U [V]": U, "sg [um]": Y}, ("time_ms", "U [V]", "sg [um]")),
+        ({"position": Y, "voltage": U, "time": T}, ("time", "voltage", "position")),
+        ({"Zeit": T, "Spannung (V)": U, "Weg (µm)": Y}, ("Zeit", "Spannung (V)", "Weg (µm)")),
+        ({"Dev1/ai0": Y, "Dev1/ao0": U}, (None, "Dev1/ao0", "Dev1/ai0")),
+        ({"t": T, "input": U, "voltage [V]": Z, "output": Y}, ("t", "input", "output")),
+        ({"t": T, "sensor [V]": Y, "command [V]": U}, ("t", "command [V]", "sensor [V]")),
+        ({"a": T, "voltage": U, "ch2": Y}, ("a", "voltage", "ch2")),
+        ({"t": T, "voltage": U, "force [N]": Y}, ("t", "voltage", "force [N]")),
+        ({"V": U, "nm": Y, "temperature": Z}, (None, "V", "nm")),
+        ({"t [s]": T, "u": U, "y": Y, "T [K]": Z, "n": np.arange(N)}, ("t [s]", "u", "y")),
+    ],
+)
+def test_what_names_and_values_tell(table, names):
+    assert recognised(table) == names
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"a": T, "b": U, "c": Y}, "the drive: .* Candidates: 'b', 'c'"),
+        ({"t": T, "voltage": U, "current": Z, "x": Y}, "the drive: .* 'voltage', 'current'"),
+        ({"t": T, "force [N]": U, "displacement [mm]": Y}, "the drive: .* 'force \\[N\\]'"),
+        ({"t": T, "voltage": U, "b": Y, "c": Z}, "the response: .* 'b', 'c'"),
+        ({"t": T, "time": T, "voltage": U, "position": Y}, "the time: .* 't', 'time'"),
+        ({"t": T, "x": U, "y": Y}, "the drive: .* 'x'"),
+        ({"n": np.arange(N), "voltage": U}, "the response"),
+        ({"t": T, "drive output": U, "position": Y}, "the drive: .* 'drive output'"),
+        ({"u": U, "y": np.full(N, 2.0).astype(str), "voltage [V]": Z}, None),
+    ],
+)
+def test_what_nothing_tells_is_asked_for(table, message):
+    if message is None:
+        assert recognised(table) == (
+            None,
+            "u",
+            "y",
+        )  # the names tell; that it holds text is told when read
+        return
+    with pytest.raises(RecordError, match=message):
+        recognised(table)
+    with pytest.raises(RecordError, match=message):
+        read_records(pd.DataFrame(table))
+
+
+def test_what_is_given_is_no_candidate():
+    table = {"a": T, "b": U, "c": Y}
+    assert recognised(table, drive="b") == ("a", None, "c")
+    assert recognised(table | {"d": Z}, drive="b", auxiliary=["d"]) == ("a", None, "c")
+    assert recognised(table, drive=2, sampling_rate=1e3, response="b") == (None, None, None)
+
+
+def test_a_time_must_rise():
+    """A column of that name that does not is no time, and is not the response either."""
+    assert recognised({"time": Z, "voltage": U, "position": Y}) == (None, "voltage", "position")
+
+
+def test_read_records_takes_what_is_recognised(tmp_path):
+    path = tmp_path / "rig.csv"
+    runs = [{"run": k, "t [ms]": 1e3 * T, "volt": U, "um": Y + k} for k in (3, 5)]
+    pd.concat(map(pd.DataFrame, runs)).to_csv(path, index=False)
+    X, y = read_records(path)
+    assert (list(X.columns), y.name) == (["volt"], "um")
+    assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [(3, N), (5, N)]
+    assert record_slices(X, y)[0].dt == pytest.approx(1e-3)
+
+
+def test_groups_that_have_all_columns_are_records(tmp_path):
+    path = tmp_path / "rig.h5"
+    with h5py.File(path, "w") as file:
+        for label, n in (("slow", N), ("fast", N // 2)):
+            for name, values in (("t", T), ("voltage", U), ("position", Y)):
+                file[f"{label}/{name}"] = values[:n]
+        file["calibration/voltage"] = U
+    for columns in ({}, {"drive": "voltage", "response": "position", "time": "t"}):
+        X, y = read_records(path, **columns)
+        assert list(X.columns) == ["voltage"]
+        assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [("fast", 100), ("slow", N)]
+    X, _ = read_records(path, drive="slow/voltage", response="slow/position")
+    assert len(X) == N
+
+
+def test_files_are_records_of_their_names(tmp_path):
+    for name, scale in (("a", 1.0), ("b", 2.0)):
+        pd.DataFrame({"t": T, "volt": U, "um": scale * Y}).to_csv(tmp_path / f"{name}.csv")
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    X, y = read_records(files, drive="volt", response="um", time="t")
+    assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [("a", N), ("b", N)]
+    np.testing.assert_array_equal(y.loc["b"], pd.read_csv(files[1])["um"])
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / "a.csv"
+    pd.DataFrame({"t": np.append(T[:50], T[:50]), "volt": U[:100], "um": Y[:100]}).to_csv(other)
+    X, _ = read_records([files[0], other], drive="volt", time="t")
+    assert {r.label for r in record_slices(X)} == {str(files[0]), f"{other}/0", f"{other}/1"}
+    pd.DataFrame({"t": T, "volt": U, "um (nm)": Y}).to_csv(files[1])
+    with pytest.raises(RecordError, match=r"um in 'a' and volt, um \(nm\) in 'b'"):
+        read_records(files, drive="volt", response=3, time="t")
+    for wrong, message in (([], "name a file"), ([files[0], files[0]], "once")):
+        with pytest.raises(RecordError, match=message):
+            read_records(wrong, drive="volt")
+
+
+@pytest.mark.parametrize("code", [-9999.0, 999.9, 1e30, 9.91e37])
+def test_a_reading_that_may_stand_for_a_lost_one_is_asked_for(code):
+    table = pd.DataFrame({"t": T, "u": U, "y": np.where(np.arange(N) % 50 == 7, code, Y)})
+    message = rf"The reading {code:.15g} of 'y' .* 4 of 200 .*on_missing='interpolate'"
+    with pytest.raises(RecordError, match=message.replace("+", r"\+")):
+        read_records(table)
+    for given in ({}, {"missing_code": code}):
+        assert len(read_records(table, on_missing="drop", **given)[0]) == N - 4
+    assert len(read_records(table, missing_code=np.nan)[0]) == N
+    near = table.assign(y=np.where(np.arange(N) % 50 == 7, code, code * (0.5 + 0.1 * Y)))
+    assert len(read_records(near)[0]) == N
+
+
+def faults(table, **options):
+    return "\n".join(inspect_recording(pd.DataFrame(table), **options).faults)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"y": np.minimum(Y, 0.8)}, "'y' stands at its largest value, 0.8, in"),
+        ({"y": U}, "'u' and 'y' are the same signal"),
+        ({"y": np.full(N, 3.0)}, "'y' does not move: it is 3 throughout"),
+        ({"y": np.where(T[9] == T, np.nan, Y)}, r"y: 1 row\(s\) \(9\)"),
+        ({"y": np.where(T[9] == T, -9999.0, Y)}, "The reading -9999 of 'y'"),
+        ({"w": np.where(T[9] == T, np.nan, Y)}, "'w' misses 1 of 200"),
+        ({"t": T + 4e-4 * U}, "must be even"),
+        ({"u": ["on"] * N}, "Got 'on' in row 0"),
+    ],
+)
+def test_faults_are_told_without_a_model(change, message):
+    table = {"t": T, "u": U, "y": Y}
+    assert faults(table) == ""
+    assert pd.Series([faults(table | change)]).str.contains(message).all(), faults(table | change)
+
+
+def test_an_overview_tells_roles_records_and_intervals():
+    table = pd.DataFrame({"t [ms]": 1e3 * np.append(T, T), "u": [*U, *Z], "y": [*Y, *U]})
+    overview = inspect_recording(table)
+    assert [column.role for column in overview.columns] == ["time", "drive", "response"]
+    assert [record.n_samples for record in overview.records] == [N, N]
+    assert "record 1: 200 samples every 0.001 s, 0.2 s in all" in str(overview)
+    assert "as given" in str(inspect_recording(table, drive="y", response="u"))

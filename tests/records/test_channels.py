@@ -1,0 +1,50 @@
+"""What drive and response say of each other: a theorem each, on signals made for it."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from skhyst.records._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
+
+SIDE = 8
+
+
+def test_rounding_leaves_something_beside_a_straight_line():
+    rows = np.arange(50, 150)
+    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).beside(rows) > 0.0).all()
+
+
+@pytest.mark.parametrize("lost", [0, 1, 5, 2 * SIDE])
+@pytest.mark.parametrize("way", [1, -1])
+def test_stretches_beside_a_row_do_not_see_across_it(lost, way):
+    """One side is rough: what is left across the row is far more than beside it."""
+    noise = np.random.default_rng(lost).normal(size=200)
+    noise[100:] *= 1e4
+    stretches = _Stretches(noise[::way], SIDE)
+    assert stretches.ratio(np.array([100]), lost) > 1e4
+
+
+def test_noise_of_the_response_hides_whether_it_follows():
+    """A slow device is told from the noise on its drive, unless its own noise is in the way."""
+    n = 1000
+    smooth = np.sin(0.065 * np.arange(n)) + 0.5 * np.sin(0.15 * np.arange(n))
+    slow = lfilter([0.05], [1.0, -0.95], smooth)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        u = smooth + 0.01 * rng.normal(size=n)
+        floor = noise_floor(u)
+        assert floor > 0.0
+        assert not _is_followed(u, slow, floor)
+        assert _is_followed(u, slow + 0.1 * rng.normal(size=n), floor)
+        assert _is_followed(u, lfilter([0.05], [1.0, -0.95], u), floor)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_a_reaction_has_no_unit(unit):
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=500)
+    drive = rng.normal(size=500) + np.r_[0.0, 0.3 * noise[:-1]]
+    p_value = reaction_p_value(drive, noise)
+    assert 0.0 < p_value < 0.01
+    assert reaction_p_value(unit * drive, noise) == pytest.approx(p_value, rel=1e-6)
+    assert reaction_p_value(drive, unit * noise) == pytest.approx(p_value, rel=1e-6)
