@@ -315,8 +315,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        operator : Operator
-            As ``operator_``, with what stands beside it.
+        operator : Operator or tuple of (Operator, tuple of Operator)
+            As ``operator_``, with what stands beside it; or that apart, as
+            :func:`skhyst.operators.take_apart` gives it.
 
         Returns
         -------
@@ -344,7 +345,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return with_params(model, **parts) if parts else model
 
     def unfitted(self, operator) -> Self:
-        """Return the model of a tree whose root belongs to this model."""
+        """Return the model of a tree whose root belongs to this one.
+
+        Parameters
+        ----------
+        operator : Operator
+            Root of the tree: what :meth:`tree` has returned, or an edit of it.
+
+        Returns
+        -------
+        estimator
+            Unfitted. Its parts are those that the tree has, not copies; those of
+            ``operator.estimator()`` are.
+        """
         return self
 
     def _with_histories(self, result, data):

@@ -104,6 +104,14 @@ class _ColumnModel(AroundModel):
     def _schedules(self, slices, X):
         return informed(self.estimator, self)._schedules(slices, X)
 
+    def _driven(self):
+        """Return the model of the operator within."""
+        return self.estimator
+
+    def _tree(self, driven, disturbances):
+        inside = self._driven()._tree(driven.operator, disturbances)
+        return replace(driven, operator=inside, model=self._node(estimator=None))
+
 
 class OnColumn(_ColumnModel):
     """A model that one column of X drives, such as a temperature.
@@ -158,10 +166,6 @@ class OnColumn(_ColumnModel):
             put_beside(ColumnOperator(driven, self.column, reference), beside)
             for driven, beside in starts
         ]
-
-    def _tree(self, driven, disturbances):
-        inside = self.estimator._tree(driven.operator, disturbances)
-        return replace(driven, operator=inside, model=self._node(estimator=None))
 
     def unfitted(self, operator) -> Self:
         centered = self.centered or operator.reference != 0.0
@@ -226,10 +230,6 @@ class Modulated(_ColumnModel):
             put_beside(ModulatedOperator(driven, column, reference), beside)
             for driven, beside in map(take_apart, self._driven().starting_values(records))
         ]
-
-    def _tree(self, driven, disturbances):
-        inside = self._driven()._tree(driven.operator, disturbances)
-        return replace(driven, operator=inside, model=self._node(estimator=None))
 
     def unfitted(self, operator) -> Self:
         column = "amplitude" if operator.column == -1 else operator.column
