@@ -2,7 +2,6 @@
 
 import warnings
 
-import numpy as np
 import pandas as pd
 
 from .._files import check_outputs, replacing
@@ -31,14 +30,16 @@ def compensate(options):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ReachWarning)
         drive, residual = compensator.predict(X, return_residual=True)
-    span, worst = np.ptp(reference) or 1.0, np.abs(residual).max()
+    fraction, worst, record = compensator.largest_miss(X, residual)
     (low, high), rate = compensator.drive_limits_, compensator.rate_limit_
     print(f"limits of the drive: {low:.6g} to {high:.6g}, {rate:.6g} per s")
-    print(f"largest residual of the model: {worst:.4g} ({100.0 * worst / span:.3g} % of the range)")
+    where = "" if record is None else f", record {record}"
+    part = f"{100.0 * fraction:.3g} % of the range{where}"
+    print(f"largest residual of the model: {worst:.4g} ({part})")
     for message in dict.fromkeys(str(warning.message) for warning in caught):
         print(message)
     if not options.force:
-        _refuse(options, worst, span, hasattr(compensator, "drive_range_"))
+        _refuse(options, worst, fraction, hasattr(compensator, "drive_range_"))
     table = pd.DataFrame({"drive": drive}, X.index).reset_index()
     single = table["record"].nunique() == 1
     with replacing(options.output) as (part,):
@@ -46,7 +47,7 @@ def compensate(options):
     print(f"written: {options.output}")
 
 
-def _refuse(options, worst, span, known):
+def _refuse(options, worst, fraction, known):
     """Refuse to write a drive that a device should not be given."""
     if not (known or options.no_limits or options.limits):
         raise ValueError(
@@ -54,10 +55,10 @@ def _refuse(options, worst, span, known):
             "drive that its fit has seen. Give the limits of the amplifier (--limits), or lift "
             "them (--no-limits)."
         )
-    if worst > options.max_residual * span:
+    if not fraction <= options.max_residual:
         raise ValueError(
             f"{options.output} is not written: by the model, the device would miss the reference "
-            f"by up to {worst:.4g} ({100.0 * worst / span:.3g} % of its range), more than "
+            f"by up to {worst:.4g} ({100.0 * fraction:.3g} % of its range), more than "
             f"{100.0 * options.max_residual:g} % (--max-residual). Ask for less, let the reference "
             "rest at its beginning, widen the limits (--limits, --rate-limit, --limit-margin), or "
             "write it all the same with --force."

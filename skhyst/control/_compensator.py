@@ -39,7 +39,13 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
-from .._sklearn import HasMethods, Interval, StrOptions, fit_context
+from .._sklearn import (
+    HasMethods,
+    Interval,
+    StrOptions,
+    fit_context,
+    validate_parameter_constraints,
+)
 from .._validation import finite_number, finite_numbers, refuse_large
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
@@ -57,6 +63,7 @@ from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # part of a step below which nothing is gained
+_ROUNDING = 1e-9  # of the range of the drive: what exceeds a limit by less is not reported
 # Part of a change of the drive that must be seen in the response. An inverse sees all of it, one
 # that has a stiffness wrong by ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the
 # change that is asked for.
@@ -195,8 +202,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         -------
         self
         """
-        if self.drive_limits != "fit":
-            check_limits(self.drive_limits, "InverseCompensator")
+        self._check_limits()
         _, columns, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
         if self.method == "learned":
             self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
@@ -258,8 +264,38 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         parts = [self._compensated(references[s.rows], s.dt) for s in slices]
         *parts, short = zip(*parts, strict=True)
         drive, cut, residual = map(np.concatenate, parts)
-        _warn([*short, *self._told(slices, drive, cut), self._missed(residual, references)])
+        _warn([*short, *self._told(slices, drive, cut), self._missed(X, residual)])
         return (drive, residual) if return_residual else drive
+
+    def largest_miss(self, X, residual) -> tuple[float, float, object]:
+        """Return by how much a residual misses the reference, in the record where that is most.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`predict`.
+        residual : array-like of shape (n_samples,)
+            Response less reference.
+
+        Returns
+        -------
+        fraction : float
+            Largest absolute residual of a record over the range of its reference, or over the size
+            of a reference that is constant.
+        size : float
+            That residual, units of the response.
+        record : object
+            Label of the record, None where there is one alone.
+        """
+        slices, references = self._references(X)
+        found = []
+        for s in slices:
+            own, size = references[s.rows], float(np.abs(residual[s.rows]).max())
+            scale = np.ptp(own) or np.abs(own).max() or np.abs(references).max()
+            if not scale:  # a rest at zero: what the fit has left of the response is no miss
+                scale = np.inf if size <= getattr(self.model_, "fit_error_", 0.0) else size
+            found.append((size / scale, size, s.label if len(slices) > 1 else None))
+        return max(found, key=lambda miss: miss[0])
 
     def refine(self, X, measure, n_trials=6) -> np.ndarray:
         """Return a drive that is learned on the device, trial by trial.
@@ -291,11 +327,18 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 )
             return y
 
+        if not (isinstance(n_trials, Integral) and n_trials >= 1):
+            raise ValueError(
+                "The 'n_trials' parameter of InverseCompensator.refine must be a whole number from "
+                f"1 on. Got {n_trials!r} instead."
+            )
         plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
         asked, *_, short = self._compensated(reference, plant.dt)
         wanted = self._filtered(reference, plant.dt)
         drive, cut, self.errors_ = self._improved(asked, wanted, plant, measured, n_trials, 0.0)
-        _warn([short, *self._told(slices, drive, cut)])
+        rms = np.full(len(reference), self.errors_[-1])
+        missed = self._missed(X, rms, "Root mean square over the record, the device misses")
+        _warn([short, *self._told(slices, drive, cut), missed])
         return drive
 
     def preview(self, dt=None) -> int:
@@ -416,15 +459,24 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     def _limits(self):
         """Return the limits of the drive."""
+        self._check_limits()
         low, high, rate = self._seen()
         span = high - low if np.isfinite(high - low) else 0.0
-        rounding, wider = self.tol * span, self.limit_margin * span
-        if self.drive_limits != "fit":
-            low, high = self.drive_limits or (-np.inf, np.inf)
+        rounding, wider = min(self.tol, _ROUNDING) * span, self.limit_margin * span
+        if not isinstance(self.drive_limits, str):
+            low, high = (-np.inf, np.inf) if self.drive_limits is None else self.drive_limits
             wider = 0.0
-        rate = rate * (1.0 + self.limit_margin) if self.rate_limit == "fit" else self.rate_limit
+        fitted = isinstance(self.rate_limit, str)
+        rate = rate * (1.0 + self.limit_margin) if fitted else self.rate_limit
         rate = np.inf if rate is None else rate
         return DriveLimits(low - wider, high + wider, rate, rounding)
+
+    def _check_limits(self):
+        """Refuse limits that are none; they may have been set after the fit."""
+        options = {"rate_limit": self._parameter_constraints["rate_limit"]}
+        validate_parameter_constraints(options, vars(self), "InverseCompensator")
+        if not (isinstance(self.drive_limits, str) and self.drive_limits == "fit"):
+            check_limits(self.drive_limits, "InverseCompensator")
 
     def _seen(self):
         """Return the range and the rate that the fit has seen, infinite where nobody knows."""
@@ -461,13 +513,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             "version, does not know it: give 'drive_limits' and 'rate_limit'."
         )
 
-    def _missed(self, residual, reference):
+    def _missed(self, X, residual, whose="By the model, the device will miss"):
         """Return in words by how much the response to the drive misses a reference."""
-        span, worst = np.ptp(reference), np.abs(residual).max()
-        if worst <= self.max_residual * (span or np.abs(reference).max()):
+        fraction, size, record = self.largest_miss(X, residual)
+        if fraction <= self.max_residual:
             return ""
-        part = f" ({100.0 * worst / span:.3g} % of its range)" if span else ""
-        return f"By the model, the device will miss the reference by up to {worst:.4g}{part}."
+        where = "" if record is None else f" in record {record!r}"
+        part = f"{100.0 * fraction:.3g} % of its range"
+        return f"{whose} the reference{where} by up to {size:.4g} ({part})."
 
     def _filtered(self, signal, dt):
         """Return what of a signal is slower than the bandwidth."""

@@ -23,12 +23,12 @@ from ..operators import CompiledLaw
 def range_step(u, c, s):
     """Return the drive within its range.
 
-    ``c`` is (lowest, highest, rounding). ``s`` is 1 where more than rounding was cut, else 0.
+    ``c`` is (lowest, highest). ``s`` is 1 where the drive is at a limit, else 0: an inverse by
+    roots stops there by itself, so that a cut does not show.
     """
-    low, high, rounding = c
-    y = min(max(u, low), high)
-    s[0] = 1.0 if abs(u - y) > rounding else 0.0
-    return y
+    low, high = c
+    s[0] = 1.0 if u <= low or u >= high else 0.0
+    return min(max(u, low), high)
 
 
 @jit
@@ -36,13 +36,13 @@ def limit_step(u, c, s):
     """Return the drive within its range, changed by no more than it may change in a sample.
 
     ``c`` is (lowest, highest, largest change, rounding). ``s`` is the drive of the last sample, and
-    1 where more than rounding was cut, else 0.
+    1 where the drive is at a limit or more than rounding was cut, else 0.
     """
     low, high, change, rounding = c
     y = min(max(u, low), high)
     y = min(max(y, s[0] - change), s[0] + change)
     s[0] = y
-    s[1] = 1.0 if abs(u - y) > rounding else 0.0
+    s[1] = 1.0 if u <= low or u >= high or abs(u - y) > rounding else 0.0
     return y
 
 
@@ -95,10 +95,10 @@ class DriveLimits:
         return within if math.isinf(self.rate) else f"{within}, {self.rate:.6g} per s"
 
     def compiled_step(self, dt, u0):
-        """Return one step, which has rested at ``u0``; its flag ``limited`` is raised by a cut."""
+        """Return one step, from rest at ``u0``; its flag ``limited`` is raised at a limit."""
         change, start = self.rate * dt, min(max(u0, self.low), self.high)
         if math.isinf(change):
-            constants = self.low, self.high, self.rounding
+            constants = self.low, self.high
             return CompiledLaw(range_step, constants, [0.0], flags=(("limited", 0),))
         constants = self.low, self.high, change, self.rounding
         return CompiledLaw(limit_step, constants, [start, 0.0], flags=(("limited", 1),))

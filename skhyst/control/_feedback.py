@@ -97,8 +97,9 @@ class FeedforwardPI:
         A. Emami-Naeini, "Feedback Control of Dynamic Systems", notch compensation).
     damping : IntegralResonantControl, default=None
         What gives the filter D: ``section(dt)``.
-    drive_limits : tuple of (float, float), default=None
-        Units of the drive.
+    drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
+        Units of the drive. By default those of the compensator, ``drive_limits_``, and none where
+        there is no compensator. None: there are none.
 
     Notes
     -----
@@ -122,7 +123,7 @@ class FeedforwardPI:
     [1.04, 0.56]
     """
 
-    def __init__(self, kp, ki, *, compensator=None, notch=None, damping=None, drive_limits=None):
+    def __init__(self, kp, ki, *, compensator=None, notch=None, damping=None, drive_limits="fit"):
         self.kp = kp
         self.ki = ki
         self.compensator = compensator
@@ -157,9 +158,12 @@ class FeedforwardPI:
         dt = chosen_interval((), dt, caller)
         reference = finite_number(reference, caller, "reference")
         u0 = finite_number(u0, caller, "u0")
-        check_limits(self.drive_limits, "FeedforwardPI")
+        limits = self.drive_limits
+        if isinstance(limits, str) and limits == "fit":
+            limits = getattr(self.compensator, "drive_limits_", None)
+        check_limits(limits, "FeedforwardPI")
         validate_parameter_constraints(_CONSTRAINTS, vars(self), "FeedforwardPI")
-        low, high = self.drive_limits or (-math.inf, math.inf)
+        low, high = (-math.inf, math.inf) if limits is None else limits
         notch = _THROUGH if self.notch is None else notch_section(self.notch, dt)
         damping = _NOTHING if self.damping is None else self.damping.section(dt)
         constants = (self.kp, self.ki * dt, low, high, notch, damping)

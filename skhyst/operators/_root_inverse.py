@@ -17,6 +17,7 @@ from ._compiled_step import CompiledLaw, CompiledStep
 from ._protocol import Operator, as_signal
 
 _TRIALS = 300  # doublings up to any number, and three times the halvings of its digits
+_LEAST = 2.0**-100  # first step of a search, which doublings bring to any drive within the trials
 
 
 def step(u, c, s):
@@ -71,7 +72,7 @@ def root_step(y, c, s):
                 u = middle
     if (math.isinf(above) and u < high) or (math.isinf(below) and u > low):
         u = s[0]  # no input gives it
-    s[1] = max(abs(u - s[0]), 0.5 * s[1])
+    s[1] = max(abs(u - s[0]), 0.5 * s[1], _LEAST)  # however long it rests
     s[0] = u
     step(u, c[3:], s[2 + n :])
     return u

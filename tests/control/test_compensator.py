@@ -12,12 +12,15 @@ from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
 
 from skhyst.compose import Cascade, OnColumn, Sum
-from skhyst.control import InverseCompensator
+from skhyst.control import FeedforwardPI, InverseCompensator, simulate_loop
 from skhyst.control._drive_limits import DriveLimits
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ReachWarning
 from skhyst.hysteresis import (
+    BoucWen,
+    BoucWenOperator,
     BoucWenStageOperator,
+    DahlOperator,
     FrictionStageOperator,
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
@@ -36,11 +39,13 @@ from skhyst.linear import (
 )
 from skhyst.operators import (
     FrozenOperator,
+    RootInverseOperator,
     SeriesOperator,
     Stepper,
     SumOperator,
     add_disturbances,
 )
+from skhyst.records import stack_records
 from skhyst.static import SaturationOperator, SoftSaturation
 
 DT, N = 1e-3, 1200
@@ -535,3 +540,75 @@ def test_records_of_any_interval_are_inverted_at_their_own():
     model = Known(SeriesOperator(("plays", "mode"), (PLAYS, MODE))).fit(X, X["drive"])
     found = InverseCompensator(model).fit(X, X["drive"])
     assert np.abs(found.predict(X, return_residual=True)[1]).max() < 1e-8
+
+
+@pytest.mark.parametrize("rest", [250, 330, 1200, 5000])
+def test_an_inverse_by_roots_follows_after_a_rest_however_long(rest):
+    friction = DahlOperator(0.1, 0.8, stiffness=0.3)
+    y = np.append(np.zeros(rest), np.linspace(0.0, 0.4, 50))
+    drive, _ = RootInverseOperator(friction, -5.0, 5.0).run(y, DT)
+    np.testing.assert_allclose(friction.run(drive, DT)[0], y, atol=1e-12)
+
+
+def test_a_stepper_reports_limits_at_which_a_root_stops():
+    t = DT * np.arange(1500)
+    u = 3.0 * np.sin(20.0 * t) * np.exp(-t)
+    y, _ = BoucWenOperator(0.8, 1.5, 0.4, 0.6).run(u, DT)
+    stepper = InverseCompensator(BoucWen(dt=DT)).fit(u[:, None], y).stepper()
+    asked = 10.0 * np.sin(3.0 * t[:700])  # far beyond, then back within
+    drives, flagged = zip(*((stepper.step(r), bool(stepper.status)) for r in asked), strict=True)
+    at_limit = (np.array(drives) <= u.min()) | (np.array(drives) >= u.max())
+    assert at_limit.mean() > 0.5
+    assert (np.array(flagged) >= at_limit).all()
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"drive_limits": (5.0, -5.0)},
+        {"drive_limits": (np.nan, 1.0)},
+        {"drive_limits": 7},
+        {"drive_limits": "none"},
+        {"rate_limit": np.nan},
+        {"rate_limit": -1},
+    ],
+)
+def test_limits_that_are_set_after_the_fit_are_checked(changed):
+    found = compensator(PLAYS).set_params(**changed)
+    for use in (lambda: found.predict(smooth(2.0)[:, None]), found.stepper):
+        with pytest.raises(ValueError, match=next(iter(changed))):
+            use()
+
+
+def test_a_miss_counts_in_its_own_record():
+    """Beside a larger record, and whatever the unit of a constant reference is."""
+    found = compensator(GainOperator(1e-6), drive_limits=(-3.0, 3.0), rate_limit=None)
+    small, large = np.array([0.0, 1e-8, 0.0]), np.array([0.0, 3e-6, 0.0])
+    X, _ = stack_records([(large, large), (small, small)], dt=DT)
+    residual = np.r_[np.zeros(3), 0.0, 1e-8, 0.0]
+    assert found.largest_miss(X.set_axis([0], axis=1), residual) == (1.0, 1e-8, 1)
+    constant = np.full((5, 1), 1e-5)
+    with pytest.warns(ReachWarning, match="70 % of its range"):
+        found.predict(constant)
+
+
+def test_refine_says_that_the_device_misses():
+    found, reference = compensator(PLAYS), smooth(2.0)[:, None]
+    with pytest.warns(ReachWarning, match="the device misses the reference"):
+        found.refine(reference, np.zeros_like, n_trials=2)
+    with pytest.raises(ValueError, match="n_trials"):
+        found.refine(reference, np.zeros_like, n_trials=1.5)
+
+
+def test_feedback_keeps_to_the_limits_of_its_compensator():
+    found = compensator(GainOperator(1.0), drive_limits=(-2.0, 2.0), rate_limit=None)
+    device = FirstOrderLagOperator(0.05)
+    with pytest.warns(ReachWarning):
+        loop = simulate_loop(
+            Stepper(device.compiled_step(DT, device.init(0.0))),
+            FeedforwardPI(5.0, 400.0, compensator=found),
+            np.full(300, 10.0),
+            DT,
+            u0=0.0,
+        )
+    assert loop.drive.max() == 2.0
