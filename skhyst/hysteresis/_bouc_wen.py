@@ -103,14 +103,17 @@ def curves(exponent, pairs):
         np.empty(n_curves * (N_BINS + 1), dtype=np.int16),
         np.empty((n_curves, 3)),
     )
-    for number, ((ratio, behind), (_, ahead)) in enumerate(pairs):
-        build_curve(_GRID, exponent, ratio, behind, ahead, number, tables)
+    for number, ((ratio, below), (_, above)) in enumerate(pairs):
+        build_curve(_GRID, exponent, ratio, below, above, number, tables)
     return (*tables, _CELL_AT)
 
 
 @jit
-def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
-    """Write one curve as number ``number`` of the tables; ``behind`` and ``ahead`` are limits."""
+def build_curve(grid, exponent, ratio, below, above, number, tables):
+    """Write one curve as number ``number`` of the tables.
+
+    ``below`` and ``above`` are the limits for w below and above 0; ``ratio`` is that below.
+    """
     nodes, logs, log_points, measure, zero = grid
     places, curve, changes, bins, scales = tables
     n_cells = measure.shape[0]
@@ -165,7 +168,7 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
     curve[first : first + n_cells + 2] = 0.0
     changes[first : first + n_cells + 2] = 0.0
     for i in range(n_cells):
-        scale = behind if i < zero else ahead
+        scale = below if i < zero else above
         h = phi[i + 1] - phi[i]
         places[first + i] = scale * phi[i]
         curve[first + i, 0] = 1.0 / (scale * h)
@@ -212,12 +215,12 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
                 c[3] = d1 - 2.0 * d0
             c *= scale
     end = first + n_cells
-    places[end] = ahead * phi[n_cells]
+    places[end] = above * phi[n_cells]
     places[end + 1] = np.inf
-    curve[end, 1] = ahead * nodes[n_cells]
+    curve[end, 1] = above * nodes[n_cells]
     scales[number, 0] = N_BINS / (places[end] - places[first])
-    scales[number, 1] = 1.0 / behind
-    scales[number, 2] = 1.0 / ahead
+    scales[number, 1] = 1.0 / below
+    scales[number, 2] = 1.0 / above
     cell = first
     for b in range(N_BINS + 1):
         while cell < end and (places[cell + 1] - places[first]) * scales[number, 0] <= b:
@@ -245,7 +248,7 @@ def slope_of(curve, cell, x):
 
 @jit(inline=True, allocates=False)
 def find(level, first, end, below, above, curve, cell_at):
-    """Return the cell (``first`` to ``end``) and the fraction of it where the cucurve is level.
+    """Return the cell (``first`` to ``end``) and the fraction of it where the curve is level.
 
     ``below`` and ``above`` are the factors from a level to w on either side of 0.
     """
@@ -650,7 +653,7 @@ class BoucWen(ParametricModel):
 
     (Xie et al. 2023, (1) and (2), with the last exponent as in the original law). The drive is a
     straight line between samples and the law is integrated exactly. For ``alpha > 0`` the
-    hysteretic part ``g`` goes ahead of the drive, as a friction force does; for ``alpha < 0`` it
+    hysteretic part ``g`` leads the drive, as a friction force does; for ``alpha < 0`` it
     makes the response lag behind the drive, as in a piezo.
 
     It is identified as ``g = alpha z`` with the limit ``D`` of ``z`` (a drive) and the ratio ``r``,
