@@ -435,11 +435,10 @@ class TankChain(ParametricModel):
         q_1 = \max\left(\frac{u - u_0}{s}, 0\right), \quad q_{i+1} = w_i^{p_i} + \kappa_i o_i,
         \qquad y = G w_n + b
 
-    Levels and flows are relative, so no unit of volume is needed; :math:`o_i` is the overflow. With
-    p = 1/2 the
-    outflow is Torricelli's; p = 1 is a chain of first-order lags. Around a level w the time
-    constant is :math:`\tau w^{1-p} / p`, so that the chain is slower, and its gain larger, at high
-    levels.
+    Levels and flows are relative to the scale s of the drive, so no unit of volume is needed;
+    :math:`o_i` is the overflow. With p = 1/2 the outflow is Torricelli's; p = 1 is a chain of
+    first-order lags. Around a level w the time constant is :math:`\tau w^{1-p} / p`, so for p < 1
+    the chain is slower, and its gain larger, at high levels.
 
     Parameters
     ----------

@@ -252,7 +252,7 @@ def find(level, first, end, below, above, curve, cell_at):
 
     ``below`` and ``above`` are the factors from a level to w on either side of 0.
     """
-    if not level > curve[first, 1]:  # or not a number
+    if not level > curve[first, 1]:  # also if level is NaN
         return first, 0.0
     if level >= curve[end, 1]:
         return end, 0.0
@@ -786,9 +786,8 @@ class BoucWen(ParametricModel):
         ]
 
     def _identify(self, data):
-        return self._refine(
-            self.starting_values(data)[:1], data
-        )  # without disturbances the best start suffices
+        # without additive disturbances the best starting value suffices
+        return self._refine(self.starting_values(data)[:1], data)
 
     def _start(self, limit, ratio, exponent, z, known, response):
         linear = np.linalg.lstsq(np.column_stack((z, known)), response, rcond=None)[0]

@@ -134,9 +134,8 @@ def duhem_tangents(u, du, alpha, center, scale, out, dout):
     for k in range(u.size):
         change = u[k] - before
         x = min(alpha * abs(change), _LONGEST)
-        steep = (
-            math.copysign(alpha, change) if change != 0.0 else 0.0
-        )  # at rest the mean of both directions
+        # at rest the mean of both directions
+        steep = math.copysign(alpha, change) if change != 0.0 else 0.0
         decay = duhem_moments(x, (before - center) / scale, change / scale, work, moments)
         for j in range(d):
             out[k, j] = decay * h[j] + change * moments[0, j]
@@ -311,7 +310,7 @@ class Duhem(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # products of several values are squared
+    _extreme = 1e30  # largest value of the data: products of several are squared
     operator_class = DuhemOperator
 
     def __init__(

@@ -98,8 +98,8 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
     The velocity is constant between samples and the bristles are stepped exactly, whatever their
     stiffness. At a sample ``v`` and ``dz/dt`` are those of the straight line that ends there (the
     backward difference). In ``"rest"`` the bristles have been deflected by a slow first loading
-    from zero to the first sample, with ``g = F_s``. The state is ``(w, last drive)`` with ``w =
-    sigma_0 z / F_s``, within -1 and 1.
+    from zero to the first sample, with ``g = F_s``. The state is ``(w, last drive)`` with
+    ``w = sigma_0 z / F_s``, within -1 and 1.
 
     Examples
     --------

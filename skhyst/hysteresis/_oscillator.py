@@ -207,8 +207,8 @@ def propagate(step, k, du, dbefore, d, dout):
     """Move the tangents ``d`` (3, m + n) over sample k and write those of q to ``dout[k]``.
 
     The first m are tangents of the input: ``du`` (n_samples, m) are those of the drive, ``dbefore``
-    (m,) those before the first sample. The others are derivatives by parameters. ``step`` (3, 5 +
-    n) is the sample's Jacobian.
+    (m,) those before the first sample. The others are derivatives by parameters. The sample's
+    Jacobian ``step`` is (3, 5 + n).
     """
     m = du.shape[1]
     for j in range(m):
@@ -232,8 +232,8 @@ class OscillatorOperator(Operator):
     The state is the tuple (q, q'/w, hysteretic force, last drive), all in units of the drive; in
     ``"rest"`` the stage has been loaded slowly from zero. Each substep solves the oscillator
     exactly under the mean of the other forces: second order, exact without them, and passive if the
-    law is. Substeps should resolve the motion before sliding: ``dt fastest_rate() / n_substeps =
-    0.1`` gives about three digits.
+    law is. Substeps should resolve the motion before sliding: with
+    ``dt fastest_rate() / n_substeps = 0.1`` about three digits are exact.
 
     A subclass passes its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
     tangents))``, and defines the state at rest and the constants of the law. Its first two
@@ -457,9 +457,9 @@ class OscillatorModel(ParametricModel):
 
     *Coupling.* The sum of squares of a free run has many minima, since the simulated stage sticks
     and slips at other times than the measured one. A spring that couples the simulated stage to the
-    measured response reduces this. The coupled stage is the same stage driven by ``u + feedback
-    y``, so its parameters convert exactly (Abarbanel et al., *SIAM Journal on Applied Dynamical
-    Systems*, 2009).
+    measured response reduces this. The coupled stage is the same stage driven by
+    ``u + feedback y``, so its parameters convert exactly (Abarbanel et al., *SIAM Journal on
+    Applied Dynamical Systems*, 2009).
 
     *Free run*, from all of these starting values.
 
@@ -636,7 +636,7 @@ class OscillatorModel(ParametricModel):
         return float(gram[2, 2] - best @ gram[:2, 2])
 
     def _coupled(self, stages, records, coupling):
-        """Return [the stage that fits best while coupled to the response] and evaluations.
+        """Return a list of the best stage while coupled to the response, and the evaluations.
 
         The list is empty if the coupling cannot be removed from the result.
         """

@@ -116,7 +116,7 @@ class RelayGridModel(ParametricModel):
         the lowest level, such as 0 for a drive from 0 to 150 V): all are down at first.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from ``center``; the
-        drive still at ``center``; or at rest at a drive value that is fitted per record.
+        drive still at ``center``; or after a rest at a drive value that is fitted per record.
 
     Attributes
     ----------
@@ -218,9 +218,8 @@ class RelayGridModel(ParametricModel):
 
     def _finish(self, result, data):
         super()._finish(result, data)
-        if (
-            self.initial_state == "estimate"
-        ):  # the search for the input history refits without the penalty
+        # the search for the input history has refitted all parameters without the penalty
+        if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)
             data = [dataclasses.replace(record, before=u) for record, u in drives]
             self._adopt(self._identify(data))

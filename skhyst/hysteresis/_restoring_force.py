@@ -567,14 +567,10 @@ class RestoringForce(OscillatorModel):
             curve[degrees] = factors[: len(degrees)] / length ** (degrees - 1.0)
             curve = Polynomial(curve)
             if len(degrees) > len(odd):
-                inflections = curve.deriv(2).roots()
-                inflections = inflections[(np.abs(inflections.imag) < 1e-9 * length)].real
-                inflections = inflections[
-                    (np.abs(inflections) < length) & (curve.deriv()(inflections) * gain > 0.0)
-                ]
-                center = (
-                    float(inflections[np.argmin(np.abs(inflections))]) if len(inflections) else 0.0
-                )
+                roots = curve.deriv(2).roots()
+                roots = roots[(np.abs(roots.imag) < 1e-9 * length)].real
+                roots = roots[(np.abs(roots) < length) & (curve.deriv()(roots) * gain > 0.0)]
+                center = float(roots[np.argmin(np.abs(roots))]) if len(roots) else 0.0
                 # the constant of the force balance, which is part of the intercept of the linear
                 # part
                 preload = (intercept - middle) * stiffness - float(curve(center))

@@ -191,7 +191,7 @@ class TanhHysteresis(ParametricModel):
         Whether the response has a constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest at that sample, so that the rate begins at
-        zero; the drive was zero; or at rest at a drive value that is fitted per record.
+        zero; the drive was zero; or after a rest at a drive value that is fitted per record.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class TanhHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # products of several values are squared
+    _extreme = 1e30  # largest value of the data: products of several are squared
     operator_class = TanhHysteresisOperator
 
     def __init__(
