@@ -38,7 +38,7 @@ def exponential_moments(x, moments, at, last):
     """
     if x < 1.0:
         n_terms = _SMALL[1] if x < _SMALL[0] else (_MIDDLE[1] if x < _MIDDLE[0] else _LARGE[1])
-        # even and odd powers separately: two short chains of operations run in parallel
+        # even and odd powers separately: two short chains of operations instead of a long one
         even = 0.0
         odd = 0.0
         square = x * x

@@ -81,7 +81,7 @@ def susceptibility(field, m, direction, a, k, b, c):
     """Return dm/dH and its derivatives by field, m, a, k, b and c."""
     curve, slope, bend = langevin(field / a + 3.0 * b * m)
     e = direction * (curve - m)
-    # X (``loss``) and its derivatives by e, and at constant e by a, k and b
+    # X (``irreversible``) and its derivatives by e, and at constant e by a, k and b
     feedback = 3.0 * a * b
     irreversible = by_e = by_a = by_k = by_b = 0.0
     if 2.0 * feedback * e > k * (1.0 + b):

@@ -6,8 +6,8 @@ r"""Prandtl-Ishlinskii model: a weighted sum of plays or of stops, with an exact
 the stop form, stops E_k[v] = v - F_k[v] (springs that yield at r_k) replace the plays. That is a
 sum of plays with the gain sum_k w_k and the weights -w_k, and it is evaluated as such, from its
 turning points (:func:`skhyst.operators.play_sum_run`). The first loading is a piecewise linear
-curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes 1 /
-s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
+curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes
+1 / s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
 """
 
 import dataclasses
@@ -154,10 +154,8 @@ class PrandtlIshlinskiiOperator(PlaySum):
     def characteristics(self, seen):
         """Return the width of the major loop over the range of the input, in % of its height."""
         low, high = seen.ends
-        loading = np.linspace(low, high, 400)
-        y = self.run(
-            np.concatenate([np.linspace(0.0, low, 400), loading, loading[::-1], loading]), 1.0
-        )[0]
+        rise = np.linspace(low, high, 400)
+        y = self.run(np.concatenate([np.linspace(0.0, low, 400), rise, rise[::-1], rise]), 1.0)[0]
         down, up = y[800:1200][::-1], y[1200:]
         width = 100.0 * np.abs(up - down).max() / np.ptp([up, down])
         return {"loop width over the range": (width, "%")}
