@@ -1,4 +1,4 @@
-"""Additive disturbances: functions of the time since the start of a record, whatever the drive.
+"""Additive disturbances: functions of the time since the start of a record, not the drive.
 
 The coefficients of a disturbance belong to the record, not to the device. Identification solves
 them exactly per record; the operator holds their mean over the records, which a free run of a new

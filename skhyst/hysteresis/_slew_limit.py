@@ -1,7 +1,7 @@
 """Limit of the drive's rate, exact for a drive that is a straight line between samples.
 
-With the difference ``e`` of drive and output, the drive's slope ``s`` and the limit ``R``, the
-output moves towards the drive at the rate ``R`` until they meet, after the time ``e / (R - s)`` for
+With ``e`` the drive minus the output, ``s`` the drive's slope and ``R`` the limit, the output
+moves towards the drive at the rate ``R`` until they meet, after the time ``e / (R - s)`` for
 ``e > 0``. From there it follows the drive, or falls behind again if ``|s| > R``.
 """
 
