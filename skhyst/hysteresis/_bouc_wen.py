@@ -177,7 +177,7 @@ def build_curve(grid, exponent, ratio, below, above, number, tables):
         c = curve[first + i, 1:]
         c[0] = nodes[i]
         c[1] = h * at[i, 0]
-        if smooth:
+        if smooth:  # Hermite: value and three derivatives at both ends
             c[2] = 0.5 * h * h * at[i, 1]
             c[3] = h * h * h * at[i, 2] / 6.0
             d0 = nodes[i + 1] - (c[0] + c[1] + c[2] + c[3])

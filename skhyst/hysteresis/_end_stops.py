@@ -75,6 +75,7 @@ def stopped(free_d, b, q, kappa, eta, lower, upper):
     for _ in range(_STEPS):
         force, slope = stops(q, delta, kappa, eta, lower, upper)
         excess = delta + b * force - free_d
+        # the excess increases with delta, so beyond the root it has the sign of the far end
         if excess * far > 0.0:
             far = delta
         else:

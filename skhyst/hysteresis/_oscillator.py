@@ -554,6 +554,7 @@ class OscillatorModel(ParametricModel):
                 method=self._roughly(),
             )
             mode = linear._identify(records).operator
+        # a gain of zero would scale no hysteretic force
         mode = dataclasses.replace(mode, gain=mode.gain or length / swing)
         laws = self._laws(length, mode.natural_frequency * length)
         if not kinds:

@@ -526,6 +526,7 @@ class PreisachOperator(RelayGridOperator):
         grid = np.zeros((n - 1, n - 1))
         grid[np.tril_indices(n - 1)] = self.weights
         reversible = self.reversible if self.reversible.size else np.zeros(n - 1)
+        # E between two levels: all cells and reversible weights in between; S is twice that
         everett = np.zeros((n, n))
         everett[1:, :-1] = np.cumsum(np.cumsum(grid[:, ::-1], axis=1)[:, ::-1], axis=0)
         everett += np.tril(np.subtract.outer(*2 * [np.append(0.0, np.cumsum(reversible))]))

@@ -321,6 +321,7 @@ def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
         gram = np.where(silent | silent[:, None], 0.0, gram - n_samples * np.outer(mean, mean))
         right = np.where(silent, 0.0, right - mean * gram_y)
     matrix = gram + smoothness * max(spread.mean(), 0.0) * roughness
+    # scaled to a unit diagonal, so that ridge and condition number do not depend on units
     index = np.flatnonzero(matrix.diagonal() > 0.0)
     scale = np.sqrt(matrix.diagonal()[index])
     matrix = matrix[np.ix_(index, index)] / np.outer(scale, scale)
@@ -329,6 +330,7 @@ def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
     solution, free = nonnegative_minimum(matrix, -right[index] / scale, bounded)
     x, undetermined = np.zeros(n), silent.copy()
     x[index] = solution / scale
+    # weights at their bound are held: the covariance is that of the others
     free &= (solution > 0.0) | ~bounded
     index, scale, matrix = index[free], scale[free], matrix[np.ix_(free, free)]
     inverse, condition, unknown = (_inverse if smoothness > 0.0 else _pseudo_inverse)(matrix)
