@@ -1,8 +1,8 @@
-"""Disturbances: functions of the time since the start of a record, whatever the drive.
+"""Additive disturbances: functions of the time since the start of a record, not the drive.
 
 The coefficients of a disturbance belong to the record, not to the device. Identification solves
-them exactly record by record; the operator holds their mean over the records, which is what a
-free run of a new record can know.
+them exactly per record; the operator holds their mean over the records, which a free run of a new
+record uses.
 """
 
 from ._base import DisturbanceOperator

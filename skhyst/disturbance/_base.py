@@ -1,4 +1,4 @@
-"""What all disturbances share."""
+"""Base classes of the additive disturbances."""
 
 from abc import abstractmethod
 
@@ -9,19 +9,19 @@ from ..operators import CompiledLaw, Operator
 
 
 class DisturbanceOperator(Operator):
-    """Base: ``y(t) = basis(t) coefficients``, t from the record's start; no input is used."""
+    """Base of disturbances ``y(t) = basis(t) @ coefficients``, t since the record's start (s)."""
 
     signal_linear = True
     stage_order = 60
     is_disturbance = True
-    has_constant = False  # as the first column of its basis
+    has_constant = False  # whether the first column of the basis is constant
 
     @abstractmethod
     def basis(self, time):
         """Return the basis, shape (n_samples, n_coefficients), at ``time`` (s)."""
 
     def basis_tangents(self, time, coefficients):
-        """Return derivatives of ``basis @ coefficients`` by the other parameters, (n, p)."""
+        """Return the derivatives (n, p) of ``basis @ coefficients`` by the other parameters."""
         return np.empty((len(time), 0))
 
     def init(self, u0, initial_state="rest"):
@@ -33,7 +33,7 @@ class DisturbanceOperator(Operator):
         return self.basis(time) @ self.coefficients, start + dt * len(u)
 
     def _step(self):
-        """Return the compiled step, or None, and its constants behind ``dt``."""
+        """Return the compiled step, or None, and its constants after ``dt``."""
         return None, ()
 
     def compiled_step(self, dt, state):
@@ -50,6 +50,6 @@ class DisturbanceOperator(Operator):
 
 
 class Disturbance(ParametricModel):
-    """Base of the disturbances: nothing is driven, all is beside."""
+    """Base of the disturbance models: the response does not depend on the drive."""
 
     operator_class = DisturbanceOperator

@@ -14,7 +14,7 @@ from ._base import Disturbance, DisturbanceOperator
 
 @jit
 def drift_step(u, c, s):
-    """Return the drift at one sample, ``s``; ``c`` is (dt, coefficients, duration)."""
+    """Return the drift at sample number ``s[0]``; ``c`` is (dt, coefficients, duration)."""
     dt, coefficients, duration = c
     z = min(2.0 * dt * s[0] / duration - 1.0, 1.0)
     s[0] += 1.0

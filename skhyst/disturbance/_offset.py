@@ -1,4 +1,4 @@
-"""A constant for each record."""
+"""Offset: one constant per record."""
 
 from dataclasses import dataclass
 
@@ -34,10 +34,10 @@ class OffsetOperator(DisturbanceOperator):
 
 
 class Offset(Disturbance):
-    """A constant for each record.
+    """Offset: one constant per record.
 
     Each record's own constant is in ``record_coefficients_``; :meth:`predict` gives the mean over
-    the records of the fit, since the drive of a new record tells nothing of its constant.
+    the records of the fit, since the drive of a new record does not determine its constant.
 
     Attributes
     ----------

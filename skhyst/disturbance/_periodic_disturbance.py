@@ -1,4 +1,4 @@
-"""Sinusoids at frequencies of their own, whatever the drive."""
+"""Sinusoidal disturbances, at frequencies that do not depend on the drive."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,10 @@ _OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
 
 @jit
 def sinusoid_step(u, c, s):
-    """Return the lines at one sample, ``s``; ``c`` is (dt, coefficients, frequencies)."""
+    """Return the sum of sinusoids at sample number ``s[0]``.
+
+    ``c`` is (dt, coefficients, frequencies).
+    """
     dt, coefficients, frequencies = c
     time = dt * s[0]
     s[0] += 1.0
@@ -32,7 +35,7 @@ def sinusoid_step(u, c, s):
 
 @dataclass(frozen=True)
 class SinusoidOperator(DisturbanceOperator):
-    """Sines and cosines at ``frequencies`` (Hz)."""
+    """Sum of cosines and sines at ``frequencies`` (Hz)."""
 
     coefficients: np.ndarray = parameter(linear=True, unit="response")
     frequencies: np.ndarray = parameter(lower=0.0, unit="Hz")
@@ -55,7 +58,7 @@ class SinusoidOperator(DisturbanceOperator):
 
 
 class PeriodicDisturbance(Disturbance):
-    """Sinusoids at frequencies of their own; amplitude and phase belong to each record.
+    """Sinusoids at fitted frequencies; each record has its own amplitudes and phases.
 
     Parameters
     ----------
@@ -95,27 +98,27 @@ class PeriodicDisturbance(Disturbance):
 
 
 def _spectral_lines(records, count):
-    """Return the frequencies (Hz) of the strongest lines in the power of all records together.
+    """Return the frequencies (Hz) of the strongest lines in the summed power of all records.
 
-    One after the other: each line found is fitted and taken away before the next is sought.
+    They are found one after the other: each line is fitted and subtracted before the next search.
     """
     dt, longest = min(r.dt for r in records), max(len(r.y) * r.dt for r in records)
     n = next_fast_len(round(_OVERSAMPLING * longest / dt), real=True)
     grid = np.fft.rfftfreq(n, dt)
-    # of one duration, so that the lines of all transforms are about the same
+    # one duration for all transforms, so that their bins have about the same frequencies
     sizes = [round(n * dt / r.dt) for r in records]
-    rest = [r.y - r.y.mean() for r in records]
+    residuals = [r.y - r.y.mean() for r in records]
     found = []
     for _ in range(count):
         power = np.zeros(len(grid))
-        for y, size in zip(rest, sizes, strict=True):
+        for y, size in zip(residuals, sizes, strict=True):
             own = np.abs(np.fft.rfft(y * np.hanning(len(y)), size)) ** 2
             power[: len(own)] += own[: len(power)]
-        # the first bins are what a mean and a trend leave
+        # a mean and a trend leave power in the lowest bins
         power[grid < 2.0 / longest] = 0.0
         found.append(grid[np.argmax(power)])
         line = SinusoidOperator(np.zeros(2), np.array(found[-1:]))
-        for i, y in enumerate(rest):
+        for i, y in enumerate(residuals):
             basis = line.basis(records[i].dt * np.arange(len(y)))
-            rest[i] = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+            residuals[i] = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
     return np.array(found)

@@ -1,4 +1,4 @@
-"""First-order stages that are nonlinear in themselves: tanks with their outflow and overflow."""
+"""Nonlinear first-order stages: tanks with outflow and overflow."""
 
 from ._tank_chain import TankChain, TankChainOperator
 

@@ -1,4 +1,4 @@
-"""Tanks in a row, with an outflow by a power of the level and an overflow.
+"""Tanks in series, with an outflow that is a power of the level, and an overflow.
 
 Each tank has the balance ``tau w' = q - o(w)``.
 
@@ -11,9 +11,9 @@ solved exactly: with ``k = h / tau`` and ``z = -k o'(w)`` the level moves by
     D = k (q - o(w)) (exp(z) - 1) / z,
 
 the exponential Rosenbrock-Euler method: of second order, stable for any h, exact for p = 1
-(Hochbruck and Ostermann, *Acta Numerica*, 2010, section 2.4). The mean outflow is what the balance
-leaves, ``q - D / k``, so nothing is lost between the tanks. A level that would pass its ceiling c
-ends there; for the part of the substep in which it has, ``q - o(c)`` flows over.
+(Hochbruck and Ostermann, *Acta Numerica*, 2010, section 2.4). The mean outflow follows from the
+balance, ``q - D / k``, so volume is conserved between the tanks. A level that would exceed its
+ceiling c ends there; for the fraction of the substep beyond it, ``q - o(c)`` overflows.
 """
 
 import dataclasses
@@ -29,14 +29,14 @@ from ..base import ParametricModel
 from ..operators import CompiledLaw, Operator, as_signal, parameter
 from ..optimize import pole_starts
 
-LAMINAR = 1e-2  # e
-_SMALL = 1e-4  # |z| below which quotients are series
-_GONE = -40.0  # z below which nothing is left of exp(z) beside 1
+LAMINAR = 1e-2  # the level e below which the outflow is proportional to the level
+_SMALL = 1e-4  # |z| below which quotients are evaluated by series
+_GONE = -40.0  # z below which exp(z) is negligible relative to 1
 
 
 @jit
 def outflow(w, p):
-    """Return o, its derivatives by w and by p, and the derivatives of the first of these."""
+    """Return o, ``do/dw``, ``do/dp``, and the derivatives of ``do/dw`` by w and by p."""
     s = w * w + LAMINAR * LAMINAR
     half, power = 0.5 * math.log(s), s ** (0.5 * (p - 3.0))
     o = w * s * power
@@ -54,7 +54,7 @@ def _move(w, q, k, p):
         part = k * (1.0 + 0.5 * z)  # k (exp(z) - 1) / z
         part_k, part_slope = 1.0 + z, -0.5 * k * k
     else:
-        rest = math.exp(z) if z > _GONE else 0.0  # squares of less would underflow
+        rest = math.exp(z) if z > _GONE else 0.0  # smaller values would underflow when squared
         part = (1.0 - rest) / slope
         part_k, part_slope = rest, (k * rest - part) / slope
     f = q - o
@@ -69,10 +69,10 @@ def _move(w, q, k, p):
 
 @jit(inline=True)
 def tank_sample(before, u, levels, k, p, ceiling, share, offset, scale, n_substeps, held):
-    """Move the levels, with which ``levels`` begins, over an interval of the drive.
+    """Update the levels, the first values of ``levels``, over a sampling interval.
 
-    ``k``, ``p``, ``ceiling`` and ``share``, the part of its overflow that a tank passes on, are
-    (n_tanks,); ``held`` keeps the drive of the last sample over the interval.
+    ``k``, ``p``, ``ceiling`` and ``share``, the fraction of its overflow that a tank passes on, are
+    (n_tanks,); ``held`` selects a zero-order hold of the drive.
     """
     for s in range(n_substeps):
         part = 0.0 if held else (s + 0.5) / n_substeps
@@ -111,7 +111,7 @@ def tank_step(u, c, s):
     """Return the response at one sample; ``s`` are the levels and the last drive.
 
     ``c`` is (k, p, ceiling, share, offset, scale, n_substeps, held) of :func:`tank_sample`, then
-    (gain, intercept, most that the sensor reads).
+    (gain, intercept, highest level that the sensor reads).
     """
     k, p, ceiling, share, offset, scale, n_substeps, held, gain, intercept, most = c
     n = k.size
@@ -125,11 +125,11 @@ def tank_tangents(
     u, du, before, dbefore, levels, d, k, tau, p, ceiling, share, offset, scale, n_substeps, held,
     out, dout,
 ):  # fmt: skip
-    """Write what :func:`tank_run` does, and its tangents to ``dout`` (n, n_columns).
+    """Write the results of :func:`tank_run`, and their tangents to ``dout`` (n, n_columns).
 
-    Behind the m columns of ``du`` are those of the time constants, the exponents, where there are
-    limits the ceilings and shares but the last, and the offset. ``dbefore`` (m,) and ``d``
-    (n_tanks, n_columns), overwritten, are the tangents of ``before`` and ``levels``.
+    After the m columns of ``du`` come those of the time constants, the exponents, with limits the
+    ceilings and all shares but the last, and the offset. ``dbefore`` (m,) and ``d`` (n_tanks,
+    n_columns), which is overwritten, are the tangents of ``before`` and ``levels``.
     """
     m, n, n_columns = du.shape[1], levels.size, d.shape[1]
     limited = n_columns > m + 2 * n + 1
@@ -208,36 +208,39 @@ def tank_tangents(
 _ITERATIONS = 60
 _CONVERGED = 1e-15
 _EXPONENT = 0.5  # Torricelli
-_OFFSETS = (0.02, 0.5)  # below the least drive, of its range
-_FULL = (0.7, 0.95)  # of the time, below the ceiling of a tank before the last
+# starting values
+_OFFSETS = (0.02, 0.5)  # distance of the offset below the least drive, over the drive's range
+_FULL = (0.7, 0.95)  # quantiles of a level, in tanks before the last, that become its ceiling
 _SHARE = 0.5
 _POLE_SETS = 2
-_SPREADS = (1.0, 3.0)  # between the time constants, where the data give none
+_SPREADS = (1.0, 3.0)  # ratios of neighbouring time constants, if the data give none
 
 
 @dataclass(frozen=True, eq=False)
 class TankChainOperator(Operator):
-    r"""Tanks in a row, as in :class:`TankChain`; the response is ``gain w_n + intercept``.
+    r"""Tanks in series, see :class:`TankChain`; the response is ``gain w_n + intercept``.
 
     Parameters
     ----------
     time_constants, exponents : array-like of shape (n_tanks,)
-        :math:`\tau` in s, and p; 1/2 by Torricelli, 1 for a linear stage.
+        :math:`\tau` in s, and p, no unit: 1/2 by Torricelli, 1 for a linear stage.
     ceilings : array-like of shape (n_tanks,), optional
-        c, all finite; None without limits, which are not identified then.
+        c, finite levels; None: no limits, and none are identified.
     shares : array-like of shape (n_tanks - 1,), optional
-        :math:`\kappa`: the part of its overflow that a tank passes on, 0 to 1.
+        :math:`\kappa`: fraction of its overflow that a tank passes on, 0 to 1.
     drive_offset : float, default=0.0
         :math:`u_0`: drive up to which nothing flows, units of the drive.
     gain, intercept : float, default=1.0, 0.0
-        Change of the response up to the level 1 of the last tank, and response where it is empty.
+        Change of the response from level 0 to 1 of the last tank, and response if it is empty,
+        units of the response.
     scale : float, default=1.0
         s, units of the drive. Fixed structure.
     limit : {"level", "reading"}, default="level"
-        Whether the ceiling of the last tank limits its level, or the reading alone.
+        Whether the ceiling of the last tank limits its level, or only the reading.
     hold : {"foh", "zoh"}, default="foh"
+        Drive between samples: a straight line, or constant. Fixed structure.
     n_substeps : int, default=4
-        Drive between samples, and integration steps in a sampling interval. Fixed structure.
+        Integration steps per sampling interval. Fixed structure.
 
     Raises
     ------
@@ -246,9 +249,9 @@ class TankChainOperator(Operator):
 
     Notes
     -----
-    Below a hundredth of the level at rest the outflow is proportional to the level, as laminar flow
-    is: its slope would be infinite in an empty tank. The state is the tuple of the levels and the
-    last drive.
+    Below the level 0.01 the outflow is proportional to the level, as laminar flow is; otherwise its
+    slope would be infinite in an empty tank. The state is the tuple of the levels and the last
+    drive.
 
     Examples
     --------
@@ -302,7 +305,7 @@ class TankChainOperator(Operator):
         return self.ceilings is not None
 
     def characteristics(self, seen):
-        """Return the powers of the level, and the response at the last ceiling."""
+        """Return the exponents, and the response at the ceiling of the last tank."""
         ceiling = self.gain * self.ceilings[-1] + self.intercept if self.is_limited else np.nan
         return {
             "power of the level": (self.exponents, ""),
@@ -333,7 +336,7 @@ class TankChainOperator(Operator):
         return self.ceilings[-1] if self.is_limited and self.limit == "reading" else np.inf
 
     def _rest(self, u0):
-        """Return the levels at rest and their derivatives by u0 and all parameters but two."""
+        """Return the levels at rest; their derivatives by u0 and all but the last 2 parameters."""
         n = self.n_tanks
         ceilings, shares = self._limits()
         levels = np.empty(n)
@@ -408,12 +411,12 @@ class TankChainOperator(Operator):
 
 
 def _level(q, p):
-    """Return the level whose outflow is q, by Newton's method for its logarithm."""
+    """Return the level whose outflow is q, by Newton's method in the logarithm of the level."""
     if q <= 0.0:
         return 0.0
     goal, x = np.log(q), np.log(q) / p
     for _ in range(_ITERATIONS):
-        # the logarithm of the outflow is convex or concave in x, so that Newton cannot cycle
+        # the logarithm of the outflow is convex or concave in x, so Newton's method cannot cycle
         total = np.logaddexp(2.0 * x, 2.0 * np.log(LAMINAR))
         slope = 1.0 + (p - 1.0) * np.exp(2.0 * x - total)
         step = (goal - x - 0.5 * (p - 1.0) * total) / slope
@@ -424,7 +427,7 @@ def _level(q, p):
 
 
 class TankChain(ParametricModel):
-    r"""Tanks in a row, which empty by a power of their level and may overflow.
+    r"""Tanks in series, with an outflow that is a power of the level, and overflow.
 
     .. math::
 
@@ -432,22 +435,22 @@ class TankChain(ParametricModel):
         q_1 = \max\left(\frac{u - u_0}{s}, 0\right), \quad q_{i+1} = w_i^{p_i} + \kappa_i o_i,
         \qquad y = G w_n + b
 
-    Levels and flows are relative, so their scale s needs no unit of volume. With p = 1/2 the
-    outflow is Torricelli's; p = 1 is a chain of first-order lags. Around a level w the time
-    constant is :math:`\tau w^{1-p} / p`, so that the chain is slower, and its gain larger, at high
-    levels.
+    Levels and flows are relative to the scale s of the drive, so no unit of volume is needed;
+    :math:`o_i` is the overflow. With p = 1/2 the outflow is Torricelli's; p = 1 is a chain of
+    first-order lags. Around a level w the time constant is :math:`\tau w^{1-p} / p`, so for p < 1
+    the chain is slower, and its gain larger, at high levels.
 
     Parameters
     ----------
     n_tanks : int, default=2
         Number of tanks.
     overflow : bool, default=False
-        Whether the levels have ceilings, and the tanks but the last pass on a part of what flows
-        over.
+        Whether the levels have ceilings, and all tanks but the last pass on a fraction of their
+        overflow.
     limit : {"level", "reading"}, default="level"
-        Whether the ceiling of the last tank limits its level, or the reading alone.
+        Whether the ceiling of the last tank limits its level, or only the reading.
     fit_exponents : bool, default=False
-        Whether the exponents are fitted, one a tank; otherwise they are 1/2.
+        Whether the exponents are fitted, one per tank; otherwise they are 1/2.
     fit_offset : bool, default=True
         Whether the drive up to which nothing flows is fitted; otherwise it is 0.
     fit_intercept : bool, default=True
@@ -455,10 +458,10 @@ class TankChain(ParametricModel):
     hold : {"foh", "zoh"}, default="foh"
         Drive between samples: a straight line, or constant.
     n_substeps : int, default=4
-        Integration steps in a sampling interval.
+        Integration steps per sampling interval.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample. A recording that begins under way asks for
-        ``"estimate"``: the drive at which the chain had rested before each record of the fit.
+        State before each record's first sample. Use ``"estimate"`` for recordings that do not begin
+        at rest: the drive at which the chain rested before is then fitted per record.
 
     Attributes
     ----------
@@ -533,7 +536,7 @@ class TankChain(ParametricModel):
         return [start for rates in sets for start in self.starts_of(rates, records)]
 
     def starts_of(self, rates, records):
-        """Return operators to start from, of a linear chain with these rates (1/s), in any order.
+        """Return starting operators whose small-signal rates are ``rates`` (1/s), in any order.
 
         ``records`` are ``RecordData``.
         """
@@ -545,7 +548,7 @@ class TankChain(ParametricModel):
         found = []
         for offset in offsets:
             for constants in [slowest[::-1], slowest][: self.n_tanks]:
-                # the level at the mean drive is 1, and around it the linear chain's rates are kept
+                # the level at the mean drive is 1, and around it the rates are those given
                 chain = TankChainOperator(
                     constants,
                     np.full(self.n_tanks, _EXPONENT),
@@ -559,7 +562,7 @@ class TankChain(ParametricModel):
         return found
 
     def _limited(self, chain, records):
-        """Return the chain with ceilings: of the readings, and of levels that are often reached."""
+        """Return chains with ceilings: the largest reading, and quantiles of the other levels."""
         levels = []
         for n in range(1, self.n_tanks + 1):
             part = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Backlash: one play of unknown width."""
+"""Backlash: one play operator of unknown width."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from ._common import swing
 
 
 def backlash_step(play, u0, u1, dt, values):
-    """Step the play, which is the output."""
+    """Return the next value of the play, which is state and output, and its derivatives."""
     half_gap = values[0]
     side = 0.0
     if play > u1 + half_gap:
@@ -33,12 +33,12 @@ class BacklashOperator(OneStateOperator, step=backlash_step):
     half_gap : float
         ``r``, units of the drive, positive.
     stage_order : int, default=0
-        Where it stands in a series: 0 before everything else, 50 behind it.
+        Position in a series: 0 before all other stages, 50 after them.
 
     Notes
     -----
-    The drive is a straight line between samples, and the samples are exact. The state is
-    ``(output, last drive)``. From rest, the output is where a first loading from zero has taken it.
+    Exact for a drive that is a straight line between samples. The state is ``(output, last
+    drive)``. ``"rest"`` is the state after a first loading from zero to the first sample.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class BacklashOperator(OneStateOperator, step=backlash_step):
     stage_order: int = 0
 
 
-_PARTS = (0.01, 0.03, 0.1, 0.25)  # half gaps to start from, parts of the signal's range
+_PARTS = (0.01, 0.03, 0.1, 0.25)  # starting half gaps, fractions of the drive's range
 
 
 class Backlash(ParametricModel):
@@ -59,15 +59,14 @@ class Backlash(ParametricModel):
 
     .. math:: y(t) = \max(u(t) - r, \min(u(t) + r, y(t^-)))
 
-    It has no gain: put a model that has one before or behind it in a
-    :class:`~skhyst.compose.Cascade`. Beside a free set of plays
-    (:class:`~skhyst.hysteresis.PrandtlIshlinskii`) it cannot be told.
+    It has no gain: combine it with a model that has one in a :class:`~skhyst.compose.Cascade`. It
+    cannot be distinguished from a free set of plays in the same model
+    (:class:`~skhyst.hysteresis.PrandtlIshlinskii`).
 
     Parameters
     ----------
     place : {"drive", "sensor"}, default="drive"
-        Where it stands when an effect search has to find its place in a series: before everything
-        else, or behind it.
+        Position in a series that an effect search builds: before all other stages, or after them.
 
     Attributes
     ----------

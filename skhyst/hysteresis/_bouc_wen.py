@@ -1,8 +1,8 @@
 r"""Bouc-Wen model: hysteresis with a smooth transition to a limit, integrated exactly.
 
-While the input moves one way, the law is autonomous in the way ``phi`` that the input goes, so
-every branch is a translate of the same curve. In units of the limit, ``w`` positive where the
-output is pulled on and negative while the last branch is undone,
+While the input moves in one direction, the law is autonomous in the path length ``phi`` of the
+input, so every branch is a translate of the same curve. In units of the limit, with ``w`` positive
+while the hysteretic part is loaded and negative while the last branch is unloaded,
 
     dw/dphi = f(w) = 1 + rho |w|^n,    rho = -1 for w > 0,    rho = ratio for w < 0,
 
@@ -10,14 +10,14 @@ and ``phi(w) = int_0^w dx / f(x)``. The curve from ``w = -1`` to ``w = 1`` is cu
 of ``w``: ``phi`` there comes from Gauss-Legendre quadrature, and the cells between carry Hermite
 polynomials through the values and the derivatives, which ``f`` gives. A sample then costs one
 polynomial, whatever the exponent and the length of the step; at a reversal Newton's method finds
-the place on the curve. There is no step size, and no exponent is special.
+the position on the curve. There is no step size, and no exponent is a special case.
 
 The cells shrink like a power of the distance towards ``w = 0``, where the curve has a term
 ``|phi|^(n+1)``, and towards ``w = 1``, which it approaches exponentially. For exponents from 1 to
 20 the curve is right to 1e-11 of the limit for ratios up to 1, and to 1e-8 up to 30, where it rises
 steeply; below 1 the kink of its slope at 0 costs digits (1e-9 at 0.5). Only the values of ``phi``
-and ``f`` depend on the parameters, so whatever is left depends smoothly on them. ``bins`` lead from
-a place, evenly divided, to the first cell that may hold it.
+and ``f`` depend on the parameters, so the remaining error depends smoothly on them. ``bins`` divide
+the curve evenly and give, for a position, the first cell that may hold it.
 """
 
 import math
@@ -34,15 +34,16 @@ from ..base import ParametricModel
 from ..operators import CompiledLaw, Operator, as_signal, by_fields, parameter
 from ._common import force_characteristics, show
 
-N_BINS = 1024  # of the way along a curve
-_VALUE_BINS = 256  # of an output from 0 to its limit
+N_BINS = 1024  # bins of the path along a curve
+_VALUE_BINS = 256  # bins of w from 0 to the limit
 
 
 def _make_grid(n_near=40, n_far=64, n_undone=32, order=6):
-    """Return the values of w between cells, ascending, and the cells that bins of w begin in.
+    """Return the grid of w, and for each bin of w the cell in which it begins.
 
-    With the values come their logarithms, exact close to 0 and 1, the quadrature, and the number
-    of the node ``w = 0``.
+    The grid is a tuple: nodes (ascending values of w between cells), their logarithms (exact close
+    to 0 and 1), logarithms of the quadrature points, quadrature weights, index of the node
+    ``w = 0``.
     """
     near = 0.5 * (np.arange(n_near + 1) / n_near) ** 4  # distance from 0
     far = 0.5 * (1.0 - np.arange(1, n_far) / n_far) ** 8  # distance from 1
@@ -78,15 +79,21 @@ _GRID, _CELL_AT = _make_grid()
 
 
 def curves(exponent, pairs):
-    """Return the tables of a curve for each pair: ratio and limit for ``w < 0``, then ``w > 0``.
+    """Return the tables of one curve per pair: ratio and limit for ``w < 0``, then for ``w > 0``.
 
-    For each curve, one behind the other, they hold: where its cells begin, in units of the input,
-    the end of the last one, and infinity; by rows the reciprocal of a cell's width and the
-    coefficients of its polynomial in the part of the width gone, behind the last cell the constant
-    at which the curve ends; the polynomials (6 each) of the derivatives by exponent and ratio at
-    constant limits; the last cell that begins at or before the begin of each bin of the way; the
-    factors from a place to a bin, and from an output below and above 0 to ``w``. The last table is
-    the same for all curves: the first cell that may hold ``w``, from -1 to 1.
+    The curves follow each other in each of the tables (places, curve, changes, bins, scales):
+
+    - places: the positions (units of the input) where the cells begin, the end of the last cell,
+      and infinity;
+    - curve: per cell the reciprocal of its width and the coefficients of its polynomial in the
+      fraction of the width; after the last cell the constant at which the curve ends;
+    - changes: per cell the polynomials (6 coefficients each) of the derivatives by exponent and by
+      ratio, at constant limits;
+    - bins: per bin of the path the last cell that begins at or before it;
+    - scales: the factors from a position to a bin, and from an output below and above 0 to ``w``.
+
+    A last table is common to all curves: per bin of ``w``, from -1 to 1, the first cell that may
+    hold it.
     """
     n_curves, n_rows = len(pairs), len(pairs) * (len(_GRID[0]) + 1)
     tables = (
@@ -96,19 +103,23 @@ def curves(exponent, pairs):
         np.empty(n_curves * (N_BINS + 1), dtype=np.int16),
         np.empty((n_curves, 3)),
     )
-    for number, ((ratio, behind), (_, ahead)) in enumerate(pairs):
-        build_curve(_GRID, exponent, ratio, behind, ahead, number, tables)
+    for number, ((ratio, below), (_, above)) in enumerate(pairs):
+        build_curve(_GRID, exponent, ratio, below, above, number, tables)
     return (*tables, _CELL_AT)
 
 
 @jit
-def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
-    """Write one curve as number ``number`` of the tables; ``behind`` and ``ahead`` are limits."""
+def build_curve(grid, exponent, ratio, below, above, number, tables):
+    """Write one curve as number ``number`` of the tables.
+
+    ``below`` and ``above`` are the limits for w below and above 0; ``ratio`` is that below.
+    """
     nodes, logs, log_points, measure, zero = grid
     places, curve, changes, bins, scales = tables
     n_cells = measure.shape[0]
     phi = np.zeros(n_cells + 1)
-    # derivatives of w by way (1, 2, 3), then by exponent and ratio with their first and second
+    # derivatives of w by path (1st, 2nd, 3rd), then those by exponent and by ratio, each with its
+    # first and second derivative by path
     at = np.zeros((n_cells + 1, 9))
     for side in range(2):
         rho = ratio if side == 0 else -1.0
@@ -157,7 +168,7 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
     curve[first : first + n_cells + 2] = 0.0
     changes[first : first + n_cells + 2] = 0.0
     for i in range(n_cells):
-        scale = behind if i < zero else ahead
+        scale = below if i < zero else above
         h = phi[i + 1] - phi[i]
         places[first + i] = scale * phi[i]
         curve[first + i, 0] = 1.0 / (scale * h)
@@ -166,7 +177,7 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
         c = curve[first + i, 1:]
         c[0] = nodes[i]
         c[1] = h * at[i, 0]
-        if smooth:
+        if smooth:  # Hermite: value and three derivatives at both ends
             c[2] = 0.5 * h * h * at[i, 1]
             c[3] = h * h * h * at[i, 2] / 6.0
             d0 = nodes[i + 1] - (c[0] + c[1] + c[2] + c[3])
@@ -204,12 +215,12 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
                 c[3] = d1 - 2.0 * d0
             c *= scale
     end = first + n_cells
-    places[end] = ahead * phi[n_cells]
+    places[end] = above * phi[n_cells]
     places[end + 1] = np.inf
-    curve[end, 1] = ahead * nodes[n_cells]
+    curve[end, 1] = above * nodes[n_cells]
     scales[number, 0] = N_BINS / (places[end] - places[first])
-    scales[number, 1] = 1.0 / behind
-    scales[number, 2] = 1.0 / ahead
+    scales[number, 1] = 1.0 / below
+    scales[number, 2] = 1.0 / above
     cell = first
     for b in range(N_BINS + 1):
         while cell < end and (places[cell + 1] - places[first]) * scales[number, 0] <= b:
@@ -219,7 +230,7 @@ def build_curve(grid, exponent, ratio, behind, ahead, number, tables):
 
 @jit(inline=True, allocates=False)
 def polynomial(curve, cell, x):
-    """Return the value in a cell of the curve, the part ``x`` of it gone."""
+    """Return the value of the curve in a cell, at the fraction ``x`` of its width."""
     x2 = x * x
     low = (curve[cell, 1] + curve[cell, 2] * x) + (curve[cell, 3] + curve[cell, 4] * x) * x2
     high = (curve[cell, 5] + curve[cell, 6] * x) + (curve[cell, 7] + curve[cell, 8] * x) * x2
@@ -237,11 +248,11 @@ def slope_of(curve, cell, x):
 
 @jit(inline=True, allocates=False)
 def find(level, first, end, below, above, curve, cell_at):
-    """Return the cell, from ``first`` to ``end``, and the part of it gone where the curve is level.
+    """Return the cell (``first`` to ``end``) and the fraction of it where the curve is level.
 
     ``below`` and ``above`` are the factors from a level to w on either side of 0.
     """
-    if not level > curve[first, 1]:  # or not a number
+    if not level > curve[first, 1]:  # also if level is NaN
         return first, 0.0
     if level >= curve[end, 1]:
         return end, 0.0
@@ -249,7 +260,7 @@ def find(level, first, end, below, above, curve, cell_at):
     cell = first + int(cell_at[int((1.0 + w) * _VALUE_BINS)])
     while curve[cell + 1, 1] <= level:
         cell += 1
-    # the inverse series to the third order, then Newton
+    # inverse series to third order as first guess, then Newton's method
     r = 1.0 / curve[cell, 2]
     t = (level - curve[cell, 1]) * r
     bend = curve[cell, 3]
@@ -264,13 +275,13 @@ def find(level, first, end, below, above, curve, cell_at):
 
 @jit(inline=True, allocates=False)
 def move(v, z, last, direction, origin, cell, stride, places, curve, bins, scales, cell_at):
-    """Move the input from ``last`` to v, where z is the hysteretic part before.
+    """Move the input from ``last`` to v; z is the hysteretic part before.
 
-    The branch is that of ``direction`` from ``origin``, its last place in ``cell``. Returns z, the
-    branch and the part of the cell gone, then cell and part at which it has begun just now, a cell
-    -1 if it has not. The tables hold the curve of a rising input, then that of a falling one if it
-    is another. They are one behind the other, because a view of a part of a table costs more than
-    the sample.
+    The current branch starts at the input ``origin`` in ``direction``; its last position is in
+    ``cell``. Returns the new z, direction, origin, cell and fraction of the cell, then the cell and
+    the fraction at which a branch has begun in this step, or the cell -1 if none has. The tables
+    hold the curve of a rising input, then that of a falling one if it differs. They are
+    concatenated, because a view of a part of a table costs more time than the sample.
     """
     start, begun, x = -1, 0.0, 0.0
     turns = (v - last) * direction <= 0.0 and v != last
@@ -284,8 +295,8 @@ def move(v, z, last, direction, origin, cell, stride, places, curve, bins, scale
             below, above = scales[number, 1], scales[number, 2]
             start, begun = find(direction * z, first, end, below, above, curve, cell_at)
             cell = start
-            way = begun / curve[cell, 0] if begun > 0.0 else 0.0
-            origin = last - direction * (places[cell] + way)
+            path = begun / curve[cell, 0] if begun > 0.0 else 0.0
+            origin = last - direction * (places[cell] + path)
         place = direction * (v - origin)
         if place >= places[cell + 1]:
             part = (place - places[first]) * scales[number, 0]
@@ -302,11 +313,11 @@ def move(v, z, last, direction, origin, cell, stride, places, curve, bins, scale
 
 @jit(allocates=False)
 def curve_run(u, weights, tables, z, last, y, trace):
-    """Write the response; return the hysteretic part and the input after the last sample.
+    """Write the response to ``y``; return the hysteretic part and the input after the last sample.
 
-    ``weights`` are gain, alpha and intercept, for the tables see :func:`move`. ``trace``
-    (n_samples, 5), or empty where it is not needed, gets direction, cell and part of the cell gone,
-    then cell and part at which a branch began before the sample, a cell -1 if none did.
+    ``weights`` are gain, alpha and intercept; for the tables see :func:`curves`. Unless it is
+    empty, ``trace`` (n_samples, 5) receives direction, cell and fraction of the cell, then the cell
+    and the fraction at which a branch began in this step, the cell -1 if none did.
     """
     gain, alpha, intercept = weights
     places, curve, _, bins, scales, cell_at = tables
@@ -328,7 +339,7 @@ def curve_run(u, weights, tables, z, last, y, trace):
 def curve_step(u, c, s):
     """Return the response at one sample; ``s`` is (z, last, direction, origin, cell).
 
-    They are those of :func:`move`; ``c`` is gain, alpha, intercept and its tables.
+    ``s`` and the tables are those of :func:`move`; ``c`` is (gain, alpha, intercept, *tables).
     """
     gain, alpha, y, places, curve, bins, scales, cell_at = c
     stride = places.size // scales.shape[0]
@@ -340,7 +351,7 @@ def curve_step(u, c, s):
 
 
 def on_branch(s, c):
-    """Whether direction and cell in a state of :func:`curve_step` belong to one branch."""
+    """Return whether direction and cell in a state of :func:`curve_step` match."""
     places, scales = c[3], c[6]
     direction, cell, stride = s[2], s[4], len(places) // len(scales)
     first = 0 if direction > 0.0 else (len(scales) - 1) * stride
@@ -359,38 +370,38 @@ def change(c, k, x):
 def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
     """Write the tangents, shape (n_samples, m + 3 + p), of a run from the virgin state.
 
-    ``limits`` (2,) and ``chain`` (2, 3, p): the limits above and below zero, and the derivatives
-    of limit, exponent and ratio there by p parameters of the operator. The order is: m tangents of
-    the input, gain, alpha, the p parameters, intercept.
+    ``limits`` (2,) are the limits above and below zero, ``chain`` (2, 3, p) the derivatives there
+    of limit, exponent and ratio by p parameters of the operator. The columns of ``dy`` are: m
+    tangents of the input, gain, alpha, the p parameters, intercept.
 
-    On a branch ``z = direction Z(direction (u - origin))``, so that beside the input's own change
-    only that of the origin and that of the curve Z count; the origin changes only at a reversal.
+    On a branch ``z = direction Z(direction (u - origin))``: the tangents of z are those of the
+    input, the origin and the curve Z. The origin changes only at a reversal.
     """
     gain, alpha = weights
     places, curve, changes, _, _, _ = tables
     m = du.shape[1]
     p = chain.shape[2]
     origins = np.zeros(m + p)
-    slope, z, side = 1.0, 0.0, 0  # a virgin state has no direction, and one slope
-    by_limit, by_exponent, by_ratio = 0.0, 0.0, 0.0  # of z, its origin held
+    slope, z, side = 1.0, 0.0, 0  # in the virgin state the slope is 1 in both directions
+    by_limit, by_exponent, by_ratio = 0.0, 0.0, 0.0  # derivatives of z at constant origin
     for k in range(u.size):
         direction = trace[k, 0]
         if trace[k, 3] >= 0.0:
             cell, x = int(trace[k, 3]), trace[k, 4]
             start = slope_of(curve, cell, x) * curve[cell, 0]
-            # at the limit nothing is remembered
+            # at the limit z no longer depends on the past
             inverse = 1.0 / start if start > 0.0 else 0.0
-            share = slope * inverse
+            ratio_of_slopes = slope * inverse
             for q in range(m):
                 before = du[k - 1, q] if k > 0 else 0.0
-                origins[q] = before + share * (origins[q] - before)
-            # z stays as it is while the curve changes
-            way = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
-            by_limit -= (z - direction * way * start) / limits[side]
+                origins[q] = before + ratio_of_slopes * (origins[q] - before)
+            # at the reversal z is continuous, so the origin absorbs the change of the curve
+            path = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
+            by_limit -= (z - direction * path * start) / limits[side]
             by_exponent -= direction * change(changes[cell], 0, x)
             by_ratio -= direction * change(changes[cell], 6, x)
             for q in range(p):
-                origins[m + q] = share * origins[m + q] - inverse * (
+                origins[m + q] = ratio_of_slopes * origins[m + q] - inverse * (
                     by_limit * chain[side, 0, q]
                     + by_exponent * chain[side, 1, q]
                     + by_ratio * chain[side, 2, q]
@@ -400,8 +411,8 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
             z = direction * polynomial(curve, cell, x)
             slope = slope_of(curve, cell, x) * curve[cell, 0]
             side = 0 if z > 0.0 else 1
-            way = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
-            by_limit = (z - direction * way * slope) / limits[side]
+            path = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
+            by_limit = (z - direction * path * slope) / limits[side]
             by_exponent = direction * change(changes[cell], 0, x)
             by_ratio = direction * change(changes[cell], 6, x)
         pull = alpha * slope
@@ -446,8 +457,8 @@ class BoucWenOperator(Operator):
         ``D``, positive, in units of the drive: the hysteretic part ``z`` stays within ``+-D`` (for
         ``asymmetry = 0``), so the loop is at most ``2 |alpha| D`` high.
     ratio : float, default=1.0
-        ``r``: how much the slope exceeds ``alpha`` right behind the reversal of a large loop, over
-        ``alpha``. At least 0, so that the model dissipates: ``beta_z >= |gamma_z|``.
+        ``r``: right after the reversal of a large loop the slope is ``(1 + r) alpha``. At least 0,
+        so that the model dissipates: ``beta_z >= |gamma_z|``.
     exponent : float, default=1.0
         ``n``, positive: sharpness of the transition to the limit.
     asymmetry : float, default=0.0
@@ -465,10 +476,10 @@ class BoucWenOperator(Operator):
     Notes
     -----
     The drive is a straight line between samples and the law is integrated exactly, for every
-    exponent, so neither the length of a step nor samples in between matter. The operator is
-    rate-independent: ``dt`` is not used. The state is ``(z, last drive)``. ``"rest"`` is the first
-    loading from zero to the first sample; in ``"zero"`` the drive was zero. Both give the same
-    output, since the way to the first sample is that first loading.
+    exponent, so the result does not depend on the length of a step. The operator is
+    rate-independent: ``dt`` is not used. The state is ``(z, last drive)``. ``"rest"`` is the state
+    after a first loading from zero to the first sample; in ``"zero"`` the drive was zero. Both give
+    the same output, since the step to the first sample is that first loading.
 
     Examples
     --------
@@ -485,7 +496,7 @@ class BoucWenOperator(Operator):
     alpha: float = parameter(linear=True, unit="response/drive")
     limit: float = parameter(log=True, lower=0.0, unit="drive")
     ratio: float = parameter(default=1.0, lower=0.0)
-    # below 0.5 the curvature at z = 0 is beyond any data, above 20 the corner is a kink
+    # below 0.5 data cannot resolve the curvature at z = 0, above 20 the knee is a kink
     exponent: float = parameter(default=1.0, log=True, lower=0.5, upper=20.0)
     asymmetry: float = parameter(default=0.0, lower=-0.95, upper=0.95)
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
@@ -499,7 +510,7 @@ class BoucWenOperator(Operator):
         self._require("exponent", self.exponent > 0.0, "be positive")
         self._require("asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
 
-    def __reduce__(self):
+    def __reduce__(self):  # without the cached tables
         return by_fields(self)
 
     @classmethod
@@ -572,14 +583,14 @@ class BoucWenOperator(Operator):
 
     @cached_property
     def _sides(self):
-        """Sign, limit and ratio above zero, then below; ``1 + sign a`` last."""
+        """Sign, limit, ratio and factor ``1 + sign a`` above zero, then below."""
         n, r, a = float(self.exponent), float(self.ratio), float(self.asymmetry)
         factors = (1.0, 1.0 + a), (-1.0, 1.0 - a)
         return [(s, self.limit * f ** (-1.0 / n), r / f, f) for s, f in factors]
 
     @cached_property
     def _curves(self):
-        """The curve of a rising drive, and that of a falling one if it is another."""
+        """The tables of the curve of a rising drive, and of a falling one if it differs."""
         above, below = ((ratio, limit) for _, limit, ratio, _ in self._sides)
         pairs = [(below, above), (above, below)][: 1 + (self.asymmetry != 0.0)]
         return curves(float(self.exponent), pairs)
@@ -609,7 +620,7 @@ class BoucWenOperator(Operator):
         y, _ = self._follow(u, (0.0, 0.0), trace)
         dy = np.empty((u.size, du.shape[1] + self.n_parameters))
         n, r = float(self.exponent), float(self.ratio)
-        # of limit, exponent and ratio of a side, by limit, ratio, exponent and asymmetry
+        # derivatives of limit, exponent and ratio of a side by limit, ratio, exponent and asymmetry
         chain = [
             (
                 (limit / self.limit, 0.0, limit * math.log(f) / n**2, -sign * limit / (n * f)),
@@ -625,8 +636,8 @@ class BoucWenOperator(Operator):
 
 
 _STARTS = 3
-_SCREENED = 400  # samples that decide between starting values
-_LIMITS = np.geomspace(0.04, 2.0, 5)  # of half the drive's range
+_SCREENED = 400  # samples on which starting values are compared
+_LIMITS = np.geomspace(0.04, 2.0, 5)  # fractions of half the drive's range
 _RATIOS = (0.3, 2.0)
 _EXPONENTS = (1.2, 2.5)
 
@@ -641,7 +652,7 @@ class BoucWen(ParametricModel):
 
     (Xie et al. 2023, (1) and (2), with the last exponent as in the original law). The drive is a
     straight line between samples and the law is integrated exactly. For ``alpha > 0`` the
-    hysteretic part ``g`` goes ahead of the drive, as a friction force does; for ``alpha < 0`` it
+    hysteretic part ``g`` leads the drive, as a friction force does; for ``alpha < 0`` it
     makes the response lag behind the drive, as in a piezo.
 
     It is identified as ``g = alpha z`` with the limit ``D`` of ``z`` (a drive) and the ratio ``r``,
@@ -663,8 +674,8 @@ class BoucWen(ParametricModel):
         ``z' = u' {1 - |z|^n [gamma_z + beta_z sgn(u' z) + phi_z (sgn u' + sgn z)]}``, in which one
         parameter ``asymmetry = 2 phi_z / (beta_z + gamma_z)`` between -0.95 and 0.95 is added.
     fit_gain : bool, default=True
-        Whether the elastic part ``k u`` is fitted (0 otherwise): not beside a model that has a
-        spring of its own.
+        Whether the elastic part ``k u`` is fitted (0 otherwise). Set it to False in parallel with a
+        model that has its own spring.
     fit_intercept : bool, default=True
         Whether the response has a constant.
 
@@ -679,7 +690,7 @@ class BoucWen(ParametricModel):
         Units of the response.
     params_, params_std_ : dict
         ``gain`` (``k``), ``alpha``, ``limit`` (``D``), ``ratio`` (``r``), ``exponent``,
-        ``asymmetry``, ``intercept`` as far as they are fitted, and their standard errors.
+        ``asymmetry``, ``intercept``, those that are fitted, and their standard errors.
 
     References
     ----------
@@ -729,9 +740,10 @@ class BoucWen(ParametricModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        """Return the best three limits of a coarse grid, what is linear solved at some samples.
+        """Return operators at the three best limits of a coarse grid.
 
-        A disturbance beside the model may make another one look best.
+        The linear parameters are solved on a subset of the samples. Three, because an additive
+        disturbance may change which limit fits best.
         """
         half_range = 0.5 * max(np.ptp(record.u) for record in records)
         if not half_range > 0.0:
@@ -741,7 +753,7 @@ class BoucWen(ParametricModel):
         drives, rows, response = [], [], []
         for r in records:
             wanted = np.concatenate([np.arange(*part) for part in r.segments])[::step]
-            # between turning points the samples do not matter, and need not be simulated
+            # the law is rate-independent: of the other samples only turning points are simulated
             rising = np.diff(r.u, prepend=0.0) > 0.0
             kept = np.append(rising[1:] != rising[:-1], True)
             kept[wanted] = True
@@ -753,17 +765,17 @@ class BoucWen(ParametricModel):
         free = [bool(self.fit_gain), bool(self.fit_intercept)]
         known = np.column_stack((drive, np.ones(len(drive))))[:, free]
         basis, _ = np.linalg.qr(known)
-        rest = response - basis @ (basis.T @ response)
+        residual = response - basis @ (basis.T @ response)
         found = {}
         for ratio, exponent in product(_RATIOS, exponents):
-            # all limits have one curve: z / limit is a function of u / limit
+            # one curve serves all limits: z / limit is a function of u / limit
             unit = BoucWenOperator(0.0, 1.0, 1.0, ratio, exponent)
             for limit in half_range * _LIMITS:
                 runs = [unit.run(u / limit, 1.0)[0] for u in drives]
                 z = np.concatenate([z[part] for z, part in zip(runs, rows, strict=True)])
                 own = z - basis @ (basis.T @ z)
                 power = own @ own
-                explained = (own @ rest) ** 2 / power if power > 1e-20 * (z @ z) else 0.0
+                explained = (own @ residual) ** 2 / power if power > 1e-20 * (z @ z) else 0.0
                 if limit not in found or explained > found[limit][0]:
                     found[limit] = explained, ratio, exponent, limit * z
         best = sorted(found.items(), key=lambda item: -item[1][0])[:_STARTS]
@@ -773,7 +785,8 @@ class BoucWen(ParametricModel):
         ]
 
     def _identify(self, data):
-        return self._refine(self.starting_values(data)[:1], data)  # alone, the best is enough
+        # without additive disturbances the best starting value suffices
+        return self._refine(self.starting_values(data)[:1], data)
 
     def _start(self, limit, ratio, exponent, z, known, response):
         linear = np.linalg.lstsq(np.column_stack((z, known)), response, rcond=None)[0]

@@ -1,20 +1,20 @@
 r"""Mass, spring and damper with a Bouc-Wen force in the equation of motion.
 
-In units of the drive, with the level L and the shape g,
+In units of the drive, with level L and shape g,
 
     f' = rho q' - rho |f/L|^n (|q'| sgn f + g q').
 
-Along the way D of a substep (see ``_oscillator``), in the direction s of D, ``w = s f / L`` is a
+Along the displacement D of a substep (see ``_oscillator``) with the sign s, ``w = s f / L`` is a
 function of ``t = rho |D| / L``,
 
     dw/dt = 1 - c w,   c = (1 + g) sigma for w > 0, (1 - g) sigma for w < 0,   sigma = |w|^(n-1),
 
-which is linear in two pieces while sigma is held: its end and its mean over the way are known in
-closed form (:func:`branch`), for any sign of c. D is the root of an increasing function, found by
-Newton's method (:func:`way`). Sigma is 1 for ``n = 1``. Otherwise D is solved for twice, with sigma
-at the start of the substep, then with that of the mean w found; it never exceeds its value at the
-limit of w, so that substeps of any length end there. The end and the mean belong together, which
-keeps the energy balance.
+which is piecewise linear in w, with two pieces, while sigma is held: the final value of w and its
+mean over D are known in closed form (:func:`branch`), for any sign of c. D is the root of an
+increasing function, found by Newton's method (:func:`displacement`). Sigma is 1 for ``n = 1``.
+Otherwise D is solved for twice, with sigma at the start of the substep, then with sigma at the mean
+w found; sigma is limited to its value at the limit of w, so that w ends there for substeps of any
+length. Final value and mean are those of one solution, which keeps the energy balance.
 """
 
 import math
@@ -28,43 +28,47 @@ from .._jit import jit
 from .._sklearn import Interval
 from ..operators import parameter
 from ._oscillator import (
-    FREE,
     OWN,
+    PARAMETERS,
     F,
     OscillatorModel,
     OscillatorOperator,
-    begin,
     decay,
     loops,
     move_tangents,
     oscillator,
     propagate,
+    set_identity,
     solve_tangents,
 )
 
-_TINY = 1e-100  # level: without hysteresis it may be 0
-_STEEPEST = 600.0  # exponent of a force that grows: far beyond what ends a run
-_LONGEST = 1e100  # way in units of the level
-_FAR = 1e6  # force in units of the level
-_SENSITIVE = 1e100  # tangents
+_TINY = 1e-100  # smallest level: without hysteresis it may be 0
+_STEEPEST = 600.0  # largest exponent of a growing force, far beyond the bound that ends a run
+_LONGEST = 1e100  # largest displacement in units of the level
+_FAR = 1e6  # largest force in units of the level
+_SENSITIVE = 1e100  # largest tangent
 _ITERATIONS = 60
-_CLOSE = 1e-8  # relative step of Newton's method behind which the square is rounding
-_PART, _FEWEST, _MOST = 0.05, 32, 100_000  # of a time constant of the first loading; steps
-_SETTLED = 1e-14
+_CLOSE = 1e-8  # relative Newton step; its square, the next error, is below rounding
+# step of the first loading over its shortest decay length; least and most steps
+_PART, _FEWEST, _MOST = 0.05, 32, 100_000
+_SETTLED = 1e-14  # slope of the force over the load at which the first loading has saturated
 _RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the derivatives
 
 
 @jit
 def piece(t, w, c):
-    """Return the end and the mean over the way t, and the quotients of ``a = c t``."""
+    """Return the final w and its mean over the length t, and the quotients of ``a = c t``.
+
+    The quotients are those of :func:`decay`, followed by ``a``, which is limited.
+    """
     a = min(max(c * t, -_STEEPEST), _LONGEST)
-    gone, phi, psi, chi = decay(a)
-    return w - gone * w + t * phi, phi * w + t * psi, gone, phi, psi, chi, a
+    decayed, phi, psi, chi = decay(a)
+    return w - decayed * w + t * phi, phi * w + t * psi, decayed, phi, psi, chi, a
 
 
 @jit
 def crossing(w, c):
-    """Return the way from ``w < 0`` to 0; infinite where there is none."""
+    """Return the length t in which w rises from ``w < 0`` to 0; infinite if it never does."""
     z = -c * w
     if z == 0.0:
         return -w
@@ -72,17 +76,17 @@ def crossing(w, c):
 
 
 @jit
-def branch(t, w, behind, ahead):
-    """Return w behind the way t, its mean over the way, and the slope of the mean by t.
+def branch(t, w, below, above):
+    """Return w after the length t, its mean over t, and the derivative of the mean by t.
 
-    ``behind`` and ``ahead`` are c below and above zero.
+    ``below`` and ``above`` are c for w below and above zero.
     """
-    c = behind if w < 0.0 else ahead
+    c = below if w < 0.0 else above
     if w < 0.0:
-        first = crossing(w, behind)
+        first = crossing(w, below)
         if t > first:
-            _, mean, _, _, _, _, _ = piece(first, w, behind)
-            end, rest, _, _, _, _, _ = piece(t - first, 0.0, ahead)
+            _, mean, _, _, _, _, _ = piece(first, w, below)
+            end, rest, _, _, _, _, _ = piece(t - first, 0.0, above)
             mean = (first * mean + (t - first) * rest) / t
             return end, mean, (end - mean) / t
     end, mean, _, phi, psi, chi, a = piece(t, w, c)
@@ -91,25 +95,25 @@ def branch(t, w, behind, ahead):
 
 @jit
 def piece_tangents(t, w, c):
-    """Return the end and the mean over the way t, and the derivatives of each by (t, w, c)."""
-    end, mean, gone, phi, psi, chi, a = piece(t, w, c)
-    left = 1.0 - gone
-    by_end = left * (1.0 - c * w), left, t * (t * (psi - phi) - left * w)
+    """Return the final w and its mean over the length t, and the derivatives by (t, w, c)."""
+    end, mean, decayed, phi, psi, chi, a = piece(t, w, c)
+    remaining = 1.0 - decayed
+    by_end = remaining * (1.0 - c * w), remaining, t * (t * (psi - phi) - remaining * w)
     bend = 2.0 * chi - psi
     by_mean = c * w * (psi - phi) + psi + a * bend, phi, t * (w * (psi - phi) + t * bend)
     return end, mean, by_end, by_mean
 
 
 @jit
-def branch_tangents(t, w, behind, ahead):
-    """Return w behind the way t, its mean, and their derivatives by (t, w, behind, ahead)."""
+def branch_tangents(t, w, below, above):
+    """Return w after the length t, its mean, and the derivatives by (t, w, below, above)."""
     if w < 0.0:
-        first = crossing(w, behind)
+        first = crossing(w, below)
         if t > first:
             rest = t - first
-            # of w at the way ``first``, on which the way to zero depends with the opposite sign
-            _, mean, (_, zero_w, zero_c), (_, mean_w, mean_c) = piece_tangents(first, w, behind)
-            end, rest_mean, by_end, by_mean = piece_tangents(rest, 0.0, ahead)
+            # dw/dt is 1 at w = 0, so the length to zero has minus the derivatives of w at ``first``
+            _, mean, (_, zero_w, zero_c), (_, mean_w, mean_c) = piece_tangents(first, w, below)
+            end, rest_mean, by_end, by_mean = piece_tangents(rest, 0.0, above)
             mean = (first * mean + rest * rest_mean) / t
             return (
                 end,
@@ -122,9 +126,9 @@ def branch_tangents(t, w, behind, ahead):
                     rest * by_mean[2] / t,
                 ),
             )
-        end, mean, by_end, by_mean = piece_tangents(t, w, behind)
+        end, mean, by_end, by_mean = piece_tangents(t, w, below)
         return end, mean, (*by_end, 0.0), (*by_mean, 0.0)
-    end, mean, by_end, by_mean = piece_tangents(t, w, ahead)
+    end, mean, by_end, by_mean = piece_tangents(t, w, above)
     return (
         end,
         mean,
@@ -156,59 +160,59 @@ def sharpness(w, shape, exponent):
 
 
 @jit
-def way(reach, b, w, rate, level, shape, sigma):
-    """Return ``x = |D| >= 0`` that solves ``x + b level mean(w) = reach``; the end and mean of w.
+def displacement(free_d, b, w, rate, level, shape, sigma):
+    """Return ``x = |D| >= 0`` that solves ``x + b level mean(w) = free_d``, final w and mean w.
 
     ``rate`` is rho / level.
     """
-    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
+    below, above = (1.0 - shape) * sigma, (1.0 + shape) * sigma
     pull = b * level
-    left = reach - pull * w
-    if not left > 0.0:
+    excess = free_d - pull * w
+    if not excess > 0.0:
         return 0.0, w, w
-    start = 1.0 - (behind if w < 0.0 else ahead) * w
-    x = left / (1.0 + 0.5 * pull * rate * max(start, 0.0))
+    start = 1.0 - (below if w < 0.0 else above) * w
+    x = excess / (1.0 + 0.5 * pull * rate * max(start, 0.0))
     end, mean = w, w
     for _ in range(_ITERATIONS):
         t = min(rate * x, _LONGEST)
-        end, mean, slope = branch(t, w, behind, ahead)
-        step = (reach - x - pull * mean) / (1.0 + pull * rate * max(slope, 0.0))
-        # a step back never passes the begin
+        end, mean, slope = branch(t, w, below, above)
+        step = (free_d - x - pull * mean) / (1.0 + pull * rate * max(slope, 0.0))
+        # a backward step must not reach x = 0
         step = max(step, -0.9 * x)
         x += step
         if abs(step) <= _CLOSE * x:
-            # the rest is a straight line
+            # the last, small step is linearised
             mean += slope * rate * step
-            end += (1.0 - (behind if end < 0.0 else ahead) * end) * rate * step
+            end += (1.0 - (below if end < 0.0 else above) * end) * rate * step
             break
     return x, end, mean
 
 
 @jit(inline=True)
 def bouc_wen(mode, law, h, q, p, f, u0, u1):
-    """Return q, p and f behind a substep.
+    """Return q, p and f after a substep.
 
-    ``law`` is (rho, level, shape, exponent, bound); beyond the bound the stage is lost: all that
-    follows is NaN.
+    ``law`` is (rho, level, shape, exponent, bound); beyond the bound the simulation has diverged
+    and all following values are NaN.
     """
     rho, level, shape, exponent, bound = law
     size = max(level, _TINY)
     rate = rho / size
     b = mode[2]
-    reach, speed = oscillator(mode, q, p, u0, u1)
-    side = 1.0 if reach >= b * f else -1.0
+    free_d, free_p = oscillator(mode, q, p, u0, u1)
+    side = 1.0 if free_d >= b * f else -1.0
     w = side * f / size
     sigma = 1.0
     if exponent != 1.0:
         sigma, _, _, _ = sharpness(w, shape, exponent)
-        _, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
+        _, _, mean = displacement(side * free_d, b, w, rate, size, shape, sigma)
         sigma, _, _, _ = sharpness(mean, shape, exponent)
-    x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+    x, end, mean = displacement(side * free_d, b, w, rate, size, shape, sigma)
     q += side * x
     f = side * size * end
     if not (abs(q) <= bound and abs(f) <= bound):
         return math.nan, math.nan, math.nan
-    return q, speed - mode[3] * side * size * mean, f
+    return q, free_p - mode[3] * side * size * mean, f
 
 
 bouc_wen_run, bouc_wen_step = loops(bouc_wen)
@@ -218,9 +222,9 @@ bouc_wen_run, bouc_wen_step = loops(bouc_wen)
 def sharpness_tangents(w, side, shape, exponent, level, by, dsigma):
     """Return sigma and write its derivatives; ``by[1]`` are those of the force ``side w level``."""
     sigma, by_w, by_shape, by_exponent = sharpness(w, shape, exponent)
-    share = side * by_w / level
+    weight = side * by_w / level
     for j in range(dsigma.size):
-        dsigma[j] = share * by[1, j]
+        dsigma[j] = weight * by[1, j]
     dsigma[_LEVEL] -= by_w * w / level
     dsigma[_SHAPE] += by_shape
     dsigma[_EXPONENT] += by_exponent
@@ -228,14 +232,14 @@ def sharpness_tangents(w, side, shape, exponent, level, by, dsigma):
 
 
 @jit
-def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
+def displacement_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
     """Write the derivatives of D, of the mean force and of the new force to ``by``.
 
-    ``x``, ``w`` and ``sigma`` are as in :func:`way`, ``side`` is the direction of D.
+    ``x``, ``w`` and ``sigma`` are as in :func:`displacement`, ``side`` is the sign of D.
     """
     t = min(rho / level * x, _LONGEST)
-    behind, ahead = (1.0 - shape) * sigma, (1.0 + shape) * sigma
-    end, mean, by_end, by_mean = branch_tangents(t, w, behind, ahead)
+    below, above = (1.0 - shape) * sigma, (1.0 + shape) * sigma
+    end, mean, by_end, by_mean = branch_tangents(t, w, below, above)
     force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by, 1)
     solve_tangents(b, by_mean[0] * rho, side * level * mean, by)
     force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by, 2)
@@ -245,9 +249,9 @@ def way_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
 
 @jit
 def force_tangents(side, force, x, t, w, rho, level, shape, sigma, by_branch, dsigma, by, i):
-    """Write the derivatives of ``side force``, behind a given way, to ``by[i]``.
+    """Write the derivatives of ``side force``, after a given displacement, to ``by[i]``.
 
-    ``by_branch`` are those of the result of :func:`branch` that is ``force / level``.
+    ``by_branch`` are the derivatives of ``force / level``, a result of :func:`branch`.
     """
     by_t, by_w, by_behind, by_ahead = by_branch
     by_sigma = side * level * ((1.0 - shape) * by_behind + (1.0 + shape) * by_ahead)
@@ -268,34 +272,34 @@ def bouc_wen_tangents(
     size = max(level, _TINY)
     rate = rho / size
     b, bp = mode[2], mode[3]
-    step = np.empty((3, FREE + 6))
+    step = np.empty((3, PARAMETERS + 6))
     by = np.zeros((3, OWN + 6))
     dsigma = np.zeros(OWN + 6)
     for k in range(u.size):
         u0 = before
-        begin(step)
+        set_identity(step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            reach, speed = oscillator(mode, q, p, u0, u1)
-            side = 1.0 if reach >= b * f else -1.0
+            free_d, free_p = oscillator(mode, q, p, u0, u1)
+            side = 1.0 if free_d >= b * f else -1.0
             w = side * f / size
             sigma = 1.0
             if exponent != 1.0:
                 for j in range(by.shape[1]):
                     by[1, j] = 1.0 if j == F else 0.0
                 sigma = sharpness_tangents(w, side, shape, exponent, size, by, dsigma)
-                x, _, mean = way(side * reach, b, w, rate, size, shape, sigma)
-                way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
+                x, _, mean = displacement(side * free_d, b, w, rate, size, shape, sigma)
+                displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
                 sigma = sharpness_tangents(mean, side, shape, exponent, size, by, dsigma)
-            x, end, mean = way(side * reach, b, w, rate, size, shape, sigma)
+            x, end, mean = displacement(side * free_d, b, w, rate, size, shape, sigma)
             if exponent == 1.0:
                 dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
-            way_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
+            displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
             force = side * size * mean
             move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += side * x
-            p = speed - bp * force
+            p = free_p - bp * force
             f = side * size * end
             u0 = u1
         if not (abs(q) <= bound and abs(f) <= bound):
@@ -310,7 +314,7 @@ def bouc_wen_tangents(
             for j in range(d.shape[1]):
                 largest = max(largest, abs(d[i, j]))
         if not largest <= _SENSITIVE:
-            # a chaotic motion, whose sums of squares would overflow
+            # chaotic motion: the sums of squares of its tangents would overflow
             dout[k + 1 :] = np.nan
             bouc_wen_run(mode, law, h, n_substeps, u[k + 1 :], before, q, p, f, out[k + 1 :])
             return
@@ -318,9 +322,9 @@ def bouc_wen_tangents(
 
 @jit
 def slope_at(f, rho, level, shape, exponent, by):
-    """Return ``df/dq`` of a first loading; its derivatives by f and four parameters go to ``by``.
+    """Return ``df/dq`` of a first loading and write its derivatives to ``by`` (5,).
 
-    The parameters are rho, level, shape and exponent.
+    These are by f, rho, level, shape and exponent.
     """
     w = f / level
     if w <= 0.0:
@@ -341,8 +345,8 @@ def slope_at(f, rho, level, shape, exponent, by):
 def first_loading(load, rho, level, shape, exponent, by):
     """Return the force f at rest under ``load = q + f`` and write its derivatives to ``by`` (5,).
 
-    These are by the load and by rho, level, shape and exponent. Over the load as it grows from zero
-    ``df = k / (1 + k)`` with ``k = df/dq``, which is always bounded.
+    These are by the load and by rho, level, shape and exponent. The load is the integration
+    variable, since ``df/dload = k / (1 + k)`` with ``k = df/dq`` is bounded.
     """
     by[:] = 0.0
     if not (rho > 0.0 and level > 0.0):
@@ -350,7 +354,7 @@ def first_loading(load, rho, level, shape, exponent, by):
     if not load > 0.0:
         by[0] = rho / (1.0 + rho)
         return 0.0
-    # at most so steep, where f is largest
+    # the rate of decay is highest at the largest f
     largest = load
     if shape > -1.0:
         largest = min(load, level * (1.0 + shape) ** (-1.0 / exponent))
@@ -370,13 +374,13 @@ def first_loading(load, rho, level, shape, exponent, by):
             part = weights[stage] * h
             k = slope_at(f + part * last, rho, level, shape, exponent, slopes)
             last = k / (1.0 + k)
-            # of the rate, by the force and directly
+            # derivative of k / (1 + k): through f, and at constant f
             inner = 1.0 / ((1.0 + k) * (1.0 + k))
-            share = (1.0 if stage == 0 or stage == 3 else 2.0) / 6.0
-            total += share * last
+            weight = (1.0 if stage == 0 or stage == 3 else 2.0) / 6.0
+            total += weight * last
             for j in range(1, 5):
                 rates[j] = inner * (slopes[j] + slopes[0] * (values[j] + part * rates[j]))
-                change[j] += share * rates[j]
+                change[j] += weight * rates[j]
         f += h * total
         for j in range(1, 5):
             values[j] += h * change[j]
@@ -390,9 +394,9 @@ def first_loading(load, rho, level, shape, exponent, by):
 
 @jit
 def follow(q, level, shape, exponent, out):
-    """Write the force of a stage that moves as ``q`` (n,) prescribes, rho = 1, to ``out`` (n,).
+    """Write the force for a prescribed displacement ``q`` (n,), rho = 1, to ``out`` (n,).
 
-    A law without a limit ends in NaN where it leaves all bounds.
+    For a law without a limit it is NaN from where it exceeds 1e6 times the level.
     """
     f, before = 0.0, q[0] if q.size else 0.0
     for k in range(q.size):
@@ -413,7 +417,7 @@ def follow(q, level, shape, exponent, out):
         out[k] = f
 
 
-_LARGEST = 1e12  # displacement or force, of the drive and the level: no plant
+_LARGEST = 1e12  # bound of displacement and force, relative to drive and level: diverged
 
 
 @dataclass(frozen=True)
@@ -431,22 +435,21 @@ class BoucWenStageOperator(
         :math:`\rho = \alpha / k`: slope of the hysteretic force at ``f = 0``, relative to the
         spring.
     level : float
-        :math:`L = (\alpha/\beta)^{1/n} / |b|`, units of the drive: force at which the law's two
-        terms are as large as its first. For ``g > -1`` the largest force is
-        ``L (1 + g)^(-1/n)``.
+        :math:`L = (\alpha/\beta)^{1/n} / |b|`, units of the drive: force at which the beta term of
+        the law equals its alpha term. For ``g > -1`` the largest force is ``L (1 + g)^(-1/n)``.
     shape : float, default=0.0
-        :math:`g = \gamma / \beta`. From -1 to 1 the force is loaded along a curve that levels off
-        and unloaded along a steeper one. Below -1 the loading branch grows steeper too and has no
+        :math:`g = \gamma / \beta`. From -1 to 1 the loading branch approaches a limit and the
+        unloading branch is steeper. Below -1 the loading branch becomes steeper too and has no
         limit; above 1 the unloading branch is flatter than a first loading.
     exponent : float, default=1.0
         ``n`` from 1 to 20, sharpness of the transition.
 
     Notes
     -----
-    State and substeps are those of :class:`OscillatorOperator`. For ``n = 1`` the law is never a
-    source of energy, since :math:`\beta > 0`; for other exponents, with ``|f|^(n-1)`` held over a
-    substep, it is none for ``|g| <= 1``. Where the law has no limit (``g < -1``) a large motion can
-    leave the range of any plant; what follows is then NaN.
+    State and substeps are those of :class:`OscillatorOperator`. For ``n = 1`` the law is passive,
+    since :math:`\beta > 0`; for other exponents, with ``|f|^(n-1)`` held over a substep, it is
+    passive for ``|g| <= 1``. If the law has no limit (``g < -1``) a large motion can diverge; all
+    following values are then NaN.
 
     References
     ----------
@@ -468,7 +471,7 @@ class BoucWenStageOperator(
     damping_ratio: float = parameter(log=True, lower=0.0)
     hysteresis_stiffness: float = parameter(log=True, lower=0.0)
     level: float = parameter(log=True, lower=0.0, unit="drive")
-    # far beyond, the term without this factor is not seen
+    # beyond these bounds the beta term is negligible relative to the gamma term
     shape: float = parameter(default=0.0, lower=-20.0, upper=20.0)
     exponent: float = parameter(default=1.0, log=True, lower=1.0, upper=20.0)
     gain: float = parameter(default=1.0, linear=True, unit="response/drive")
@@ -512,9 +515,9 @@ class BoucWenStageOperator(
         return tuple(map(float, (*own, _LARGEST * (largest + self.level))))
 
 
-# level of the force over its first slope, parts of the response's half range; gamma / beta;
-# exponent where it is fitted
-_WAYS = (0.05, 0.15, 0.5, 1.5, 5.0)
+# starting values: presliding displacement as fraction of the response's half range; gamma / beta;
+# exponent if it is fitted
+_DISPLACEMENTS = (0.05, 0.15, 0.5, 1.5, 5.0)
 _SHAPES = (-1.3, -0.4, 0.5)
 _EXPONENTS = (1.2, 2.5)
 
@@ -529,13 +532,13 @@ class BoucWenStage(OscillatorModel):
         \dot z = \alpha \dot x - \beta |\dot x| |z|^{n-1} z - \gamma \dot x |z|^n
 
     The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
-    ``b``, since a response to a drive does not tell the mass; the hysteretic force is then in units
-    of the drive.
+    ``b``, since the response to a drive does not determine the mass; the hysteretic force is then
+    in units of the drive.
 
     Parameters
     ----------
     exponent : float, default=1.0
-        ``n`` from 1 to 20, sharpness of the transition. Not used where it is fitted.
+        ``n`` from 1 to 20, sharpness of the transition. Not used if ``fit_exponent`` is True.
     fit_exponent : bool, default=False
         Whether ``n`` is fitted.
 
@@ -548,10 +551,11 @@ class BoucWenStage(OscillatorModel):
 
     Notes
     -----
-    Starting values come as those of :class:`FrictionStage`. Records should show motions both small
-    and large against the way on which the force bends; a force that hardly bends is a part of the
-    spring, and standard errors and ``identifiability_`` say so. Unlike that of :class:`BoucWen`,
-    the law may lack a limit (:math:`\gamma < -\beta`), since the spring limits the motion.
+    Starting values are found as for :class:`FrictionStage`. Records should contain motions both
+    small and large relative to the presliding displacement; a nearly linear hysteretic force cannot
+    be distinguished from the spring, as standard errors and ``identifiability_`` then report.
+    Unlike that of :class:`BoucWen`, the law may lack a limit (:math:`\gamma < -\beta`), since the
+    spring limits the motion.
 
     References
     ----------
@@ -601,7 +605,7 @@ class BoucWenStage(OscillatorModel):
     def _laws(self, length, speed):
         exponents = _EXPONENTS if self.fit_exponent else (float(self.exponent),)
         return [
-            [(part * length, shape, exponent) for part in _WAYS]
+            [(part * length, shape, exponent) for part in _DISPLACEMENTS]
             for shape, exponent in product(_SHAPES, exponents)
         ]
 

@@ -1,16 +1,16 @@
-"""What the models share: scales of the data to start from, base of friction models, checks."""
+"""Shared by the models: scales of the data for starting values, and the base of friction models."""
 
 import numpy as np
 
 from ..base import ParametricModel
 from ..operators import slopes
 
-_BLOCK = 20  # samples in which the noise is looked for
-_QUIET = 0.25  # part of the blocks in which the motion is too slow to be taken for noise
+_BLOCK = 20  # samples per block over which the noise power is averaged
+_QUIET = 0.25  # quantile of the blocks: at least this fraction is taken to move slowly
 
 
 class FrictionModel(ParametricModel):
-    """Base of the friction models: a spring, a dashpot and a constant beside the friction.
+    """Base of the friction models: friction, a spring, a dashpot and a constant in parallel.
 
     The drive is a displacement, the response a force (or anything that follows it).
 
@@ -35,21 +35,25 @@ class FrictionModel(ParametricModel):
 
 
 def force_characteristics(level, stiffness):
-    """Return the characteristics of a hysteretic force whose input is the displacement."""
+    """Return the characteristics of a hysteretic force driven by a displacement.
+
+    ``level`` is the largest force (units of the response), ``stiffness`` its initial slope
+    (response/drive).
+    """
     return {
         "largest hysteretic force": (level, "response"),
         "stiffness after a turn": (stiffness, "response/drive"),
-        "way before it yields": (level / stiffness, "drive"),
+        "presliding displacement": (level / stiffness, "drive"),
     }
 
 
 def swing(records):
-    """Return the largest peak-to-peak drive of the records, 1 where the drive never moves."""
+    """Return the largest peak-to-peak value of the drive in a record, 1 if it never moves."""
     return max(float(np.ptp(record.u)) for record in records) or 1.0
 
 
 def half_range(records):
-    """Return half the largest peak-to-peak response, 1 where it is constant."""
+    """Return half the largest peak-to-peak value of the response in a record, 1 if constant."""
     return 0.5 * max(float(np.ptp(record.y)) for record in records) or 1.0
 
 
@@ -59,14 +63,14 @@ def largest_drive(records):
 
 
 def fastest_change(records):
-    """Return the largest rate of the drive between two samples, 0 where it never moves."""
+    """Return the largest rate of the drive between two samples (drive/s), 0 if it never moves."""
     return max(np.abs(np.diff(r.u)).max(initial=0.0) / r.dt for r in records)
 
 
 def top_speed(records, smoothing=1):
-    """Return a speed that one in twenty samples exceeds, 1 where the drive never moves.
+    """Return the 95 % quantile of the speed (drive/s) while the drive moves, 1 if it never does.
 
-    Slopes are taken over ``smoothing`` intervals.
+    Speeds are slopes over ``smoothing`` intervals.
     """
     speeds = np.concatenate([np.abs(slopes(r.u, r.dt, smoothing)) for r in records])
     moving = speeds[speeds > 0.0]
@@ -74,11 +78,12 @@ def top_speed(records, smoothing=1):
 
 
 def speed_noise(records, smoothing=1):
-    """Return the standard error of slopes over ``smoothing`` intervals that noise leaves.
+    """Return the standard error (drive/s) of slopes over ``smoothing`` intervals due to noise.
 
-    It follows from fifth differences of the drive in the quiet parts of the records, to which a
-    smooth motion adds next to nothing. 0 where the records are too short to tell.
+    It follows from fifth differences of the drive in the quiet parts of the records, where a
+    smooth motion contributes almost nothing. 0 if the records are too short.
     """
+    # standard error of a least-squares slope per unit of noise and sampling interval
     slope = np.sqrt(12.0 / (smoothing * (smoothing + 1) * (smoothing + 2)))
     found = [0.0]
     for record in records:

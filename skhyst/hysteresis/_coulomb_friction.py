@@ -23,11 +23,11 @@ from ..operators import (
 )
 from ._common import FrictionModel, half_range, speed_noise, top_speed
 
-_FAR = 30.0  # Stribeck velocities; nothing is left there, and squares stay small
+_FAR = 30.0  # largest v / v_s: beyond it exp(-(v/v_s)^2) is zero, and its square stays small
 
 
 def response(u, v, s, fall, values):
-    """Return the response where the Stribeck curve is ``fall``."""
+    """Return the response at the velocity v, its smooth sign s and the Stribeck curve ``fall``."""
     coulomb, stribeck, asymmetry, stiffness, damping, intercept = values
     level = coulomb + stribeck * fall + asymmetry * s
     return level * s + stiffness * u + damping * v + intercept
@@ -38,7 +38,7 @@ compiled_response = jit(response)
 
 @jit
 def coulomb_step(u, c, s):
-    """Return the response at one sample; ``s`` is that of the slope, see :func:`slope_step`.
+    """Return the response at one sample; ``s`` is the state of :func:`slope_step`.
 
     ``c`` is (weights of the differences, v_0, v_s, *values of :func:`response`).
     """
@@ -61,10 +61,9 @@ class CoulombFrictionOperator(Operator):
     stribeck_velocity : float, default=1.0
         ``v_s`` in drive/s, positive.
     stribeck_force : float, default=0.0
-        ``F_d = F_s - F_c``, by which friction is larger in slow sliding, units of the response.
+        ``F_d = F_s - F_c``: additional friction of slow sliding, units of the response.
     asymmetry : float, default=0.0
-        ``a``, half the difference of the friction in either direction, which is ``F_c + a`` forward
-        and ``F_c - a`` backward, units of the response.
+        ``a``, units of the response: friction is ``F_c + a`` forward and ``F_c - a`` backward.
     stiffness : float, default=0.0
         Spring ``k`` in response/drive.
     damping : float, default=0.0
@@ -74,13 +73,13 @@ class CoulombFrictionOperator(Operator):
     slowest, fastest : float, default=0.0 and infinity
         Bounds of ``v_0`` and ``v_s`` in drive/s. Fixed structure.
     smoothing : int, default=1
-        Intervals over which the velocity is taken. Fixed structure.
+        Sampling intervals over which the velocity is estimated. Fixed structure.
 
     Notes
     -----
     The velocity is the least-squares slope over the last ``smoothing`` intervals, the backward
-    difference by default, and lags behind by half of them. In ``"rest"`` it counts as zero until a
-    record is that long. The state is the last samples, at most ``smoothing``.
+    difference by default, and lags by half of them. In ``"rest"`` it is zero until a record is that
+    long. The state is the array of the last samples, at most ``smoothing``.
 
     Examples
     --------
@@ -112,7 +111,7 @@ class CoulombFrictionOperator(Operator):
         return specs
 
     def _curves(self, v):
-        """Return ``s`` and the Stribeck curve, and ``v/v_s`` as far as it matters."""
+        """Return ``s``, the Stribeck curve, and ``v/v_s``, limited to +-_FAR."""
         ratio = np.clip(v / self.stribeck_velocity, -_FAR, _FAR)
         return np.tanh(v / self.transition_velocity), np.exp(-(ratio**2)), ratio
 
@@ -149,25 +148,25 @@ class CoulombFrictionOperator(Operator):
         dy = np.empty((u.size, m + self.n_parameters))
         by_s = self.coulomb_force + self.stribeck_force * fall + 2.0 * self.asymmetry * s
         steep = by_s * (1.0 - s**2) / self.transition_velocity
-        falling = 2.0 * self.stribeck_force * s * fall * ratio / self.stribeck_velocity
+        stribeck_slope = 2.0 * self.stribeck_force * s * fall * ratio / self.stribeck_velocity
         if m:
             dv = self._velocity(du, samples_before((m,), self.smoothing, initial_state), dt)
-            by_v = steep - falling + self.damping
+            by_v = steep - stribeck_slope + self.damping
             dy[:, :m] = by_v[:, None] * dv + self.stiffness * du
         dy[:, m] = -steep * (v / self.transition_velocity)
         dy[:, m + 1] = s
-        dy[:, m + 2] = falling * ratio
+        dy[:, m + 2] = stribeck_slope * ratio
         dy[:, m + 3] = fall * s
         dy[:, m + 4] = s**2
         dy[:, m + 5], dy[:, m + 6], dy[:, m + 7] = u, v, 1.0
         return response(u, v, s, fall, self._values()), dy
 
 
-# parts of the drive's top speed: transition and Stribeck velocities to start from, bounds of both
+# fractions of the drive's top speed: starting transition and Stribeck velocities, bounds of both
 _TRANSITIONS = (0.0005, 0.005, 0.03, 0.15)
 _VELOCITIES = (0.03, 0.1, 0.3, 0.9)
 _SLOWEST, _NOISIEST, _FASTEST = 1e-5, 0.1, 3.0
-_QUIET = 3.0  # standard errors of the velocity, below which friction follows it
+_QUIET = 3.0  # least transition velocity, in standard errors of the velocity
 
 
 class CoulombFriction(FrictionModel):
@@ -179,19 +178,19 @@ class CoulombFriction(FrictionModel):
         s = \tanh(v / v_0), \quad v = \dot u
 
     The drive ``u`` is a displacement, the response a force (or anything that follows it).
-    Velocities ``v_0`` and ``v_s`` are searched, all that is linear then is solved exactly. Take
-    :class:`Dahl`, :class:`MaxwellSlip` or :class:`LuGre` where friction builds up with the way
-    rather than with the velocity.
+    Only ``v_0`` and ``v_s`` are searched; all other parameters are linear and solved exactly. Use
+    :class:`Dahl`, :class:`MaxwellSlip` or :class:`LuGre` if friction builds up with the
+    displacement rather than with the velocity.
 
     Parameters
     ----------
     stribeck : bool, default=False
         Whether friction is larger by ``F_d`` in slow sliding, below the Stribeck velocity ``v_s``.
     asymmetry : bool, default=False
-        Whether friction is ``F_c + a`` forward and ``F_c - a`` backward. In a drive that never
-        rests this cannot be told from the constant ``c``.
+        Whether friction is ``F_c + a`` forward and ``F_c - a`` backward. For a drive that never
+        rests, ``a`` cannot be distinguished from the constant ``c``.
     smoothing : int, default=1
-        Sampling intervals over which the velocity is taken, a least-squares slope that lags behind
+        Sampling intervals over which the velocity is estimated by a least-squares slope, which lags
         by half of them; 1 is the backward difference.
 
     Attributes
@@ -203,9 +202,8 @@ class CoulombFriction(FrictionModel):
 
     Notes
     -----
-    The transition velocity is at least three standard errors of the velocity, as far as that is
-    below a tenth of the drive's top speed, so that the force does not chatter while the drive
-    rests.
+    The transition velocity is at least three standard errors of the velocity, or a tenth of the
+    drive's top speed if that is less, so that the force does not chatter while the drive rests.
 
     References
     ----------

@@ -2,7 +2,7 @@ r"""Dahl friction.
 
 The normalised force ``w`` moves with the displacement alone, ``dw/du = (1 - s w)^n / x_c`` with
 ``s`` the sign of the motion. The gap ``q = 1 - s w`` to the saturated force then decays along the
-way ``l``: ``dq/dl = -q^n / x_c``, so ``q = q0 exp(-l/x_c)`` for ``n = 1`` and
+path length ``l``: ``dq/dl = -q^n / x_c``, so ``q = q0 exp(-l/x_c)`` for ``n = 1`` and
 ``q = q0 (1 + (n - 1) q0^(n-1) l/x_c)^(-1/(n-1))`` otherwise; for ``n < 1`` it reaches zero.
 """
 
@@ -16,30 +16,30 @@ from .._sklearn import Interval
 from ..operators import OneStateOperator, parameter
 from ._common import FrictionModel, force_characteristics, half_range, swing
 
-_LONGEST = 1e300  # in presliding displacements; an infinite way times a gap of zero is no number
+_LONGEST = 1e300  # path in units of x_c; infinity times a gap of zero would be NaN
 
 
 def dahl_step(w, u0, u1, dt, values):
-    """Step the normalised force; the output is the force, spring, dashpot and constant included."""
+    """Return the next normalised force and the total force, each with its derivatives."""
     x_c, force, stiffness, damping, intercept, exponent = values
     change = u1 - u0
     by_w, by_x_c = 1.0, 0.0
-    if change == 0.0:  # the slope is the mean of both directions
+    if change == 0.0:  # without a direction of motion, the slope is the mean of both
         slope = 1.0
         if exponent != 1.0:
             slope = 0.5 * ((1.0 - w) ** exponent + (1.0 + w) ** exponent)
     else:
         sign = 1.0 if change > 0.0 else -1.0
-        way = min(abs(change) / x_c, _LONGEST)
+        path = min(abs(change) / x_c, _LONGEST)
         gap = max(1.0 - sign * w, 0.0)
         if exponent == 1.0:
-            by_w = math.exp(-way)
+            by_w = math.exp(-path)
             gap *= by_w
             slope = gap
         else:
             power = exponent - 1.0
-            # a gap of zero to a negative power is infinite, so that the base is negative
-            base = 1.0 + power * gap**power * way
+            # for power < 0 a gap of zero gives an infinite, negative base: the force is saturated
+            base = 1.0 + power * gap**power * path
             if base > 0.0:
                 gap *= base ** (-1.0 / power)
                 by_w = base ** (-exponent / power)
@@ -47,7 +47,7 @@ def dahl_step(w, u0, u1, dt, values):
             else:
                 gap = by_w = slope = 0.0
         w = sign - sign * gap
-        by_x_c = -sign * slope * way / x_c
+        by_x_c = -sign * slope * path / x_c
     slope /= x_c
     drag = damping / dt
     y = force * w + stiffness * u1 + drag * change + intercept
@@ -63,7 +63,7 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     Parameters
     ----------
     presliding_displacement : float
-        Length ``x_c`` over which the friction turns around, units of the drive, positive.
+        ``x_c``: displacement over which the friction reverses, units of the drive, positive.
     coulomb_force : float
         Force ``F_c`` of steady sliding, units of the response.
     stiffness : float, default=0.0
@@ -104,11 +104,11 @@ class DahlOperator(OneStateOperator, step=dahl_step):
         return force_characteristics(force, force / self.presliding_displacement)
 
 
-_STARTS = np.geomspace(0.003, 1.0, 6)  # presliding displacements, parts of the drive's swing
+_STARTS = np.geomspace(0.003, 1.0, 6)  # starting x_c, fractions of the peak-to-peak drive
 
 
 class Dahl(FrictionModel):
-    r"""Dahl friction, with viscous damping and a spring beside it.
+    r"""Dahl friction, with viscous damping and a spring in parallel.
 
     .. math::
 
@@ -122,7 +122,7 @@ class Dahl(FrictionModel):
     ----------
     exponent : float, default=1.0
         Shape ``n`` of the transition from one direction to the other; 1 is exponential, below 1
-        the friction saturates after a finite way, above 1 it approaches saturation slowly.
+        the friction saturates after a finite displacement, above 1 it approaches saturation slowly.
 
     Attributes
     ----------

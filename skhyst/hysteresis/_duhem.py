@@ -18,9 +18,9 @@ from ..base import ParametricModel
 from ..operators import CompiledLaw, Operator, as_constant, as_signal, parameter
 from ._common import half_range, swing
 
-_LONGEST = 1e300  # in units of 1/alpha; an infinite way times zero is no number
-MAX_TERMS = 9  # upwards from x = 1 the error grows by a factor i a step, 9! in all
-# I_n = sum_k (-x)^k n!/(n+k+1)!, one row an n; so many terms are exact to rounding
+_LONGEST = 1e300  # path in units of 1/alpha; infinity times zero would be NaN
+MAX_TERMS = 9  # the upward recursion from x = 1 amplifies rounding by i at step i, by 9! in all
+# I_n = sum_k (-x)^k n!/(n+k+1)!, one row per n; below each x this many terms are exact to rounding
 _SMALL, _MIDDLE, _LARGE = (0.02, 8), (0.25, 12), (1.0, 18)
 _SERIES = np.cumprod(
     np.where(np.arange(_LARGE[1]) == 0, 1.0, -1.0)
@@ -33,12 +33,12 @@ _SERIES = np.cumprod(
 def exponential_moments(x, moments, at, last):
     """Write ``int_0^1 exp(-x (1 - a)) a^i da``, i = 0 .. last, to ``moments[at]`` and on.
 
-    By parts, ``x I_i = 1 - i I_(i-1)``: for small x downwards from a series, for large x upwards,
-    either way stable, up to ``MAX_TERMS``. Returns ``exp(-x)``.
+    Integration by parts gives ``x I_i = 1 - i I_(i-1)``: for small x this recursion runs downwards
+    from a series, for large x upwards; both are stable up to ``MAX_TERMS``. Returns ``exp(-x)``.
     """
     if x < 1.0:
         n_terms = _SMALL[1] if x < _SMALL[0] else (_MIDDLE[1] if x < _MIDDLE[0] else _LARGE[1])
-        # even and odd powers apart: two short chains of operations in place of a long one
+        # even and odd powers separately: two short chains of operations instead of a long one
         even = 0.0
         odd = 0.0
         square = x * x
@@ -62,7 +62,7 @@ def exponential_moments(x, moments, at, last):
 
 @jit(inline=True)
 def response(t, scale, curve, weights, s, y):
-    """Return ``y``, the curve at t, and the weighted memory terms, with which ``s`` begins."""
+    """Return ``y`` plus the curve at t plus the weighted memory terms (first values of s)."""
     value = 0.0
     for j in range(curve.size - 1, -1, -1):
         value = (value + curve[j]) * t
@@ -74,7 +74,7 @@ def response(t, scale, curve, weights, s, y):
 
 @jit
 def duhem_step(u, c, s):
-    """Return the response at one sample; ``s`` is H (d,), the last drive, and room for as many.
+    """Return the response at one sample; ``s`` is H (d,), the last drive, and work space (d,).
 
     ``c`` is (alpha, center, scale, curve, weights of H, intercept).
     """
@@ -94,7 +94,7 @@ def duhem_step(u, c, s):
 
 @jit
 def first_degree_step(u, c, s):
-    """Do :func:`duhem_step` for one memory term, in a third of the time."""
+    """Return the response as :func:`duhem_step` does, for d = 1, in a third of the time."""
     alpha, center, scale, curve, weights, y = c
     change = u - s[1]
     x = min(alpha * abs(change), _LONGEST)
@@ -123,9 +123,10 @@ def duhem_moments(x, t0, step, work, moments):
 
 @jit
 def duhem_tangents(u, du, alpha, center, scale, out, dout):
-    """Write the memory terms of ``u`` to ``out`` (n, d), from zero at zero.
+    """Write the memory terms of ``u`` to ``out`` (n, d), starting from zero at drive zero.
 
-    Their tangents, of ``du`` (n, m) and by ``alpha``, go to ``dout`` (n, d, m + 1).
+    Their tangents for ``du`` (n, m), then their derivatives by ``alpha``, go to ``dout``
+    (n, d, m + 1).
     """
     d, m, before = out.shape[1], du.shape[1], 0.0
     work, moments = np.empty(d + 1), np.empty((2, d))
@@ -133,11 +134,12 @@ def duhem_tangents(u, du, alpha, center, scale, out, dout):
     for k in range(u.size):
         change = u[k] - before
         x = min(alpha * abs(change), _LONGEST)
-        steep = math.copysign(alpha, change) if change != 0.0 else 0.0  # at rest, the mean of both
+        # at rest the mean of both directions
+        steep = math.copysign(alpha, change) if change != 0.0 else 0.0
         decay = duhem_moments(x, (before - center) / scale, change / scale, work, moments)
         for j in range(d):
             out[k, j] = decay * h[j] + change * moments[0, j]
-            # by x; then by the end and by the start of the piece
+            # derivatives by x, then by the end and by the start of the piece
             by_x = -decay * h[j] - change * (moments[0, j] - moments[1, j])
             by_end = moments[0, j] + steep * by_x
             by_start = -by_end
@@ -156,12 +158,12 @@ def duhem_tangents(u, du, alpha, center, scale, out, dout):
 class DuhemOperator(Operator):
     """Duhem model with polynomials for its two functions: the law of :class:`Duhem`.
 
-    ``f`` is the curve that the response is drawn to, ``g`` its slope where it crosses that curve.
+    ``f`` is the curve that the response approaches, ``g`` the slope of the response on that curve.
 
     Parameters
     ----------
     alpha : float
-        Reciprocal of the length over which the past is forgotten, 1/drive, positive.
+        Reciprocal of the path of the drive over which memory decays, 1/drive, positive.
     curve : array-like of shape (d,)
         Coefficients ``a_i`` of ``f``, in response/drive.
     slope : array-like of shape (d,)
@@ -213,7 +215,7 @@ class DuhemOperator(Operator):
             )
 
     def _excess(self):
-        """Return the weights of the memory terms: what g is steeper than f."""
+        """Return the weights of the memory terms: the coefficients of ``g - f'``."""
         return self.slope - np.arange(1, self.curve.size + 1) * self.curve
 
     def init(self, u0, initial_state="rest"):
@@ -238,7 +240,7 @@ class DuhemOperator(Operator):
         return CompiledLaw(law, shape, [*h, last, *np.zeros(h.size)])
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        # from rest or from zero: either way the path starts at zero, and its rate is immaterial
+        # "rest" and "zero" agree: in both the path starts at zero, and the law is rate-independent
         u, du = as_signal(u), as_signal(du)
         m, d = du.shape[1], self.curve.size
         tangents = np.empty((u.size, d, m + 1))
@@ -256,7 +258,7 @@ class DuhemOperator(Operator):
         return self.run(u, dt, (np.zeros(d), 0.0))[0], dy
 
 
-_STARTS = np.geomspace(0.003, 1.0, 6)  # 1/alpha, parts of the drive's swing
+_STARTS = np.geomspace(0.003, 1.0, 6)  # starting 1/alpha, fractions of the peak-to-peak drive
 
 
 class Duhem(ParametricModel):
@@ -275,8 +277,8 @@ class Duhem(ParametricModel):
     ----------
     degree : int, default=1
         Degree ``d`` of ``f``, one more than that of ``g``. 1 is a loop of two exponential branches
-        about a straight line, the same as :class:`Dahl` with a spring; higher degrees bend the
-        line, and make the branches differ.
+        about a straight line, the same as :class:`Dahl` with a spring; with higher degrees the
+        line is curved and the branches differ in shape.
     fit_intercept : bool, default=True
         Whether the response has a constant.
 
@@ -284,7 +286,7 @@ class Duhem(ParametricModel):
     ----------
     operator_ : DuhemOperator
         ``alpha`` in 1/drive, ``curve`` a_i and ``slope`` b_j in response/drive, ``intercept`` in
-        units of the response. At degree 1 ``t = u``; else ``t`` runs from -1 to 1 over the range of
+        units of the response. At degree 1 ``t = u``; otherwise ``t`` is -1 to 1 over the range of
         the drive in the records of the fit (``center``, ``scale``).
 
     References
@@ -308,7 +310,7 @@ class Duhem(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # products of several values are squared
+    _extreme = 1e30  # largest value of the data: products of several are squared
     operator_class = DuhemOperator
 
     def __init__(

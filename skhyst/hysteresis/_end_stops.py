@@ -1,12 +1,13 @@
 r"""Mass, spring and damper between end stops.
 
-In units of the drive, with ``p = q'/w`` and the ways ``x`` by which q is beyond the stops,
+In units of the drive, with ``p = q'/w`` and the distances ``x`` by which q is beyond the stops,
 
     q''/w^2 + 2 zeta q'/w + q + F = u,   F = kappa x + 2 zeta_s x'/w   (upper stop, less the lower).
 
-Over the straight way D of a substep (see ``_oscillator``) the mean of x and its change are known in
-closed form, and ``D + b F(D)`` grows with D, so that its root lies between rest and the way that
-the force at rest would leave; Newton's method, safeguarded by bisection, finds it there.
+Along the displacement D of a substep (see ``_oscillator``), a straight line, the mean of x and its
+change are known in closed form. ``D + b F(D)`` increases with D, so its root lies between 0 and the
+displacement under the force at ``D = 0``; Newton's method, safeguarded by bisection, finds it
+there.
 """
 
 import dataclasses
@@ -19,33 +20,33 @@ from .._jit import jit
 from .._sklearn import StrOptions
 from ..operators import parameter
 from ._oscillator import (
-    FREE,
     OWN,
+    PARAMETERS,
     OscillatorModel,
     OscillatorOperator,
     Q,
-    begin,
     loops,
     move_tangents,
     oscillator,
     propagate,
+    set_identity,
     solve_tangents,
 )
 
-_STEPS = 60  # halvings of the bracket reach the last digit
-_EXACT = 1e-15
+_STEPS = 60  # halvings that reduce the bracket to rounding
+_TOLERANCE = 1e-15
 _W, _, _STIFFNESS, _DAMPING, _LEVELS = range(OWN, OWN + 5)  # columns of the derivatives
 
 
 @jit
 def contact(x0, x1):
-    """Return the mean of ``max(x, 0)`` on the way from x0 to x1, its derivatives and its change."""
+    """Return the mean of ``max(x, 0)`` from x0 to x1, its derivatives by both, and its change."""
     deep, shallow = max(x0, x1), min(x0, x1)
     if deep <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
     if shallow >= 0.0:
         return 0.5 * (x0 + x1), 0.5, 0.5, x1 - x0
-    share = deep / (deep - shallow)  # of the way
+    share = deep / (deep - shallow)  # fraction of the displacement in contact
     near, far = share - 0.5 * share * share, 0.5 * share * share
     if x1 > x0:
         return 0.5 * share * deep, far, near, x1
@@ -54,7 +55,7 @@ def contact(x0, x1):
 
 @jit
 def stops(q, delta, kappa, eta, lower, upper):
-    """Return the mean force of both stops on the way from q by ``delta``, and its slope by it."""
+    """Return the mean force of both stops from q to ``q + delta`` and its slope by ``delta``."""
     above, _, by_above, more_above = contact(q - upper, q + delta - upper)
     below, _, by_below, more_below = contact(lower - q, lower - q - delta)
     touching = (1.0 if q + delta > upper else 0.0) + (1.0 if q + delta < lower else 0.0)
@@ -63,23 +64,24 @@ def stops(q, delta, kappa, eta, lower, upper):
 
 
 @jit(inline=True)
-def stopped(reach, b, q, kappa, eta, lower, upper):
-    """Return the D that solves ``D = reach - b F``, the mean F and its slope by D."""
-    force, slope = stops(q, reach, kappa, eta, lower, upper)
+def stopped(free_d, b, q, kappa, eta, lower, upper):
+    """Return the D that solves ``D = free_d - b F``, the mean F and its slope by D."""
+    force, slope = stops(q, free_d, kappa, eta, lower, upper)
     at_rest, _ = stops(q, 0.0, kappa, eta, lower, upper)
     if force == 0.0 and at_rest == 0.0:
-        return reach, force, slope
-    delta = reach - b * at_rest
+        return free_d, force, slope
+    delta = free_d - b * at_rest
     near, far = 0.0, delta
     for _ in range(_STEPS):
         force, slope = stops(q, delta, kappa, eta, lower, upper)
-        excess = delta + b * force - reach
+        excess = delta + b * force - free_d
+        # the excess increases with delta, so beyond the root it has the sign of the far end
         if excess * far > 0.0:
             far = delta
         else:
             near = delta
         step = -excess / (1.0 + b * slope)
-        if abs(step) <= _EXACT * abs(delta):
+        if abs(step) <= _TOLERANCE * abs(delta):
             break
         delta += step
         if not (delta >= min(near, far) and delta <= max(near, far)):
@@ -89,34 +91,34 @@ def stopped(reach, b, q, kappa, eta, lower, upper):
 
 
 @jit(inline=True)
-def knock(mode, law, h, q, p, f, u0, u1):
-    """Return q, p and f behind a substep; ``law`` is (w, kappa, zeta_s, lower, upper)."""
+def impact(mode, law, h, q, p, f, u0, u1):
+    """Return q, p and f after a substep; ``law`` is (w, kappa, zeta_s, lower, upper)."""
     w, kappa, damping, lower, upper = law
     eta = 2.0 * damping / (w * h)
-    reach, speed = oscillator(mode, q, p, u0, u1)
-    delta, force, _ = stopped(reach, mode[2], q, kappa, eta, lower, upper)
-    return q + delta, speed - mode[3] * force, f
+    free_d, free_p = oscillator(mode, q, p, u0, u1)
+    delta, force, _ = stopped(free_d, mode[2], q, kappa, eta, lower, upper)
+    return q + delta, free_p - mode[3] * force, f
 
 
 @jit
 def end_stops_tangents(
     mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
 ):
-    """Write q and its tangents, the parameters being w, zeta, kappa, zeta_s and finite levels."""
+    """Write q and its tangents; the parameters are w, zeta, kappa, zeta_s and finite levels."""
     w, kappa, damping, lower, upper = law
     eta_damping = 2.0 / (w * h)
     eta = damping * eta_damping
     n_own = dout.shape[1] - du.shape[1]
-    step = np.empty((3, FREE + n_own))
+    step = np.empty((3, PARAMETERS + n_own))
     by = np.zeros((3, OWN + n_own))
     for k in range(u.size):
         u0 = before
-        begin(step)
+        set_identity(step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            reach, speed = oscillator(mode, q, p, u0, u1)
-            delta, force, slope = stopped(reach, mode[2], q, kappa, eta, lower, upper)
+            free_d, free_p = oscillator(mode, q, p, u0, u1)
+            delta, force, slope = stopped(free_d, mode[2], q, kappa, eta, lower, upper)
             end = q + delta
             above, above0, above1, more_above = contact(q - upper, end - upper)
             below, below0, below1, more_below = contact(lower - q, lower - end)
@@ -136,7 +138,7 @@ def end_stops_tangents(
             solve_tangents(mode[2], slope, force, by)
             move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q = end
-            p = speed - mode[3] * force
+            p = free_p - mode[3] * force
             u0 = u1
         propagate(step, k, du, dbefore, d, dout)
         before = u[k]
@@ -144,22 +146,22 @@ def end_stops_tangents(
 
 
 @dataclass(frozen=True)
-class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tangents)):
+class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tangents)):
     r"""Mass, spring and damper between end stops.
 
     The equations of :class:`EndStops` divided by ``b``: displacement ``q`` and forces are in units
-    of the drive, and ``u`` holds the stage at ``q = u`` where it touches no stop.
+    of the drive; a constant ``u`` holds the stage at ``q = u`` if it touches no stop.
 
     Parameters
     ----------
     stop_stiffness : float
         :math:`\kappa = k_s / k`, relative to the spring.
     stop_damping : float, default=0.0
-        :math:`\zeta_s = d_s / (2 \sqrt{k m})`; while the stage touches a stop the damping ratio is
-        that of the sum with :math:`\zeta`.
+        :math:`\zeta_s = d_s / (2 \sqrt{k m})`, added to :math:`\zeta` while the stage touches a
+        stop.
     lower, upper : float, default=-inf, inf
-        Where the stops are, units of the drive: the drive that just brings the stage there. An
-        infinite one is none and is not identified. Stops that overlap clamp the stage.
+        Positions of the stops, units of the drive: the static drive that just reaches them. An
+        infinite one is no stop and is not identified. Stops that overlap clamp the stage.
 
     Notes
     -----
@@ -194,7 +196,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tange
         """Return the quantities of the equation of motion for a known mass.
 
         Those of :meth:`OscillatorOperator.physical`, ``stop_stiffness``, ``stop_damping``, and
-        where the response meets the stops, ``lower_stop`` and ``upper_stop``.
+        the responses at the stops, ``lower_stop`` and ``upper_stop``.
         """
         p = super().physical(mass)
         lower, upper = self._ends()
@@ -214,7 +216,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tange
         }
 
     def _ends(self):
-        """Return where the response meets the lower and the upper stop."""
+        """Return the responses at the lower and the upper stop."""
         ends = [float(self.gain * level + self.intercept) for level in (self.lower, self.upper)]
         return ends if self.gain > 0.0 else ends[::-1]
 
@@ -235,7 +237,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tange
 
     def _rest(self, u0):
         by, kappa = np.zeros((2, self.n_parameters - 1)), self.stop_stiffness
-        more = kappa * max(self.lower - self.upper, 0.0)  # where both clamp the stage
+        more = kappa * max(self.lower - self.upper, 0.0)  # overlapping stops clamp the stage
         touched = {"lower": u0 < self.lower + more, "upper": u0 > self.upper - more}
         levels = [getattr(self, name) for name in touched if touched[name]]
         share = 1.0 / (1.0 + kappa * len(levels))
@@ -251,11 +253,11 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(knock), end_stops_tange
         return tuple(map(float, (self.natural_frequency, *own)))
 
 
-_PARTS = (0.2, 0.4, 0.6, 0.75, 0.9)  # half ranges of the response at which a stop may stand
+_PARTS = (0.2, 0.4, 0.6, 0.75, 0.9)  # starting stops, fractions of the response's half range
 
 
 class EndStops(OscillatorModel):
-    r"""Mass, spring and damper between end stops: a stage that knocks against what limits its way.
+    r"""Mass, spring and damper between end stops: a stage with impacts at the ends of its travel.
 
     .. math::
 
@@ -264,12 +266,13 @@ class EndStops(OscillatorModel):
         F = k_s (x - x_s) + d_s \dot x \text{ beyond a stop at } x_s, \text{ else } 0
 
     The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
-    ``b``, since a response to a drive does not tell the mass; both stops are alike.
+    ``b``, since the response to a drive does not determine the mass; both stops have the same
+    stiffness and damping.
 
     Parameters
     ----------
     sides : {"both", "lower", "upper"}, default="both"
-        At which ends of the response there is a stop.
+        Ends of the response at which there is a stop.
     fit_stop_damping : bool, default=True
         Whether :math:`d_s` is fitted (0 otherwise).
 
@@ -282,8 +285,8 @@ class EndStops(OscillatorModel):
 
     Notes
     -----
-    Starting values come as those of :class:`FrictionStage`. The damper of a stop pulls as well as
-    pushes, as that of a Kelvin-Voigt contact does.
+    Starting values are found as for :class:`FrictionStage`. The damper of a stop pulls as well as
+    pushes (Kelvin-Voigt contact).
 
     References
     ----------
@@ -337,8 +340,8 @@ class EndStops(OscillatorModel):
         return [[((1.0 - part) * length, part * length)] for part in _PARTS]
 
     def _forces(self, law, y, dt, length):
-        ways = [sign * np.maximum(sign * y - law[1], 0.0) for sign in self._signs()]
-        return np.sum(ways, axis=0)[:, None]
+        depths = [sign * np.maximum(sign * y - law[1], 0.0) for sign in self._signs()]
+        return np.sum(depths, axis=0)[:, None]
 
     def _own(self, law, gain, stiffness, level, swing):
         return {"stop_stiffness": stiffness}

@@ -5,15 +5,15 @@ In units of the drive, with ``v = q'`` and ``f = rho z``,
     q''/w^2 + 2 zeta q'/w + q + F = u,   F = f + (2 zeta_b / w) z',
     z' = v (1 - sgn(v) f / g(v)),        g(v) = Fs (c + (1 - c) exp(-(v / vs)^2))
 
-(Canudas de Wit et al., *IEEE Transactions on Automatic Control*, 1995). Along the way D of a
-substep h (see ``_oscillator``) f decays towards ``sgn(D) g``: with the exponent
+(Canudas de Wit et al., *IEEE Transactions on Automatic Control*, 1995). Along the displacement D of
+a substep h (see ``_oscillator``) f decays towards ``sgn(D) g``: with the exponent
 ``a = rho |D| / g``, ``E = exp(-a)``, ``phi = (1 - E) / a`` and ``psi = (1 - phi) / a``
 
     f1 = E f0 + rho phi D,   mean f = phi f0 + rho psi D,   mean z' = (f1 - f0) / (rho h),
 
-which is linear in D while a is held. Twice in a row D is solved for: with the exponent of the speed
-at the start of the substep, then with the exponent of the D found. That makes the second order;
-any exponent keeps the energy balance, because f1 and the mean belong together.
+which is linear in D while a is held. D is solved for twice: with the exponent for the speed at the
+start of the substep, then with the exponent for the D found. This makes the method second order;
+any exponent keeps the energy balance, because f1 and the mean are those of one solution.
 """
 
 import math
@@ -26,32 +26,33 @@ from .._jit import jit
 from ..operators import parameter
 from ._lugre import LuGreOperator
 from ._oscillator import (
-    FREE,
+    FREE_D,
     OWN,
-    REACH,
+    PARAMETERS,
     B,
     F,
     OscillatorModel,
     OscillatorOperator,
     P,
-    begin,
     decay,
     loops,
     move_tangents,
     oscillator,
     propagate,
+    set_identity,
     solve_tangents,
 )
 
-_TINY = 1e-100  # level: without friction g = 0
-_LARGEST = 1e100  # exponent
+_TINY = 1e-100  # smallest level: without friction g = 0
+_LARGEST = 1e100  # largest exponent
 _W, _, _FS, _RATIO, _VS, _RHO, _BRISTLE = range(OWN, OWN + 7)  # columns of the derivatives
-_SEEN = np.array([REACH, P, F, B, _W, _FS, _RATIO, _VS, _RHO, _BRISTLE])  # those that are not zero
+# the columns that are not zero
+_NONZERO = np.array([FREE_D, P, F, B, _W, _FS, _RATIO, _VS, _RHO, _BRISTLE])
 
 
 @jit
 def exponent(guess, law):
-    """Return the exponent a for the way ``guess``, ``1 / g`` and the bell of the Stribeck curve."""
+    """Return the exponent a for the displacement ``guess``, ``1 / g`` and ``exp(-(v / vs)^2)``."""
     fs, ratio, inverse, rho, _ = law
     x = guess * inverse
     bell = math.exp(-min(x * x, 700.0))
@@ -60,107 +61,108 @@ def exponent(guess, law):
 
 
 @jit
-def way(guess, reach, b, f, law):
-    """Return D where the exponent is that of ``guess``; the mean force F and f behind it.
+def displacement(guess, free_d, b, f, law):
+    """Return D, the mean force F and the new f, with the exponent held at that of ``guess``.
 
-    ``reach`` is the way without friction, b the factor of F in it, ``law`` the tuple
-    (Fs, c, 1 / (h vs), rho, eta) with ``eta = 2 zeta_b / (w h)``.
+    ``free_d`` is D without friction, b its decrease per force F, ``law`` the tuple (Fs, c,
+    1 / (h vs), rho, eta) with ``eta = 2 zeta_b / (w h)``.
     """
     rho, eta = law[3], law[4]
     a, _, _ = exponent(guess, law)
-    gone, phi, psi, _ = decay(a)
-    by_f = phi - eta / rho * gone
+    decayed, phi, psi, _ = decay(a)
+    by_f = phi - eta / rho * decayed
     by_delta = rho * psi + eta * phi
-    delta = (reach - b * by_f * f) / (1.0 + b * by_delta)
-    return delta, by_f * f + by_delta * delta, f - gone * f + rho * phi * delta
+    delta = (free_d - b * by_f * f) / (1.0 + b * by_delta)
+    return delta, by_f * f + by_delta * delta, f - decayed * f + rho * phi * delta
 
 
 @jit
-def way_tangents(guess, reach, b, f, law, vs, eta_w, eta_bristle, by):
-    """Return what :func:`way` does; write the derivatives of all three to ``by``.
+def displacement_tangents(guess, free_d, b, f, law, vs, eta_w, eta_bristle, by):
+    """Return the results of :func:`displacement` and write their derivatives to ``by``.
 
-    ``by[0]`` comes as the derivatives of the guess; ``eta_w`` and ``eta_bristle`` are those of eta.
+    On entry ``by[0]`` are the derivatives of the guess; ``eta_w`` and ``eta_bristle`` are those of
+    eta by w and zeta_b.
     """
     fs, ratio, inverse, rho, eta = law
     a, share, bell = exponent(guess, law)
-    gone, phi, psi, chi = decay(a)
+    decayed, phi, psi, chi = decay(a)
     lag = eta / rho
-    force_f = phi - lag * gone
+    force_f = phi - lag * decayed
     force_delta = rho * psi + eta * phi
-    delta = (reach - b * force_f * f) / (1.0 + b * force_delta)
+    delta = (free_d - b * force_f * f) / (1.0 + b * force_delta)
     force = force_f * f + force_delta * delta
-    # of the exponent; at rest the mean of both directions
+    # derivatives of the exponent; at rest the mean of both directions
     sign = 0.0 if guess == 0.0 else math.copysign(1.0, guess)
     x = guess * inverse
     bump = 2.0 * fs * (1.0 - ratio) * bell * x
     a_level = -a * share
     a_guess = rho * sign * share - a_level * bump * inverse
-    for j in _SEEN:
+    for j in _NONZERO:
         by[2, j] = a_guess * by[0, j]
     by[2, _FS] += a_level * (ratio + (1.0 - ratio) * bell)
     by[2, _RATIO] += a_level * fs * (1.0 - bell)
     by[2, _VS] += a_level * bump * x * (1.0 / vs)
     by[2, _RHO] += abs(guess) * share
-    # of F at this D, then of D
-    force_a = (psi - phi - lag * (1.0 - gone)) * f
+    # derivatives of F at constant D, then of D
+    force_a = (psi - phi - lag * (1.0 - decayed)) * f
     force_a += (rho * (2.0 * chi - psi) + eta * (psi - phi)) * delta
-    force_eta = phi * delta - gone * f * (1.0 / rho)
-    for j in _SEEN:
+    force_eta = phi * delta - decayed * f * (1.0 / rho)
+    for j in _NONZERO:
         by[1, j] = force_a * by[2, j]
     by[1, F] += force_f
     by[1, _W] += force_eta * eta_w
-    by[1, _RHO] += psi * delta + lag / rho * gone * f
+    by[1, _RHO] += psi * delta + lag / rho * decayed * f
     by[1, _BRISTLE] += force_eta * eta_bristle
     solve_tangents(b, force_delta, force, by)
-    # of the new f
-    new_a = rho * (psi - phi) * delta - (1.0 - gone) * f
-    for j in _SEEN:
+    # derivatives of the new f
+    new_a = rho * (psi - phi) * delta - (1.0 - decayed) * f
+    for j in _NONZERO:
         by[2, j] = rho * phi * by[0, j] + new_a * by[2, j]
-    by[2, F] += 1.0 - gone
+    by[2, F] += 1.0 - decayed
     by[2, _RHO] += phi * delta
-    return delta, force, f - gone * f + rho * phi * delta
+    return delta, force, f - decayed * f + rho * phi * delta
 
 
 @jit(inline=True)
 def friction(mode, law, h, q, p, f, u0, u1):
-    """Return q, p and f behind a substep; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
+    """Return q, p and f after a substep; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
     w, fs, ratio, vs, rho, bristle = law
     own = fs, ratio, 1.0 / (h * vs), rho, 2.0 * bristle / (w * h)
-    reach, speed = oscillator(mode, q, p, u0, u1)
-    delta, _, _ = way(h * w * p, reach, mode[2], f, own)
-    delta, force, f = way(delta, reach, mode[2], f, own)
-    return q + delta, speed - mode[3] * force, f
+    free_d, free_p = oscillator(mode, q, p, u0, u1)
+    delta, _, _ = displacement(h * w * p, free_d, mode[2], f, own)
+    delta, force, f = displacement(delta, free_d, mode[2], f, own)
+    return q + delta, free_p - mode[3] * force, f
 
 
 @jit
 def friction_tangents(
     mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
 ):
-    """Write q and its tangents, the parameters being w, zeta, Fs, c, vs, rho and zeta_b."""
+    """Write q and its tangents; the parameters are w, zeta, Fs, c, vs, rho and zeta_b."""
     w, fs, ratio, vs, rho, bristle = law
     eta_bristle = 2.0 / (w * h)
     eta = bristle * eta_bristle
     own = fs, ratio, 1.0 / (h * vs), rho, eta
-    step = np.empty((3, FREE + 7))
+    step = np.empty((3, PARAMETERS + 7))
     by = np.zeros((3, OWN + 7))
     for k in range(u.size):
         u0 = before
-        begin(step)
+        set_identity(step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            reach, speed = oscillator(mode, q, p, u0, u1)
+            free_d, free_p = oscillator(mode, q, p, u0, u1)
             delta, new = h * w * p, f
-            for j in _SEEN:
+            for j in _NONZERO:
                 by[0, j] = 0.0
             by[0, P], by[0, _W] = h * w, h * p
             for _ in range(2):
-                delta, force, new = way_tangents(
-                    delta, reach, mode[2], f, own, vs, -eta / w, eta_bristle, by
+                delta, force, new = displacement_tangents(
+                    delta, free_d, mode[2], f, own, vs, -eta / w, eta_bristle, by
                 )
             move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
-            p = speed - mode[3] * force
+            p = free_p - mode[3] * force
             f = new
             u0 = u1
         propagate(step, k, du, dbefore, d, dout)
@@ -178,18 +180,17 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     Parameters
     ----------
     damping_ratio : float
-        :math:`\zeta`, of the damper and the viscous friction together.
+        :math:`\zeta` of damper and viscous friction together.
     static_level : float
         ``F_s``: drive that overcomes the friction of very slow sliding, units of the drive.
     coulomb_ratio : float
-        ``r = F_c / F_s``: friction of fast over that of slow sliding, from 0 to 1.
+        ``r = F_c / F_s``: friction in fast over friction in slow sliding, from 0 to 1.
     stribeck_velocity : float
         ``v_s`` in drive/s; in units of the response it is ``|gain| v_s``.
     bristle_stiffness : float
         :math:`\rho = \sigma_0 / k`, relative to the spring.
     bristle_damping : float, default=0.0
-        :math:`\zeta_b = \sigma_1 / (2 \sqrt{k m})`; before sliding the damping ratio is that of
-        the sum with :math:`\zeta`.
+        :math:`\zeta_b = \sigma_1 / (2 \sqrt{k m})`, added to :math:`\zeta` before sliding.
 
     Notes
     -----
@@ -198,7 +199,7 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
 
     Examples
     --------
-    A slow drive leaves the stage where friction holds it:
+    After a slow drive, friction holds the stage away from zero:
 
     >>> import numpy as np
     >>> from skhyst.hysteresis import FrictionStageOperator
@@ -225,7 +226,7 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
-        Those of :meth:`OscillatorOperator.physical`, the damping with the viscous friction, and
+        Those of :meth:`OscillatorOperator.physical`, with the viscous friction in the damping, and
         ``coulomb_force``, ``static_force``, ``stribeck_velocity``, ``bristle_stiffness`` and
         ``bristle_damping``.
         """
@@ -256,25 +257,25 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     def _rest(self, u0):
         level = float(self.static_level)
         rho, target = float(self.bristle_stiffness), abs(u0)
-        # q + level (1 - exp(-rho q / level)) = |u0|: increasing and concave, so that Newton's
-        # method rises to the root from below
+        # q + level (1 - exp(-rho q / level)) = |u0|: increasing and concave in q, so Newton's
+        # method converges to the root from below
         q = max(target / (1.0 + rho), target - level)
         for _ in range(100):
             exponent = rho * q / level if level else math.inf
-            gone = -math.expm1(-exponent)
-            step = (target - q - level * gone) / (1.0 + rho * (1.0 - gone))
+            decayed = -math.expm1(-exponent)
+            step = (target - q - level * decayed) / (1.0 + rho * (1.0 - decayed))
             q += step
             if not step > 4e-16 * q:
                 break
         exponent = rho * q / level if level else math.inf
-        left = math.exp(-exponent)
+        remaining = math.exp(-exponent)
         sign = math.copysign(1.0, u0)
-        spent = exponent * left if left else 0.0
-        share = 1.0 / (1.0 + rho * left)
+        scaled = exponent * remaining if remaining else 0.0
+        share = 1.0 / (1.0 + rho * remaining)
         by = np.zeros((2, 1 + self.n_parameters - 2))
-        by[1, 0] = rho * left * share
-        by[1, 3] = sign * (1.0 - left - spent) * share
-        by[1, 6] = sign * q * left * share
+        by[1, 0] = rho * remaining * share
+        by[1, 3] = sign * (1.0 - remaining - scaled) * share
+        by[1, 6] = sign * q * remaining * share
         by[0] = -by[1]
         by[0, 0] = share
         return sign * q, sign * (target - q), by
@@ -285,12 +286,13 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         return tuple(map(float, (self.natural_frequency, *own, *bristles)))
 
 
-# presliding displacement, parts of the response's half range; Stribeck velocity, parts of its root
-# mean square speed; fast over slow friction
-_WAYS = (0.003, 0.01, 0.03, 0.1, 0.3)
+# starting values: presliding displacement as fraction of the response's half range; Stribeck
+# velocity over its root mean square speed; Coulomb ratio
+_DISPLACEMENTS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _SPEEDS = (0.15, 0.5, 1.7)
 _RATIOS = (0.85, 0.55)
-# a law has degenerated: a Stribeck velocity so far beyond all starts, or no fall of friction
+# a fit is degenerate if its Stribeck velocity is a factor _FAR beyond those of all starting values,
+# or its Coulomb ratio above _FLAT
 _FAR, _FLAT = 5.0, 0.99
 _N_RETRIES = 4
 
@@ -307,14 +309,14 @@ class FrictionStage(OscillatorModel):
         g(v) = F_c + (F_s - F_c) e^{-(v/v_s)^2}, \quad v = \dot x
 
     The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
-    ``b``, since a response to a drive does not tell the mass, which leaves friction levels in units
-    of the drive; :math:`\sigma_2` is part of ``d``, since only their sum can be told.
+    ``b``, since the response to a drive does not determine the mass; friction levels are then in
+    units of the drive. :math:`\sigma_2` is included in ``d``: only their sum is identifiable.
 
     Parameters
     ----------
     stribeck : bool, default=True
         Whether friction falls from ``F_s`` to ``F_c`` as the velocity rises; with False both are
-        one.
+        equal.
     fit_bristle_damping : bool, default=True
         Whether :math:`\sigma_1` is fitted (0 otherwise).
 
@@ -327,13 +329,13 @@ class FrictionStage(OscillatorModel):
 
     Notes
     -----
-    Starting values come from the balance of forces, in which the friction follows from the measured
-    displacement. Then the stage is identified while springs of several stiffnesses tie it to the
-    response, and last in a free run. A record should show both sticking and sliding, and sliding
-    both below and above the Stribeck velocity; otherwise standard errors and ``identifiability_``
-    say which parameters are missing.
+    Starting values come from the force balance, in which the friction follows from the measured
+    displacement. Then the stage is identified while it is coupled to the measured response by
+    springs of several stiffnesses, and finally in a free run. A record should contain both sticking
+    and sliding, and sliding both below and above the Stribeck velocity; otherwise standard errors
+    and ``identifiability_`` report which parameters are not determined.
 
-    Equations (1) to (4) are printed with ``dz/dt = x - ...`` and the Stribeck curve
+    Equations (1) to (4) of Amor et al. print ``dz/dt = x - ...`` and the Stribeck curve
     ``exp(-(x / x')^2)``; velocities are meant.
 
     References
@@ -386,13 +388,13 @@ class FrictionStage(OscillatorModel):
     def _laws(self, length, speed):
         kinds = product(_RATIOS, _SPEEDS) if self.stribeck else [(1.0, 1.0)]
         return [
-            [(part * length, fraction * speed, ratio) for part in _WAYS]
+            [(part * length, fraction * speed, ratio) for part in _DISPLACEMENTS]
             for ratio, fraction in kinds
         ]
 
     def _forces(self, law, y, dt, length):
-        way, speed, ratio = law
-        return LuGreOperator(way, speed, ratio, way).run(y, dt)[0][:, None]
+        displacement, speed, ratio = law
+        return LuGreOperator(displacement, speed, ratio, displacement).run(y, dt)[0][:, None]
 
     def _own(self, law, gain, stiffness, level, swing):
         _, speed, ratio = law
@@ -404,7 +406,11 @@ class FrictionStage(OscillatorModel):
         }
 
     def _retries(self, stage, stages):
-        """Without a fall of friction at the speeds of the records nothing leads back to one."""
+        """Return the starts with the highest Stribeck velocities if the fit is degenerate.
+
+        If friction does not fall at the speeds of the records, the Stribeck parameters have no
+        gradient, so the fit cannot leave such a stage by itself.
+        """
         speeds = np.array([start.stribeck_velocity for start in stages])
         seen = speeds.min() / _FAR < stage.stribeck_velocity < speeds.max() * _FAR
         if not self.stribeck or (seen and stage.coulomb_ratio < _FLAT):

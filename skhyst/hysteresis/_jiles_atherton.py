@@ -6,14 +6,13 @@ function L and the direction ``d`` of the drive,
 
     dm/dH = (X + c L'(x) / a) / (1 - 3 b c L'(x)),    X = e / (k - 3 a b e),  e = d (L(x) - m),
 
-where X counts for positive e alone. Since L' <= 1/3, e never exceeds k / (3 a) and the denominator
-of X stays above k (1 - b) while b < 1: in X, e is held to half the way from there to the pole, and
-m to [-1, 1]. Neither limit acts on a solution, but both keep coarse steps finite.
+where X is zero unless e is positive. Since L' <= 1/3, e never exceeds k / (3 a) and the denominator
+of X stays above k (1 - b) while b < 1. In X, e is limited to the midpoint between k / (3 a) and the
+pole, and m to [-1, 1]. A solution never reaches these limits, but they keep coarse steps finite.
 
-An interval is divided by the length of the step in H, so the number of steps depends on the drive
-and on ``max_step`` alone, and the result is a smooth function of the parameters. The steps are
-those of Runge and Kutta, of order four; where e changes its sign, once after a reversal, X has a
-kink, and the one step that meets it is of order two.
+The number of steps per interval depends only on the change of H and on ``max_step``, so the result
+is a smooth function of the parameters. The steps are fourth-order Runge-Kutta. Where e changes its
+sign, once after a reversal, X has a kink, and the one step across it is of second order.
 """
 
 import dataclasses
@@ -30,8 +29,8 @@ from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
 from ._common import largest_drive
 
-_RESOLUTION = 0.1  # of the smaller of shape and pinning, the largest step by default
-_MOST_STEPS = 10000.0  # an interval; an absurd drive must come to an end
+_RESOLUTION = 0.1  # default of the largest step over the smaller of shape and pinning
+_MOST_STEPS = 10000.0  # per interval, so that a run ends even for an absurd drive
 # 2^(2n) B(2n) / (2n)!, the coefficients of x^(2n-1) in L(x); B are the Bernoulli numbers
 _L = (
     1 / 3,
@@ -82,24 +81,24 @@ def susceptibility(field, m, direction, a, k, b, c):
     """Return dm/dH and its derivatives by field, m, a, k, b and c."""
     curve, slope, bend = langevin(field / a + 3.0 * b * m)
     e = direction * (curve - m)
-    # X and its derivatives by e, and at constant e by a, k and b
+    # X (``irreversible``) and its derivatives by e, and at constant e by a, k and b
     feedback = 3.0 * a * b
-    loss = by_e = by_a = by_k = by_b = 0.0
+    irreversible = by_e = by_a = by_k = by_b = 0.0
     if 2.0 * feedback * e > k * (1.0 + b):
-        loss = (1.0 + b) / ((1.0 - b) * feedback)
-        by_a = -loss / a
-        by_b = 2.0 / ((1.0 - b) * (1.0 - b) * feedback) - loss / b
+        irreversible = (1.0 + b) / ((1.0 - b) * feedback)
+        by_a = -irreversible / a
+        by_b = 2.0 / ((1.0 - b) * (1.0 - b) * feedback) - irreversible / b
     elif e > 0.0:
         inverse = 1.0 / (k - feedback * e)
-        loss = e * inverse
+        irreversible = e * inverse
         by_e = k * inverse * inverse
-        by_k = -loss * inverse
-        by_a = 3.0 * b * loss * loss
-        by_b = 3.0 * a * loss * loss
-    # the quotient; by x, then at constant x by the others
+        by_k = -irreversible * inverse
+        by_a = 3.0 * b * irreversible * irreversible
+        by_b = 3.0 * a * irreversible * irreversible
+    # the susceptibility; its derivatives by x, then at constant x by the others
     reversible = slope / a
     inverse = 1.0 / (1.0 - 3.0 * b * c * slope)
-    value = (loss + c * reversible) * inverse
+    value = (irreversible + c * reversible) * inverse
     by_x = (by_e * direction * slope + c * bend / a + value * 3.0 * b * c * bend) * inverse
     return (
         value,
@@ -114,10 +113,11 @@ def susceptibility(field, m, direction, a, k, b, c):
 
 @jit
 def increment(s, field, part, h, n, direction, a, k, b, c):
-    """Return ``h`` times the susceptibility and its derivatives, at a part of the interval.
+    """Return the increment of a Runge-Kutta stage: ``h`` times the susceptibility, with tangents.
 
-    ``s`` holds the magnetisation and its derivatives: by the magnetisation and the drive at the
-    beginning of the interval, by the change of the drive over its n steps, and by a, k, b and c.
+    ``part`` is the fraction of the interval at which the stage is evaluated. ``s`` holds the
+    magnetisation and its derivatives: by the magnetisation and the drive at the beginning of the
+    interval, by the change of the drive over its n steps, and by a, k, b and c.
     """
     value, by_field, by_m, by_a, by_k, by_b, by_c = susceptibility(
         field, s[0], direction, a, k, b, c
@@ -151,11 +151,11 @@ def add(s, weight, t):
 
 
 def jiles_atherton_step(m, u0, u1, dt, values):
-    """Step the magnetisation; the output is the flux density."""
+    """Return the next magnetisation and the flux density, each with its derivatives."""
     saturation, a, k, b, c, gain, intercept, max_step = values
     change = u1 - u0
     s = (m, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if change == 0.0:  # the slope is the mean of both directions
+    if change == 0.0:  # without a direction of motion, the slope is the mean of both
         rising, _, _, _, _, _, _ = susceptibility(u0, m, 1.0, a, k, b, c)
         falling, _, _, _, _, _, _ = susceptibility(u0, m, -1.0, a, k, b, c)
         s = (m, 1.0, 0.0, 0.5 * (rising + falling), 0.0, 0.0, 0.0, 0.0)
@@ -193,7 +193,7 @@ def jiles_atherton_step(m, u0, u1, dt, values):
 
 @dataclass(frozen=True)
 class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
-    r"""From field strength ``H`` to flux density ``B``: the law of :class:`JilesAtherton`.
+    r"""Flux density ``B`` of a field strength ``H``: the law of :class:`JilesAtherton`.
 
     Parameters
     ----------
@@ -214,8 +214,8 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     intercept : float, default=0.0
         Constant, units of the response.
     max_step : float, optional
-        Longest step of integration, units of the drive; by default a tenth of the smaller of
-        ``shape`` and ``pinning``, and then fixed: a copy with other values keeps it.
+        Largest integration step, units of the drive; by default a tenth of the smaller of
+        ``shape`` and ``pinning``. It is then fixed: a copy with other values keeps it.
 
     Raises
     ------
@@ -224,11 +224,11 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
 
     Notes
     -----
-    The state is the tuple (magnetisation m, last drive). ``"rest"`` is the first magnetisation
-    from the demagnetised state to the first sample; in ``"zero"`` both are zero. Both give the
-    same output, since the way to the first sample is that first magnetisation. The operator is
-    rate-independent: ``dt`` is not used. It does not wipe out minor loops, and they do not close
-    exactly: both are properties of the equation.
+    The state is the tuple (magnetisation m, last drive). ``"rest"`` is the state after the first
+    magnetisation from the demagnetised state to the first sample; in ``"zero"`` both are zero. Both
+    give the same output, since the step to the first sample is that first magnetisation. The
+    operator is rate-independent: ``dt`` is not used. It does not wipe out minor loops, and they do
+    not close exactly: both are properties of the equation.
 
     Examples
     --------
@@ -262,13 +262,14 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
         self._require("reversibility", 0.0 <= self.reversibility <= 1.0, "be in [0, 1]")
 
 
-_SHAPES = (0.3, 1.0, 3.0)  # starts: shape over the coercive field,
-_COUPLINGS = (0.2, 0.7)  # coupling,
-_PINNINGS = (1.0, 2.5)  # pinning over the coercive field
+# starting values; shape and pinning over the coercive field
+_SHAPES = (0.3, 1.0, 3.0)
+_COUPLINGS = (0.2, 0.7)
+_PINNINGS = (1.0, 2.5)
 _REVERSIBILITY = 0.2
-_COARSE = 0.15  # step of integration over the smallest length of the model
-_STEPS = 30  # at most, a sample on average
-_ROUNDS = 3
+_COARSE = 0.15  # integration step over the smallest scale of the drive in the model
+_STEPS = 30  # most integration steps per sample, on average
+_ROUNDS = 3  # most refinements of the step
 
 
 class JilesAtherton(ParametricModel):
@@ -284,7 +285,7 @@ class JilesAtherton(ParametricModel):
     with :math:`m = M / M_s`, :math:`H_e = H + \alpha_s m`, :math:`\alpha_s = \alpha M_s`. The
     factor :math:`\delta_M` is zero where the magnetisation would move against the drive, which
     keeps the susceptibility from being negative. The response may be the flux density or anything
-    in proportion to it: :math:`J_s` and :math:`\mu`, which is not negative, are solved exactly.
+    proportional to it: :math:`J_s` and :math:`\mu`, which is not negative, are solved exactly.
 
     Parameters
     ----------
@@ -304,8 +305,8 @@ class JilesAtherton(ParametricModel):
     Notes
     -----
     Starting values come from the coercive field of the data. The equation is integrated in steps
-    of the drive, shorter than the smallest length of the model; they are made shorter, and the fit
-    is repeated, where the identified model turns out to need it.
+    of the drive that are smaller than the smallest scale of the drive in the model. If the
+    identified model needs smaller steps, the fit is repeated with them.
 
     References
     ----------
@@ -375,7 +376,7 @@ class JilesAtherton(ParametricModel):
 def coercive_field(records):
     """Return half the mean width of the loops at half height, in units of the drive.
 
-    A tenth of the largest drive where no loop crosses its half height both ways.
+    A tenth of the largest drive if no loop crosses its half height in both directions.
     """
     largest, widths = largest_drive(records), []
     for record in records:
@@ -390,6 +391,6 @@ def coercive_field(records):
 
 
 def _shortest_step(records):
-    """Return the step of integration that takes the most steps allowed, in units of the drive."""
+    """Return the smallest integration step allowed, in units of the drive (see ``_STEPS``)."""
     path = sum(float(np.abs(np.diff(record.u, prepend=0.0)).sum()) for record in records)
     return path / (_STEPS * sum(record.u.size for record in records)) or 1.0

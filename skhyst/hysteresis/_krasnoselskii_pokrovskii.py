@@ -6,7 +6,7 @@ that of interval ``j``, where the ramp of interval ``k`` goes from -1 at level `
 
     z = max(ramp_i(u), min(ramp_j(u), z))
 
-Since ``ramp_i <= ramp_j``, the order does not matter. Those with ``i = j`` are reversible. The
+Since ``ramp_i <= ramp_j``, max and min may be exchanged. Kernels with ``i = j`` are reversible. The
 response is a weighted sum of the kernels, which are numbered as the cells in ``_relay_grid``.
 """
 
@@ -36,7 +36,7 @@ def move(value, levels, ramps, at, kernels):
 
 @jit
 def ramp_step(u, c, s):
-    """Return the response at one sample; ``s`` are the kernels, and room for the ramps.
+    """Return the response at one sample; ``s`` are the kernels, and work space for the ramps.
 
     ``c`` is (levels, weights, intercept).
     """
@@ -51,7 +51,7 @@ def ramp_step(u, c, s):
 def ramp_run(u, levels, weights, kernels, y, rows):
     """Write the weighted sum of the kernels to ``y``; ``kernels`` (K,) is updated.
 
-    The kernels go to ``rows[:, :K]``, if it has rows.
+    Unless ``rows`` is empty, the kernels are written to ``rows[:, :K]``.
     """
     ramps = np.empty(levels.size - 1)
     for k in range(u.size):
@@ -66,9 +66,9 @@ def ramp_run(u, levels, weights, kernels, y, rows):
 
 @jit
 def ramp_tangents(u, du, levels, weights, kernels, out):
-    """Write the tangents carried through to ``out[:, :m]``; ``kernels`` (K,) is updated.
+    """Write the tangents of the response to ``out[:, :m]``; ``kernels`` (K,) is updated.
 
-    A kernel on a ramp has the tangent of the ramp, one between the ramps keeps the one it had.
+    A kernel on a ramp has the tangent of the ramp; between the ramps it keeps its last tangent.
     """
     n_ramps, m = levels.size - 1, du.shape[1]
     ramps = np.empty(n_ramps)
@@ -98,34 +98,35 @@ def ramp_tangents(u, du, levels, weights, kernels, out):
 class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
     """Weighted sum of kernels with ramps; :class:`KrasnoselskiiPokrovskii` gives the law.
 
-    A sample costs time in proportion to the number of kernels. It does not depend on ``dt``.
+    The time per sample is proportional to the number of kernels. The operator is rate-independent:
+    ``dt`` is not used.
 
     Parameters
     ----------
     levels : array-like of shape (n,)
-        Levels of the drive, ascending, in its unit. Fixed structure. Beyond the first and the last
-        the model is saturated.
+        Levels of the drive, ascending, units of the drive. Fixed structure. Beyond the first and
+        the last the model is saturated.
     weights : array-like of shape (n (n - 1) / 2,)
         Weights, units of the response; kernel ``(i, j)`` has the number ``i (i + 1) / 2 + j``.
     intercept : float, default=0.0
         In units of the response.
     center : float, default=0.0
-        Drive at which the virgin device is demagnetised: kernels whose middle is above it stand at
-        -1, those below at 1, those about it at 0, as far as their ramps allow. ``-inf``: all
-        low at first, ``inf``: all high.
+        Drive at which the virgin device is demagnetised: kernels whose middle is above it are at
+        -1, those below at 1, those centred on it at 0, as far as their ramps allow. ``-inf``: all
+        are low at first, ``inf``: all are high.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
 
     Raises
     ------
     ValueError
-        If the levels do not ascend, or the number of weights does not fit to them.
+        If the levels do not ascend, or the number of weights does not match them.
 
     Notes
     -----
-    The state is the array of kernels, shape (n (n - 1) / 2,). ``"rest"`` is the first loading from
-    ``center`` to the first sample; in ``"zero"`` that loading is still to come. Both give the same
-    output.
+    The state is the array of kernels, shape (n (n - 1) / 2,). ``"rest"`` is the state after the
+    first loading from ``center`` to the first sample, ``"zero"`` the state before it. Both give the
+    same output.
 
     Examples
     --------
@@ -146,7 +147,7 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         middle = 0.5 * (self.levels[1:] + self.levels[:-1])
         i, j = cell_indices(self.levels.size)
         distance = 2.0 * self._center - middle[i] - middle[j]
-        # mirrored levels meet up to rounding only
+        # the distance of mirrored levels is zero up to rounding
         distance[np.abs(distance) < 1e-9 * np.ptp(self.levels)] = 0.0
         kernels = np.sign(distance)
         path = [self._center, float(u0)] if initial_state == "rest" else [self._center]
@@ -184,11 +185,11 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
         z_{ij}(t) = \max(p_i(u), \min(p_j(u), z_{ij}(t^-)))
 
     The ramp :math:`p_k` rises from -1 at level k of the drive to 1 at level k + 1: a kernel is a
-    relay with slopes as wide as the grid. Those with the same ramp up and down are reversible. The
+    relay with ramps as wide as the grid. Those with the same ramp up and down are reversible. The
     weights are solved exactly by (non-negative) least squares with a penalty on the differences of
-    neighbours; no starting values are needed. A prediction takes time in proportion to the number
-    of kernels, of which there is one a cell; :class:`~skhyst.hysteresis.Preisach` spreads its
-    relays over the cells and does not.
+    neighbours; no starting values are needed. The time of a prediction is proportional to the
+    number of kernels, one per cell; that of :class:`~skhyst.hysteresis.Preisach`, whose relays have
+    a density over the cells, does not depend on it.
 
     References
     ----------

@@ -3,7 +3,7 @@ r"""LuGre friction.
 With ``w = sigma_0 z / F_s``, ``x_s = F_s / sigma_0`` and ``gamma = g / F_s`` the bristles follow
 ``w' = (v - |v| w / gamma(v)) / x_s``, ``gamma = ratio + (1 - ratio) exp(-(v/v_s)^2)`` with
 ``ratio = F_c / F_s``. The velocity is constant between two samples, so ``w`` decays exponentially
-along the way ``l = |v| dt`` towards ``gamma sgn(v)``, over the length ``x_s gamma``, and
+along the path ``l = |v| dt`` towards ``gamma sgn(v)``, over the length ``x_s gamma``, and
 ``x_s w'`` at the end is ``|v| (sgn(v) gamma - w) / gamma``.
 
 Equations (2) to (4) of Amor, Kaddouri and Abdessemed (2023) print the displacement where the
@@ -17,18 +17,18 @@ from itertools import product
 from ..operators import OneStateOperator, parameter
 from ._common import FrictionModel, half_range, swing, top_speed
 
-# exponents at which a decay is zero for all purposes; their quotients still are numbers
+# limits of exponents: the exponentials are negligible there, and quotients remain finite
 _FASTEST, _LONGEST = 230.0, 1e150
 
 
 def lugre_step(w, u0, u1, dt, values):
-    """Step the bristles; the output is the force, spring, dashpot and constant included."""
+    """Return the next bristle deflection and the total force, each with its derivatives."""
     x_s, v_s, ratio, force, bristle_damping, stiffness, damping, intercept = values
     change = u1 - u0
     velocity = change / dt
     by_w, by_x_s, by_v_s, by_ratio = 1.0, 0.0, 0.0, 0.0
     slip, slip_by_w, slip_by_x_s, slip_by_v_s, slip_by_ratio = 0.0, 0.0, 0.0, 0.0, 0.0
-    if change == 0.0:  # derivatives are means of both directions
+    if change == 0.0:  # without a direction of motion, derivatives are the mean of both
         by_change, slip_by_change = 1.0 / x_s, 1.0 / dt
     else:
         square = min((velocity / v_s) ** 2, _FASTEST)
@@ -36,18 +36,18 @@ def lugre_step(w, u0, u1, dt, values):
         gamma = ratio + (1.0 - ratio) * bell
         steep = 2.0 * (1.0 - ratio) * bell * square  # d gamma / d ln v_s
         sign, speed = (1.0, velocity) if change > 0.0 else (-1.0, -velocity)
-        way = min(abs(change) / (x_s * gamma), _LONGEST)
-        passed = -math.expm1(-way)
-        by_w = 1.0 - passed
+        path = min(abs(change) / (x_s * gamma), _LONGEST)
+        decayed = -math.expm1(-path)
+        by_w = 1.0 - decayed
         gap = sign * gamma - w
-        w += gap * passed
-        slip = speed * gap * by_w / gamma  # without the difference of equal numbers
+        w += gap * decayed
+        slip = speed * gap * by_w / gamma  # without cancellation, unlike sgn(v) gamma - w
         slip_by_w = -speed * by_w / gamma
-        by_gamma = sign * passed - gap * by_w * way / gamma
-        slip_by_gamma = speed * by_w * (sign + gap * (way - 1.0) / gamma) / gamma
+        by_gamma = sign * decayed - gap * by_w * path / gamma
+        slip_by_gamma = speed * by_w * (sign + gap * (path - 1.0) / gamma) / gamma
         by_change = sign * gap * by_w / (x_s * gamma) - by_gamma * steep / change
-        slip_by_change = (slip * (1.0 - way) - slip_by_gamma * steep) / change
-        by_x_s, slip_by_x_s = -by_w * gap * way / x_s, slip * way / x_s
+        slip_by_change = (slip * (1.0 - path) - slip_by_gamma * steep) / change
+        by_x_s, slip_by_x_s = -by_w * gap * path / x_s, slip * path / x_s
         by_v_s, slip_by_v_s = by_gamma * steep / v_s, slip_by_gamma * steep / v_s
         by_ratio, slip_by_ratio = by_gamma * (1.0 - bell), slip_by_gamma * (1.0 - bell)
     drag = damping / dt
@@ -76,8 +76,8 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
     Parameters
     ----------
     presliding_displacement : float
-        Largest deflection ``x_s = F_s / sigma_0`` of the bristles, that of slow sliding, units of
-        the drive, positive.
+        ``x_s = F_s / sigma_0``: largest deflection of the bristles, in slow sliding, units of the
+        drive, positive.
     stribeck_velocity : float
         ``v_s`` in drive/s, positive.
     coulomb_ratio : float
@@ -97,8 +97,8 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
     -----
     The velocity is constant between samples and the bristles are stepped exactly, whatever their
     stiffness. At a sample ``v`` and ``dz/dt`` are those of the straight line that ends there (the
-    backward difference). In ``"rest"`` the bristles have been bent by a slow first loading from
-    zero to the first sample, where ``g = F_s``. The state is ``(w, last drive)`` with
+    backward difference). In ``"rest"`` the bristles have been deflected by a slow first loading
+    from zero to the first sample, with ``g = F_s``. The state is ``(w, last drive)`` with
     ``w = sigma_0 z / F_s``, within -1 and 1.
 
     Examples
@@ -141,7 +141,8 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
         return math.copysign(1.0 - decay, u0), (by_u0, -by_u0 * u0 / x_s, 0.0, 0.0)
 
 
-# presliding displacements, parts of the drive's swing; Stribeck velocities, parts of its top speed
+# starting values: presliding displacements as fractions of the peak-to-peak drive, Stribeck
+# velocities as fractions of its top speed
 _LENGTHS = (0.003, 0.02, 0.1, 0.5)
 _VELOCITIES = (0.03, 0.15, 0.6)
 _RATIO = 0.6
@@ -157,9 +158,9 @@ class LuGre(FrictionModel):
         y = \sigma_0 z + \sigma_1 \dot z + \sigma_2 v + k u + c
 
     The drive ``u`` is a displacement, ``v`` its velocity, the response a force (or anything that
-    follows it). Searched are ``x_s = F_s/sigma_0``, ``v_s`` and ``F_c/F_s``, which do not depend
-    on the unit of the response; all that is linear then (``F_s``, ``sigma_1``, ``sigma_2``, ``k``,
-    ``c``) is solved exactly.
+    follows it). Only ``x_s = F_s/sigma_0``, ``v_s`` and ``F_c/F_s`` are searched, which do not
+    depend on the unit of the response; ``F_s``, ``sigma_1``, ``sigma_2``, ``k`` and ``c`` are then
+    linear and solved exactly.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ class LuGre(FrictionModel):
         ``presliding_displacement`` in units of the drive, ``stribeck_velocity`` in drive/s,
         ``coulomb_ratio`` F_c/F_s, ``static_force`` F_s in units of the response,
         ``bristle_damping`` sigma_1 and ``damping`` sigma_2 in response s/drive;
-        ``bristle_stiffness`` sigma_0 and ``coulomb_force`` F_c follow.
+        ``bristle_stiffness`` sigma_0 and ``coulomb_force`` F_c follow from these.
 
     References
     ----------

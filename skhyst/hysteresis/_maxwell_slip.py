@@ -1,4 +1,4 @@
-"""Maxwell-slip friction: springs that slide, in parallel."""
+"""Maxwell-slip friction: elasto-slide elements in parallel."""
 
 import dataclasses
 from functools import cached_property
@@ -15,7 +15,10 @@ from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thres
 
 @jit
 def spring_step(u, c, s):
-    """Return the force of the spring, the dashpot and the constant; ``s`` is the last drive."""
+    """Return the force of spring, dashpot and constant; ``s`` is the last drive.
+
+    ``c`` is (stiffness, damping / dt, intercept).
+    """
     stiffness, drag, y = c
     y += stiffness * u + drag * (u - s[0])
     s[0] = u
@@ -27,7 +30,7 @@ class MaxwellSlipOperator(PlaySum):
     """Elasto-slide elements, a spring, a dashpot and a constant: the law of :class:`MaxwellSlip`.
 
     An element is a spring of stiffness ``k_i`` that slides once it is deflected by ``r_i``, a stop
-    operator: what is left of the drive when a play has taken its part, ``E_r[u] = u - F_r[u]``.
+    operator: the drive less a play operator, ``E_r[u] = u - F_r[u]``.
 
     Parameters
     ----------
@@ -48,7 +51,8 @@ class MaxwellSlipOperator(PlaySum):
     Raises
     ------
     ValueError
-        If the thresholds are not positive or do not ascend, or there is not one weight for each.
+        If the thresholds are not positive or do not ascend, or there is not one weight per
+        threshold.
 
     Notes
     -----
@@ -80,7 +84,7 @@ class MaxwellSlipOperator(PlaySum):
 
     @cached_property
     def _plays(self):
-        """All stops as one gain, the sum of their stiffnesses, less their plays."""
+        """The stops as plays: a gain, the sum of the stiffnesses, less the weighted plays."""
         return PrandtlIshlinskiiOperator(
             np.append(0.0, self.thresholds), np.append(self.weights.sum(), -self.weights)
         )
@@ -125,14 +129,14 @@ class MaxwellSlipOperator(PlaySum):
         Raises
         ------
         ValueError
-            If no history of the drive deflects the elements so.
+            If no history of the drive leads to these deflections.
         """
         plays = np.append(float(u), float(u) - np.asarray(deflections, dtype=float))
         return self._plays.state_from_plays(plays, u)
 
 
 class MaxwellSlip(FrictionModel):
-    r"""Maxwell-slip model: springs that slide, in parallel; a superposition of stop operators.
+    r"""Maxwell-slip model: elasto-slide elements in parallel, a superposition of stop operators.
 
     .. math::
 
@@ -151,7 +155,8 @@ class MaxwellSlip(FrictionModel):
         Deflections at which the elements slide: evenly spaced over the half range of the drive, by
         quantiles of the drive's swings, or given, in units of the drive, positive.
     non_negative : bool, default=True
-        Stiffnesses of the elements are not negative (the model dissipates); free otherwise.
+        Whether the stiffnesses of the elements are bounded below by zero, so that the model
+        dissipates.
 
     Attributes
     ----------
@@ -211,7 +216,7 @@ class MaxwellSlip(FrictionModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        # the first of the thresholds of plays is zero: no stop at all
+        # the first threshold of plays is zero, which is no stop, and is left out
         thresholds = place_thresholds(self.thresholds, records, self.n_elements, 1)
         zeros = np.zeros(len(thresholds))
         return [MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)]

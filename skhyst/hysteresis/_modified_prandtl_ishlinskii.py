@@ -1,4 +1,4 @@
-"""Modified Prandtl-Ishlinskii model: plays, then one-sided dead zones."""
+"""Modified Prandtl-Ishlinskii model: plays in series with one-sided dead zones."""
 
 from numbers import Integral
 
@@ -11,7 +11,7 @@ from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
 from ._prandtl_ishlinskii import PlayModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 
-_STEEPEST = 10.0  # slope of the dead zones at the start; noise in the response asks for more
+_STEEPEST = 10.0  # largest slope of the starting dead zones, which noise would make steeper
 
 
 class ModifiedPrandtlIshlinskii(PlayModel):
@@ -20,11 +20,11 @@ class ModifiedPrandtlIshlinskii(PlayModel):
     .. math:: y = S[z], \quad z = c + \sum_k w_k F_{r_k}[u - u_0], \quad
        S[z] = z + \sum_j v_j D_j(z)
 
-    (Kuhnen 2003): a superposition of plays, then one of one-sided dead zones
+    (Kuhnen 2003): a superposition of plays, followed by a superposition of one-sided dead zones
     :math:`D_j(z) = \max(z - t_j, 0)` above the centre and :math:`\min(z - t_j, 0)` below it. The
     dead zones are parametrised by the slopes of S, which are positive, so that S is strictly
-    monotone and the model has an exact inverse. Near the centre the slope of S is one; that fixes
-    the scale between the two parts.
+    monotone and the model has an exact inverse. The slope of S at the centre is one, which fixes
+    the gain of S relative to H, the sum of plays.
 
     Starting values come from :math:`S^{-1}[y] = H[u]`, which is linear in the weights of both sides
     and thus one bounded least-squares problem; the error of the response is then minimised over
@@ -33,16 +33,16 @@ class ModifiedPrandtlIshlinskii(PlayModel):
     Parameters
     ----------
     n_dead_zones : int, default=3
-        Number of dead zones a side; ignored where ``dead_zone_thresholds`` is an array.
+        Number of dead zones per side; ignored if ``dead_zone_thresholds`` is an array.
     dead_zone_thresholds : "quantile" or array-like of shape (n_zones,), default="quantile"
-        Of the dead zones: such that equally many samples of the response lie between neighbours,
-        or given, in units of the response. The centre holds the median of the response; dead zones
-        above it open upwards, those below it downwards.
+        Thresholds of the dead zones: such that equally many samples of the response lie between
+        neighbours, or given, in units of the response. The centre is the segment that contains the
+        median of the response; dead zones above it act upwards, those below it downwards.
 
     Attributes
     ----------
     dead_zone_thresholds_, dead_zone_weights_ : ndarray of shape (n_zones,)
-        Of the dead zones: units of the response, no unit.
+        Thresholds of the dead zones, units of the response; their weights, no unit.
     operator_ : SeriesOperator
         The stages ``plays`` (PrandtlIshlinskiiOperator) and ``zones`` (MonotoneDeadZoneOperator).
 
@@ -106,7 +106,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         unit = MonotoneDeadZoneOperator(np.ones(levels.size), levels, n_lower)
         gram = self._inverse_gram(plays, unit, records)
         starts = []
-        # dead zones as the data ask for, and none, where noise has led the first astray
+        # dead zones fitted to the data, and none, because noise biases the first
         for steepest in (_STEEPEST, 1.0):
             slopes, weights, intercept = self._solve_inverse(gram, levels.size, steepest)
             zones = MonotoneDeadZoneOperator(slopes, levels, n_lower).inverse()
@@ -117,7 +117,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         return starts
 
     def _levels(self, y):
-        """Return the thresholds of the dead zones and how many of them lie below the centre."""
+        """Return the thresholds of the dead zones and the number of those below the centre."""
         if isinstance(self.dead_zone_thresholds, str):
             n = self.n_dead_zones
             return np.quantile(y, np.arange(1, 2 * n + 1) / (2 * n + 1)), n

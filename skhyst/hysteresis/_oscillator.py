@@ -1,27 +1,28 @@
-r"""Stages with hysteresis in their equation of motion: the oscillator that moves under any force.
+r"""Stages with hysteresis in the equation of motion: a linear oscillator under any other force.
 
 With the displacement q in units of the drive, the velocity ``p = q'/w`` and a force F that depends
 on both and on a hysteretic force f,
 
     q''/w^2 + 2 zeta q'/w + q + F = u.
 
-Over a substep h the drive is a straight line and F is replaced by its mean, under which the
-oscillator moves exactly:
+Over a substep h the drive is a straight line and F is replaced by its mean, for which the linear
+oscillator is solved exactly:
 
     D = q1 - q0 = A p0 + B (u0 - q0 - F) + R (u1 - u0),
     p1 = A' p0 + B' (u0 - q0 - F) + R' (u1 - u0).
 
-F is the mean along the straight way from q0 to q1, on which f is known in closed form, so D is the
-root of a scalar equation that is solved exactly: this is the averaged vector field method in
+F is the mean along the straight line from q0 to q1, on which f is known in closed form, so D is the
+root of a scalar equation that is solved to rounding: this is the averaged vector field method in
 exponential form (Quispel and McLaren, *Journal of Physics A*, 2008). It is of second order, exact
-where F = 0, and it inherits the energy balance: the work ``F D`` that goes into the hysteresis is
-what f stores and dissipates, at any substep.
+for F = 0, and it keeps the energy balance: the work ``F D`` done on the hysteresis equals what f
+stores and dissipates, at any substep.
 
-A sample is a map of the state (q, p, f) and of the drive before and now. Its Jacobian, together
-with the derivatives by the parameters, is accumulated over the substeps (:func:`move_tangents`) and
-applied once a sample to the tangents carried through (:func:`propagate`). A law gives the
-derivatives of D, of the mean F and of the new f by what it sees of the oscillator (``REACH``: D
-without F, ``SPEED``: p1 without F, then q, p, f, B and B'), and by the parameters themselves.
+A sample maps the state (q, p, f) and the drive before and now to the next state. Its Jacobian,
+together with the derivatives by the parameters, is accumulated over the substeps
+(:func:`move_tangents`) and applied once per sample to the propagated tangents (:func:`propagate`).
+A law gives the derivatives of D, of the mean F and of the new f by the quantities of the oscillator
+that enter it (``FREE_D``: D without F, ``FREE_P``: p1 without F, then q, p, f, B and B'), and by
+the parameters themselves.
 """
 
 import dataclasses
@@ -40,15 +41,19 @@ from ..linear import SecondOrderMode, SecondOrderModeOperator
 from ..operators import CompiledLaw, Operator, WindowInverseOperator, as_signal
 from ..optimize import VariableProjection
 
-REACH, SPEED, Q, P, F, B, SLOPE_B, OWN = range(8)  # columns of a law's derivatives
-FREE = 5  # first parameter's column in a sample's Jacobian, behind the state and both drives
-_SERIES = 0.1  # below, the quotients lose digits and the series is short
+# columns of a law's derivatives; its own parameters begin at OWN
+FREE_D, FREE_P, Q, P, F, B, SLOPE_B, OWN = range(8)
+PARAMETERS = 5  # first parameter's column in a sample's Jacobian, after the state and both drives
+_SERIES = 0.1  # below it the quotients cancel and the series converges fast
 _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = (1.0 / math.factorial(k) for k in range(3, 11))
 
 
 @jit
 def decay(a):
-    """Return ``1 - exp(-a)``, its quotient phi by a, ``(1 - phi) / a`` and ``(1/2 - psi) / a``."""
+    """Return ``1 - exp(-a)``, ``phi = (1 - exp(-a)) / a``, psi and chi.
+
+    ``psi = (1 - phi) / a`` and ``chi = (1/2 - psi) / a``.
+    """
     if abs(a) < _SERIES:
         # sum of (-a)^k / (k + 3)!
         chi = _C3 - a * (_C4 - a * (_C5 - a * (_C6 - a * (_C7 - a * (_C8 - a * (_C9 - a * _C10))))))
@@ -63,7 +68,7 @@ def decay(a):
 
 @jit
 def oscillator(mode, q, p, u0, u1):
-    """Return the way D and the velocity p1 without a force F; ``mode`` is A, A', B, B', R, R'."""
+    """Return D and p1 without a force F; ``mode`` is (A, A', B, B', R, R')."""
     pull, slope = u0 - q, u1 - u0
     return (
         mode[0] * p + mode[2] * pull + mode[4] * slope,
@@ -72,12 +77,12 @@ def oscillator(mode, q, p, u0, u1):
 
 
 def step(mode, law, h, q, p, f, u0, u1):
-    """Stand for a law's substep of length h under a drive from u0 to u1; return new q, p and f."""
+    """Template of a law's substep h under a drive from u0 to u1; it returns the new q, p and f."""
     raise NotImplementedError
 
 
 def sample(mode, law, h, n_substeps, before, u, q, p, f):
-    """Return q, p and f behind the interval over which the drive goes from ``before`` to ``u``."""
+    """Return q, p and f after an interval in which the drive goes from ``before`` to ``u``."""
     u0 = before
     for i in range(n_substeps):
         u1 = before + (u - before) * ((i + 1) / n_substeps)
@@ -87,7 +92,7 @@ def sample(mode, law, h, n_substeps, before, u, q, p, f):
 
 
 def run(mode, law, h, n_substeps, u, before, q, p, f, out):
-    """Write q to ``out`` (n,) and return the last q, p and f; ``step`` is that of a sample."""
+    """Write q to ``out`` (n,) and return the last q, p and f; ``step`` is :func:`sample` here."""
     for k in range(u.size):
         q, p, f = step(mode, law, h, n_substeps, before, u[k], q, p, f)
         before = u[k]
@@ -98,7 +103,7 @@ def run(mode, law, h, n_substeps, u, before, q, p, f, out):
 def compiled_step(u, c, s):
     """Return the response; ``c`` is (mode, h, number of substeps, gain, intercept, *law).
 
-    ``s`` is (q, p, f, last drive), and ``step`` that of a sample.
+    ``s`` is (q, p, f, last drive); ``step`` is :func:`sample` here.
     """
     q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u, s[0], s[1], s[2])
     s[0], s[1], s[2], s[3] = q, p, f, u
@@ -106,35 +111,39 @@ def compiled_step(u, c, s):
 
 
 def loops(substep):
-    """Return the run and the compiled step of a law, see :func:`step`."""
+    """Return the run and the compiled step of a law, given its substep (see :func:`step`)."""
     own = bind(sample, substep, inline=True)
     return bind(run, own), bind(compiled_step, own)
 
 
 @jit
 def solve_tangents(b, slope, force, by):
-    """Write the derivatives of the D that solves ``D = reach - b F`` to ``by[0]``.
+    """Write the derivatives of the D that solves ``D = free_d - b F`` to ``by[0]``.
 
-    ``by[1]`` has those of F at this D, and gets those of F; ``slope`` is the one by D.
+    ``by[1]`` holds the derivatives of F at constant D and is replaced by its total derivatives;
+    ``slope`` is dF/dD.
     """
-    one = 1.0 / (1.0 + b * slope)
+    inverse = 1.0 / (1.0 + b * slope)
     for j in range(by.shape[1]):
-        change = one * by[1, j]
+        change = inverse * by[1, j]
         by[0, j] = -b * change
         by[1, j] = change
-    by[0, REACH] += one
-    by[1, REACH] += slope * one
-    by[0, B] -= one * force
-    by[1, B] -= slope * one * force
+    by[0, FREE_D] += inverse
+    by[1, FREE_D] += slope * inverse
+    by[0, B] -= inverse * force
+    by[1, B] -= slope * inverse * force
 
 
 @jit
 def by_state(mode, by, i):
-    """Return the derivatives of what row i of ``by`` is about by q, p and f, the drive held."""
-    reach, speed = by[i, REACH], by[i, SPEED]
+    """Return the derivatives by q, p and f, at constant drive, of the quantity of row i of ``by``.
+
+    They include those through D and p1 without F.
+    """
+    free_d, free_p = by[i, FREE_D], by[i, FREE_P]
     return (
-        by[i, Q] - mode[2] * reach - mode[3] * speed,
-        by[i, P] + mode[0] * reach + mode[1] * speed,
+        by[i, Q] - mode[2] * free_d - mode[3] * free_p,
+        by[i, P] + mode[0] * free_d + mode[1] * free_p,
         by[i, F],
     )
 
@@ -144,8 +153,8 @@ def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
     """Move the Jacobian ``step`` (3, 5 + n) of a sample over a substep that begins at q and p.
 
     ``by`` (3, 7 + n) are the derivatives of D, of the mean F (``force``) and of the new f by
-    ``REACH``, ... and by the n parameters, ``mode_by`` (2, 6) those of ``mode`` by the first two;
-    the substep goes from the part ``start`` of the sample's interval to ``stop``.
+    ``FREE_D``, ... and by the n parameters, ``mode_by`` (2, 6) those of ``mode`` by the first two.
+    The substep lasts from ``start`` to ``stop``, fractions of the sampling interval.
     """
     bp = mode[3]
     a, b, c = by_state(mode, by, 0)
@@ -157,34 +166,37 @@ def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
         step[0, j] = a * dq + b * dp + c * df
         step[1, j] = e * dq + f * dp + g * df
         step[2, j] = x * dq + y * dp + z * df
-    # by the drive before the sample and at it, then by the first two parameters
+    # derivatives by the drive before and at the sample, then by the first two parameters
     pull, slope = u0 - q, u1 - u0
     for i in range(4):
         db = dbp = 0.0
         if i < 2:
-            share = start if i else 1.0 - start
+            fraction = start if i else 1.0 - start
             length = stop - start if i else start - stop
-            reach, speed = mode[2] * share + mode[4] * length, mode[3] * share + mode[5] * length
+            free_d, free_p = (
+                mode[2] * fraction + mode[4] * length,
+                mode[3] * fraction + mode[5] * length,
+            )
         else:
             m = mode_by[i - 2]
             db, dbp = m[2], m[3]
-            reach = m[0] * p + db * pull + m[4] * slope
-            speed = m[1] * p + dbp * pull + m[5] * slope
+            free_d = m[0] * p + db * pull + m[4] * slope
+            free_p = m[1] * p + dbp * pull + m[5] * slope
         for k in range(3):
-            value = by[k, REACH] * reach + by[k, SPEED] * speed
+            value = by[k, FREE_D] * free_d + by[k, FREE_P] * free_p
             value += by[k, B] * db + by[k, SLOPE_B] * dbp
             if k == 1:
-                value = speed - dbp * force - bp * value
+                value = free_p - dbp * force - bp * value
             step[k, 3 + i] += value
     for j in range(by.shape[1] - OWN):
-        step[0, FREE + j] += by[0, OWN + j]
-        step[1, FREE + j] -= bp * by[1, OWN + j]
-        step[2, FREE + j] += by[2, OWN + j]
+        step[0, PARAMETERS + j] += by[0, OWN + j]
+        step[1, PARAMETERS + j] -= bp * by[1, OWN + j]
+        step[2, PARAMETERS + j] += by[2, OWN + j]
 
 
 @jit
-def begin(step):
-    """Write the Jacobian of a sample before its first substep."""
+def set_identity(step):
+    """Set the Jacobian of a sample to the identity, as before its first substep."""
     for i in range(3):
         for j in range(step.shape[1]):
             step[i, j] = 1.0 if i == j else 0.0
@@ -194,8 +206,9 @@ def begin(step):
 def propagate(step, k, du, dbefore, d, dout):
     """Move the tangents ``d`` (3, m + n) over sample k and write those of q to ``dout[k]``.
 
-    The first m are carried through, ``du`` (n_samples, m) are those of the drive, ``dbefore`` (m,)
-    those before the first sample; ``step`` (3, 5 + n) is the sample's Jacobian.
+    The first m are tangents of the input: ``du`` (n_samples, m) are those of the drive, ``dbefore``
+    (m,) those before the first sample. The others are derivatives by parameters. The sample's
+    Jacobian ``step`` is (3, 5 + n).
     """
     m = du.shape[1]
     for j in range(m):
@@ -209,7 +222,7 @@ def propagate(step, k, du, dbefore, d, dout):
         a, b, c = d[0, j], d[1, j], d[2, j]
         for i in range(3):
             value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
-            d[i, j] = value + step[i, FREE + j - m]
+            d[i, j] = value + step[i, PARAMETERS + j - m]
         dout[k, j] = d[0, j]
 
 
@@ -217,14 +230,14 @@ class OscillatorOperator(Operator):
     r"""Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
 
     The state is the tuple (q, q'/w, hysteretic force, last drive), all in units of the drive; in
-    ``"rest"`` the stage has been loaded slowly from zero. Each substep moves the oscillator exactly
-    under the mean of the other forces: second order, exact without them, and no source of energy
-    where the law is none. Substeps should resolve the small motion: a ``dt fastest_rate() /
-    n_substeps`` of 0.1 gives about three digits.
+    ``"rest"`` the stage has been loaded slowly from zero. Each substep solves the oscillator
+    exactly under the mean of the other forces: second order, exact without them, and passive if the
+    law is. Substeps should resolve the motion before sliding: with
+    ``dt fastest_rate() / n_substeps = 0.1`` about three digits are exact.
 
-    A subclass names its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
-    tangents))``, and gives the state at rest and the law's numbers; its first two parameters are
-    the first two here, its last two ``gain`` and ``intercept``.
+    A subclass passes its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
+    tangents))``, and defines the state at rest and the constants of the law. Its first two
+    parameters are the first two here, its last two ``gain`` and ``intercept``.
 
     Parameters
     ----------
@@ -237,7 +250,7 @@ class OscillatorOperator(Operator):
     intercept : float, default=0.0
         ``c`` in units of the response.
     n_substeps : int, default=8
-        Integration steps in a sampling interval, above 0. Fixed structure.
+        Integration steps per sampling interval, above 0. Fixed structure.
 
     Raises
     ------
@@ -248,7 +261,7 @@ class OscillatorOperator(Operator):
     owns_gain = True
     at_once = False
     stage_order = 10
-    _force = ("level", "hysteresis_stiffness")  # where the hysteretic force levels off, its slope
+    _force = ("level", "hysteresis_stiffness")  # limit of the hysteretic force, its initial slope
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
@@ -264,12 +277,12 @@ class OscillatorOperator(Operator):
     def _rest(self, u0):
         """Return q and the hysteretic force at rest, and their derivatives (2, 1 + n_own).
 
-        The derivatives are those by ``u0`` and by all parameters but the last two.
+        The derivatives are by ``u0`` and by all parameters but the last two.
         """
 
     @abstractmethod
     def _law(self, u):
-        """Return the tuple that the loops take as their law, for a drive up to the size ``u``.
+        """Return the constants that the loops take as ``law``, for a drive of at most ``u``.
 
         A loop of tangents, ``(mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f,
         d, out, dout)``, writes q (n,) and its tangents (n, m + n_own). The columns are those of
@@ -282,8 +295,8 @@ class OscillatorOperator(Operator):
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
-        Displacements are in units of the response; with the mass in kg and the response in m all
-        is in SI units.
+        Displacements are in units of the response; with the mass in kg and the response in m, all
+        are in SI units.
 
         Parameters
         ----------
@@ -306,9 +319,9 @@ class OscillatorOperator(Operator):
 
     @abstractmethod
     def _fed_back(self, s, shift):
-        """Return the subclass's own parameters behind a feedback that divides the gain by ``s``.
+        """Return the subclass's own parameters under a feedback that divides the gain by ``s``.
 
-        ``shift`` is what the feedback makes of the intercept, in units of the drive.
+        ``shift`` is the drive that the feedback adds at ``q = 0``, units of the drive.
         """
 
     def linear_mode(self):
@@ -325,15 +338,15 @@ class OscillatorOperator(Operator):
         return float(abs(self.gain) * level / stiffness) if stiffness else None
 
     def fastest_rate(self):
-        """Return the natural frequency of a small motion, before sliding, rad/s."""
+        """Return the natural frequency of small motions, before sliding, rad/s."""
         stiffness = getattr(self, self._force[1])
         return float(self.natural_frequency * math.sqrt(1.0 + stiffness))
 
     def with_feedback(self, feedback, origin=0.0):
-        """Return the operator from ``u + feedback (y - origin)`` to y; this one is from u to y.
+        """Return the operator that maps ``u + feedback (y - origin)`` to the y of this one for u.
 
-        ``feedback`` is in drive/response, with ``feedback gain > -1``, ``origin`` in units of the
-        response.
+        ``feedback`` is in drive/response, with ``feedback gain > -1``; ``origin`` is in units of
+        the response.
         """
         s = 1.0 + feedback * self.gain
         both = {
@@ -346,21 +359,21 @@ class OscillatorOperator(Operator):
         return dataclasses.replace(self, **(both | own))
 
     def inverse(self):
-        """Return the operator from the response to the drive, which looks ahead."""
+        """Return the operator from the response to the drive; it needs preview of the response."""
         return WindowInverseOperator(self)
 
     @cached_property
     def _mode(self):
-        return self.linear_mode()  # which remembers its discrete forms
+        return self.linear_mode()  # kept, since it caches its discrete forms
 
     def _substep(self, dt):
-        """Return what moves the oscillator over a substep, (6,), and the substep's length."""
+        """Return the coefficients (6,) of the oscillator's substep and its length in s."""
         h = float(dt) / self.n_substeps
         ad, b0, b1, _, _ = self._mode.discrete(h)
         return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1]), h
 
     def _substep_tangents(self, h):
-        """Return the derivatives of the oscillator's step, (2, 6)."""
+        """Return the derivatives (2, 6) of these coefficients by frequency and damping ratio."""
         ad, b0, b1, _, _, _ = self._mode._discrete_tangents(h)
         return np.column_stack([ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]])
 
@@ -409,27 +422,27 @@ class OscillatorOperator(Operator):
         return self.gain * q + self.intercept, dy
 
     def _force_characteristics(self, level):
-        """Return those of a hysteretic force up to a level (units of the drive), if any."""
+        """Return characteristics of a hysteretic force up to ``level`` (drive), {} without one."""
         if not self.hysteresis_stiffness > 0.0:
             return {}
         way = abs(self.gain) * level / self.hysteresis_stiffness
         return {
             "largest hysteretic force": (level, "drive"),
-            "way before it yields": (way, "response"),
+            "presliding displacement": (way, "response"),
         }
 
 
-_COARSE, _FINE = 0.3, 0.1  # part of a radian of the fastest motion that a substep may last
-_MOST_COARSE, _MOST_FINE = 16, 64
+_COARSE, _FINE = 0.3, 0.1  # longest substep, in radians of the fastest motion
+_MOST_COARSE, _MOST_FINE = 16, 64  # most substeps per sampling interval
 _WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
-_SMOOTH = 4  # half length of that which smooths the response for the law
-_FEWEST = 100  # equations
-_MOST = 30_000  # samples that starting values are taken from
-_LEVEL = 0.1  # hysteretic force, part of the drive's half range, where the data give none
-_QUIET = 0.01  # the same of a stage that is almost its linear part
+_SMOOTH = 4  # half length of the window that smooths the response for the law, samples
+_FEWEST = 100  # least number of equations of a force balance
+_MOST = 30_000  # most samples from which starting values are computed
+_LEVEL = 0.1  # hysteretic force if the data give none, fraction of the drive's half range
+_QUIET = 0.01  # the same for a start that is almost linear
 _N_STARTS = 12
 _LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
-_COUPLINGS = (1.0, 3.0, 10.0)
+_COUPLINGS = (1.0, 3.0, 10.0)  # coupling spring over the stage's spring
 _ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
 _LAST_EVALUATIONS = 20
 
@@ -437,33 +450,33 @@ _LAST_EVALUATIONS = 20
 class OscillatorModel(ParametricModel):
     """Base of the stages: mass, substeps, intercept, and starting values in three steps.
 
-    *Balance of forces.* For a given law the hysteretic force follows from the measured displacement
-    up to factors, and with it the equation of motion is linear in everything else. It is weighted
-    with a modulating function, whose derivatives take the place of those of the response (Shinbrot,
+    *Force balance.* For a given law the hysteretic force follows from the measured displacement
+    up to factors, and the equation of motion is then linear in all other parameters. It is
+    multiplied by a modulating function, whose derivatives replace those of the response (Shinbrot,
     *Transactions of the ASME*, 1957), and solved by least squares over a grid of laws.
 
-    *Coupling.* The sum of squares of a free run has many minima, since the stage sticks and slips
-    at moments of its own. A stage that a spring ties to the measured response does so less: it is
-    the same stage driven by ``u + feedback y``, so its parameters follow exactly (Abarbanel et al.,
-    *SIAM Journal on Applied Dynamical Systems*, 2009).
+    *Coupling.* The sum of squares of a free run has many minima, since the simulated stage sticks
+    and slips at other times than the measured one. A spring that couples the simulated stage to the
+    measured response reduces this. The coupled stage is the same stage driven by
+    ``u + feedback y``, so its parameters convert exactly (Abarbanel et al., *SIAM Journal on
+    Applied Dynamical Systems*, 2009).
 
-    *Free run*, from all of these.
+    *Free run*, from all of these starting values.
 
     Parameters
     ----------
     fit_intercept : bool, default=True
         Whether the response has a constant.
     mass : float, default=1.0
-        Mass of the stage, for ``physical_``; nothing else depends on it.
+        Mass of the stage, used for ``physical_`` only.
     n_substeps : int or None, default=None
-        Integration steps in a sampling interval. None: as many as the stage that was found needs, a
-        tenth of a radian of its fastest motion each, 64 at most.
+        Integration steps per sampling interval. None: as many as the identified stage needs, a
+        tenth of a radian of its fastest motion each, at most 64.
 
     Attributes
     ----------
     physical_ : dict
-        The quantities of the equation above for the given mass, see
-        ``physical`` of ``operator_``.
+        The quantities of the equation of motion for the given mass, see ``operator_.physical``.
     """
 
     _parameter_constraints = {
@@ -477,27 +490,27 @@ class OscillatorModel(ParametricModel):
 
     @abstractmethod
     def _laws(self, length, speed):
-        """Return lists of laws, one a kind, for the half range and the speed of the response."""
+        """Return a list of laws per kind, given half range and typical speed of the response."""
 
     @abstractmethod
     def _forces(self, law, y, dt, length):
-        """Return the forces of a response (n_samples,), centred, as columns up to their factors."""
+        """Return the forces of a centred response (n_samples,) as columns, up to a factor each."""
 
     @abstractmethod
     def _own(self, law, gain, stiffness, level, swing):
         """Return the operator's own parameters by name.
 
-        The hysteretic force begins with the slope ``stiffness``, relative to the spring, and levels
-        off at ``level``; ``swing`` is half the range of the drive.
+        The hysteretic force has the initial slope ``stiffness``, relative to the spring, and the
+        limit ``level`` (units of the drive); ``swing`` is half the range of the drive.
         """
 
     def _stage(self, law, mode, scales, factors=None, level=_LEVEL):
-        """Return the operator, or None where there is none.
+        """Return the operator, or None if the hysteretic stiffness is not positive.
 
-        ``law`` begins with the way on which the force levels off, ``mode`` is the linear part,
-        ``scales`` are half range and middle of the response and half range of the drive,
-        ``factors`` belong to the columns of :meth:`_forces`; where they are unknown, the hysteretic
-        force is the part ``level`` of the drive's half range.
+        ``law`` begins with the presliding displacement, ``mode`` is the linear part, ``scales`` are
+        half range and middle of the response and half range of the drive. ``factors`` are the
+        coefficients of the columns of :meth:`_forces`; if they are None, the hysteretic force is
+        the fraction ``level`` of the drive's half range.
         """
         way, gain, swing = law[0], mode.gain, scales[2]
         stiffness = level * swing * abs(gain) / way if factors is None else factors[0] * gain
@@ -508,13 +521,13 @@ class OscillatorModel(ParametricModel):
         return self.operator_class(*linear, gain=gain, intercept=mode.intercept, **own)
 
     def _retries(self, stage, stages):
-        """Return those of the stages to follow to the end, because the one found is degenerate."""
+        """Return the starting stages to refine too, if the identified ``stage`` is degenerate."""
         return []
 
     def starting_values(self, records, mode=None):
-        """Return a dozen at most, with substeps that need not be made finer.
+        """Return at most a dozen operators, with fine substeps.
 
-        One of them is almost linear: ``mode``, where the linear part is known already.
+        One of them is almost linear; its linear part is ``mode`` if given.
         """
         stages = self._stages(records, mode)
         return [self._divided(stage, records, _FINE, _MOST_COARSE) for stage in stages]
@@ -541,6 +554,7 @@ class OscillatorModel(ParametricModel):
                 method=self._roughly(),
             )
             mode = linear._identify(records).operator
+        # a gain of zero would scale no hysteretic force
         mode = dataclasses.replace(mode, gain=mode.gain or length / swing)
         laws = self._laws(length, mode.natural_frequency * length)
         if not kinds:
@@ -556,13 +570,13 @@ class OscillatorModel(ParametricModel):
             stage = self._divided(stage, records, _COARSE, _MOST_COARSE)
             ranked.append((self._error(stage, records, washout), kind, stage))
         ranked.sort(key=lambda entry: entry[0])
-        # the first of each kind, then the second of each, ...
-        turns = [sum(k == kind for _, k, _ in ranked[:i]) for i, (_, kind, _) in enumerate(ranked)]
-        chosen = np.argsort(turns, kind="stable")[:_N_STARTS]
+        # prefer different kinds of laws: the best of each, then the second best of each, ...
+        ranks = [sum(k == kind for _, k, _ in ranked[:i]) for i, (_, kind, _) in enumerate(ranked)]
+        chosen = np.argsort(ranks, kind="stable")[:_N_STARTS]
         return [ranked[i][2] for i in sorted(chosen)]
 
     def _balanced(self, records, window, scales):
-        """Return (kind, stage) of the law of each kind that balances the forces best."""
+        """Return (kind, stage) per kind of law, for the law with the least residual force."""
         length, middle, _ = scales
         motion = np.concatenate(
             [
@@ -608,9 +622,9 @@ class OscillatorModel(ParametricModel):
         return found
 
     def _error(self, stage, records, washout=0):
-        """Return the sum of squares of the free run, gain and intercept solved.
+        """Return the residual sum of squares of the free run, gain and intercept solved.
 
-        The first ``washout`` samples of each record do not count.
+        The first ``washout`` samples of each record are left out.
         """
         gram = np.zeros((3, 3))
         for r in records:
@@ -623,23 +637,26 @@ class OscillatorModel(ParametricModel):
         return float(gram[2, 2] - best @ gram[:2, 2])
 
     def _coupled(self, stages, records, coupling):
-        """Return the stage that fits best while it is tied to the response, [] without one."""
+        """Return a list of the best stage while coupled to the response, and the evaluations.
+
+        The list is empty if the coupling cannot be removed from the result.
+        """
         feedback, origin = coupling / stages[0].gain, stages[0].intercept
-        tied = [s.with_feedback(feedback, origin) for s in stages if feedback * s.gain > -0.5]
+        coupled = [s.with_feedback(feedback, origin) for s in stages if feedback * s.gain > -0.5]
         driven = [
             dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
         ]
-        stage = self._refine(tied, driven, self._roughly())
+        stage = self._refine(coupled, driven, self._roughly())
         share = feedback * stage.operator.gain
         if not share < 1.0:
             return [], stage.n_evaluations
-        # what is held, a preload for one, has not followed the intercept of the tied stage
+        # a held parameter, such as a preload, was not converted with the intercept
         held = {name: getattr(stages[0], name) for name in self.held_parameters()}
         free = dataclasses.replace(stage.operator.with_feedback(-feedback, origin), **held)
         return [self._divided(free, records, _COARSE, _MOST_COARSE)], stage.n_evaluations
 
     def _divided(self, stage, records, part, most):
-        """Return the stage with substeps that resolve its fastest motion."""
+        """Return the stage with substeps of ``part`` radians of its fastest motion."""
         n = self.n_substeps
         if n is None:
             longest = max(record.dt for record in records)
@@ -647,7 +664,7 @@ class OscillatorModel(ParametricModel):
         return dataclasses.replace(stage, n_substeps=int(n))
 
     def _identify(self, data):
-        """Identify with coarse substeps, then once more with those that the result asks for."""
+        """Identify with coarse substeps, then again with those that the result needs."""
         stages = self._stages(data)
         starts, evaluations = [], 0
         if stages[0].gain:
@@ -670,7 +687,7 @@ class OscillatorModel(ParametricModel):
         return dataclasses.replace(result, n_evaluations=evaluations)
 
     def _roughly(self):
-        """Return how starting values are identified: no longer than the result is."""
+        """Return the method for starting values, with no more evaluations than the fit itself."""
         most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
         return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
 
@@ -681,9 +698,9 @@ class OscillatorModel(ParametricModel):
 
 
 def _loudest(records, middle):
-    """Return a part of each long record, around its largest response, and samples to leave out.
+    """Return the part of each long record around its largest response, and a washout in samples.
 
-    Before such a part the stage was not at rest.
+    The washout is needed because the stage was not at rest before such a part.
     """
     n_samples = sum(len(r.u) for r in records)
     if n_samples <= _MOST:
@@ -699,7 +716,7 @@ def _loudest(records, middle):
 
 
 def _least_squares(columns, right):
-    """Return the coefficients of the columns (n_samples, n) and the sum of squares left."""
+    """Return the coefficients of the columns (n_samples, n) and the residual sum of squares."""
     gram, moments = columns.T @ columns, columns.T @ right
     scale = np.sqrt(np.diag(gram))
     scale[scale == 0.0] = 1.0
@@ -709,7 +726,10 @@ def _least_squares(columns, right):
 
 
 def _weigh(values, dt, window, order=0):
-    """Return a derivative of a signal, (n - 2 window,), averaged with the weights (1 - x^2)^3."""
+    """Return a signal (n,) or a derivative of it, averaged with the weights (1 - x^2)^3.
+
+    ``order`` is that of the derivative, 0 to 2; the result has the shape (n - 2 window,).
+    """
     k = np.arange(-window, window + 1)
     x = k / (window + 1.0)
     bell = 1.0 - x * x
@@ -718,9 +738,9 @@ def _weigh(values, dt, window, order=0):
         weights /= weights.sum()
     elif order == 1:
         weights = -x * bell**2
-        weights /= -dt * (weights @ k)  # a ramp has its slope
+        weights /= -dt * (weights @ k)  # exact for a ramp
     else:
         weights = bell * (5.0 * x * x - 1.0)
         weights -= weights.mean()
-        weights /= 0.5 * dt * dt * (weights @ k**2)  # and a parabola its curvature
+        weights /= 0.5 * dt * dt * (weights @ k**2)  # exact for a parabola
     return np.convolve(values, weights, mode="valid")

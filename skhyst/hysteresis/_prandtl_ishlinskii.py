@@ -3,11 +3,11 @@ r"""Prandtl-Ishlinskii model: a weighted sum of plays or of stops, with an exact
     y = c + sum_k w_k F_k[u - d],    F_k[v](t) = max(v(t) - r_k, min(v(t) + r_k, F_k[v](t-)))
 
 (Steinbusch 2020, equations (3.1) to (3.5), where a_0 is the weight of the threshold zero here). In
-the stop form E_k[v] = v - F_k[v], springs that yield at r_k, take the place of the plays: that is a
-sum of plays with the gain sum_k w_k and the weights -w_k, and is evaluated as such, by its turning
-points (:func:`skhyst.operators.play_sum_run`). The first loading is a piecewise straight curve with
-the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes 1 / s_k,
-thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
+the stop form, stops E_k[v] = v - F_k[v] (springs that yield at r_k) replace the plays. That is a
+sum of plays with the gain sum_k w_k and the weights -w_k, and it is evaluated as such, from its
+turning points (:func:`skhyst.operators.play_sum_run`). The first loading is a piecewise linear
+curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirror image: slopes
+1 / s_k, thresholds sum_j w_j max(r_k - r_j, 0) (Kuhnen 2003).
 """
 
 import dataclasses
@@ -52,32 +52,33 @@ class PlaySum(Superposition):
 class PrandtlIshlinskiiOperator(PlaySum):
     """Weighted sum of play or stop operators; :class:`PrandtlIshlinskii` gives the law.
 
-    A run costs the same for any number of plays. It does not depend on ``dt``.
+    The time of a run does not depend on the number of plays. The operator is rate-independent:
+    ``dt`` is not used.
 
     Parameters
     ----------
     thresholds, weights : array-like of shape (n_plays,)
-        Units of the drive, ascending, not negative, fixed structure; response/drive. A threshold of
-        zero is the plain gain, in the stop form a spring that never yields.
+        Thresholds in units of the drive, ascending, not negative, fixed structure; weights in
+        response/drive. A threshold of zero is a gain, in the stop form a spring that never yields.
     intercept, drive_offset : float, default=0.0
-        Units of the response; of the drive.
+        ``c`` in units of the response; ``d`` in units of the drive.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
     form : {"play", "stop"}, default="play"
-        What the weights are those of.
+        Whether the weights are those of plays or of stops.
 
     Raises
     ------
     ValueError
-        If the thresholds are negative or do not ascend, there is not one weight for each, or the
-        form is neither of the two.
+        If the thresholds are negative or do not ascend, there is not one weight per threshold, or
+        the form is unknown.
 
     Notes
     -----
-    The state is the tuple (turning points, last drive), less the drive's offset: the points are
-    nested, the oldest and largest first, and none in a first loading. ``"rest"`` is the first
-    loading from ``drive_offset`` to the first sample; in ``"zero"`` that loading is still to come.
-    Both give the same output.
+    The state is the tuple (turning points, last drive), less the drive's offset. The turning points
+    are nested, the oldest and largest first; there are none during the first loading. ``"rest"`` is
+    the state after the first loading from ``drive_offset`` to the first sample, ``"zero"`` the
+    state before it. Both give the same output.
 
     Examples
     --------
@@ -104,14 +105,15 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     @cached_property
     def _play_form(self):
-        """Thresholds (n,) and weights (n,) as plays, and the sums of the first weights (n + 1,)."""
+        """Thresholds (n,) and weights (n,) as plays, and partial sums of the weights (n + 1,)."""
         r, w = self.thresholds, self.weights
         if self.form == "play":
             return r, w, as_constant(np.concatenate(([0.0], np.cumsum(w))))
         yielding = np.where(r > 0.0, w, 0.0)
-        # springs that have not yielded: the sums from the end, so that none left is exactly zero
-        left = np.append(np.cumsum(yielding[::-1])[::-1], 0.0)
-        sums = np.concatenate(([0.0], np.sum(w - yielding) + left))
+        # stiffness of the springs that have not yielded, summed from the end so that it ends at
+        # exactly 0
+        elastic = np.append(np.cumsum(yielding[::-1])[::-1], 0.0)
+        sums = np.concatenate(([0.0], np.sum(w - yielding) + elastic))
         return tuple(map(as_constant, (np.append(0.0, r), np.diff(sums), sums)))
 
     @cached_property
@@ -150,10 +152,10 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return y, dy
 
     def characteristics(self, seen):
-        """Return the width of the loop over what comes in, behind a first way to its lower end."""
+        """Return the width of the major loop over the range of the input, in % of its height."""
         low, high = seen.ends
-        way = np.linspace(low, high, 400)
-        y = self.run(np.concatenate([np.linspace(0.0, low, 400), way, way[::-1], way]), 1.0)[0]
+        rise = np.linspace(low, high, 400)
+        y = self.run(np.concatenate([np.linspace(0.0, low, 400), rise, rise[::-1], rise]), 1.0)[0]
         down, up = y[800:1200][::-1], y[1200:]
         width = 100.0 * np.abs(up - down).max() / np.ptp([up, down])
         return {"loop width over the range": (width, "%")}
@@ -175,7 +177,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         Raises
         ------
         ValueError
-            If no history of the drive leaves the plays so: neighbours differ by more than their
+            If no history of the drive leads to these plays: neighbours differ by more than their
             thresholds, or a play is further from the drive than its threshold.
         """
         plays = np.asarray(plays, dtype=float)
@@ -191,7 +193,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
                 "reachable: neighbours may differ by the difference of their thresholds at most. "
                 f"Got {plays!r} at the drive {u!r} instead."
             )
-        # From the widest play inwards, visit both ends of its slack; inner plays follow later.
+        # From the widest play inwards, visit both ends of its slack; narrower plays are set later.
         path = np.ravel(np.column_stack((plays + self.thresholds, plays - self.thresholds))[::-1])
         return self.run(np.append(path, v) + self.drive_offset, 1.0, (np.empty(0), 0.0))[1]
 
@@ -210,7 +212,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
             needs = (
                 "positive sums w_0 + ... + w_k of the weights"
                 if self.form == "play"
-                else "springs of positive sum left at each threshold"
+                else "a positive sum of the stiffnesses that have not yielded at each threshold"
             )
             raise ValueError(
                 f"PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and {needs}: the "
@@ -234,7 +236,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
 
 def place_thresholds(thresholds, records, n_operators, n_left_out=0):
-    """Return thresholds that are given, or those by their name less the first few."""
+    """Return the given thresholds, or those of a rule by name without the first ``n_left_out``."""
     if isinstance(thresholds, str):
         drives = [record.u for record in records]
         return play_thresholds(drives, n_operators + n_left_out, thresholds)[n_left_out:]
@@ -247,22 +249,21 @@ class PlayModel(ParametricModel):
     Parameters
     ----------
     n_operators : int, default=20
-        Number of operators; ignored where ``thresholds`` is an array.
+        Number of operators; ignored if ``thresholds`` is an array.
     thresholds : {"grid", "quantile"} or array-like of shape (n_operators,), default="grid"
-        Of the plays (at rest): evenly spaced over the half range of the drive, by quantiles of the
+        Thresholds (at rest): evenly spaced over the half range of the drive, by quantiles of the
         drive's swings, or given, in units of the drive.
     non_negative : bool, default=True
-        Weights of the plays (at rest) are not negative, so that the model dissipates; free
-        otherwise.
+        Whether the weights (at rest) are bounded below by zero, so that the model dissipates.
     drive_offset : float or "fit", default=0.0
-        Drive at which the virgin device stands, units of the drive.
+        Drive from which the virgin device is first loaded, units of the drive.
     fit_intercept : bool, default=True
         Whether the sum of plays has a constant.
 
     Attributes
     ----------
     thresholds_, weights_ : ndarray of shape (n_operators,)
-        Of the plays (at rest): units of the drive; of the response over those of the drive.
+        Thresholds (units of the drive) and weights (response/drive), at rest.
     intercept_ : float
         Constant of the sum of plays, units of the response.
     """
@@ -287,9 +288,10 @@ class PlayModel(ParametricModel):
     def inverse_predict(self, X) -> np.ndarray:
         """Return the drive that makes the response follow column 0 of ``X``.
 
-        The inverse is exact (Kuhnen 2003), but for thresholds or weights that follow the rate of
-        the drive: the rates are then found by repetition, as far as that brings the response closer
-        to ``X``, and a small error is left where they change fast. Check ``predict`` of the result.
+        The inverse is exact (Kuhnen 2003), except for thresholds or weights that depend on the rate
+        of the drive. The rates are then found by fixed-point iteration as long as that brings the
+        response closer to ``X``, and a small error remains where they change fast. Check
+        ``predict`` of the result.
 
         Parameters
         ----------
@@ -304,7 +306,7 @@ class PlayModel(ParametricModel):
         Raises
         ------
         ValueError
-            If the model is not strictly monotone: the threshold zero needs a positive weight.
+            If the model is not strictly monotone: the threshold zero must have a positive weight.
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
@@ -318,14 +320,14 @@ class PrandtlIshlinskii(PlayModel):
        F_r[u](t) = \max(u(t) - r, \min(u(t) + r, F_r[u](t^-)))
 
     (Steinbusch 2020, (3.1) to (3.6)). With ``form="stop"``, stops :math:`E_r[v] = v - F_r[v]`,
-    springs that yield at r, take the place of the plays with a threshold above zero. The weights
+    springs that yield at r, replace the plays with a threshold above zero. The weights
     and the intercept are solved exactly by (non-negative) least squares; no starting values are
     needed.
 
     Parameters
     ----------
     form : {"play", "stop"}, default="play"
-        Superposition of plays or of stops. It matters where the weights are not negative: plays
+        Superposition of plays or of stops. It matters with ``non_negative``: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
         over displacement).
 

@@ -1,4 +1,4 @@
-r"""Preisach model: relays with a density on the half plane of their thresholds.
+r"""Preisach model: relays with a density over the half plane of their thresholds.
 
     y = c + integral of mu(alpha, beta) gamma[u] over alpha >= beta + sum_k g_k s_k(u)
 
@@ -15,16 +15,18 @@ From the last turning point ``e`` the output follows (Everett)
 
     y = y(e) +- S(e, v),    S(e, v) = 2 E(max(e, v), min(e, v)),
 
-with E the integral of the density over the triangle of all relays that switch on the way. In a
-cell off the diagonal S is bilinear between its values at the corners, less the bends of the
-triangular cells at both ends; in one on the diagonal it is quadratic. The reversible part (relays
-of equal thresholds) is piecewise straight in the drive and is part of S as well. On the first
-loading the staircase ends on the line ``alpha + beta = 2 center``; there the slope of the output is
-that of S at ``e = 2 center - v``, which is piecewise straight in ``v``.
+with E (the Everett function) the integral of the density over the triangle of all relays that
+switch between e and v. In a cell off the diagonal S is bilinear between its values at the corners,
+less the quadratic terms of the triangular cells at both ends; in a cell on the diagonal it is
+quadratic. The reversible part (relays of equal thresholds) is piecewise linear in the drive and
+included in S. On the first loading the staircase ends on the line ``alpha + beta = 2 center``;
+there the slope of the output is that of S at ``e = 2 center - v``, which is piecewise linear in
+``v``.
 
-The stack is ``points[1..top]`` with outputs ``values[1..top]``; ``points[0]`` mirrors the first
-turning point about the centre, since beyond it the device is on its first loading again
-(``top = 0``). All drives are clipped to the levels' range: no relay switches outside.
+The stack of turning points is ``points[1..top]`` with outputs ``values[1..top]``; ``points[0]`` is
+the mirror image of the first turning point about the centre, beyond which the device is on its
+first loading again (``top = 0``). All drives are clipped to the range of the levels: no relay
+switches outside.
 """
 
 import dataclasses
@@ -41,7 +43,7 @@ from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
 @jit
 def build_bins(levels, bins):
-    """Fill ``bins`` (B + 1,), which lead to the first interval that may hold a value."""
+    """Fill ``bins`` (B + 1,) with the first interval that may hold a value; return their scale."""
     scale = (bins.size - 1) / (levels[-1] - levels[0])
     j = 0
     for b in range(bins.size):
@@ -53,7 +55,7 @@ def build_bins(levels, bins):
 
 @jit
 def find_interval(value, levels, bins, scale):
-    """Return the interval of a value within the levels' range."""
+    """Return the index of the interval of a value within the range of the levels."""
     j = int(bins[int((value - levels[0]) * scale)])
     if value >= levels[j + 1]:
         end = levels.size - 2
@@ -83,14 +85,14 @@ def everett_value(e, i, v, j, levels, everett, diagonal):
     t = (v - levels[j]) / width
     low = everett[i, j] + s * (everett[i + 1, j] - everett[i, j])
     high = everett[i, j + 1] + s * (everett[i + 1, j + 1] - everett[i, j + 1])
-    # less what the triangles at both ends lack below the straight line
+    # the triangular cells at both ends are quadratic: subtract their deviation from a straight line
     bend = diagonal[i, 0] * s * (1.0 - s) + diagonal[j, 0] * t * (1.0 - t)
     return low + t * (high - low) - bend
 
 
 @jit
 def everett_slope(e, i, v, j, levels, everett, diagonal):
-    """Return the size of dS/dv: the slope of the response on the branch from ``e``, at ``v``."""
+    """Return ``|dS/dv|``: the slope of the response at ``v`` on the branch from ``e``."""
     width = levels[j + 1] - levels[j]
     if i == j:
         return (2.0 * diagonal[j, 0] * abs(v - e) / width + diagonal[j, 1]) / width
@@ -106,9 +108,9 @@ def everett_slope(e, i, v, j, levels, everett, diagonal):
 def first_loading_table(knots, center, levels, everett, diagonal, bins, scale, table):
     """Fill rows ``[knot, output, rise, bend]`` of the first-loading curve.
 
-    At the part ``t`` of the way to the next knot the output is ``output + t (rise + t bend)``.
-    ``knots`` are the levels, their mirror images about the centre and the centre. ``table[0, 1]``
-    holds the output at the first knot, the lowest level.
+    At the fraction ``t`` between a knot and the next the output is ``output + t (rise + t bend)``.
+    ``knots`` are the levels, their mirror images about the centre and the centre. On entry
+    ``table[0, 1]`` is the output at the first knot, the lowest level.
     """
     low, high = levels[0], levels[-1]
     for k in range(knots.size - 1):
@@ -153,7 +155,7 @@ def first_loading(value, table):
 
 @jit
 def advance(points, depth, center, last, value):
-    """Move the drive from ``last`` to ``value``: push a turning point, wipe out; return depth."""
+    """Move the drive from ``last`` to ``value``: push or wipe out turning points; return depth."""
     if depth == 0:
         if abs(value - center) < abs(last - center):
             points[0] = 2.0 * center - last
@@ -172,7 +174,7 @@ def advance(points, depth, center, last, value):
 
 @jit
 def response(value, depth, points, values, at, levels, everett, diagonal, loading, bins, scale):
-    """Return the output behind ``points[1..depth]``, where it is ``values[at + 1]`` and so on."""
+    """Return the output after ``points[1..depth]``, whose outputs begin at ``values[at + 1]``."""
     if depth == 0:
         return first_loading(value, loading)
     e = points[depth]
@@ -192,10 +194,11 @@ def restore_values(points, top, values, levels, everett, diagonal, loading, bins
 
 @jit
 def forget(points, values, at, depth):
-    """Drop the pair of turning points that matters least but for the first; return the new depth.
+    """Drop the pair of turning points, except the first, of least effect; return the new depth.
 
-    Without it a rectangle of relays stands otherwise. As all its sides add up to no more than the
-    drive's range on either axis, the smallest of n is below ``(range / n)^2``.
+    Dropping a pair changes the state of the relays in one rectangle of the half plane. On either
+    axis the sides of all n rectangles add up to at most the drive's range, so the smallest
+    rectangle has an area below ``(range / n)^2``.
     """
     least, place = math.inf, 2
     for k in range(2, depth - 1):
@@ -212,8 +215,8 @@ def forget(points, values, at, depth):
 def everett_step(u, c, s):
     """Return the response at one sample.
 
-    ``c`` is the centre, the intercept and the tables. ``s`` is the stack of n points, the n outputs
-    there, its depth, the last drive and its output.
+    ``c`` is (center, intercept, *tables). ``s`` is the stack of n turning points, the n outputs
+    there, the depth of the stack, the last drive and its output.
     """
     center, y, levels, everett, diagonal, loading, bins, scale = c
     n = (s.size - 3) // 2
@@ -221,7 +224,7 @@ def everett_step(u, c, s):
     depth = int(s[2 * n])
     if depth == n - 1:
         depth = forget(s, s, n, depth)
-    s[n + depth + 1] = s[2 * n + 2]  # counts only where the last drive is a turning point
+    s[n + depth + 1] = s[2 * n + 2]  # used only if the last drive becomes a turning point
     depth = advance(s, depth, center, s[2 * n + 1], value)
     output = response(value, depth, s, s, n, levels, everett, diagonal, loading, bins, scale)
     s[2 * n], s[2 * n + 1], s[2 * n + 2] = depth, value, output
@@ -229,7 +232,7 @@ def everett_step(u, c, s):
 
 
 def in_tables(s, c):
-    """Whether depth, turning points and last drive in a state of :func:`everett_step` are."""
+    """Return whether a state of :func:`everett_step` has a valid depth and drives in range."""
     n, levels = (len(s) - 3) // 2, c[2]
     depth, last = s[2 * n : 2 * n + 2]
     if depth not in range(n):
@@ -245,9 +248,9 @@ def everett_run(
     """Write the response, less its intercept, to ``y``; return ``top`` and the last drive."""
     low, high = levels[0], levels[-1]
     inverse = 1.0 / (levels[1:] - levels[:-1])
-    one = np.uint64(1)  # unsigned: spares a test for negative indices
+    one = np.uint64(1)  # unsigned indices save the check for negative ones
     depth = top
-    stale = True  # what belongs to the last turning point is yet to be looked up
+    stale = True  # the values cached for the last turning point are outdated
     row = np.uint64(0)
     start, sign, limit, s, bend = 0.0, 1.0, 0.0, 0.0, 0.0
     tables = levels, everett, diagonal, loading, bins, scale
@@ -256,7 +259,7 @@ def everett_run(
         value = min(max(u[k], low), high)
         if depth == 0 or sign * (value - last) < 0.0 or sign * (value - limit) >= 0.0 or stale:
             before = depth
-            values[depth + 1] = output  # counts only where ``last`` becomes a turning point
+            values[depth + 1] = output  # used only if ``last`` becomes a turning point
             depth = advance(points, depth, center, last, value)
             if depth > 0 and (depth != before or stale):
                 e, limit, start = points[depth], points[depth - 1], values[depth]
@@ -269,7 +272,7 @@ def everett_run(
         if depth == 0:
             output = first_loading(value, loading)
         else:
-            # find_interval and everett_value, written out: what belongs to ``e`` is known
+            # find_interval and everett_value inlined, with the cached values of ``e``
             j = np.uint64(bins[np.uint64((value - low) * scale)])
             if value >= levels[j + one]:
                 j = np.uint64(find_interval(value, levels, bins, scale))
@@ -298,7 +301,7 @@ def everett_tangents(
     low, high = levels[0], levels[-1]
     m = du.shape[1]
     held = np.zeros((points.size, m))  # tangents of the outputs at the turning points
-    moved = np.zeros((points.size, m))  # and of the turning points themselves
+    moved = np.zeros((points.size, m))  # tangents of the turning points themselves
     before, output = np.zeros(m), np.zeros(m)
     depth = 0
     for k in range(u.size):
@@ -336,7 +339,7 @@ def spread(r, j, upper, lower, level, slope, edges, areas):
     """Add one piece of the staircase to the cells of row ``r``; return the cell where it ends.
 
     Between ``upper`` and ``lower`` (of beta) relays are up below ``level + slope * beta``. The
-    piece does not cross the row's upper edge on its way.
+    piece must not cross the upper edge of the row.
     """
     while j >= 0:
         high, low = min(upper, edges[j + 1]), max(lower, edges[j])
@@ -356,10 +359,11 @@ def spread(r, j, upper, lower, level, slope, edges, areas):
 def row_areas(r, sign, value, center, edges, points, top, areas):
     """Write the areas switched up in the cells of row ``r``, an interval of alpha, to ``areas``.
 
-    The staircase, below which relays are up, is the drive itself down to the last minimum, then
-    the maximum before that down to the minimum before, and so on to the first loading, where it is
-    ``2 center - beta``. With ``sign = -1`` and the ``edges`` mirrored, all is seen from the other
-    side: row ``r`` is interval ``n - 2 - r`` of beta, and the areas are those switched down.
+    Relays are up below the staircase. As beta decreases, its height is the drive down to the last
+    minimum, then the maximum before that down to the minimum before it, and so on; on the first
+    loading it is ``2 center - beta``. With ``sign = -1`` and mirrored ``edges`` the roles of alpha
+    and beta are exchanged: row ``r`` is interval ``n - 2 - r`` of beta, and the areas are those
+    switched down.
     """
     areas[: r + 1] = 0.0
     v = sign * value
@@ -369,7 +373,7 @@ def row_areas(r, sign, value, center, edges, points, top, areas):
         lower = min(v, axis - v)
     elif sign * points[top] < v:
         lower = sign * points[top]
-    else:  # a maximum was last: the drive is the last minimum itself
+    else:  # the last turning point is a maximum: the drive itself is the last minimum
         lower = v
         k = top + 1
     level = upper = v
@@ -413,8 +417,8 @@ def staircase_rows(u, center, levels, bins, scale, n_reversible, points, top, la
     """Write the mean relay states of all cells, then of the reversible part, to ``out``.
 
     These are the derivatives of the response with respect to the weights. Returns ``top`` and the
-    last drive. A drive that rises changes the cells of the intervals of alpha it passes, one that
-    falls those of beta; inside the last interval the staircase is followed to its end.
+    last drive. A rising drive changes only the cells of the intervals of alpha that it passes, a
+    falling one those of beta; in the last of these intervals the areas are computed anew.
     """
     n = levels.size
     low, high = levels[0], levels[-1]
@@ -446,8 +450,8 @@ def staircase_rows(u, center, levels, bins, scale, n_reversible, points, top, la
     return top, last
 
 
-# turning points that a step remembers; one that it must drop moves less than 2 / _CORNERS^2 of all
-# relays, half of what a converter of 16 bits resolves
+# most turning points in the state of a step. Dropping one changes less than 2 / _CORNERS^2 of all
+# relays, half the resolution of a 16-bit converter
 _CORNERS = 512
 
 
@@ -455,14 +459,14 @@ _CORNERS = 512
 class PreisachOperator(RelayGridOperator):
     """Superposition of relays with a piecewise-constant density; :class:`Preisach` gives the law.
 
-    The output is continuous. A run costs the same for any number of cells. It does not depend on
-    ``dt``.
+    The output is continuous. The time of a run does not depend on the number of cells. The operator
+    is rate-independent: ``dt`` is not used.
 
     Parameters
     ----------
     levels : array-like of shape (n,)
-        Levels of the drive, ascending, in its unit. Fixed structure. Beyond the first and the last
-        the model is saturated: no relay switches and the output stays constant.
+        Levels of the drive, ascending, units of the drive. Fixed structure. Beyond the first and
+        the last the model is saturated: no relay switches and the output stays constant.
     weights : array-like of shape (n (n - 1) / 2,)
         Density times area of each cell, units of the response. The cell of interval ``i`` of alpha
         and interval ``j <= i`` of beta has the number ``i (i + 1) / 2 + j``.
@@ -480,14 +484,14 @@ class PreisachOperator(RelayGridOperator):
     Raises
     ------
     ValueError
-        If the levels do not ascend, or the number of weights does not fit to them.
+        If the levels do not ascend, or the number of weights does not match them.
 
     Notes
     -----
-    The state is the tuple (turning points, last drive), clipped to the levels' range: the points
-    are nested, the oldest and largest first, and none in a first loading. ``"rest"`` is the first
-    loading from ``center`` to the first sample; in ``"zero"`` that loading is still to come. Both
-    give the same output.
+    The state is the tuple (turning points, last drive), clipped to the range of the levels. The
+    turning points are nested, the oldest and largest first; there are none during the first
+    loading. ``"rest"`` is the state after the first loading from ``center`` to the first sample,
+    ``"zero"`` the state before it. Both give the same output.
 
     Examples
     --------
@@ -522,6 +526,7 @@ class PreisachOperator(RelayGridOperator):
         grid = np.zeros((n - 1, n - 1))
         grid[np.tril_indices(n - 1)] = self.weights
         reversible = self.reversible if self.reversible.size else np.zeros(n - 1)
+        # E between two levels: all cells and reversible weights in between; S is twice that
         everett = np.zeros((n, n))
         everett[1:, :-1] = np.cumsum(np.cumsum(grid[:, ::-1], axis=1)[:, ::-1], axis=0)
         everett += np.tril(np.subtract.outer(*2 * [np.append(0.0, np.cumsum(reversible))]))
@@ -542,7 +547,7 @@ class PreisachOperator(RelayGridOperator):
         return np.empty(0), float(last)
 
     def _stack(self, state, n_samples):
-        """Return a stack with room for all turning points to come, its depth and the last drive."""
+        """Return a stack with space for ``n_samples`` more points, its depth and the last drive."""
         turning_points, last = state
         top = turning_points.size
         points = np.empty(top + n_samples + 2)
@@ -604,13 +609,14 @@ class Preisach(RelayGridModel):
     fallen to beta. The density is constant in the cells of a grid over the range of the drive; the
     last sum is the density on the line alpha = beta, the reversible part. The density is solved
     exactly by (non-negative) least squares with a penalty on the differences of neighbouring
-    cells; no starting values are needed. A prediction costs the same for any number of cells.
+    cells; no starting values are needed. The time of a prediction does not depend on the number of
+    cells.
 
     Parameters
     ----------
     reversible : bool, default=True
-        Whether there is a reversible part, without which the response does not follow a small
-        reversal of the drive at first.
+        Whether there is a reversible part. Without it the slope of the response is zero right after
+        each reversal of the drive.
 
     Attributes
     ----------

@@ -3,23 +3,23 @@ r"""Prandtl-Ishlinskii model whose loops widen, or tilt, with the rate of the dr
     y = c + sum_k (w_k + s_k v) F_k[u],    F_k a play of the threshold r_k (1 + kappa v) + beta v
 
 with growing thresholds (Al Janaideh and Krejčí 2013) or rate weights s_k (Ang, Khosla and Riviere
-2007). The rate v is |u'|, or what a first-order low-pass makes of |u'| or of u', whose size is then
-taken. At a sample u' is that of the straight line that leads to it, and the low-pass is exact for
-that. Threshold and drive are straight lines between samples, so the ends of the slack are too, and
-a play, which lies between them at the start, is moved by one of them at most: clipping it to their
-last values is exact. A threshold of zero is the plain gain and does not grow. All others stay above
-zero and in their order, whatever the rate, since neither kappa nor beta is negative.
+2007). The rate v is |u'|, a first-order low-pass of |u'|, or the magnitude of a low-pass of u'. At
+a sample u' is the slope of the straight line that ends there, for which the low-pass is exact.
+Threshold and drive are straight lines between samples, so the ends of the slack are too, and a
+play, which lies between them at the start, is moved by at most one of them: clipping it to their
+last values is exact. A threshold of zero is a gain and does not grow. All others stay positive and
+in order at any rate, since neither kappa nor beta is negative.
 
-With the rates known the inverse is exact (Al Janaideh and Krejčí 2013). Here the rates are those of
-the drive that is sought, which is found by repetition, beginning with the inverse at rest, as long
-as the response comes closer. Repetition amplifies fast changes of the rate, as the root of each
-sample would, so the rates are smoothed over windows of time, ever smaller ones.
+For known rates the inverse is exact (Al Janaideh and Krejčí 2013). Here the rates are those of the
+unknown drive, which is found by fixed-point iteration, starting from the inverse at zero rate, as
+long as the response comes closer. The iteration amplifies fast changes of the rate, as solving each
+sample for its root would, so the rates are smoothed over windows of time that shrink.
 
-What is left is worked off by damped least squares over stretches of the record, of each of which
-the first half is kept, since what comes determines the drive too. Damping, as in Levenberg,
-*Quarterly of Applied Mathematics*, 1944, keeps noise from growing by more than its inverse. Where
-the motion turns, the response has a corner at the last drive: it may have no drive for a value near
-by, and a part of the error stays.
+The remaining error is reduced by damped least squares over overlapping blocks of the record. Only
+the first half of each block is kept, since later samples of the response determine the drive too.
+Damping (Levenberg, *Quarterly of Applied Mathematics*, 1944) limits the amplification of noise to
+its inverse. Where the motion reverses, the response as a function of the drive has a corner at the
+last drive: there may be no drive for a given response, and a part of the error remains.
 """
 
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
 @jit(inline=True)
 def rate_play_sample(value, rate, thresholds, growth, weights, rate_weights, plays):
-    """Return ``sum_k (w_k + s_k rate) F_k[u]`` at one sample; ``plays`` begins with those (K,)."""
+    """Return ``sum_k (w_k + s_k rate) F_k[u]`` at one sample; ``plays[:K]`` are updated."""
     for k in range(thresholds.size):
         slack = thresholds[k] + growth[k] * rate
         plays[k] = clip_play(plays[k], value - slack, value + slack)
@@ -49,10 +49,10 @@ def rate_play_sample(value, rate, thresholds, growth, weights, rate_weights, pla
 
 @jit
 def rate_play_step(u, c, s):
-    """Return the response at one sample; ``s`` is the plays, the last drive and low-pass.
+    """Return the response at one sample; ``s`` is the plays, the last drive and the low-pass.
 
-    ``c`` is (thresholds, growth, weights, rate_weights, intercept, dt, what is left of the low-pass
-    and what is gone of it, whether the rate keeps its sign in it).
+    ``c`` is (thresholds, growth, weights, rate_weights, intercept, dt, pole and input gain of the
+    low-pass, whether the rate enters it with its sign).
     """
     thresholds, growth, weights, rate_weights, intercept, dt, fade, gain, signed = c
     n = thresholds.size
@@ -78,10 +78,10 @@ def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, ou
 def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, out):
     """Write to ``out`` (n,) the drive whose :func:`rate_play_run` is ``y`` at the given rates.
 
-    The first threshold is zero and does not grow, and the response rises with the drive, whichever
-    plays move: it is straight between the values at which one of them starts to. Newton's steps
-    lead from one such piece to another, within a bracket, until one leads to itself. ``plays`` (K,)
-    is updated.
+    The first threshold is zero and does not grow. The response increases with the drive whichever
+    plays move, and is linear between the drives at which a play starts to move. Newton's method
+    goes from one such piece to another, within a bracket, until it stays. ``plays`` (K,) is
+    updated.
     """
     for i in range(y.size):
         rate = rates[i]
@@ -108,7 +108,7 @@ def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays
                 break
             if not low < goal < high:
                 goal = 0.5 * (low + high)
-                if not low < goal < high:  # the next number is on the other side
+                if not low < goal < high:  # no number left between the ends of the bracket
                     break
             value = goal
         for k in range(thresholds.size):
@@ -119,11 +119,11 @@ def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays
 
 @jit
 def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
-    """Write to ``out`` (n, m + K) the tangents carried through by the plays, and the plays.
+    """Write to ``out`` (n, m + K) the tangents of the weighted sum of plays, then the plays.
 
-    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates, which act
-    by the thresholds here, not by the weights. ``plays`` (K,) is updated. A play that moves takes
-    over the tangent of the end of its slack; one that sticks keeps the one it took last.
+    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates; here they act
+    through the thresholds only, not through the weights. ``plays`` (K,) is updated. A play that
+    moves has the tangent of the end of its slack; one that sticks keeps its last tangent.
     """
     m = du.shape[1]
     tangents = np.zeros((thresholds.size, m))
@@ -151,27 +151,28 @@ def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_w
                 row[j] += weight * tangents[k, j]
 
 
-_PASSES = 40  # of the inverse with one window, at most
-_GAIN = 0.99  # part of the error that a pass must leave at most, for another one
-_ENOUGH = 1e-12  # of the range
-_STRETCH = 400  # samples: of what its end has wrong a zero at 1.1 leaves 1e-8 in the first half
-_DIFFERENCE = 1e-7  # of the range of the drive: some roots of rounding
-_DAMPING = 1e-4  # of the mean slope
-_STEPS, _TRIALS = 20, 8  # of the least squares; of the damping of a step
+_PASSES = 40  # most iterations of the inverse with one window
+_GAIN = 0.99  # factor by which an iteration must reduce the error to be followed by another
+_ENOUGH = 1e-12  # error over the range of the response at which the least squares stop
+# samples per block; with a zero at 1.1 an error at its end decays to 1e-8 in the first half
+_BLOCK = 400
+_DIFFERENCE = 1e-7  # finite difference over the drive's range: a few times the root of rounding
+_DAMPING = 1e-4  # over the root mean square slope
+_STEPS, _TRIALS = 20, 8  # most steps of the least squares; most dampings per step
 
 
 @dataclass(frozen=True)
 class RateDependentInverseOperator(InverseOperator):
-    """From the response of plays that follow the rate of the drive to a drive that gives it."""
+    """Inverse of rate-dependent plays: from the response to a drive that gives it."""
 
     causal = False
 
     def init(self, u0, initial_state="rest"):
-        """Return the initial state by name: a record is inverted as a whole; see the base."""
+        """Return the name of the initial state: a record is inverted in one pass; see the base."""
         return initial_state
 
     def run(self, u, dt, state=None):
-        """Return the drive (n_samples,) for a response, which begins in the state; see the base."""
+        """Return the drive (n_samples,) whose response is ``u``; see the base."""
         y, plays, initial_state = as_signal(u), self.operator, state or "rest"
         fastest = plays.fastest_monotone()
 
@@ -188,43 +189,43 @@ class RateDependentInverseOperator(InverseOperator):
                 if initial_state == "zero":
                     velocities[0] = drive[0] / dt
                 drive, error = advance(plays.paces(velocities, dt)[0])
-                gained = error < _GAIN * smallest
+                improved = error < _GAIN * smallest
                 if error < smallest:
                     best, smallest = drive, error
-                if not gained:
+                if not improved:
                     break
         return self._polished(best, y, dt, plays.init(best[0], initial_state)), None
 
     def _polished(self, drive, y, dt, state):
-        """Return a drive with a smaller error, stretch by stretch; all but the last overlap."""
+        """Return a drive (n_samples,) with a smaller error, improved in overlapping blocks."""
         drive, enough = drive.copy(), _ENOUGH * np.ptp(y)
-        for begin in range(0, len(y), _STRETCH // 2):
-            part = slice(begin, begin + _STRETCH)
+        for begin in range(0, len(y), _BLOCK // 2):
+            part = slice(begin, begin + _BLOCK)
             is_last = part.stop >= len(y)
             drive[part] = self._improved(drive[part], y[part], dt, state, enough)
-            _, state = self.operator.run(drive[begin : begin + _STRETCH // 2], dt, state)
+            _, state = self.operator.run(drive[begin : begin + _BLOCK // 2], dt, state)
             if is_last:
                 break
         return drive
 
     def _improved(self, drive, y, dt, state, enough):
-        """Return a drive whose squared error is less."""
+        """Return a drive (n,) with a smaller sum of squared errors, by damped least squares."""
 
-        def left(u):
+        def residual(u):
             return self.operator.run(u, dt, state)[0] - y
 
-        error, change, damping = left(drive), _DIFFERENCE * (np.ptp(drive) or 1.0), _DAMPING
+        error, change, damping = residual(drive), _DIFFERENCE * (np.ptp(drive) or 1.0), _DAMPING
         for _ in range(_STEPS):
             if np.abs(error).max() <= enough:
                 break
-            matrix = [left(drive + change * unit) - error for unit in np.eye(len(y))]
+            matrix = [residual(drive + change * unit) - error for unit in np.eye(len(y))]
             matrix = np.stack(matrix, axis=1) / change
             square = matrix.T @ matrix
             size = np.trace(square) / len(y) * np.eye(len(y))
             before = error @ error
             for _halving in range(_TRIALS):
                 trial = drive - np.linalg.solve(square + damping**2 * size, matrix.T @ error)
-                found = left(trial)
+                found = residual(trial)
                 if found @ found < before:
                     break
                 damping *= 4.0
@@ -236,47 +237,50 @@ class RateDependentInverseOperator(InverseOperator):
         return drive
 
 
-_RESERVE = 0.9  # of the rate at which the response is no longer monotone
-_GROWTHS = np.geomspace(0.003, 0.3, 5)  # of a threshold at the highest rate, over the half range
-_STRETCHES = np.geomspace(0.03, 3.0, 5)  # the same over the threshold itself
-_MEMORIES = 4  # time constants to start from, from two samples to a tenth of the longest record
+_RESERVE = 0.9  # highest rate used, over that at which the response is no longer monotone
+# starting values: growth of a threshold at the highest rate, over the half range of the drive
+_GROWTHS = np.geomspace(0.003, 0.3, 5)
+_STRETCHES = np.geomspace(0.03, 3.0, 5)  # the same, over the threshold itself
+_MEMORIES = 4  # number of time constants, from two samples to a tenth of the longest record
 
 
 @dataclass(frozen=True, eq=False)
 class RateDependentPrandtlIshlinskiiOperator(PlaySum):
-    """Weighted sum of plays, as in :class:`RateDependentPrandtlIshlinskii`.
+    """Weighted sum of rate-dependent plays, see :class:`RateDependentPrandtlIshlinskii`.
 
     Parameters
     ----------
     thresholds, weights : array-like of shape (n_plays,)
-        At rest: units of the drive, ascending, not negative, fixed structure; response/drive.
+        At rest: thresholds in units of the drive, ascending, not negative, fixed structure;
+        weights in response/drive.
     rate_weights : array-like of shape (n_plays,) or (0,), default=()
-        Change of the weights with the rate in response s/drive^2; empty: none, and not identified.
+        Change of the weights with the rate, response s/drive^2; if empty, none is identified.
     intercept : float, default=0.0
         In units of the response.
     dilation : float, default=0.0
-        Growth of all thresholds above zero with the rate, in s; zero: none, and not identified.
+        ``beta``: growth of all thresholds above zero with the rate, in s; not identified if zero.
     stretch : float, default=0.0
-        Instead, relative growth of the thresholds with the rate, in s/drive; zero likewise.
+        ``kappa``: relative growth of the thresholds with the rate instead, in s/drive; not
+        identified if zero.
     time_constant : float, default=0.0
-        Of the low-pass that the rate goes through, in s; above zero where there is one.
+        Time constant of the low-pass of the rate, in s; positive unless ``smoothing`` is "none".
     smoothing : {"none", "speed", "velocity"}, default="none"
-        What goes through it: nothing, the size of the drive's rate, or the rate with its sign, of
-        which the size is taken behind.
+        Input of the low-pass: none, the magnitude of the drive's rate, or the rate with its sign,
+        whose magnitude is then taken after the low-pass.
     non_negative : bool, default=True
         Whether the weights at rest are bounded below by zero when they are identified.
 
     Raises
     ------
     ValueError
-        If the thresholds are negative or do not ascend, or there is not one weight for each; if
-        dilation, stretch or time constant are negative, the former two are both there, or the
-        latter is not what the smoothing needs.
+        If the thresholds are negative or do not ascend, or there is not one weight per threshold;
+        if dilation, stretch or time constant is negative, dilation and stretch are both positive,
+        or the time constant does not match the smoothing.
 
     Notes
     -----
-    The state is a tuple of the plays (n_plays,), the last drive, and the last of the low-pass.
-    ``"rest"`` is a first loading from zero, infinitely slow.
+    The state is the tuple (plays (n_plays,), last drive, last output of the low-pass). ``"rest"``
+    is the state after an infinitely slow first loading from zero.
 
     Examples
     --------
@@ -305,13 +309,13 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         wanted = f"have one value for each of the {size} thresholds, or none"
         self._require("rate_weights", matching, wanted)
         self._require("dilation", self.dilation >= 0.0, "not be negative")
-        wanted = "not be negative, and 0 where there is a dilation"
+        wanted = "not be negative, and be 0 if there is a dilation"
         fitting = self.stretch >= 0.0 and 0.0 in (self.stretch, self.dilation)
         self._require("stretch", fitting, wanted)
         known = self.smoothing in ("none", "speed", "velocity")
         self._require("smoothing", known, "be 'none', 'speed' or 'velocity'")
         fitting = self.time_constant > 0.0 if self._smooths else self.time_constant == 0.0
-        wanted = "be above 0 with a smoothing, and 0 without"
+        wanted = "be above 0 with a smoothing, and 0 without one"
         self._require("time_constant", fitting, wanted)
 
     @property
@@ -319,7 +323,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return self.smoothing != "none"
 
     def parameter_specs(self):
-        """Return the identifiable fields, of those of the rate only what is not zero."""
+        """Return the identifiable fields; those of the rate are included if they are not zero."""
         specs = super().parameter_specs()
         for name in ("dilation", "stretch", "time_constant"):
             if getattr(self, name) == 0.0:
@@ -327,33 +331,33 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return specs
 
     def _arguments(self):
-        """Return thresholds, their growth, weights and those of the rate, (n_plays,) each."""
+        """Return thresholds, their growth, weights and rate weights, (n_plays,) each."""
         none = as_signal(np.zeros_like(self.weights))
         rate_weights = self.rate_weights if self.rate_weights.size else none
         growth = self.dilation * (self.thresholds > 0.0) + self.stretch * self.thresholds
         return self.thresholds, growth, self.weights, rate_weights
 
     def paces(self, velocities, dt, before=0.0):
-        """Return what thresholds and weights follow, (n_samples,), and the last of the low-pass.
+        """Return the rates v (n_samples,) in drive/s and the last output of the low-pass.
 
         Parameters
         ----------
         velocities : array-like of shape (n_samples,)
-            Rates of the drive on the way to each sample, in units of the drive over s.
+            Slopes of the drive in the interval before each sample, in drive/s.
         dt : float
             Sampling interval in s.
         before : float, default=0.0
-            The last of the low-pass before the first sample.
+            Output of the low-pass before the first sample.
         """
         smooth = self._low_pass(self._passed(velocities), dt, before)
         return np.abs(smooth), float(smooth[-1]) if smooth.size else before
 
     def _passed(self, velocities):
-        """Return what goes through the low-pass."""
+        """Return the input of the low-pass."""
         return velocities if self.smoothing == "velocity" else np.abs(velocities)
 
     def _low_pass(self, signals, dt, before=0.0):
-        """Return signals (n_samples, ...) behind the low-pass, each constant over an interval."""
+        """Return low-passed signals (n_samples, ...), their inputs constant over each interval."""
         if not (self._smooths and signals.size):
             return signals
         fade, gain = self._fade(dt)
@@ -361,12 +365,12 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return lfilter([gain], [1.0, -fade], signals, axis=0, zi=first)[0]
 
     def _fade(self, dt):
-        """Return what is left of the low-pass behind an interval, and what is gone."""
+        """Return pole and input gain of the low-pass over one interval; they add up to 1."""
         steps = -dt / self.time_constant if self._smooths else -np.inf
         return np.exp(steps), -np.expm1(steps)
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0``: plays, last drive, and its low-pass."""
+        """Return the state before the first sample ``u0``: plays, last drive and low-pass."""
         last = float(u0) if initial_state == "rest" else 0.0
         return np.clip(0.0, last - self.thresholds, last + self.thresholds), last, 0.0
 
@@ -390,15 +394,16 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         u, du = as_signal(u), as_signal(du)
         state = self.init(u[0] if u.size else 0.0, initial_state)
         y, _ = self.run(u, dt, state)
-        # the first sample is the first loading, so that its tangents are those of a sample
+        # from rest the first loading ends at the first sample: before it, the tangents are the same
         before = du[:1] if initial_state == "rest" else np.zeros((1, du.shape[1]))
         velocities = np.diff(u, prepend=state[1]) / dt
         rates, drates = self._rate_tangents(
             velocities, np.diff(du, axis=0, prepend=before[: len(du)]) / dt, dt
         )
         m, arguments = du.shape[1], self._arguments()
-        # growth and low-pass act by the rate alone, as tangents of a drive that stands still do; a
-        # threshold grows by ``growth * rate``, so growth itself is one tangent more
+        # growth and time constant act through the rate only: they are additional tangents for which
+        # that of the drive is zero. A threshold grows by ``growth * rate``, so the tangent by
+        # growth itself is that of the rate, ``rate / growth``
         own = np.zeros((u.size, drates.shape[1] - m))
         speeds = drates
         growth = self.dilation or self.stretch
@@ -411,20 +416,20 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         start = np.zeros(self.thresholds.size)
         rate_play_tangents(u, as_signal(drive), rates, as_signal(speeds), *arguments, start, out)
         plays = out[:, drive.shape[1] :]
-        carried = out[:, : drive.shape[1]] + (plays @ arguments[-1])[:, None] * drates
+        propagated = out[:, : drive.shape[1]] + (plays @ arguments[-1])[:, None] * drates
         scaled = rates[:, None] * plays[:, : self.rate_weights.size]
         ones = np.ones((u.size, 1))
-        return y, np.hstack((carried[:, :m], plays, scaled, ones, carried[:, m:]))
+        return y, np.hstack((propagated[:, :m], plays, scaled, ones, propagated[:, m:]))
 
     def _rate_tangents(self, velocities, tangents, dt):
-        """Return the rates (n,), and their tangents (n, m), behind which that of the low-pass."""
+        """Return the rates (n,) and their tangents (n, m [+ 1]), that by the time constant last."""
         if self.smoothing != "velocity":
             tangents = tangents * np.sign(velocities)[:, None]
         passed = self._passed(velocities)
         smooth = self._low_pass(passed, dt)
         tangents = self._low_pass(tangents, dt)
         if self._smooths:
-            # of x_i = f x_{i-1} + (1 - f) p_i with f = exp(-dt / tau)
+            # derivative by tau of x_i = f x_{i-1} + (1 - f) p_i with f = exp(-dt / tau)
             fade = np.exp(-dt / self.time_constant)
             change = fade * dt / self.time_constant**2
             source = change * (np.append(0.0, smooth[:-1])[: smooth.size] - passed)
@@ -432,21 +437,21 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return np.abs(smooth), tangents * np.sign(smooth)[:, None]
 
     def characteristics(self, seen):
-        """Return how much the loop grows at the rate that a tenth of the samples exceed."""
+        """Return the growth of the loop at the 90 % quantile of the rate, and that rate."""
         fast = np.quantile(seen.rates, 0.9)
         change = self.dilation or self.stretch or np.sum(self.rate_weights) / np.sum(self.weights)
         growth = 100.0 * change * fast / (0.5 * np.ptp(seen.ends) if self.dilation else 1.0)
         return {"growth at fast motion": (growth, "%"), "fast motion": (fast, "drive/s")}
 
     def drive_at_rates(self, y, rates, plays=None):
-        """Return the drive (n_samples,) under which the response is ``y``, its rates being known.
+        """Return the drive (n_samples,) whose response is ``y``, for known rates.
 
         Parameters
         ----------
         y, rates : array-like of shape (n_samples,)
-            Response, and what :meth:`paces` returns for the drive, in units of the drive over s.
+            Response, and the rates of the drive as :meth:`paces` returns them, in drive/s.
         plays : ndarray of shape (n_plays,), optional
-            The plays before the first sample; by default they are zero.
+            Plays before the first sample; by default zero.
 
         Raises
         ------
@@ -457,13 +462,13 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         thresholds, growth, weights, rate_weights = self._arguments()
         fastest = rates.max(initial=0.0)
         ends = np.array([weights, weights + fastest * rate_weights])
-        if self.stretch:  # where thresholds shrink, plays may move in any order
+        if self.stretch:  # a shrinking threshold lets plays move in any order
             ends[:, 1:] = np.minimum(ends[:, 1:], 0.0)
         least = np.min(np.cumsum(ends, axis=1))
         if thresholds[0] != 0.0 or not least > 0.0:
             raise ValueError(
                 "RateDependentPrandtlIshlinskiiOperator.drive_at_rates needs a first threshold of "
-                "0 and positive sums of the first weights at all rates: the response must be "
+                "0 and positive partial sums of the weights at all rates: the response must be "
                 f"strictly monotone. Got thresholds[0]={thresholds[0]!r} and the smallest sum "
                 f"{least!r} instead."
             )
@@ -473,11 +478,11 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return u
 
     def inverse(self):
-        """Return the inverse, which looks ahead: an operator from response to drive."""
+        """Return the inverse, from response to drive; it needs the later response too."""
         return RateDependentInverseOperator(self)
 
     def fastest_monotone(self):
-        """Return a rate up to which the response is a strictly monotone function of the drive."""
+        """Return a rate (drive/s) up to which the response is strictly monotone in the drive."""
         falls = -np.cumsum(self.rate_weights)
         slopes = np.cumsum(self.weights)[: falls.size]
         falling = falls > 0.0
@@ -492,7 +497,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
 
     .. math:: y = c + \sum_k w_k F_{r_k(t)}[u], \quad r_k(t) = r_k + \beta v(t)
 
-    With ``variant="proportional"`` they grow in proportion, so that all of the loop widens alike:
+    With ``variant="proportional"`` they grow in proportion, so that the loop widens uniformly:
 
     .. math:: r_k(t) = r_k (1 + \kappa v(t))
 
@@ -501,40 +506,40 @@ class RateDependentPrandtlIshlinskii(PlayModel):
 
     .. math:: y = c + \sum_k (w_k + s_k v(t)) F_{r_k}[u]
 
-    The size of the rate counts, so that a model without intercept stays odd. The rate at a
-    sample is that of the straight line that leads to it. By itself, :math:`v = |u'|`, it acts at
-    once; by ``smoothing`` it acts behind a first-order low-pass, as of a device that warms up when
-    it moves or of one whose inside follows late:
+    The model depends on the magnitude of the rate, so that without intercept it is odd. The rate at
+    a sample is the slope of the straight line that ends there. Without ``smoothing``,
+    :math:`v = |u'|` acts without delay; otherwise it acts through a first-order low-pass, as in a
+    device that warms up when it moves, or in one whose internal state lags:
 
     .. math:: \tau v' + v = |u'| \quad\text{(speed)}, \qquad
        \tau q' + q = u', \; v = |q| \quad\text{(velocity)}
 
-    A time constant far above the periods of the drive leaves a speed its mean, and a velocity
-    nothing. All parameters but :math:`\beta`, :math:`\kappa` and :math:`\tau` are solved exactly
-    by least squares.
+    If the time constant is far above the periods of the drive, the low-pass of the speed is its
+    mean and that of the velocity is zero. All parameters but :math:`\beta`, :math:`\kappa` and
+    :math:`\tau` are solved exactly by least squares.
 
     Parameters
     ----------
     variant : {"threshold", "proportional", "slope"}, default="threshold"
-        What follows the rate.
+        Which parameters depend on the rate.
     smoothing : {"none", "speed", "velocity"}, default="none"
-        What a low-pass smooths: nothing, the size of the rate, or the rate with its sign.
+        Input of the low-pass: none, the magnitude of the rate, or the rate with its sign.
 
     Attributes
     ----------
     rate_weights_ : ndarray of shape (n_operators,) or (0,)
         Change of the weights with the rate (``variant="slope"``).
     dilation_ : float
-        Growth of the thresholds with the rate, in s; 0 but with ``variant="threshold"``.
+        Growth of the thresholds with the rate, in s; 0 unless ``variant="threshold"``.
     stretch_ : float
-        Relative growth, in s/drive; 0 but with ``variant="proportional"``.
+        Relative growth, in s/drive; 0 unless ``variant="proportional"``.
     time_constant_ : float
-        Of the low-pass, in s; 0 where there is none.
+        Time constant of the low-pass, in s; 0 without one.
 
     References
     ----------
     Al Janaideh and Krejčí, *IEEE/ASME Transactions on Mechatronics*, 2013. Al Janaideh, Krejčí and
-    Monteiro, *Applications of Mathematics*, 2023, of thresholds that are any functions of time.
+    Monteiro, *Applications of Mathematics*, 2023, for thresholds that are any functions of time.
     Ang, Khosla and Riviere, *IEEE/ASME Transactions on Mechatronics*, 2007.
 
     Examples
@@ -589,8 +594,8 @@ class RateDependentPrandtlIshlinskii(PlayModel):
             non_negative=self.non_negative,
         )
         found = []
-        for memory in self._memories(records):
-            start = replace(plain, smoothing=self.smoothing, time_constant=memory)
+        for time_constant in self._memories(records):
+            start = replace(plain, smoothing=self.smoothing, time_constant=time_constant)
             if self.variant == "slope":
                 found.append(start)
                 continue
@@ -602,7 +607,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         return found
 
     def _memories(self, records):
-        """Return time constants, from what records resolve to what they show."""
+        """Return starting time constants (s): two samples to a tenth of the longest record."""
         if self.smoothing == "none":
             return [0.0]
         dt = min(record.dt for record in records)
@@ -611,7 +616,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
 
     @staticmethod
     def _fastest(records, start):
-        """Return the highest rate that acts, one swing an interval where the drive never moves."""
+        """Return the highest rate v in drive/s; the range per interval if the drive never moves."""
         rates = [start.paces(np.diff(r.u) / r.dt, r.dt)[0].max(initial=0.0) for r in records]
         return max(rates) or swing(records) / records[0].dt
 

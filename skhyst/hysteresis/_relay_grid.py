@@ -1,18 +1,18 @@
-"""What the models over the half plane ``alpha >= beta`` share: the grid and its identification.
+"""Base of the models over the half plane ``alpha >= beta``: the grid and its identification.
 
 Levels ``x_0 < ... < x_{n-1}`` of the drive cut the half plane into cells: interval ``i`` of alpha
 (``x_i`` to ``x_{i+1}``) and interval ``j <= i`` of beta, with the number ``i (i + 1) / 2 + j``. The
 response is linear in their weights, of which there are many, and data rarely determine all of them:
-a major loop alone says nothing about where inside it minor loops differ. The weights minimise
+a major loop alone does not determine the minor loops inside it. The weights minimise
 
     |y - A w|^2 + lambda sum (v_a - v_b)^2,    w >= 0,
 
 where the sum runs over neighbouring cells and v is the weight of a cell, twice that of a triangular
-one on the diagonal: equal densities on an even grid cost nothing. The reversible part is smooth for
-itself. On an uneven grid the weights are smooth as functions of the level's number, not of the
-drive. ``lambda`` is ``smoothness`` times the mean squared norm of the columns of A less their
-means, so that ``smoothness`` has no unit and does not depend on the number of samples. The normal
-equations are added up over stretches of the records.
+one on the diagonal, so that equal densities on an even grid have no penalty. The reversible part
+has its own penalty. On an uneven grid the weights are smooth as functions of the level's number,
+not of the drive. ``lambda`` is ``smoothness`` times the mean squared norm of the centred columns of
+A, so that ``smoothness`` has no unit and does not depend on the number of samples. The normal
+equations are accumulated over blocks of the records.
 """
 
 import dataclasses
@@ -30,9 +30,9 @@ from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
 from ._common import show
 
-_STRETCH = 1024  # rows of the design matrix at a time
-_BINS = 200  # of the drive, to see where the response changes
-_SILENT = 1e-13  # mean square of a column, of 1, below which it has not moved
+_BLOCK = 1024  # rows of the design matrix per block
+_BINS = 200  # bins of the drive in which changes of the response are measured
+_SILENT = 1e-13  # variance of a column (-1 to 1) below which it has not moved
 _RIDGE = 1e-12  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
@@ -45,9 +45,9 @@ def cell_indices(n_levels):
 class RelayGridOperator(Superposition):
     """Base of the operators over a grid: fields ``levels``, ``weights`` and ``center``.
 
-    A subclass fills in ``_fill(u, state, rows)``, which writes the derivatives by the weights to
-    the first columns of ``rows`` and returns the state, and ``_propagate(u, du, state, out)``,
-    which writes the tangents carried through to those of ``out``.
+    A subclass defines ``_fill(u, state, rows)``, which writes the derivatives by the weights to the
+    first columns of ``rows`` and returns the state, and ``_propagate(u, du, state, out)``, which
+    writes the tangents of the response for ``du`` to the first columns of ``out``.
     """
 
     def __post_init__(self):
@@ -70,7 +70,7 @@ class RelayGridOperator(Superposition):
         """Return the derivatives (n_samples, n_parameters) of the response, and the state.
 
         They are the mean states of the relays of each cell, or of the ramps, between -1 and 1, and
-        a one, in the order of ``pack``. Drive and state are those of :meth:`run`.
+        1 for the intercept, in the order of ``pack``. Drive and state are those of :meth:`run`.
         """
         u = as_signal(u)
         rows = np.ones((u.size, self.n_parameters))
@@ -95,18 +95,19 @@ class RelayGridModel(ParametricModel):
         Number n of levels of the drive; there are n (n - 1) / 2 cells. Ignored where ``levels`` is
         an array.
     levels : {"grid", "response"} or array-like of shape (n_levels,), default="grid"
-        From the lowest to the highest drive in the records of the fit, evenly spaced or denser
-        where the response changes more (half of the levels follow the drive, half the response);
-        or given, in units of the drive. The second suits responses that are steep in a part of the
-        range and saturate in the rest. Beyond the levels the model is saturated: the response stays
-        constant.
+        "grid": evenly spaced from the lowest to the highest drive in the records of the fit.
+        "response": over the same range, denser where the response changes more (half of the levels
+        follow the drive, half the response), for responses that are steep in a part of the range
+        and saturate elsewhere. Or given, in units of the drive. Beyond the levels the model is
+        saturated: the response stays constant.
     smoothness : float, default=1e-3
         Weight of the penalty on the differences of neighbouring cells relative to that of the data,
-        without unit. It fills cells that the data do not determine from their neighbours. 0: none.
-        In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum` all parameters are
-        refined jointly and without the penalty: use few levels there.
+        no unit; 0 for none. The penalty interpolates cells that the data do not determine from
+        their neighbours. In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum`
+        all parameters are refined jointly and without the penalty: use few levels there.
     non_negative : bool, default=True
-        The weights are not negative: branches are monotone and the model dissipates.
+        Whether the weights are bounded below by zero, so that branches are monotone and the model
+        dissipates.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     center : float, default=0.0
@@ -115,7 +116,7 @@ class RelayGridModel(ParametricModel):
         the lowest level, such as 0 for a drive from 0 to 150 V): all are down at first.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from ``center``; the
-        drive still at ``center``; or after a rest at a drive value that is fitted for each record.
+        drive still at ``center``; or after a rest at a drive value that is fitted per record.
 
     Attributes
     ----------
@@ -126,8 +127,8 @@ class RelayGridModel(ParametricModel):
         number i (i + 1) / 2 + j.
     params_, params_std_ : dict
         Parameters and their standard errors, which hold for the penalised estimate and white noise:
-        neither its bias nor a colour of the noise is in them. Cells that have not moved are named
-        in ``identifiability_["undetermined"]``.
+        they include neither its bias nor correlation of the noise. Cells that have not moved are
+        named in ``identifiability_["undetermined"]``.
     """
 
     _parameter_constraints = {
@@ -170,7 +171,7 @@ class RelayGridModel(ParametricModel):
         low = min(record.u.min() for record in records)
         high = max(record.u.max() for record in records)
         edges = np.linspace(low, high, _BINS + 1)
-        if not np.all(np.diff(edges) > 0.0):  # the drive rests
+        if not np.all(np.diff(edges) > 0.0):  # constant drive
             half = max(abs(low), abs(high)) or 1.0
             return np.linspace(low - half, high + half, self.n_levels)
         if self.levels == "grid":
@@ -217,7 +218,8 @@ class RelayGridModel(ParametricModel):
 
     def _finish(self, result, data):
         super()._finish(result, data)
-        if self.initial_state == "estimate":  # the search for input_history refits without penalty
+        # the search for the input history has refitted all parameters without the penalty
+        if self.initial_state == "estimate":
             drives = zip(data, self.initial_drive_, strict=True)
             data = [dataclasses.replace(record, before=u) for record, u in drives]
             self._adopt(self._identify(data))
@@ -230,9 +232,9 @@ class RelayGridModel(ParametricModel):
 
 
 def _response_levels(records, edges, n_levels):
-    """Return levels between which the drive and the response change by equal shares.
+    """Return levels between which the sum of the relative changes of drive and response is equal.
 
-    The response is averaged over each passage of the drive through a bin, so that its noise adds
+    The response is averaged over each passage of the drive through a bin, so that noise contributes
     little to its changes.
     """
     changes = np.zeros(len(edges))
@@ -248,15 +250,15 @@ def _response_levels(records, edges, n_levels):
     weight = np.full(len(changes), 1.0 / len(changes))
     if changes.sum() > 0.0:
         weight += changes / changes.sum()
-    place = np.append(0.0, np.cumsum(weight))
-    return np.interp(np.linspace(0.0, place[-1], n_levels), place, edges)
+    cumulative = np.append(0.0, np.cumsum(weight))
+    return np.interp(np.linspace(0.0, cumulative[-1], n_levels), cumulative, edges)
 
 
 def _roughness(operator, diagonal_is_reversible):
     """Return the matrix of the penalty.
 
-    Reversible weights are neighbours of each other only: those of the diagonal, or else those
-    behind the cells, if any.
+    Reversible weights are neighbours of each other only. They are those of the diagonal, or those
+    that follow the weights of the cells, if any.
     """
     n, n_weights = operator.levels.size, operator.n_parameters - 1
     i, j = cell_indices(n)
@@ -283,7 +285,10 @@ def _roughness(operator, diagonal_is_reversible):
 
 
 def _normal_equations(problem, fit_intercept):
-    """Return the Gram matrix of ``[A, 1, y - shift]`` and the shift, a mean that spares digits."""
+    """Return the Gram matrix of ``[A, 1, y - shift]``, the shift and ``fit_intercept``.
+
+    The shift is the mean of y, subtracted to avoid cancellation.
+    """
     weights = [record.counts() for record in problem.records]
     y = np.concatenate([record.y for record in problem.records])
     shift = np.average(y, weights=np.concatenate(weights)) if fit_intercept else 0.0
@@ -291,8 +296,8 @@ def _normal_equations(problem, fit_intercept):
     for record, counts in zip(problem.records, weights, strict=True):
         u, skip = record.with_history()
         _, state = operator.run(u[:skip], record.dt, operator.init(u[0], problem.initial_state))
-        for start in range(0, len(record.u), _STRETCH):
-            part = slice(start, start + _STRETCH)
+        for start in range(0, len(record.u), _BLOCK):
+            part = slice(start, start + _BLOCK)
             rows, state = operator.basis(record.u[part], state)
             rows = np.column_stack((rows, record.y[part] - shift))
             rows *= np.sqrt(counts[part, None])
@@ -301,11 +306,11 @@ def _normal_equations(problem, fit_intercept):
 
 
 def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
-    """Return values, standard errors per unit of noise, what is undetermined, condition, freedom.
+    """Return the estimate, standard errors, undetermined, condition number, degrees of freedom.
 
-    The values are the weights and the intercept, if any; the freedom is their effective number. The
-    standard errors are those of the penalised estimate; what the penalty pulls away from the truth
-    is not in them.
+    The estimate holds the weights and the intercept, if any; ``undetermined`` is a mask of the
+    weights; the degrees of freedom are the effective number of parameters. The standard errors, per
+    unit of noise, are those of the penalised estimate and do not include its bias.
     """
     n_samples, n = gram[-2, -2], len(gram) - 2
     mean, right, gram_y = gram[-2, :n] / n_samples, gram[-1, :n], gram[-1, -2]
@@ -316,6 +321,7 @@ def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
         gram = np.where(silent | silent[:, None], 0.0, gram - n_samples * np.outer(mean, mean))
         right = np.where(silent, 0.0, right - mean * gram_y)
     matrix = gram + smoothness * max(spread.mean(), 0.0) * roughness
+    # scaled to a unit diagonal, so that ridge and condition number do not depend on units
     index = np.flatnonzero(matrix.diagonal() > 0.0)
     scale = np.sqrt(matrix.diagonal()[index])
     matrix = matrix[np.ix_(index, index)] / np.outer(scale, scale)
@@ -324,6 +330,7 @@ def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
     solution, free = nonnegative_minimum(matrix, -right[index] / scale, bounded)
     x, undetermined = np.zeros(n), silent.copy()
     x[index] = solution / scale
+    # weights at their bound are held: the covariance is that of the others
     free &= (solution > 0.0) | ~bounded
     index, scale, matrix = index[free], scale[free], matrix[np.ix_(free, free)]
     inverse, condition, unknown = (_inverse if smoothness > 0.0 else _pseudo_inverse)(matrix)
@@ -341,7 +348,7 @@ def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
 
 
 def _inverse(matrix):
-    """Return the inverse of a positive definite matrix, its condition number, no unknowns."""
+    """Return the inverse of a positive definite matrix, its condition number, and []."""
     if not len(matrix):
         return matrix, 1.0, []
     factor = cholesky(matrix)
@@ -351,7 +358,7 @@ def _inverse(matrix):
 
 
 def _pseudo_inverse(matrix):
-    """Return the inverse where the matrix has one, condition number, unknowns without one."""
+    """Return the pseudo-inverse, the condition number, and a mask of undetermined unknowns."""
     if not len(matrix):
         return matrix, 1.0, []
     values, vectors = eigh(matrix)

@@ -1,14 +1,14 @@
 r"""Mass with polynomial spring and damper and a bilinear hysteretic force.
 
-In units of the drive, with ``p = q'/w``, the force beside linear spring and damper is
-``F = N(q, p) + z`` with odd polynomials without linear terms,
+In units of the drive, with ``p = q'/w``, the force in parallel with the linear spring and damper
+is ``F = N(q, p) + z`` with odd polynomials without linear terms,
 
     N = sum_i c_i q (q/s)^(2i) + sum_i l_i p (p/s)^(2i),
 
-and z moves with ``k_s q`` within ``+-z_s``. Over the way D of a substep (see ``_oscillator``) the
-mean of z is known in closed form, and D is the root of a linear equation while z has not reached
-its limit, of a quadratic one when it has (:func:`slide`). N is taken at the start for a first D,
-then as the mean of both ends.
+and z follows ``k_s q``, limited to ``+-z_s``. Along the displacement D of a substep (see
+``_oscillator``) the mean of z is known in closed form, and D is the root of a linear equation while
+z is within its limit, of a quadratic one if it reaches it (:func:`slide`). N is taken at the start
+for a first D, then as the mean of both ends.
 """
 
 import math
@@ -23,20 +23,20 @@ from .._jit import jit
 from .._sklearn import Interval
 from ..operators import as_signal, parameter
 from ._oscillator import (
-    FREE,
+    FREE_P,
     OWN,
+    PARAMETERS,
     SLOPE_B,
-    SPEED,
     F,
     OscillatorModel,
     OscillatorOperator,
     P,
     Q,
-    begin,
     loops,
     move_tangents,
     oscillator,
     propagate,
+    set_identity,
     solve_tangents,
 )
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
@@ -56,9 +56,9 @@ def odd_terms(x, coefficients, scale):
 
 @jit
 def slide(c, b, z, k, limit):
-    """Solve ``D = c - b mean(z)``; return D, the mean of z, z behind it, and a part of the way.
+    """Solve ``D = c - b mean(z)``; return D, the mean of z, the new z, and a fraction of D.
 
-    That is the part on which z grows, 1 where it does not slip.
+    It is the fraction over which z changes before it slips, 1 if it does not slip.
     """
     delta = (c - b * z) / (1.0 + 0.5 * b * k)
     new = z + k * delta
@@ -85,23 +85,23 @@ def polynomials(q, p, scale, springs, dampers):
 
 @jit(inline=True)
 def restoring(mode, law, h, q, p, z, u0, u1):
-    """Return q, p and z behind a substep.
+    """Return q, p and z after a substep.
 
-    ``law`` is (k_s, z_s, preload, s, bound, spring's coefficients, damper's); beyond the bound,
-    before anything overflows, the stage is lost: all that follows is NaN.
+    ``law`` is (k_s, z_s, preload, s, bound, spring's coefficients, damper's). Beyond the bound,
+    below overflow, the simulation has diverged and all following values are NaN.
     """
     k_s, limit, preload, scale, bound, springs, dampers = law
     b, bp = mode[2], mode[3]
-    reach, speed = oscillator(mode, q, p, preload + u0, preload + u1)
+    free_d, free_p = oscillator(mode, q, p, preload + u0, preload + u1)
     force0 = polynomials(q, p, scale, springs, dampers)
-    delta, mean, _, _ = slide(reach - b * force0, b, z, k_s, limit)
-    end = speed - bp * (force0 + mean)
+    delta, mean, _, _ = slide(free_d - b * force0, b, z, k_s, limit)
+    end = free_p - bp * (force0 + mean)
     force = 0.5 * (force0 + polynomials(q + delta, end, scale, springs, dampers))
-    delta, mean, z, _ = slide(reach - b * force, b, z, k_s, limit)
+    delta, mean, z, _ = slide(free_d - b * force, b, z, k_s, limit)
     q += delta
     if not abs(q) <= bound:
         return math.nan, math.nan, math.nan
-    return q, speed - bp * (force + mean), z
+    return q, free_p - bp * (force + mean), z
 
 
 restoring_run, restoring_step = loops(restoring)
@@ -118,7 +118,7 @@ def add_powers(x, scale, out, first, n):
 
 @jit
 def slide_tangents(b, k, delta, mean, part, polynomial, first, dpolynomial, by):
-    """Write the derivatives of D, F and the new z behind :func:`slide` to ``by``.
+    """Write the derivatives of D, F and the new z of :func:`slide` to ``by``.
 
     ``polynomial`` and ``dpolynomial`` are N and its derivatives, ``first`` is the column of k_s.
     """
@@ -150,16 +150,16 @@ def restoring_tangents(
     b, bp = mode[2], mode[3]
     n_springs, n_dampers = springs.size, dampers.size
     first = OWN + 2 + n_springs + n_dampers
-    step = np.empty((3, FREE + first + 3 - OWN))
+    step = np.empty((3, PARAMETERS + first + 3 - OWN))
     by = np.empty((3, first + 2))
     dforce0, dforce = np.empty((2, first + 2))
     for k in range(u.size):
         u0 = before + preload
-        begin(step)
+        set_identity(step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = preload + before + (u[k] - before) * stop
-            reach, speed = oscillator(mode, q, p, u0, u1)
+            free_d, free_p = oscillator(mode, q, p, u0, u1)
             # with the force at the start
             from_q, by_q = odd_terms(q, springs, scale)
             from_p, by_p = odd_terms(p, dampers, scale)
@@ -168,42 +168,42 @@ def restoring_tangents(
             dforce0[Q], dforce0[P] = by_q, by_p
             add_powers(q, scale, dforce0, OWN + 2, n_springs)
             add_powers(p, scale, dforce0, OWN + 2 + n_springs, n_dampers)
-            delta, mean, _, part = slide(reach - b * force0, b, z, k_s, limit)
+            delta, mean, _, part = slide(free_d - b * force0, b, z, k_s, limit)
             slide_tangents(b, k_s, delta, mean, part, force0, first, dforce0, by)
             # with the mean of both ends
-            end = speed - bp * (force0 + mean)
+            end = free_p - bp * (force0 + mean)
             from_q, by_q = odd_terms(q + delta, springs, scale)
             from_p, by_p = odd_terms(end, dampers, scale)
             for j in range(dforce.size):
                 dforce[j] = dforce0[j] + by_q * by[0, j] - by_p * bp * by[1, j]
             dforce[Q] += by_q
-            dforce[SPEED] += by_p
+            dforce[FREE_P] += by_p
             dforce[SLOPE_B] -= by_p * (force0 + mean)
             add_powers(q + delta, scale, dforce, OWN + 2, n_springs)
             add_powers(end, scale, dforce, OWN + 2 + n_springs, n_dampers)
             dforce *= 0.5
             force = 0.5 * (force0 + (from_q + from_p))
-            delta, mean, z, part = slide(reach - b * force, b, z, k_s, limit)
+            delta, mean, z, part = slide(free_d - b * force, b, z, k_s, limit)
             slide_tangents(b, k_s, delta, mean, part, force, first, dforce, by)
             force += mean
             move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
-            p = speed - bp * force
+            p = free_p - bp * force
             u0 = u1
         if not abs(q) <= bound:
             out[k:] = np.nan
             dout[k:] = np.nan
             return
-        # the preload acts as the drive before the sample and at it do together
+        # the preload is added to the drive both before and at the sample
         step[:, -1] = step[:, 3] + step[:, 4]
         propagate(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
 
-_POLISH = 3  # Newton steps behind the bracketing root finder
-_GROWTH, _BRACKETS = 1.5, 200
-_LARGEST = 1e12  # displacement, of the drive: no plant, and squares do not overflow yet
+_POLISH = 3  # Newton steps after the bracketing root finder
+_GROWTH, _BRACKETS = 1.5, 200  # factor from one bracket to the next, most brackets
+_LARGEST = 1e12  # bound of the displacement relative to the drive; its squares do not overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +213,8 @@ class RestoringForceOperator(
     r"""Mass with polynomial spring and damper and a bilinear hysteretic force.
 
     The equations of :class:`RestoringForce` divided by ``b``: displacement ``q``, forces and
-    :math:`p = \dot q / \omega` are in units of the drive. The polynomials are centred a static
-    displacement ``x_0`` away from the rest position, and the preload is the force that causes it.
+    :math:`p = \dot q / \omega` are in units of the drive. The centre of the polynomials is a static
+    displacement ``x_0`` away from the rest position, caused by the preload.
 
     Parameters
     ----------
@@ -223,27 +223,28 @@ class RestoringForceOperator(
     damping_ratio : float
         :math:`\zeta = \lambda_1 / (2 \sqrt{\alpha_1 m})`.
     stiffness_coefficients : array-like of shape (n_stiffness,)
-        Coefficients of the degrees 3, 5, ...: share of the linear spring force at
+        Coefficients of the degrees 3, 5, ...: forces relative to the linear spring force at
         ``q = s``.
     damping_coefficients : array-like of shape (n_damping,)
-        Coefficients of the degrees 3, 5, ...: share of the spring force at ``p = q = s``.
+        Coefficients of the degrees 3, 5, ...: forces relative to the linear spring force at
+        ``p = q = s``.
     hysteresis_stiffness : float
-        Stiffness of the hysteretic force relative to the spring, 0 without one.
+        Stiffness of the hysteretic force relative to the spring, 0 without hysteretic force.
     slip_level : float
         Largest hysteretic force, units of the drive.
     preload : float, default=0.0
-        Constant force, units of the drive. With linear spring and damper it cannot be told
-        from the intercept.
+        Constant force, units of the drive. With linear spring and damper it cannot be
+        distinguished from the intercept.
     intercept : float, default=0.0
-        ``c``: response where the polynomials are centred, units of the response.
+        ``c``: response at the centre of the polynomials, units of the response.
     scale : float, default=1.0
         ``s`` in units of the drive, above 0. Fixed structure.
 
     Notes
     -----
-    State and substeps are those of :class:`OscillatorOperator`; at rest the stage has been
-    preloaded without hysteretic force. With negative coefficients the spring loses its stiffness,
-    or the damper feeds energy in, at large amplitude, and a simulation may diverge.
+    State and substeps are those of :class:`OscillatorOperator`; at rest the preload has been
+    applied without hysteretic force. With negative coefficients the spring loses its stiffness, or
+    the damper supplies energy, at large amplitude, and a simulation may diverge.
 
     Examples
     --------
@@ -292,11 +293,11 @@ class RestoringForceOperator(
         found["lambda_1"] = p["damping"]
         for i, value in enumerate(self.damping_coefficients.tolist(), 1):
             found[f"lambda_{2 * i + 1}"] = stiffness / w * value / (w * length) ** (2 * i)
-        way = self.presliding_displacement
+        displacement = self.presliding_displacement
         return found | {
             "alpha_s": stiffness * self.hysteresis_stiffness,
             "z_s": abs(drive_gain) * self.slip_level,
-            "x_s": math.nan if way is None else way,
+            "x_s": math.nan if displacement is None else displacement,
             "preload": drive_gain * self.preload,
         }
 
@@ -304,13 +305,13 @@ class RestoringForceOperator(
         return self._swing(seen) | self._force_characteristics(self.slip_level)
 
     def _swing(self, seen):
-        """Return what the spring does on the largest swing."""
+        """Return the effects of the spring's nonlinearity at the largest amplitude."""
         frequency, c = self.natural_frequency / (2.0 * np.pi), self.stiffness_coefficients
         if not np.any(c):
             return {"resonance at small amplitude": (frequency, "Hz")}
         half = max(np.abs(y - self.intercept).max() for y in seen.outputs)
-        # force over the linear one's at the end, a polynomial of the cosine of the phase: its
-        # Chebyshev coefficients are the harmonics
+        # force over the linear force at full amplitude, a polynomial in the cosine of the phase:
+        # its Chebyshev coefficients are the harmonics
         force, degrees = np.zeros(2 * c.size + 2), 2 * np.arange(1, c.size + 1)
         force[1] = 1.0
         force[degrees + 1] = c * (half / abs(self.gain * self.scale)) ** degrees
@@ -346,12 +347,12 @@ class RestoringForceOperator(
             by,
         )
 
-    def _hysteresis(self, way):
-        """Return the hysteretic force behind a first loading along ``way``, and its slope."""
-        force = self.hysteresis_stiffness * way
+    def _hysteresis(self, displacement):
+        """Return the hysteretic force after a first loading by ``displacement``, and its slope."""
+        force = self.hysteresis_stiffness * displacement
         if abs(force) < self.slip_level:
             return float(force), float(self.hysteresis_stiffness)
-        return math.copysign(self.slip_level, way), 0.0
+        return math.copysign(self.slip_level, displacement), 0.0
 
     def _rest(self, u0):
         n = self.stiffness_coefficients.size
@@ -372,7 +373,7 @@ class RestoringForceOperator(
         q = _equilibrium(both, center, u0 + float(self.preload)) if u0 else center
         _, slope, by_coefficients = self._spring(q)
         z, steeper = self._hysteresis(q - center)
-        # z at a fixed q
+        # derivatives of z at constant q
         if abs(z) < self.slip_level:
             by[1] -= steeper * center_by
             by[1, first] += q - center
@@ -396,7 +397,7 @@ class RestoringForceOperator(
 def _equilibrium(force, start, target):
     """Return the first q from ``start`` on at which ``force(q)[0]`` is ``target``.
 
-    Without such a q the linear spring's.
+    If there is none, return ``target``, the q of the linear spring.
     """
     side = target - force(start)[0]
     if side == 0.0:
@@ -409,7 +410,7 @@ def _equilibrium(force, start, target):
         near, step = far, _GROWTH * step
     else:
         return target
-    # Brent's method takes at most the square of the steps of a bisection
+    # Brent's method needs at most the square of the number of steps of a bisection
     q = brentq(lambda q: force(q)[0] - target, near, far, maxiter=_BRACKETS**2)
     for _ in range(_POLISH):
         value, slope = force(q)
@@ -418,8 +419,8 @@ def _equilibrium(force, start, target):
     return float(q)
 
 
-# way before the hysteretic force slips, parts of the response's half range
-_WAYS = (0.003, 0.01, 0.03, 0.08, 0.2, 0.5)
+# starting displacements at which the hysteretic force slips, fractions of the response's half range
+_DISPLACEMENTS = (0.003, 0.01, 0.03, 0.08, 0.2, 0.5)
 
 
 class RestoringForce(OscillatorModel):
@@ -434,41 +435,41 @@ class RestoringForce(OscillatorModel):
         \text{ else } 0
 
     The drive ``u`` is a force or a voltage, the response a displacement. The equation is divided by
-    ``b``, since a response to a drive does not tell the mass; forces are then in units of the
-    drive. ``x + x_0 = y - c``: a static displacement ``x_0`` by the preload ``F_0`` shifts the
-    polynomials against the rest position.
+    ``b``, since the response to a drive does not determine the mass; forces are then in units of
+    the drive. ``x + x_0 = y - c``: the preload ``F_0`` causes a static displacement ``x_0`` of the
+    rest position from the centre of the polynomials.
 
     Parameters
     ----------
     stiffness_degree : int, default=5
-        Degree of the spring's polynomial; even ones count as the next lower.
+        Degree of the spring's polynomial; an even degree is replaced by the next lower one.
     damping_degree : int, default=5
-        Degree of the damper's polynomial; even ones count as the next lower.
+        Degree of the damper's polynomial; an even degree is replaced by the next lower one.
     fit_hysteresis : bool, default=True
         Whether there is a hysteretic force. Without one the model with a cubic spring is a Duffing
         oscillator.
     fit_preload : bool, default=True
         Whether a preload is fitted (0 otherwise), which gives the spring even terms about the rest
-        position; with a linear spring it cannot be told from the intercept and is held.
+        position. With a linear spring it cannot be distinguished from the intercept and is held.
 
     Attributes
     ----------
     operator_ : RestoringForceOperator
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``stiffness_coefficients`` and
         ``damping_coefficients`` (relative to the linear spring force at ``scale``, half the largest
-        swing of the drive), ``hysteresis_stiffness`` (relative to the spring), ``slip_level`` and
+        peak-to-peak drive), ``hysteresis_stiffness`` (relative to the spring), ``slip_level`` and
         ``preload`` (units of the drive), ``gain``, ``intercept``.
 
     Notes
     -----
-    Starting values come as those of :class:`FrictionStage`. Where the spring is almost linear, the
-    preload and the spring's coefficients are hardly told apart, and their standard errors, which
-    are those of a linearised model, are too small.
+    Starting values are found as for :class:`FrictionStage`. If the spring is almost linear, the
+    preload and the spring's coefficients are hardly distinguishable, and their standard errors,
+    which are those of a linearised model, are too small.
 
     Equation (7) as printed, ``z' = (alpha_s / 2) (1 + sgn(z_s - |z|)) x'``, never leaves its limit:
-    the bracket is zero there for either direction. Meant is an elastic, ideally plastic element (a
-    stop operator), which is elastic again as soon as the motion turns round. Equation (6) prints
-    ``lambda_9 x'^9``; six coefficients are announced, of which that is ``lambda_5 x'^5``.
+    the bracket is zero there in both directions. Meant is an elastic, ideally plastic element (a
+    stop operator), which is elastic again as soon as the motion reverses. Equation (6) prints
+    ``lambda_9 x'^9``; the text announces six coefficients, so ``lambda_5 x'^5`` is meant.
 
     References
     ----------
@@ -521,7 +522,7 @@ class RestoringForce(OscillatorModel):
         self.n_substeps = n_substeps
 
     def _laws(self, length, speed):
-        laws = [part * length for part in _WAYS] if self.fit_hysteresis else [speed]
+        laws = [part * length for part in _DISPLACEMENTS] if self.fit_hysteresis else [speed]
         return [[(law,)] for law in laws]
 
     def _forces(self, law, y, dt, length):
@@ -534,7 +535,7 @@ class RestoringForce(OscillatorModel):
         return np.array([*springs, *dampers]).reshape(-1, len(y)).T
 
     def _spring_degrees(self):
-        """Return the degrees of the spring about the middle of the response, but 1."""
+        """Return the degrees above 1 of the spring's polynomial about the response's middle."""
         if "preload" in self.held_parameters() or not self.fit_intercept:
             return _odd(self.stiffness_degree)
         return list(range(2, _odd(self.stiffness_degree)[-1] + 1))
@@ -549,7 +550,10 @@ class RestoringForce(OscillatorModel):
         }
 
     def _stage(self, law, mode, scales, factors=None, **level):
-        """Return one with hysteresis, or a spring odd about where its curve has no bend."""
+        """Return an operator with hysteresis, or with a spring odd about its inflection point.
+
+        Without hysteresis ``law`` is the speed by which the damper's coefficients are scaled.
+        """
         if self.fit_hysteresis:
             return super()._stage(law, mode, scales, factors, **level)
         gain, (speed,), (length, middle, swing) = mode.gain, law, scales
@@ -563,23 +567,24 @@ class RestoringForce(OscillatorModel):
             curve[degrees] = factors[: len(degrees)] / length ** (degrees - 1.0)
             curve = Polynomial(curve)
             if len(degrees) > len(odd):
-                bends = curve.deriv(2).roots()
-                bends = bends[(np.abs(bends.imag) < 1e-9 * length)].real
-                bends = bends[(np.abs(bends) < length) & (curve.deriv()(bends) * gain > 0.0)]
-                center = float(bends[np.argmin(np.abs(bends))]) if len(bends) else 0.0
-                # the constant of the balance, which the intercept of the linear part contains
+                roots = curve.deriv(2).roots()
+                roots = roots[(np.abs(roots.imag) < 1e-9 * length)].real
+                roots = roots[(np.abs(roots) < length) & (curve.deriv()(roots) * gain > 0.0)]
+                center = float(roots[np.argmin(np.abs(roots))]) if len(roots) else 0.0
+                # the constant of the force balance, which is part of the intercept of the linear
+                # part
                 preload = (intercept - middle) * stiffness - float(curve(center))
                 intercept = middle + center
             taylor = [curve.deriv(k)(center) / math.factorial(k) for k in (1, *odd)]
             stiffness, *spring = map(float, taylor)
             dampers = factors[len(degrees) :] / speed ** (np.array(_odd(self.damping_degree)) - 1.0)
-        stiffer = stiffness * gain
-        frequency = mode.natural_frequency * math.sqrt(stiffer)
+        stiffening = stiffness * gain
+        frequency = mode.natural_frequency * math.sqrt(stiffening)
         powers = np.array(odd, dtype=float), np.array(_odd(self.damping_degree), dtype=float)
         size = swing ** (powers[0] - 1.0), swing ** (powers[1] - 1.0)
         return RestoringForceOperator(
             frequency,
-            mode.damping_ratio / math.sqrt(stiffer),
+            mode.damping_ratio / math.sqrt(stiffening),
             np.array(spring) * size[0] / stiffness ** powers[0],
             dampers * size[1] / (stiffness / frequency) ** powers[1],
             0.0,
@@ -594,11 +599,11 @@ class RestoringForce(OscillatorModel):
         fixed = super().held_parameters() - {"hysteresis"}
         if not self.fit_hysteresis:
             fixed |= {"hysteresis_stiffness", "slip_level"}
-        # the preload of a linear spring is an intercept
+        # the preload of a linear spring is equivalent to an intercept
         held = self.stiffness_degree < 3 and self.fit_intercept
         return fixed | {"preload"} if held else fixed
 
 
 def _odd(degree):
-    """Return the odd degrees from 3 on."""
+    """Return the odd degrees from 3 to ``degree``."""
     return list(range(3, degree + 1, 2))

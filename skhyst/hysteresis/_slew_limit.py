@@ -1,8 +1,8 @@
 """Limit of the drive's rate, exact for a drive that is a straight line between samples.
 
-With ``e`` the lead of the drive over the output, ``s`` its slope and ``R`` the limit, the output
-moves towards the drive at ``R`` until they meet, after ``e / (R - s)`` for ``e > 0``; from there it
-follows the drive, or falls behind again where ``|s| > R``.
+With ``e`` the drive minus the output, ``s`` the drive's slope and ``R`` the limit, the output
+moves towards the drive at the rate ``R`` until they meet, after the time ``e / (R - s)`` for
+``e > 0``. From there it follows the drive, or falls behind again if ``|s| > R``.
 """
 
 from dataclasses import dataclass
@@ -13,28 +13,33 @@ from ._common import fastest_change
 
 
 def slew_limit_step(y, u0, u1, dt, values):
-    """Step the output, which is the state."""
-    reach = values[0] * dt
+    """Return the next output, which is also the state, and its derivatives."""
+    limit = values[0] * dt
     side = 1.0 if u0 > y or (u0 == y and u1 > u0) else -1.0
     lead, change = side * (u0 - y), side * (u1 - u0)
-    if lead + change >= reach:
-        y += side * reach
+    if lead + change >= limit:
+        y += side * limit
         by = (1.0, 0.0, 0.0, side * dt)
-    elif change >= -reach:
+    elif change >= -limit:
         y = u1
         by = (0.0, 0.0, 1.0, 0.0)
-    else:  # they meet, and the drive runs away on the other side
-        met = lead / (reach - change)
-        y = u0 + side * (change * met - reach * (1.0 - met))
-        late = (reach + change) / (reach - change)
-        left = 1.0 - met
-        by = (-late, left * (1.0 + late), met * (1.0 + late), -side * dt * (left + late * met))
+    else:  # they meet within the interval, then the drive outruns the output on the other side
+        met = lead / (limit - change)
+        y = u0 + side * (change * met - limit * (1.0 - met))
+        slowed = (limit + change) / (limit - change)
+        remaining = 1.0 - met
+        by = (
+            -slowed,
+            remaining * (1.0 + slowed),
+            met * (1.0 + slowed),
+            -side * dt * (remaining + slowed * met),
+        )
     return y, y, by, by
 
 
 @dataclass(frozen=True)
 class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
-    """Limit of the rate: the output follows the input, at most so fast; see :class:`SlewLimit`.
+    """Rate limiter: the output follows the input at a limited rate; see :class:`SlewLimit`.
 
     Parameters
     ----------
@@ -44,7 +49,7 @@ class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
     Notes
     -----
     Exact for a drive that is a straight line between samples. The state is ``(output, last
-    drive)``; ``"rest"`` has both at the first sample.
+    drive)``; ``"rest"`` sets both to the first sample.
 
     Examples
     --------
@@ -63,17 +68,17 @@ class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
         return u0, (1.0, 0.0)
 
 
-_PARTS = (0.9, 0.6, 0.3, 0.1)  # limits to start from, parts of the fastest change
+_PARTS = (0.9, 0.6, 0.3, 0.1)  # starting limits, fractions of the drive's highest rate
 
 
 class SlewLimit(ParametricModel):
-    r"""Limit of the rate: the response follows the drive, at most so fast.
+    r"""Slew limit: the response follows the drive at a limited rate.
 
     .. math:: \dot y = R \operatorname{sgn}(u - y), \quad \text{and } \dot y = \dot u
        \text{ while } y = u, |\dot u| \le R
 
-    as of an amplifier that charges a capacitance with a limited current. It has no gain: put a
-    model that has one behind it in a :class:`~skhyst.compose.Cascade`.
+    as for an amplifier that charges a capacitance with a limited current. It has no gain: put a
+    model that has one after it in a :class:`~skhyst.compose.Cascade`.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ from ..operators import CompiledLaw, Operator, as_signal, parameter
 def saturation_terms(x):
     """Return E(x), E'(x), H(x) and H'(x) for ``x >= 0``."""
     if x < 0.5:
-        # the first term left out is x^13 / 15!
+        # the truncated series of H; the first term left out is x^13 / 15!
         h = 0.5
         dh = 0.0
         for n in range(14, 2, -1):
@@ -40,7 +40,7 @@ def saturation_terms(x):
 
 @jit(inline=True)
 def turn(step, turning, base, last, direction, slope, curvature, decay):
-    """Return where the branch of a step of the drive begins, the response there, its direction."""
+    """Return turning point, response there and direction of the branch of a step of the drive."""
     if step == 0.0:
         return turning, base, direction
     if step * direction < 0.0:  # the sample before was the turning point
@@ -55,18 +55,18 @@ def turn(step, turning, base, last, direction, slope, curvature, decay):
 def system_level_step(u, c, s):
     """Return the response at one sample.
 
-    ``c`` is (slope, curvature, decay, intercept, weight of the rate / dt, whether as printed). With
-    the last turning point, the response there, the last drive and its direction ``s`` begins.
+    ``c`` is (slope, curvature, decay, intercept, rate_gain / dt, whether as printed), ``s`` is
+    (last turning point, response there less the intercept, last drive, its direction).
     """
     slope, curvature, decay, intercept, rate, printed = c
     step = u - s[2]
     turning, base, direction = turn(step, s[0], s[1], s[2], s[3], slope, curvature, decay)
     s[0], s[1], s[2], s[3] = turning, base, u, direction
-    way = abs(u - turning)
-    e, _, h, _ = saturation_terms(decay * way)
+    distance = abs(u - turning)
+    e, _, h, _ = saturation_terms(decay * distance)
     if printed > 0.0:
-        return intercept + (slope + curvature * way * e) * u + rate * step
-    return intercept + (base + direction * way * (slope + curvature * way * h))
+        return intercept + (slope + curvature * distance * e) * u + rate * step
+    return intercept + (base + direction * distance * (slope + curvature * distance * h))
 
 
 @jit
@@ -74,10 +74,10 @@ def system_level(u, du, values, dt, printed, turning, base, last, direction, dla
     """Write the response to ``y`` and its tangents to ``dy``; return the state after.
 
     ``turning`` is the last turning point, ``base`` the response there less the intercept, ``last``
-    the last drive, ``direction`` that in which it moved last (0 if it never has); their tangents
-    are zero, but for those of ``last``, ``dlast`` (m,), which are overwritten. The columns of
-    ``dy`` (n, m + p) after those of ``du`` (n, m) are the derivatives by slope, curvature, decay,
-    intercept and, if ``printed``, the weight of the rate; without rows none is written.
+    the last drive, ``direction`` that in which it moved last (0 if it never has). Their tangents
+    are zero, except ``dlast`` (m,) of ``last``, which is overwritten. The columns of ``dy``
+    (n, m + p) after those of ``du`` (n, m) are the derivatives by slope, curvature, decay,
+    intercept and, if ``printed``, rate_gain. An empty ``dy`` is not written.
     """
     slope, curvature, decay, intercept, rate_gain = values
     rate = rate_gain / dt
@@ -129,7 +129,7 @@ def system_level(u, du, values, dt, printed, turning, base, last, direction, dla
 class SystemLevelOperator(Operator):
     """Hysteresis whose slope depends on the distance from the drive's last turning point.
 
-    The law stands in :class:`SystemLevelHysteresis`.
+    See :class:`SystemLevelHysteresis` for the law.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class SystemLevelOperator(Operator):
     curvature : float
         Growth ``kappa`` of the slope with the distance, response/drive^2.
     decay : float
-        Rate ``lambda`` at which the growth fades, 1/drive, not negative; zero is the Rayleigh law.
+        Rate ``lambda`` at which the growth decays, 1/drive, not negative; zero is the Rayleigh law.
     intercept : float, default=0.0
         Constant ``c``, units of the response.
     rate_gain : float, default=0.0
@@ -154,11 +154,11 @@ class SystemLevelOperator(Operator):
     Notes
     -----
     The state is the tuple (last turning point, response there less the intercept, last drive,
-    direction in which it moved last). ``"rest"`` is the first loading from zero to the first
-    sample; in ``"zero"`` all four are zero. Both turn at zero, so the integral is the same; only
-    the rate of the first sample differs. The integral closes every minor loop, but does not wipe
-    it out: beyond the loop it goes on from the last turning point, the only one it knows. The
-    printed form jumps where the drive turns.
+    direction in which it moved last). ``"rest"`` is the state after the first loading from zero to
+    the first sample; in ``"zero"`` all four are zero. Both have their turning point at zero, so the
+    integral is the same; only the rate of the first sample differs. The integral closes every minor
+    loop but does not wipe it out: beyond the loop it continues from the last turning point, its
+    only memory. The printed form jumps where the drive reverses.
 
     Examples
     --------
@@ -253,7 +253,7 @@ class SystemLevelOperator(Operator):
         return self._loop(u, du, dt, state, dlast, dy)[0], dy
 
 
-_DECAYS = (0.1, 1.0, 4.0, 15.0, 60.0)  # starts: decay times the span of the drive
+_DECAYS = (0.1, 1.0, 4.0, 15.0, 60.0)  # starting values: decay times the range of the drive
 
 
 class SystemLevelHysteresis(ParametricModel):
@@ -270,7 +270,7 @@ class SystemLevelHysteresis(ParametricModel):
     ----------
     variant : {"integral", "printed"}, default="integral"
         The integral is rate-independent and continuous. The printed form multiplies by the drive
-        in place of integrating, so it jumps where the drive turns.
+        instead of integrating, so it jumps where the drive reverses.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     dt : float, default=1.0
@@ -284,13 +284,13 @@ class SystemLevelHysteresis(ParametricModel):
     Notes
     -----
     In terms of Ahmed and Yan (2021), ``slope = d_o + Delta d (1 - gamma)``,
-    ``curvature = Delta d gamma / V_c`` and ``decay = 1 / V_c``. Where ``V_c`` is far beyond the
-    largest distance, as there, gamma and V_c appear only as their ratio, which stands in the
-    curvature, and the standard error of ``decay`` shows how much is known of V_c alone. The
-    response is that of the drive's own sample, without the delay of (22).
+    ``curvature = Delta d gamma / V_c`` and ``decay = 1 / V_c``. If ``V_c`` is far larger than the
+    largest distance, as there, the response depends on gamma and V_c only through their ratio, in
+    the curvature; the standard error of ``decay`` shows how well V_c alone is determined. The
+    response belongs to the same sample of the drive, without the delay of (22).
 
-    The only memory is the last turning point, and any reversal of the drive is one, however small:
-    use the drive as it was commanded, not a noisy reading of it.
+    The only memory is the last turning point, and every reversal of the drive is one, however
+    small: use the commanded drive, not a noisy measurement of it.
 
     References
     ----------
@@ -314,7 +314,7 @@ class SystemLevelHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # products of several values are squared
+    _extreme = 1e30  # largest value of the data: products of several are squared
     operator_class = SystemLevelOperator
 
     def __init__(

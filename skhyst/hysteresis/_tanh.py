@@ -20,7 +20,7 @@ from ._common import largest_drive
 
 
 def tanh_step(nothing, u0, u1, dt, values):
-    """Return the response; the drive before is all that the model remembers."""
+    """Return the response and derivatives; the last drive is the only memory of the model."""
     k0, alpha, beta, gamma, intercept = values
     rate = (u1 - u0) / dt
     bend = math.tanh(gamma * u1)
@@ -54,8 +54,8 @@ class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
 
     Notes
     -----
-    The state is ``(0, last drive)``. ``"rest"`` has the last drive at the first sample, so that the
-    rate begins at zero; ``"zero"`` at zero.
+    The state is ``(0, last drive)``. In ``"rest"`` the last drive equals the first sample, so that
+    the rate begins at zero; in ``"zero"`` it is zero.
 
     Examples
     --------
@@ -75,30 +75,33 @@ class TanhHysteresisOperator(OneStateOperator, step=tanh_step):
     stage_order = 10
 
     def inverse(self):
-        """Return the inverse, which looks ahead where the rate lowers the response."""
+        """Return the inverse; it needs preview of the response if ``alpha`` is negative."""
         return RootInverseOperator(self) if self.alpha >= 0.0 else TanhInverseOperator(self)
 
 
 @jit
 def drive_before(u, y, c):
-    """Return the drive before the one that gives ``y``; c is (slope of the rate, k0, ...)."""
+    """Return the drive one sample before ``u``, where ``u`` gives the response ``y``.
+
+    ``c`` is (-alpha / dt, k0, beta, gamma, intercept).
+    """
     slope, k0, beta, gamma, intercept = c[0], c[1], c[2], c[3], c[4]
     return u + (y - (intercept + k0 * u + beta * math.tanh(gamma * u))) / slope
 
 
 @jit
 def drives_before(y, c, u):
-    """Write the drives that give the responses ``y`` (n,) to ``u``, of which the last is there."""
+    """Fill ``u`` (n,) backwards from its last value with the drives that give ``y`` (n,)."""
     for k in range(u.size - 1, 0, -1):
         u[k - 1] = drive_before(u[k], y[k], c)
 
 
 @jit
 def inverse_step(y, c, s):
-    """Return the drive some samples before ``y``.
+    """Return the drive of the sample that lies the preview length before ``y``.
 
-    ``c`` is that of :func:`drive_before` and a slope of the curve; ``s`` is the place of the next
-    response, and the responses so far.
+    ``c`` is that of :func:`drive_before`, then a mean slope of the curve. ``s`` is a ring buffer:
+    the index of the next response, then the last responses.
     """
     n = s.size - 1
     at = int(s[0])
@@ -112,63 +115,65 @@ def inverse_step(y, c, s):
 
 @dataclass(frozen=True)
 class TanhInverseOperator(InverseOperator):
-    """From the response of the tanh model, where the rate lowers it, to its drive.
+    """Inverse of the tanh model with ``alpha < 0``: from the response to its drive.
 
     With ``a = -alpha / dt`` and the curve ``f(u) = k0 u + beta tanh(gamma u) + intercept`` the
     response is ``y[k] = f(u[k]) - a (u[k] - u[k-1])``. Solved for ``u[k]``, errors grow by
-    ``a / (a - f')`` a sample. Solved for the drive before,
+    ``a / (a - f')`` per sample. Solved for the previous drive,
 
         u[k-1] = u[k] + (y[k] - f(u[k])) / a,
 
-    they fall by ``1 - f' / a`` towards the beginning, where f' is below 2 a. So a record is run
-    backwards, from a rest behind it, and a stream is fed the response ahead. At long intervals,
-    where f' is larger, the root of each sample takes its place.
+    they shrink by ``1 - f' / a`` per sample towards the beginning, as long as f' is below 2 a. So a
+    record is inverted backwards in time, from an assumed rest after its end, and a stream is fed
+    the response with preview. At long sampling intervals, where f' is larger, each sample is solved
+    for its root instead.
     """
 
     causal = False
 
     def init(self, u0, initial_state="rest"):
-        """Return nothing: a record is inverted as a whole; see the base."""
+        """Return None: a record is inverted in one pass, without a state; see the base."""
         return None
 
     def _backwards(self, dt):
-        """Return the constants of a run backwards, and by how much it shrinks errors a sample."""
+        """Return the constants of a backward run and the factor of its errors per sample."""
         o = self.operator
         slope, steepest = -o.alpha / dt, o.k0 + max(o.beta * o.gamma, 0.0)
         flattest = o.k0 + min(o.beta * o.gamma, 0.0)
-        kept = max(abs(1.0 - flattest / slope), abs(1.0 - steepest / slope))
+        shrinkage = max(abs(1.0 - flattest / slope), abs(1.0 - steepest / slope))
         values = slope, o.k0, o.beta, o.gamma, o.intercept, 0.5 * (flattest + steepest)
-        return tuple(map(float, values)), kept
+        return tuple(map(float, values)), shrinkage
 
     def run(self, u, dt, state=None):
-        """Return the drive that gives a response (n_samples,); see the base."""
-        c, kept = self._backwards(dt)
-        if not kept < 1.0:
+        """Return the drive (n_samples,) whose response is ``u`` (n_samples,); see the base."""
+        c, shrinkage = self._backwards(dt)
+        if not shrinkage < 1.0:
             return RootInverseOperator(self.operator).run(u, dt)[0], None
-        y = np.append(u, np.full(_samples(kept, np.finfo(float).eps), u[-1]))
+        y = np.append(u, np.full(_samples(shrinkage, np.finfo(float).eps), u[-1]))
         drive = np.full(len(y), (y[-1] - c[4]) / c[5])
         drives_before(y, c, drive)
         return drive[: len(u)], None
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return one step that is fed the response some samples ahead, and their number."""
-        c, kept = self._backwards(dt)
-        if not kept < 1.0:
+        """Return a compiled step that is fed the response with preview, and that in samples."""
+        c, shrinkage = self._backwards(dt)
+        if not shrinkage < 1.0:
             return RootInverseOperator(self.operator).ahead(dt, u0)
-        samples = _samples(kept, tol)
+        samples = _samples(shrinkage, tol)
         state = [0.0, *np.full(samples, u0)]
         return CompiledLaw(inverse_step, c, state, possible=in_ring), samples
 
 
-def _samples(kept, tol):
-    return max(math.ceil(math.log(tol) / math.log(kept)), 1) if kept > 0.0 else 1
+def _samples(shrinkage, tol):
+    """Return after how many samples errors have shrunk by ``tol``, at least 1."""
+    return max(math.ceil(math.log(tol) / math.log(shrinkage)), 1) if shrinkage > 0.0 else 1
 
 
-_BENDS = np.geomspace(0.5, 500.0, 7)  # starts: gamma times the largest drive
-_STEP = 20.0  # tanh of it is 1 to the last bit
-_NEGLIGIBLE = 1e-9  # of the largest drive: such samples count as zero
+_BENDS = np.geomspace(0.5, 500.0, 7)  # starting values: gamma times the largest drive
+_STEP = 20.0  # its tanh is 1 to the last bit
+_NEGLIGIBLE = 1e-9  # relative to the largest drive: smaller samples count as zero
 _SIGNIFICANT = 3.84  # 95 % point of chi-squared, one degree of freedom
-_ROUNDING = 1e-12  # of the response
+_ROUNDING = 1e-12  # relative to the response
 
 
 class TanhHysteresis(ParametricModel):
@@ -185,8 +190,8 @@ class TanhHysteresis(ParametricModel):
     fit_intercept : bool, default=False
         Whether the response has a constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample: at rest there, so that the rate begins at zero;
-        the drive was zero; or after a rest at a drive value that is fitted for each record.
+        State before each record's first sample: at rest at that sample, so that the rate begins at
+        zero; the drive was zero; or after a rest at a drive value that is fitted per record.
 
     Attributes
     ----------
@@ -194,15 +199,15 @@ class TanhHysteresis(ParametricModel):
         ``k0`` in response/drive, ``alpha`` in response s/drive, ``beta`` in units of the response,
         ``gamma`` in 1/drive.
     identifiability_ : dict
-        ``undetermined`` names ``gamma`` where the data do not reject (at 5 %) that the tangent is
-        a step, which any large ``gamma`` gives.
+        ``undetermined`` names ``gamma`` if the data do not reject (at 5 %) that the hyperbolic
+        tangent is a step, as it is for any large ``gamma``.
 
     Notes
     -----
-    With a drive that is never negative and a large ``gamma``, as published, the tangent is 1
-    wherever the drive is not zero: ``beta`` is an offset and ``gamma`` cannot be known. The fit
-    then keeps a ``gamma`` that is a step for every sample, says so in ``identifiability_``, and
-    warns.
+    With a drive that is never negative and a large ``gamma``, as published, the hyperbolic tangent
+    is 1 wherever the drive is not zero: ``beta`` is an offset and ``gamma`` is not identifiable.
+    The fit then keeps a ``gamma`` that is a step at every sample, reports it in
+    ``identifiability_``, and warns.
 
     References
     ----------
@@ -224,7 +229,7 @@ class TanhHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # products of several values are squared
+    _extreme = 1e30  # largest value of the data: products of several are squared
     operator_class = TanhHysteresisOperator
 
     def __init__(
@@ -238,9 +243,9 @@ class TanhHysteresis(ParametricModel):
         return [_start(bend / largest) for bend in _BENDS]
 
     def _identify(self, data):
-        """Prefer a step to a bend where the data do not tell them apart.
+        """Prefer a step to a bend unless the data distinguish them.
 
-        A large gamma is bounded from below only, which no standard error can say.
+        A large gamma is bounded from below only, which a standard error cannot express.
         """
         bend = super()._identify(data)
         magnitudes = np.abs(np.concatenate([record.u for record in data]))

@@ -1,4 +1,4 @@
-"""Memoryless curves, to stand in a cascade."""
+"""Memoryless curves (static nonlinearities), to be used in a cascade."""
 
 from ._base import StaticOperator
 from ._dead_band import DeadBand, DeadBandOperator

@@ -1,4 +1,4 @@
-"""What the memoryless curves share."""
+"""Base classes of the memoryless curves."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
 
 class StaticOperator(Operator):
-    """Base of the memoryless operators; a subclass gives ``_evaluate``, and its step if it has one.
+    """Base of the memoryless operators; a subclass defines ``_evaluate`` and, if any, ``curve``.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class StaticOperator(Operator):
         return y, np.concatenate([du * slope[:, None], own], axis=1)
 
     def bend(self, seen):
-        """Return how far the curve departs from a straight line over what comes in."""
+        """Return how far the curve departs from a straight line over the range of its input."""
         v = np.linspace(*seen.ends, 300)
         departure = self.run(v, 1.0)[0] - v
         departure -= np.polyval(np.polyfit(v, departure, 1), v)
@@ -72,10 +72,9 @@ class SaturationModel(StaticModel):
     Parameters
     ----------
     sides : {"both", "lower", "upper"}, default="both"
-        Which limits there are.
+        Which limits are fitted.
     place : {"drive", "sensor"}, default="sensor"
-        Where it stands when an effect search has to find its place in a series: before everything
-        else, or behind it.
+        Position in a series that an effect search builds: before all other stages, or after them.
     """
 
     _any_interval = False

@@ -8,12 +8,12 @@ from .._jit import jit
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_PARTS = (0.02, 0.06, 0.2)  # half width over the drive's range, to start from
+_PARTS = (0.02, 0.06, 0.2)  # starting half widths, fractions of the drive's range
 
 
 @jit
 def dead_band(u, c, s):
-    """Return what is beyond the band; ``c`` is (half width, centre)."""
+    """Return the distance beyond the band, 0 within it; ``c`` is (half width, centre)."""
     half_width, center = c
     distance = u - center
     return distance - min(max(distance, -half_width), half_width)
@@ -44,7 +44,7 @@ class DeadBand(StaticModel):
 
     .. math:: y = \max(u - b, 0) + \min(u - a, 0)
 
-    It has no gain: put a model that has one behind it in a :class:`~skhyst.compose.Cascade`.
+    It has no gain: put a model that has one after it in a :class:`~skhyst.compose.Cascade`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class DeadBand(StaticModel):
     def starting_values(self, records):
         low, high = range_of_drive(records)
         starts = []
-        for part in _PARTS:  # bands that touch each other: one of them meets the true one
+        for part in _PARTS:  # adjacent bands cover the range: one of them overlaps the true one
             count = int(np.ceil(0.5 / part))
             half_width = 0.5 * (high - low) / count or 1.0
             centers = low + half_width * np.arange(1, 2 * count, 2)

@@ -3,8 +3,8 @@ r"""One-sided dead zones: ``y = v + sum_j w_j D_j(v)``.
 ``D_j(v) = max(v - t_j, 0)`` on the upper side, ``min(v - t_j, 0)`` on the lower one (Kuhnen 2003,
 section 4; Steinbusch 2020, section 3.2). The operator of the estimator has weights and thresholds
 as parameters. The monotone one has the slopes instead: from one threshold to the next the curve is
-straight, and its slope is one plus the weights of the dead zones that are open. With positive
-slopes, which are simple bounds, it is strictly monotone and has an exact inverse.
+straight, and its slope is one plus the weights of the active dead zones. With positive slopes,
+which are simple bounds, it is strictly monotone and has an exact inverse.
 """
 
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ from .._sklearn import Interval, StrOptions
 from ..operators import parameter
 from ._base import SIDES, StaticModel, StaticOperator, range_of_drive
 
-_FLATTEST = 1e-3  # slope of the curve, response over response; below it an inverse is of no use
+_FLATTEST = 1e-3  # smallest slope, response over response; that of the inverse is at most 1000
 
 
 @jit
 def dead_zones(u, c, s):
-    """Return ``u`` and the dead zones; ``c`` is (weights, thresholds, sides), (n_zones,) each."""
+    """Return ``u`` plus the dead zones; ``c`` is (weights, thresholds, sides), (n_zones,) each."""
     weights, thresholds, sides = c
     y = u
     for k in range(weights.size):
@@ -110,9 +110,9 @@ class MonotoneDeadZoneOperator(StaticOperator):
         return np.concatenate([-np.diff(below, append=1.0), np.diff(above, prepend=1.0)])
 
     def parts(self, v):
-        """Return the centre's part of ``v`` (n,) and what lies behind each threshold (n, n_zones).
+        """Split ``v`` (n,) by segments: return the central part (n,) and the others (n, n_zones).
 
-        Their sum is ``v``; weighted by the slopes, it is the output.
+        The parts add up to ``v``; weighted by the slopes of the segments, to the output.
         """
         t, k = np.asarray(self.thresholds, dtype=float), self.n_lower
         gaps = np.diff(t, prepend=-np.inf, append=np.inf)
@@ -176,7 +176,7 @@ class DeadZones(StaticModel):
     Parameters
     ----------
     n_zones : int, default=3
-        Number of dead zones a side.
+        Number of dead zones per side.
     sides : {"both", "lower", "upper"}, default="both"
         Which sides have dead zones.
 

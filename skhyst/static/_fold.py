@@ -1,4 +1,4 @@
-"""Fold: what passes a level is turned back."""
+"""Fold: a signal is mirrored at a level, as by a sensor that reads a magnitude."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from .._sklearn import StrOptions
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_PARTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the drive's range, at which a level may stand
+_PARTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # starting levels, fractions of the drive's range
 
 
 @jit
@@ -28,7 +28,7 @@ class FoldOperator(StaticOperator):
     level : float
         ``a``, units of the drive.
     side : {1, -1}, default=1
-        ``s``: what is below the level is turned up (1), or what is above it down (-1).
+        ``s``: values below the level are mirrored up (1), or values above it down (-1).
     """
 
     level: float = parameter(unit="drive")
@@ -45,32 +45,32 @@ class FoldOperator(StaticOperator):
         return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
 
     def unfolded(self, y):
-        """Return the smooth signal, (n_samples,), of which a fold may have made this one.
+        """Return a smooth signal (n_samples,) that the fold maps to ``y``.
 
-        Of the two values that each sample can come from it takes the one nearer to a straight line
-        through the two before; the first is taken as it is. It is the signal itself or its mirror
-        image about the level.
+        Of the two values that each sample can come from, the one nearer to the straight line
+        through the two previous samples is taken; the first two samples are kept. The sign about
+        the level is not identifiable: the mirror image of the signal has the same fold.
         """
         away = np.asarray(y, dtype=float) - self.level
         found = away.copy()
         for k in range(2, len(away)):
-            ahead = 2.0 * found[k - 1] - found[k - 2]
-            found[k] = np.copysign(away[k], ahead)
+            extrapolated = 2.0 * found[k - 1] - found[k - 2]
+            found[k] = np.copysign(away[k], extrapolated)
         return self.level + found
 
 
 class Fold(StaticModel):
-    r"""Fold: a reading that is turned back at a level, as that of a sensor that loses the sign.
+    r"""Fold: a reading mirrored at a level, as that of a sensor that loses the sign.
 
     .. math:: y = a + |u - a| \text{ or } y = a - |u - a|
 
     It has no gain: put a model that has one before it in a :class:`~skhyst.compose.Cascade`. There
-    the model may have either sign, since its mirror image about the level reads the same.
+    the sign of the model is not identifiable: its mirror image about the level reads the same.
 
     Parameters
     ----------
     side : {"lower", "upper"}, default="lower"
-        The end of the response at which it is turned back.
+        The end of the response at which it is mirrored.
 
     Attributes
     ----------

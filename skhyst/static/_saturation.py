@@ -8,7 +8,7 @@ from .._jit import jit
 from ..operators import parameter
 from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
-_PARTS = (0.03, 0.08, 0.15, 0.25, 0.35)  # of the drive's range that is clipped, to start from
+_PARTS = (0.03, 0.08, 0.15, 0.25, 0.35)  # starting fractions of the drive's range that are clipped
 
 
 @jit

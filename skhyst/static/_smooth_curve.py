@@ -10,7 +10,7 @@ from .._sklearn import Interval
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_BEYOND = 3  # highest degree of the terms whose slope goes on beyond the data
+_BEYOND = 3  # highest degree of the terms that are extrapolated beyond the data
 
 
 @jit
@@ -38,9 +38,10 @@ def legendre_curve(u, c, s):
 class PolynomialCurveOperator(StaticOperator):
     """Smooth curve ``y = v + scale sum_d coefficients_d P_d((v - center) / scale)``.
 
-    P_d are the Legendre polynomials from degree 2 on. Beyond ``center +- scale`` it is straight,
-    with the slope that its terms up to the third have at the end: they can bend either way on
-    either side, and the slope of P_d there, d (d + 1) / 2, is the error that a coefficient makes.
+    P_d are the Legendre polynomials from degree 2 on. Beyond ``center +- scale`` the curve is a
+    straight line with the slope that its terms up to degree 3 have at the end. These two suffice
+    for any slope at either end, and an error of a coefficient is amplified by the slope of P_d
+    there, d (d + 1) / 2, which grows with the degree.
     """
 
     coefficients: np.ndarray = parameter(linear=True)
@@ -75,8 +76,8 @@ class PolynomialCurveOperator(StaticOperator):
 class SmoothCurve(StaticModel):
     r"""Smooth memoryless curve: Legendre polynomials from degree 2 on, added to the identity.
 
-    Beyond the range of the fit the curve is straight, with the slope there of its terms of the
-    second and third degree.
+    Beyond the range of the fit the curve is a straight line with the slope that its terms of degree
+    2 and 3 have at the end of the range.
 
     Parameters
     ----------

@@ -10,8 +10,8 @@ from .._jit import jit
 from ..operators import parameter
 from ._base import SIDES, SaturationModel, StaticOperator, range_of_drive
 
-_BROADEST, _SHARPEST = 0.3, 50.0  # knee
-_LEVELS = (0.5, 0.8, 1.3)  # to start from, of the largest distance from the centre
+_BROADEST, _SHARPEST = 0.3, 50.0  # bounds of the knee
+_LEVELS = (0.5, 0.8, 1.3)  # starting levels relative to the largest distance from the centre
 _KNEES = (1.0, 2.0, 4.0)
 _LEAST = float(np.finfo(float).tiny)
 
@@ -45,7 +45,7 @@ class SoftSaturationOperator(StaticOperator):
     side : {0, 1, -1}, default=0
         Saturates on both sides of the centre, above it or below it; the other side is straight.
     stage_order : int, default=50
-        50 for a sensor, 0 for what limits the drive.
+        Position in a series: 50 for a sensor, 0 for a limit of the drive.
     """
 
     level: float = parameter(log=True, lower=0.0, unit="drive")
@@ -77,14 +77,11 @@ class SoftSaturationOperator(StaticOperator):
         return self.center + value, slope, own
 
     def characteristics(self, seen):
-        taken = np.abs(self.run(seen.ends, 1.0)[0] - seen.ends).max()
-        return {"what it takes at the ends": (taken, "response")}
+        reduction = np.abs(self.run(seen.ends, 1.0)[0] - seen.ends).max()
+        return {"reduction at the ends of the range": (reduction, "response")}
 
     def unsaturated(self, y):
-        """Return the drive of a response (n_samples,).
-
-        Beyond what the response reaches, the drive is infinite.
-        """
+        """Return the drive (n_samples,) of a response (n_samples,), infinite beyond saturation."""
         distance = np.asarray(y, dtype=float) - self.center
         with np.errstate(divide="ignore"):
             part = np.log(np.abs(distance)) - np.log(self.level)
@@ -100,14 +97,14 @@ class SoftSaturationOperator(StaticOperator):
 
 
 class SoftSaturation(SaturationModel):
-    r"""Saturation with a rounded knee, as of a magnetic core or an amplifier.
+    r"""Saturation with a rounded knee, as in a magnetic core or an amplifier.
 
     .. math:: y = c + \frac{v}{(1 + |v / L|^n)^{1/n}}, \qquad v = u - c
 
     The slope is 1 at the centre c, and far from it y approaches :math:`c \pm L`. With n = 1 this is
     the anhysteretic curve of Frohlich [1]_; the larger n, the sharper the knee, and
-    :class:`Saturation` is the limit. It has no gain: put a model that has one before or behind it
-    in a :class:`~skhyst.compose.Cascade`.
+    :class:`Saturation` is the limit. It has no gain: combine it with a model that has
+    one in a :class:`~skhyst.compose.Cascade`.
 
     Parameters
     ----------
@@ -120,7 +117,7 @@ class SoftSaturation(SaturationModel):
     ----------
     operator_ : SoftSaturationOperator
         ``level`` L and ``center`` c, units of the signal; ``knee`` n, from 0.3 to 50;
-        ``inverse(y)``.
+        ``unsaturated(y)``.
 
     References
     ----------
@@ -160,10 +157,10 @@ class SoftSaturation(SaturationModel):
     def starting_values(self, records):
         low, high = range_of_drive(records)
         center = 0.5 * (low + high) if self.fit_center else 0.0
-        reach = max(high - center, center - low) or 1.0
+        half_range = max(high - center, center - low) or 1.0
         fixed = center, sum(SIDES[self.sides]), self.stage_order
         return [
-            SoftSaturationOperator(part * reach, knee, *fixed)
+            SoftSaturationOperator(part * half_range, knee, *fixed)
             for part in _LEVELS
             for knee in _KNEES
         ]

@@ -97,7 +97,7 @@ NUMBERS = [
     ("friction", "coulomb ratio", lambda t: t["coulomb"] / t["static"], 0.05),
     ("friction", "stribeck velocity", lambda t: t["velocity"], 0.1),
     ("hysteresis", "hysteresis stiffness", lambda t: t["stiffness"], 0.1),
-    ("hysteresis", "way before it yields", lambda t: t["limit"], 0.1),
+    ("hysteresis", "presliding displacement", lambda t: t["limit"], 0.1),
     ("auxiliary_input", "gain", lambda t: t["gain"], 0.02),
     ("auxiliary_input", "time constant", lambda t: t["tau"], 0.05),
 ]

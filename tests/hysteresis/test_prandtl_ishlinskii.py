@@ -281,7 +281,7 @@ def test_inverse_with_negative_weights():
     ],
 )
 def test_no_inverse(form, thresholds, weights):
-    needs = "springs of positive sum left" if form == "stop" else "positive sums"
+    needs = "stiffnesses that have not yielded" if form == "stop" else "positive sums"
     with pytest.raises(ValueError, match=f"{needs} .*strictly monotone"):
         PrandtlIshlinskiiOperator(thresholds, weights, form=form).inverse()
 
