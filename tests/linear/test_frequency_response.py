@@ -404,7 +404,7 @@ def test_restrict_frame_pickle():
 
 
 def test_broken_responses_are_refused():
-    with pytest.raises(ValueError, match=r"one-dimensional, rising"):
+    with pytest.raises(ValueError, match=r"one-dimensional, strictly increasing"):
         FrequencyResponse([2.0, 1.0], [1.0, 1.0])
     with pytest.raises(ValueError, match=r"'std' parameter .* of shape \(2, 1\)"):
         FrequencyResponse([1.0, 2.0], [1.0, 1.0], [1.0])
