@@ -59,7 +59,7 @@ def extract_step(estimator, lags, blocks, predict):
 
 
 def _extract(estimator, lags, scaling):
-    for kind in type(estimator).__mro__:
+    for kind in type(estimator).__mro__:  # by name: none of the classes has to be imported
         if kind.__name__ in EXTRACTORS and kind.__module__.split(".")[0] in {"sklearn", "skhyst"}:
             return EXTRACTORS[kind.__name__](estimator, lags, scaling)
     if np.ndim(getattr(estimator, "intercept_", None)) <= 1 and hasattr(estimator, "coef_"):

@@ -42,6 +42,7 @@ def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
     falls = (values[:, :-1] >= 0.0) & (values[:, 1:] <= 0.0)
     rises = (values[:, :-1] <= 0.0) & (values[:, 1:] >= 0.0)
     distance = np.abs(0.5 * (grid[:, :-1] + grid[:, 1:]) - guesses[:, None])
+    # an unstable equilibrium counts as farther away than any that can be stable
     distance = np.select([falls, rises], [distance, distance + width[:, None]], np.inf)
     found, cells = np.flatnonzero(np.isfinite(distance).any(axis=1)), np.argmin(distance, axis=1)
     result = np.array(guesses, dtype=float)

@@ -63,7 +63,7 @@ class OutputWeightsProblem:
             )
             columns, slopes = step.output_columns(signals)
             slopes = slopes[:, inputs.shape[1] :]
-            cut = np.abs(y) >= model.bound_
+            cut = np.abs(y) >= model.bound_  # there the output is constant
             columns[cut], slopes[cut] = 0.0, 0.0
             before = np.zeros((n_before, columns.shape[1]))
             if model._start_kind() == "rest" and n_before and len(y):

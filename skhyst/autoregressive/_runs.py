@@ -57,6 +57,7 @@ def free_runs(one_step, starts, lags, bound):
     if not lags.outputs and sizes.any():
         y, good = bounded(one_step(np.concatenate(rows)), bound)
         return np.split(y, np.cumsum(sizes)[:-1]), good
+    # longest runs first, so that those still active are the first rows
     order = np.argsort(-sizes, kind="stable")
     offsets = (np.cumsum(sizes) - sizes)[order]
     n_active = np.searchsorted(-sizes[order], -np.arange(sizes.max()))

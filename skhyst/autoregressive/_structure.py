@@ -91,6 +91,8 @@ class Descent:
             predicted = float(np.sum(target**2) - np.sum((target - r @ step) ** 2))
             if not predicted > tolerance * cost + 1e-28 * scale:
                 return theta, True
+            # damping by the gain ratio (Nielsen): it falls after a good step and grows ever faster
+            # after bad ones
             trial = self._condensed(subset, theta + step, pull)
             gain = cost - float(np.sum(trial[:, -1] ** 2))
             if np.isfinite(trial).all() and gain > 0.0:
@@ -165,8 +167,10 @@ class _Fits(Descent):
         blocks, cost = [], 0.0
         for tangents, error in problem.blocks(range(n_terms), full, pull)[0]:
             cost += float(error @ error)
+            # the linearised problem: the target is what all coefficients together have to explain
             target = error + tangents[:, subset] @ full[subset]
             block = np.column_stack([tangents[:, :n_terms], target])
+            # initial outputs are unknowns of every subset, so their effect is projected out
             q = initial_basis(tangents[:, n_terms:])
             block -= q @ (q.T @ block)
             blocks.append(block)
@@ -185,6 +189,7 @@ class _Fits(Descent):
         A rough solution is good enough to compare subsets.
         """
         theta = np.array(self.problem.unknowns(np.asarray(coefficients, dtype=float)))
+        # a diverged run is pulled to the measured response, less from fit to fit
         if not pull and self.problem.lost(subset, coefficients):
             for step in _PULLS:
                 theta, _ = self.descend(subset, theta, step, _FEW, _ROUGH)

@@ -183,7 +183,7 @@ def _static_gain_variance(operator, records, fixed, initial_state):
     gradient = np.array([by.get(name.partition("[")[0], 0.0) for name in problem.names])
     power = np.diag(gram)
     silent = power <= _SILENT * problem.powers(blocks)
-    if gradient[silent].any():
+    if gradient[silent].any():  # the records do not respond to a parameter of the gain
         return np.inf
     kept = np.flatnonzero(~silent)
     scale = np.sqrt(power[kept])

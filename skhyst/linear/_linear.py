@@ -199,6 +199,7 @@ class LinearOperator(DiscretizedOperator):
         if len(x) in (1, 2):
             run = first_order_run if len(x) == 1 else second_order_run
             return run(*discrete, u, x, previous)
+        # in a block a value that is not finite would reach earlier outputs
         if len(x) == 0 or len(u) < _LONG or not np.isfinite(u).all():
             return state_space_run(*discrete, u, x, previous)
         if (dt, "block") not in self._memory:

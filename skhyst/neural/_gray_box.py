@@ -413,7 +413,7 @@ class GrayBoxOperator(Operator):
             past_y[:, own:] += by_weights
         dw, dy = np.concatenate([past_w, driven]), np.concatenate([past_y, np.zeros_like(known)])
         w, full = np.concatenate([state[1], w]), np.concatenate([state[2], y - self._constant])
-        good = 0
+        good = 0  # number of samples whose tangents are finite
         if np.isfinite(y).all() and np.all(np.abs(self.poles()) < 1.0):
             model = self._mix, self._terms, as_signal(self.weights)
             good = gray_box_tangents(w, *model, full, known, dw, dy)
