@@ -233,8 +233,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,)
-            Measured response; `initial_output` may take the initial outputs from it. A scorer given
-            by name, such as ``scoring="r2"``, calls ``predict(X)`` and starts from rest.
+            Measured response; the initial outputs are taken from it if `initial_output` says so. A
+            scorer given by name, such as ``scoring="r2"``, calls ``predict(X)`` without it.
         sample_weight : array-like of shape (n_samples,), optional
             Weights.
 

@@ -34,10 +34,13 @@ class InverseShiftOperator(InverseOperator):
 
     Examples
     --------
+    If the drive rests during the first few samples, the shift is undone to rounding:
+
     >>> import numpy as np
     >>> from skhyst.linear import DelayOperator
     >>> delay = DelayOperator(0.37)
-    >>> drive = np.sin(0.5 * np.arange(100)) * np.sin(np.linspace(0.0, np.pi, 100)) ** 4
+    >>> motion = np.sin(0.5 * np.arange(100)) * np.sin(np.linspace(0.0, np.pi, 100)) ** 4
+    >>> drive = np.append(np.zeros(6), motion)
     >>> y, _ = delay.run(drive, 1.0)
     >>> back, _ = delay.inverse().run(y, 1.0)
     >>> bool(np.abs(delay.run(back, 1.0)[0] - y).max() < 1e-12)
