@@ -64,7 +64,7 @@ class LaggedFeatures(RecordTransformer):
     def sample_rules(self, rules, places, dt):
         if self.before != "rest":
             raise NotImplementedError(
-                "LaggedFeatures cannot be stepped unless its 'before' parameter is 'rest'. Got "
+                "LaggedFeatures cannot be stepped: its 'before' parameter must be 'rest'. Got "
                 f"before={self.before!r} instead."
             )
         return [(places[column][0], places[column][1] + lag) for column, lag in self.lags_]
