@@ -12,7 +12,7 @@ from threading import Lock
 from typing import Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
 from threadpoolctl import ThreadpoolController
 
@@ -251,8 +251,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = self._read_records(X, y)
         data = data if records is None else list(records)
         with _calculable():
-            driven, beside = split_disturbances(operator)
-            result = self._refine([(self._with_held(driven), beside)], data, method)
+            result = self._refine([self.tree(operator)], data, method)
             return self._finish(result, data)
 
     def _read_records(self, X, y):
@@ -311,9 +310,55 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             method=method or self.method,
         )
 
-    def _with_held(self, operator):
-        """Return a driven operator with those parts held that the model holds."""
-        return operator
+    def tree(self, operator) -> Operator:
+        """Return an operator of this model as the tree that is the structure of the model.
+
+        Parameters
+        ----------
+        operator : Operator or tuple of (Operator, tuple of Operator)
+            As ``operator_``, with what stands beside it; or that apart, as
+            :func:`skhyst.operators.split_disturbances` gives it.
+
+        Returns
+        -------
+        Operator
+            One whose parts know the models that they belong to, so that its method ``estimator``
+            gives this model, unfitted. Parts that the model holds are held.
+
+        Examples
+        --------
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> FirstOrderLag(hold="zoh").tree(FirstOrderLagOperator(0.1)).estimator()
+        FirstOrderLag(hold='zoh')
+        """
+        driven, disturbances = split_disturbances(operator)
+        return self._tree(driven, iter(disturbances))
+
+    def _tree(self, driven, disturbances):
+        """Return the tree of what is driven, and of those of the disturbances that are its own."""
+        own = next(disturbances) if self.operator_class.is_disturbance else driven
+        return replace(own, model=self._node())
+
+    def _node(self, **parts):
+        """Return the unfitted model, with others in place of the models that it is made of."""
+        model = informed(clone(self), self) if hasattr(self, "operator_") else self
+        return with_params(model, **parts) if parts else model
+
+    def unfitted(self, operator) -> Self:
+        """Return the model of a tree whose root belongs to this one.
+
+        Parameters
+        ----------
+        operator : Operator
+            Root of the tree: what :meth:`tree` has returned, or an edit of it.
+
+        Returns
+        -------
+        estimator
+            Unfitted. Its parts are those that the tree has, not copies; those of
+            ``operator.estimator()`` are.
+        """
+        return self
 
     def _with_input_history(self, result, data):
         """Return the result refitted, and the drive before each record."""
@@ -359,6 +404,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _adopt(self, result):
         """Store what identification found."""
         names = self._disturbance_names(len(result.disturbances))
+        result = result.released()
         self.operator_: Operator = add_disturbances(result.operator, result.disturbances, names)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients

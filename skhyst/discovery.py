@@ -9,8 +9,8 @@ import pkgutil
 from sklearn.base import BaseEstimator
 
 from .base import ParametricModel
-from .compose import Cascade, snake_case
-from .operators import Operator
+from .compose import Cascade
+from .operators import Operator, snake_case
 
 __all__ = ["all_estimators", "all_operators", "declarable_models", "parse_model"]
 

@@ -460,7 +460,7 @@ _OPTIMISATION = [
         "the history before a record is the worst one",
         "best, _ = min((_searched",
         "best, _ = max((_searched",
-        "tests/optimize/test_histories.py",
+        "tests/optimize/test_input_history.py",
     ),
     (
         "bounds of the user widen those of the model",

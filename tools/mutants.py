@@ -77,8 +77,8 @@ _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the 
     "skhyst/_block_test": "test_small_decisions test_criterion",
 }
 _KERNELS = {  # module: tests beside those of the same name, names in the suite of all operators
-    "hysteresis/_bouc_wen_curve": ("test_bouc_wen", "Bouc-Wen and not stage"),
-    "hysteresis/_bouc_wen_stage_loops": ("test_bouc_wen_stage", "Bouc-Wen and stage"),
+    "hysteresis/_bouc_wen": ("", "Bouc-Wen and not stage"),
+    "hysteresis/_bouc_wen_stage": ("", "Bouc-Wen and stage"),
     "hysteresis/_coulomb_friction": ("test_friction", "Coulomb"),
     "hysteresis/_dahl": ("test_friction test_one_state", "Dahl"),
     "hysteresis/_duhem": ("", "Duhem"),
@@ -89,12 +89,9 @@ _KERNELS = {  # module: tests beside those of the same name, names in the suite 
     "hysteresis/_lugre": ("test_friction", "LuGre"),
     "hysteresis/_maxwell_slip": ("test_friction", "slip"),
     "hysteresis/_oscillator": ("test_bouc_wen_stage", "Bouc-Wen and stage"),
-    "hysteresis/_preisach_loops": ("test_preisach test_superpositions test_relay_grid", "relays"),
-    "hysteresis/_rate_dependent_prandtl_ishlinskii_loops": (
-        "test_rate_dependent_prandtl_ishlinskii",
-        "rate-dependent",
-    ),
-    "hysteresis/_restoring_force_loops": ("test_restoring_force test_oscillator", "restoring"),
+    "hysteresis/_preisach": ("test_superpositions test_relay_grid", "relays"),
+    "hysteresis/_rate_dependent_prandtl_ishlinskii": ("", "rate-dependent"),
+    "hysteresis/_restoring_force": ("test_oscillator", "restoring"),
     "hysteresis/_system_level": ("", "system and level"),
     "hysteresis/_tanh": ("", "tanh"),
     "hysteresis/_slew_limit": ("test_one_state", "slew"),
@@ -169,7 +166,7 @@ def _loop_tests(path):
     if key not in _KERNELS:
         return ""
     more, words = _KERNELS[key]
-    own = "test" + path.stem.removesuffix("_loops").removesuffix("_curve")
+    own = "test" + path.stem
     names = dict.fromkeys([own, *more.split()])
     files = " ".join(f"tests/**/{name}.py" for name in names)
     files += f" skhyst/{key}.py"  # the examples of its docstrings

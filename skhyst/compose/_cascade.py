@@ -36,15 +36,18 @@ class HeldStep(ParametricModel):
     def __init__(self, model):
         self.model = model
 
+    stage_order = property(attrgetter("model.stage_order"))
+    _any_interval = property(attrgetter("model._any_interval"))
+    _reads_columns = property(attrgetter("model._reads_columns"))
+    _signal = property(attrgetter("model._signal"))
+    _schedules = property(attrgetter("model._schedules"))
+
     def starting_values(self, records):
         return [FrozenOperator(self.model.operator_)]
 
-    def _with_held(self, operator):
-        return FrozenOperator(operator) if operator.n_parameters else operator
-
-
-for _name in ("stage_order", "_any_interval", "_reads_columns", "_signal", "_schedules"):
-    setattr(HeldStep, _name, property(attrgetter(f"model.{_name}")))
+    def _tree(self, driven, disturbances):
+        held = FrozenOperator(driven) if driven.n_parameters else driven
+        return replace(held, model=FrozenEstimator(self.model))
 
 
 class Composition(ParametricModel, BaseComposition):
@@ -85,8 +88,7 @@ class Composition(ParametricModel, BaseComposition):
         """
         found = dict(self.steps)
         if hasattr(self, "operator_"):
-            driven, _ = split_disturbances(self.operator_)
-            stages = dict(zip(driven.names, driven.stages, strict=True))
+            stages = dict(split_disturbances(self.operator_)[0].members())
             for (name, step), model in zip(self.steps, self._models(), strict=True):
                 if name in stages and not isinstance(step, FrozenEstimator):
                     found[name] = self._fitted_step(name, model, stages[name])
@@ -98,8 +100,9 @@ class Composition(ParametricModel, BaseComposition):
     @property
     def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
-        operator = self.operator_
-        return dict(zip(operator.names, operator.stages, strict=True))
+        driven, disturbances = split_disturbances(self.operator_)
+        beside = self._disturbance_names(len(disturbances)) or ()
+        return dict(driven.members()) | dict(zip(beside, disturbances, strict=True))
 
     def get_params(self, deep=True) -> dict:
         """Return the parameters of the composition and, with ``deep``, those of its steps."""
@@ -177,13 +180,9 @@ class Composition(ParametricModel, BaseComposition):
         names = self._disturbance_names(len(result.disturbances))
         return [add_disturbances(result.operator, result.disturbances, names)]
 
-    def _driven_models(self):
-        """Return the models of the stages of the driven part."""
-        return self._models()
-
-    def _with_held(self, operator):
-        models = zip(self._driven_models(), operator.stages, strict=True)
-        return self._compose(operator.names, [model._with_held(stage) for model, stage in models])
+    def unfitted(self, operator) -> Self:
+        stages = zip(operator.names, operator.stages, strict=True)
+        return with_params(self, steps=[(name, stage.unfitted()) for name, stage in stages])
 
     def held_parameters(self) -> frozenset[str]:
         return frozenset(
@@ -193,8 +192,8 @@ class Composition(ParametricModel, BaseComposition):
         )
 
     def _adopt(self, result):
-        self._identified = result
-        return super()._adopt(replace(result, operator=result.operator.released()))
+        self._identified = result.released()
+        return super()._adopt(self._identified)
 
     def _fitted_step(self, name, model, stage):
         """Return a step with its own part of what identification found."""
@@ -303,12 +302,14 @@ class Cascade(Composition):
     def _compose(self, names, stages):
         return SeriesOperator(tuple(names), tuple(stages)).normalized()
 
-    def _with_held(self, operator):
-        held, stages = operator.gauge_mask(), []
-        for stage in operator.stages:
+    def _tree(self, driven, disturbances):
+        models = zip(self._models(), driven.stages, strict=True)
+        parts = tuple(model._tree(stage, disturbances) for model, stage in models)
+        held, stages = SeriesOperator(driven.names, parts).gauge_mask(), []
+        for stage in parts:
             own, held = np.split(held, [stage.n_parameters])
             stages.append(_to_unit_gain(stage) if own.any() else stage)
-        return super()._with_held(SeriesOperator(operator.names, tuple(stages)))
+        return replace(self._compose(driven.names, stages), model=self._node(steps=[]))
 
     def _identify(self, data):
         self._check_steps()

@@ -1,151 +1,16 @@
-"""Models that a further column of X drives, or whose gain it changes.
+"""Models that a further column of X drives, or whose gain it changes."""
 
-Operators of inputs with several columns, made of operators of one signal.
-"""
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from numbers import Integral
+from typing import Self
 
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed, with_params
-from ..operators import (
-    CompiledColumn,
-    CompiledProduct,
-    Operator,
-    ParameterSpec,
-    WrappedOperator,
-    add_disturbances,
-    split_disturbances,
-)
+from ..operators import ColumnOperator, ModulatedOperator, add_disturbances, split_disturbances
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
-_SENSITIVITY = ParameterSpec(unit="1/column")
-
-
-@dataclass(frozen=True)
-class ColumnOperator(WrappedOperator):
-    """An operator that one column of the input drives.
-
-    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
-
-    Parameters
-    ----------
-    operator : Operator
-    column : int
-    reference : float, default=0.0
-        Value of the column at which the input of the operator is zero. Fixed structure.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from skhyst.compose import ColumnOperator
-    >>> from skhyst.linear import GainOperator
-    >>> ColumnOperator(GainOperator(3.0), 1).run(np.array([[0.0, 1.0], [0.0, 2.0]]), 0.1)[0]
-    array([3., 6.])
-    """
-
-    operator: Operator
-    column: int
-    reference: float = 0.0
-
-    def _own(self, u):
-        return _one(u, self.column) - self.reference
-
-    def init(self, u0, initial_state="rest"):
-        return self.operator.init(self._own(u0), initial_state)
-
-    def run(self, u, dt, state=None):
-        return self.operator.run(self._own(u), dt, state)
-
-    def compiled_step(self, dt, state):
-        own = self.operator.compiled_step(dt, state)
-        return CompiledColumn((own,), self.column, self.reference)
-
-    def step(self, state, u, dt):
-        return self.operator.step(state, self._own(u), dt)
-
-    def sensitivities(self, u, du, dt, initial_state="rest"):
-        # the tangents are those of the drive, column 0
-        own = du if self.column == 0 else np.zeros_like(du)
-        return self.operator.sensitivities(self._own(u), own, dt, initial_state)
-
-
-@dataclass(frozen=True)
-class ModulatedOperator(WrappedOperator):
-    r"""An operator whose output is scaled by a column of the input.
-
-    .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
-
-    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
-
-    Parameters
-    ----------
-    operator : Operator
-        Of the whole input. One that is modulated already keeps the name of its sensitivity; that of
-        the next is ``sensitivity_2`` among the parameters.
-    column : int
-        Of a.
-    reference : float
-        ``a_0``, units of the column. Fixed structure.
-    sensitivity : float, default=0.0
-        ``b``, one over the units of the column.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from skhyst.compose import ColumnOperator, ModulatedOperator
-    >>> from skhyst.linear import GainOperator
-    >>> gain = ColumnOperator(GainOperator(3.0), 0)
-    >>> warm = ModulatedOperator(gain, 1, reference=20.0, sensitivity=0.1)
-    >>> warm.run(np.array([[1.0, 20.0], [1.0, 25.0]]), 0.1)[0]
-    array([3. , 4.5])
-    """
-
-    operator: Operator
-    column: int
-    reference: float
-    sensitivity: float = 0.0
-    signal_linear = False
-
-    @property
-    def _depth(self):
-        return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
-
-    def entries(self):
-        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
-        return [*self.operator.entries(), (name, _SENSITIVITY)]
-
-    def pack(self):
-        return np.append(self.operator.pack(), self.sensitivity)
-
-    def unpack(self, vector):
-        operator = self.operator.unpack(vector[:-1])
-        return replace(self, operator=operator, sensitivity=float(vector[-1]))
-
-    def _marks(self, mask):
-        return np.append(mask, False)
-
-    def constant_mask(self):
-        return np.zeros(self.n_parameters, dtype=bool)
-
-    def _factor(self, u):
-        return 1.0 + self.sensitivity * (_one(u, self.column) - self.reference)
-
-    def run(self, u, dt, state=None):
-        y, state = self.operator.run(u, dt, state)
-        return y * self._factor(u), state
-
-    def compiled_step(self, dt, state):
-        own = self.operator.compiled_step(dt, state)
-        return CompiledProduct((own,), self.column, self.reference, self.sensitivity)
-
-    def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
-        factor = self._factor(u)
-        own = y * (_one(u, self.column) - self.reference)
-        return y * factor, np.column_stack([dy * factor[:, None], own])
 
 
 def amplitude(drive):
@@ -161,11 +26,6 @@ def is_constant(values, size):
 def _mean(records, column):
     """Return the mean of a column of the inputs of all records."""
     return float(np.concatenate([r.u[:, column] for r in records]).mean())
-
-
-def _one(u, column):
-    part = np.asarray(u, dtype=float)[..., column]
-    return np.ascontiguousarray(part) if part.ndim else float(part)
 
 
 class AroundModel(ParametricModel):
@@ -244,6 +104,14 @@ class _ColumnModel(AroundModel):
     def _schedules(self, slices, X):
         return informed(self.estimator, self)._schedules(slices, X)
 
+    def _driven(self):
+        """Return the model of the operator within."""
+        return self.estimator
+
+    def _tree(self, driven, disturbances):
+        inside = self._driven()._tree(driven.operator, disturbances)
+        return replace(driven, operator=inside, model=self._node(estimator=None))
+
 
 class OnColumn(_ColumnModel):
     """A model that one column of X drives, such as a temperature.
@@ -292,15 +160,24 @@ class OnColumn(_ColumnModel):
 
     def starting_values(self, records):
         reference = _mean(records, self.column) if self.centered else 0.0
-        own = [replace(r, u=_one(r.u, self.column) - reference) for r in records]
+        own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records]
         starts = map(split_disturbances, self.estimator.starting_values(own))
         return [
             add_disturbances(ColumnOperator(driven, self.column, reference), beside)
             for driven, beside in starts
         ]
 
-    def _with_held(self, operator):
-        return replace(operator, operator=self.estimator._with_held(operator.operator))
+    def unfitted(self, operator) -> Self:
+        centered = self.centered or operator.reference != 0.0
+        estimator = operator.operator.unfitted()
+        return with_params(self, estimator=estimator, column=operator.column, centered=centered)
+
+
+class FirstColumn(OnColumn):
+    """A model of the drive as one of the whole input; the tree says so of itself."""
+
+    def _tree(self, driven, disturbances):
+        return replace(super()._tree(driven, disturbances), model=None)
 
 
 class Modulated(_ColumnModel):
@@ -344,7 +221,7 @@ class Modulated(_ColumnModel):
     def _driven(self):
         """Return the model that is modulated, of the whole input."""
         model = informed(self.estimator, self)
-        return model if model._reads_columns else OnColumn(model, 0)
+        return model if model._reads_columns else FirstColumn(model, 0)
 
     def starting_values(self, records):
         column = -1 if self.column == "amplitude" else self.column
@@ -354,5 +231,6 @@ class Modulated(_ColumnModel):
             for driven, beside in map(split_disturbances, self._driven().starting_values(records))
         ]
 
-    def _with_held(self, operator):
-        return replace(operator, operator=self._driven()._with_held(operator.operator))
+    def unfitted(self, operator) -> Self:
+        column = "amplitude" if operator.column == -1 else operator.column
+        return with_params(self, estimator=operator.operator.unfitted(), column=column)

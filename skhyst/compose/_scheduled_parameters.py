@@ -1,136 +1,18 @@
-"""Any model with parameters that depend on the record's amplitude, or on a column.
+"""Any model with parameters that depend on the record's amplitude, or on a column."""
 
-An operator whose parameters depend on a number that belongs to the record.
-"""
-
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from math import comb
+from dataclasses import replace
 from numbers import Integral
+from typing import Self
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from sklearn.base import clone
 
 from .._sklearn import Interval
-from ..base import informed
+from ..base import informed, with_params
 from ..exceptions import RecordError
-from ..operators import Operator, WrappedOperator
+from ..operators import ScheduledOperator
 from ..optimize import RecordData, VariableProjection
 from ._columns import AroundModel, amplitude, is_constant
-
-
-@dataclass(frozen=True)
-class ScheduledOperator(WrappedOperator):
-    """Parameters are polynomials of a schedule, such as the amplitude of the record.
-
-    A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule:
-    the parameter stays between the least and the largest of them, so that a bound of the parameter
-    is a bound of each coefficient, and those at the ends are the parameter's values there.
-
-    Attributes
-    ----------
-    base : Operator
-        Gives everything but the scheduled values.
-    degrees : tuple of int
-        Of each value of ``base.pack()``.
-    coefficients : ndarray of shape (sum(degrees) + len(degrees),)
-    low, high : float
-        Range of the schedule.
-    schedule : float or None
-        The record's number; :meth:`at` sets it.
-    """
-
-    base: Operator
-    degrees: tuple
-    coefficients: np.ndarray
-    low: float
-    high: float
-    schedule: float | None = field(default=None)
-
-    @property
-    def _like(self):
-        return self.base
-
-    @classmethod
-    def constant(cls, base, degrees, low, high):
-        """Return the operator whose parameters do not depend on the schedule yet."""
-        coefficients = np.repeat(base.pack(), np.asarray(degrees, dtype=int) + 1)
-        return cls(base, tuple(degrees), coefficients, low, high)
-
-    def entries(self):
-        return [
-            (f"{name}[{k}]" if degree else name, spec)
-            for (name, spec), degree in zip(self.base.entries(), self.degrees, strict=True)
-            for k in range(degree + 1)
-        ]
-
-    def pack(self):
-        return np.array(self.coefficients, dtype=float)
-
-    def unpack(self, vector):
-        return replace(self, coefficients=np.array(vector, dtype=float))
-
-    def _marks(self, mask):
-        return np.repeat(mask, self._counts)
-
-    @property
-    def _counts(self):
-        return np.asarray(self.degrees, dtype=int) + 1
-
-    def at(self, schedule):
-        """Return the operator of a record with this schedule."""
-        return replace(self, schedule=float(schedule))
-
-    @cached_property
-    def _basis(self):
-        """The Bernstein polynomials at the schedule, shape of ``coefficients``."""
-        if self.schedule is None:
-            raise ValueError(
-                "The parameters depend on a number of the record: it must be given, to 'at' of the "
-                "operator or as the 'schedule' of a stepper."
-            )
-        span = self.high - self.low
-        t = (self.schedule - self.low) / span if span > 0.0 else 0.0
-        return np.concatenate(
-            [[comb(d, k) * t**k * (1.0 - t) ** (d - k) for k in range(d + 1)] for d in self.degrees]
-        )
-
-    @cached_property
-    def operator(self):
-        """The operator with plain parameters at the schedule.
-
-        Beyond the range of the schedule the polynomials go on, up to the parameters' bounds.
-        """
-        starts = np.cumsum(np.r_[0, self._counts[:-1]])
-        values = np.add.reduceat(self.coefficients * self._basis, starts)
-        specs = [spec for _, spec in self.base.entries()]
-        return self.base.unpack(
-            np.clip(values, [spec.lower for spec in specs], [spec.upper for spec in specs])
-        )
-
-    def polynomials(self):
-        """Return the coefficients by powers of the schedule, lowest first, by name."""
-        span = self.high - self.low
-        t = Polynomial([-self.low / span, 1.0 / span]) if span > 0.0 else Polynomial([0.0])
-        found, start = {}, 0
-        for (name, _), d in zip(self.base.entries(), self.degrees, strict=True):
-            own = self.coefficients[start : start + d + 1]
-            terms = (comb(d, k) * own[k] * t**k * (1 - t) ** (d - k) for k in range(d + 1))
-            power = sum(terms, Polynomial([0.0])).coef
-            found[name] = np.pad(power, (0, max(d + 1 - len(power), 0)))[: d + 1]
-            start += d + 1
-        return found
-
-    def __getstate__(self):
-        return {k: v for k, v in self.__dict__.items() if k not in ("_basis", "operator")}
-
-    def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
-        m = du.shape[1]
-        own = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
-        return y, np.concatenate([dy[:, :m], own], axis=1)
-
 
 _LEAST = 1e-3  # of a positive parameter, relative to its constant value
 _ROUGH = VariableProjection(tolerance=1e-4)
@@ -288,6 +170,19 @@ class ScheduledParameters(AroundModel):
                 )
             free = chosen
         return [self.degree if name in free else 0 for name, _ in result.operator.entries()]
+
+    def _tree(self, driven, disturbances):
+        base = self.estimator._tree(driven.base, disturbances)
+        return replace(driven, base=base, model=self._node(estimator=None))
+
+    def unfitted(self, operator) -> Self:
+        base, parameters = operator.base, self.parameters
+        free = zip(base.entries(), base.free_mask(), operator.degrees, strict=True)
+        if parameters is None and any(is_free and not degree for _, is_free, degree in free):
+            rows = zip(base.entries(), operator.degrees, strict=True)
+            parameters = [name for (name, _), degree in rows if degree]
+        own = {"parameters": parameters, "degree": max(operator.degrees, default=0) or self.degree}
+        return with_params(self, estimator=base.unfitted(), **own)
 
     def _adopt(self, result):
         super()._adopt(result)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..operators import Operator, SumOperator, split_disturbances
 from ._cascade import Composition, HeldStep
-from ._columns import OnColumn
+from ._columns import FirstColumn
 
 
 class Sum(Composition):
@@ -44,7 +44,7 @@ class Sum(Composition):
         models = super()._models()
         if not any(model._reads_columns for model in models):
             return models
-        return [m if m._reads_columns or _is_disturbance(m) else OnColumn(m, 0) for m in models]
+        return [m if m._reads_columns or _is_disturbance(m) else FirstColumn(m, 0) for m in models]
 
     def _schedules(self, slices, X):
         found = [model._schedules(slices, X) for model in self._models()]
@@ -57,8 +57,13 @@ class Sum(Composition):
     def _disturbance_names(self, count):
         return tuple(name for name, model in self.steps if _is_disturbance(model))
 
-    def _driven_models(self):
-        return [model for model in self._models() if not _is_disturbance(model)]
+    def _tree(self, driven, disturbances):
+        own, stages = iter(driven.stages), []
+        for model in self._models():
+            stage = None if _is_disturbance(model) else next(own)
+            stages.append(model._tree(stage, disturbances))
+        names = tuple(name for name, _ in self.steps)
+        return SumOperator(names, tuple(stages), model=self._node(steps=[])).normalized()
 
     def _identify(self, data):
         self._check_steps()
@@ -105,14 +110,6 @@ class Sum(Composition):
             return []
         starts = [split_disturbances(start)[0] for start in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
-
-    @property
-    def operators_(self) -> dict[str, Operator]:
-        """The identified operator of each step, by name."""
-        driven, disturbances = split_disturbances(self.operator_)
-        beside = self._disturbance_names(len(disturbances))
-        found = dict(zip(driven.names, driven.stages, strict=True))
-        return found | dict(zip(beside, disturbances, strict=True))
 
 
 def constant_entries(operator, disturbances):

@@ -102,6 +102,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     """
 
     _one_interval = False  # unless its model asks for one
+    _range = -np.inf, np.inf  # of one that was saved when none was kept
 
     _parameter_constraints = {
         "observer": [HasMethods(["fit", "compiled_step"])],

@@ -204,7 +204,8 @@ class InStages:
         tree, found = scene.tree, []
         if tree.multi_input or any(operator.owns_gain for operator in tree.operators):
             return []
-        for at, (place, old, operator) in enumerate(tree.stages):
+        for at, (place, operator) in enumerate(tree.stages):
+            old = tree.models[at]
             rates = operator.lag_rates() if hasattr(operator, "with_poles") else []
             if not 0 < len(rates) <= TANKS:
                 continue
@@ -261,7 +262,7 @@ class BesideForce:
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
-        for at, (place, _, operator) in enumerate(tree.stages):
+        for at, (place, operator) in enumerate(tree.stages):
             parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
             if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
                 continue
@@ -283,7 +284,7 @@ class RateDependence:
     smoothing: str = "none"
 
     def trees(self, name, scene):
-        for at, (place, _, operator) in enumerate(scene.tree.stages):
+        for at, (place, operator) in enumerate(scene.tree.stages):
             if (
                 not isinstance(operator, PrandtlIshlinskiiOperator)
                 or operator.form != "play"

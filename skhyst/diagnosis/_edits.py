@@ -1,7 +1,7 @@
 """Edits of a tree: what putting an effect into a model does to it.
 
-Each has ``apply(tree, name)``, which returns another tree; what is added is called ``name``. An
-edit knows the operators to start from and no data, so that it can be done again on another tree.
+Each is a function from a tree to a tree, ``edit(tree, name)``; what is added is called ``name``. It
+knows the operators to start from and no data, so that it can be done again on another tree.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -9,18 +9,17 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from sklearn.base import clone
 
-from ..base import informed
-from ..compose import (
+from ..compose import OnColumn, Sum
+from ..linear import Gain, GainOperator
+from ..operators import (
     ColumnOperator,
-    OnColumn,
     Stage,
-    Sum,
+    SumOperator,
     modulated,
+    on_column,
     put_beside_series,
     scheduled,
 )
-from ..linear import Gain, GainOperator
-from ..operators import SumOperator
 
 _KEPT = {"dt", "fit_intercept", "hold", "initial_state", "mass", "method"}  # of an enriched stage
 
@@ -37,12 +36,11 @@ class Insert(_Edit):
     operator: object
     kind = "stage"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         stages = list(tree.stages)
         at = tree.position(self.model.stage_order)
-        return tree.with_stages(
-            [*stages[:at], Stage(name, self.model, self.operator), *stages[at:]]
-        )
+        stages.insert(at, Stage(name, self.model.tree(self.operator)))
+        return tree.with_stages(stages)
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,16 @@ class Enrich:
     operator: object
     kind = "exchange"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         at = tree.names.index(self.place)
-        _, model, operator = tree.stages[at]
+        model, operator = tree.models[at], tree.operators[at]
         if type(model) is type(self.model):
-            operator = _both_operators(operator, self.operator)
-            return tree.with_stage(at, model=both_models(model, self.model), operator=operator)
+            both = both_models(model, self.model)
+            return tree.with_stage(at, both.tree(_both_operators(operator, self.operator)))
         same = {key: value for key, value in model.get_params().items() if key in _KEPT}
         richer = clone(self.model)
         richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
-        return tree.with_stage(at, model=richer, operator=self.operator)
+        return tree.with_stage(at, richer.tree(self.operator))
 
 
 @dataclass(frozen=True)
@@ -74,11 +72,10 @@ class Hold:
     hold: str
     kind = "exchange"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         at = tree.names.index(self.place)
-        _, model, operator = tree.stages[at]
-        model, operator = clone(model).set_params(hold=self.hold), replace(operator, hold=self.hold)
-        return tree.with_stage(at, model=model, operator=operator)
+        model = clone(tree.models[at]).set_params(hold=self.hold)
+        return tree.with_stage(at, model.tree(replace(tree.operators[at], hold=self.hold)))
 
 
 def both_models(model, other):
@@ -96,6 +93,8 @@ def _both_operators(operator, other):
     """Return an operator of one class that has what either has: the longer arrays, no zeros."""
     changes = {}
     for field in fields(other):
+        if field.kw_only:  # of the tree
+            continue
         old, new = getattr(operator, field.name), getattr(other, field.name)
         if np.size(old) > np.size(new) or (np.size(old) == np.size(new) and not np.any(new)):
             changes[field.name] = old
@@ -111,14 +110,13 @@ class AddForce:
     operator: object
     kind = "force"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         at = tree.names.index(self.place)
-        stage = tree.stages[at]
-        steps, names, parts = [(stage.name, stage.model)], (stage.name,), (stage.operator,)
-        if isinstance(stage.operator, SumOperator):
-            steps, names, parts = stage.model.steps, stage.operator.names, stage.operator.stages
-        operator = SumOperator((*names, name), (*parts, self.operator)).normalized()
-        return tree.with_stage(at, model=Sum([*steps, (name, self.model)]), operator=operator)
+        forces = [tree.stages[at]]
+        if isinstance(forces[0].operator, SumOperator):
+            forces = forces[0].operator.members()
+        forces.append(Stage(name, self.model.tree(self.operator)))
+        return tree.with_stage(at, SumOperator.of_parts(forces, Sum([])).normalized())
 
 
 @dataclass(frozen=True)
@@ -129,9 +127,9 @@ class Beside(_Edit):
     operator: object
     kind = "beside"
 
-    def apply(self, tree, name):
-        whole = put_beside_series(tree.whole, name, self.model)
-        return tree.composed(whole, (*tree.disturbances, self.operator))
+    def __call__(self, tree, name):
+        disturbance = self.model.tree(self.operator)
+        return tree.composed(put_beside_series(tree.whole, name, disturbance))
 
 
 @dataclass(frozen=True)
@@ -143,9 +141,9 @@ class Drive(_Edit):
     column: int
     kind = "branch"
 
-    def apply(self, tree, name):
-        branch = self.operator, self.column
-        return tree.composed(put_beside_series(tree.whole, name, self.model, *branch))
+    def __call__(self, tree, name):
+        branch = on_column(tree.whole, self.model.tree(self.operator), self.column)
+        return tree.composed(put_beside_series(tree.whole, name, branch))
 
 
 @dataclass(frozen=True)
@@ -158,13 +156,13 @@ class Bias(_Edit):
     reference: float
     kind = "branch"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         column = OnColumn(self.model, self.column, centered=True)
         model = Sum([("drive", Gain(fit_intercept=False)), ("column", column)])
         branch = ColumnOperator(self.operator, self.column, self.reference)
         parts = ColumnOperator(GainOperator(1.0), 0), branch
         operator = SumOperator(("drive", "column"), parts)
-        return tree.with_stages([Stage(name, model, operator), *tree.stages])
+        return tree.with_stages([Stage(name, model.tree(operator)), *tree.stages])
 
 
 @dataclass(frozen=True)
@@ -174,9 +172,9 @@ class Begin(_Edit):
     input_history: tuple
     kind = "start"
 
-    def apply(self, tree, name):
-        model = clone(tree.model).set_params(initial_state="estimate")
-        return replace(tree, model=informed(model, tree.model), input_history=self.input_history)
+    def __call__(self, tree, name):
+        model = clone(tree.root.model).set_params(initial_state="estimate")
+        return replace(tree, root=replace(tree.root, model=model), input_history=self.input_history)
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ class Modulate(_Edit):
     reference: float
     kind = "modulation"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         return tree.composed(modulated(tree.whole, self.column, self.reference))
 
 
@@ -205,7 +203,7 @@ class Schedule(_Edit):
     which: object
     kind = "schedule"
 
-    def apply(self, tree, name):
+    def __call__(self, tree, name):
         if self.which in ("dynamics", "all"):
             values = tree.values
             lines = {key: np.repeat(values[key], 2) for key in self.entries(tree, self.which)}
@@ -217,15 +215,14 @@ class Schedule(_Edit):
     def entries(tree, which):
         """Return which entries of the series follow the record, none where it makes no sense."""
         free, dynamics = [], []
-        masks = tree.series().gauge_mask().tolist()
-        for stage in tree.stages:
-            held = stage.model.held_parameters()
-            moving = stage.operator.signal_linear and sum(stage.operator.n_poles)
-            for entry, spec in stage.operator.entries():
-                if not masks.pop(0) and entry not in held:
-                    free.append((stage.name, entry))
+        marks = iter(tree.series().free_mask())
+        for name, operator in tree.stages:
+            moving = operator.signal_linear and sum(operator.n_poles)
+            for entry, spec in operator.entries():
+                if next(marks):
+                    free.append((name, entry))
                     if moving and not spec.linear:
-                        dynamics.append((stage.name, entry))
+                        dynamics.append((name, entry))
         if which == "dynamics":
             return dynamics
         more = {entry for _, entry in free} - {"intercept"}

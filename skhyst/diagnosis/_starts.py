@@ -170,10 +170,10 @@ def _started_anew(tree, scene, first):
     if scene.has_lost_poles:  # those that do almost the same, but that a gradient moves
         pole_sets.append(scene.seen(np.concatenate([operators[i].poles() for i in block])))
     for poles in pole_sets:
-        for own in distribute_poles([operators[i] for i in block], poles):
+        for shared in distribute_poles([operators[i] for i in block], poles):
             stages = list(tree.stages)
-            for i, operator in zip(block, own, strict=True):
-                stages[i] = stages[i]._replace(operator=operator)
+            for i, own in zip(block, shared, strict=True):
+                stages[i] = stages[i]._replace(operator=replace(own, model=operators[i].model))
             found.append(tree.with_stages(stages))
     return found
 

@@ -1,6 +1,6 @@
 """A model as the tree of its compositions, and what has been added to it as edits of that tree."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import count
 
@@ -8,15 +8,16 @@ import numpy as np
 from sklearn.base import clone
 
 from ..base import informed
-from ..compose import (
+from ..compose import constant_entries
+from ..operators import (
+    SeriesOperator,
     Stage,
-    constant_entries,
     series_stages,
+    split_disturbances,
     stage_values,
     with_series_stages,
     with_stage_values,
 )
-from ..operators import SeriesOperator
 from ..optimize import (
     OperatorProblem,
     VariableProjection,
@@ -61,12 +62,10 @@ class Tree:
 
     Attributes
     ----------
-    model : estimator
-        Unfitted, a composition in general.
-    operator : Operator
-        Of the model, without what stands beside it.
-    disturbances : tuple of DisturbanceOperator
-        What stands beside.
+    root : Operator
+        The tree of operators, with what stands beside.
+    columns : estimator
+        A model that knows the columns of X.
     declared : Tree or None
         Before any edit; None where there is none.
     edits : tuple of (str, edit)
@@ -77,25 +76,58 @@ class Tree:
         Drive before each record, see ``RecordData``; empty where all begin at rest.
     """
 
-    model: object
-    operator: object
-    disturbances: tuple = ()
+    root: object
+    columns: object
     declared: object = None
     edits: tuple = ()
     name: str | None = None
     input_history: tuple = ()
 
     @classmethod
+    def of(cls, model, operator, disturbances=(), input_history=()):
+        """Return the tree of a declared model, and its operator without what stands beside it."""
+        return cls(model.tree((operator, disturbances)), model, input_history=input_history)
+
+    @classmethod
     def from_result(cls, model, result, input_history=()):
         """Return the tree of a declared model and what identification found for it."""
-        return cls(model, result.operator, result.disturbances, input_history=input_history)
+        return cls.of(model, result.operator, result.disturbances, input_history)
+
+    def __setstate__(self, state):
+        if "root" not in state:  # of a file from before the operators knew their models
+            operator = state.pop("operator"), state.pop("disturbances")
+            state["columns"] = state.pop("model")
+            state["root"] = state["columns"].tree(operator)
+        vars(self).update({f.name: state[f.name] for f in fields(self)})
+
+    def __getstate__(self):
+        return {field.name: vars(self).get(field.name) for field in fields(self)}
+
+    @cached_property
+    def model(self):
+        """The unfitted model."""
+        return informed(self.root.unfitted(), self.columns)
+
+    @property
+    def operator(self):
+        """The operator, without what stands beside it."""
+        return self._parts[0]
+
+    @property
+    def disturbances(self):
+        """What stands beside."""
+        return self._parts[1]
+
+    @cached_property
+    def _parts(self):
+        return split_disturbances(self.root)
 
     # ------------------------------------------------------------------ parts
 
     @property
     def whole(self):
-        """The composition: its name, its model and its operator."""
-        return Stage(self.name, self.model, self.operator)
+        """The root, and the name that it goes by as a single stage."""
+        return Stage(self.name, self.root)
 
     @cached_property
     def stages(self):
@@ -120,7 +152,7 @@ class Tree:
     @property
     def disturbance_names(self):
         """Names of what stands beside."""
-        return self.model._disturbance_names(len(self.disturbances)) or ()
+        return self.root.disturbance_names
 
     @property
     def state(self):
@@ -130,7 +162,7 @@ class Tree:
     @property
     def multi_input(self):
         """Whether the first stage takes several inputs, so that nothing can come before it."""
-        return bool(self.stages) and self.stages[0].model._reads_columns
+        return bool(self.stages) and self.stages[0].operator.reads_columns
 
     @property
     def values(self):
@@ -209,25 +241,29 @@ class Tree:
         """Return the tree with the edits of one more effect."""
         tree = self
         for edit in edits:
-            tree = edit.apply(tree, self.label(effect))
+            tree = edit(tree, self.label(effect))
         added = tuple((effect, edit) for edit in edits)
         return replace(tree, declared=self.declared or self, edits=(*self.edits, *added))
 
-    def composed(self, whole, disturbances=None):
-        """Return the tree with another composition."""
-        name, model, operator = whole
-        disturbances = self.disturbances if disturbances is None else disturbances
-        model = informed(model, self.model)
-        return replace(self, name=name, model=model, operator=operator, disturbances=disturbances)
+    def composed(self, whole):
+        """Return the tree with another root and its name."""
+        return replace(self, name=whole.name, root=whole.operator)
+
+    def with_operators(self, operator, disturbances):
+        """Return the tree with other values of the operator and of what stands beside."""
+        both = operator, tuple(disturbances)
+        return replace(self, root=self.model.tree(both) if self.disturbances else operator)
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
         return self.composed(with_series_stages(self.whole, stages))
 
-    def with_stage(self, at, **changes):
-        """Return the tree with another ``operator``, or ``model``, of a stage."""
+    def with_stage(self, at, operator):
+        """Return the tree with another operator of a stage, of the same model if it has none."""
         stages = list(self.stages)
-        stages[at] = stages[at]._replace(**changes)
+        if operator.model is None:
+            operator = replace(operator, model=stages[at].operator.model)
+        stages[at] = stages[at]._replace(operator=operator)
         return self.with_stages(stages)
 
     def cut(self, *names):
@@ -235,10 +271,7 @@ class Tree:
         series = SeriesOperator(self.names, self.operators)
         for name in names:
             series = series.without(name)
-        models = dict(zip(self.names, self.models, strict=True))
-        return self.with_stages(
-            [Stage(n, models[n], own) for n, own in zip(series.names, series.stages, strict=True)]
-        )
+        return self.with_stages(series.series())
 
     def without(self, effect):
         """Return the declared tree with the edits of all other effects, at the present values.
@@ -256,17 +289,18 @@ class Tree:
         """Return the tree with the values of another where both have them, by name."""
         other = other.cut(*(name for name in other.names if name not in self.names))
         masks, present = other.series().gauge_mask(), {}
-        for name, _, operator in other.stages:
+        for name, operator in other.stages:
             held, masks = np.split(masks, [operator.n_parameters])
             present[name] = operator, held
         values, stages = stage_values(other.whole, held=False), []
         for stage in self.stages:
-            fixed = stage.model.held_parameters()
+            fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))
             if _alike(stage.operator, found):  # fixed structure too, but no value that is held
                 held = held | [name in fixed for name, _ in found.entries()]
                 own = np.where(held, stage.operator.pack(), found.pack())
-                found, hold = found.unpack(own), getattr(stage.operator, "hold", None)
+                found = replace(found.unpack(own), model=stage.operator.model)
+                hold = getattr(stage.operator, "hold", None)
                 if getattr(found, "hold", None) != hold:  # which an edit sets
                     found = replace(found, hold=hold)
                 stage = stage._replace(operator=found)
@@ -278,9 +312,8 @@ class Tree:
             tree = replace(tree, input_history=other.input_history)
         beside = dict(zip(other.disturbance_names, other.disturbances, strict=True))
         own = zip(tree.disturbance_names, tree.disturbances, strict=True)
-        return tree.composed(
-            with_stage_values(tree.whole, values), tuple(beside.get(n, start) for n, start in own)
-        )
+        driven = with_stage_values(tree.whole, values)
+        return tree.with_operators(driven, [beside.get(n, start) for n, start in own])
 
     # ------------------------------------------------------------------ as an operator
 
@@ -311,8 +344,7 @@ class Tree:
 
     def at(self, problem, x):
         """Return the tree with the operators at ``x``."""
-        operator, disturbances = problem.unpack(x)
-        return replace(self, operator=operator, disturbances=disturbances)
+        return self.with_operators(*problem.unpack(x))
 
     def n_coefficients(self):
         """Number of coefficients that each record has of its own."""
@@ -323,7 +355,7 @@ class Tree:
         """Return the stages as they are in a record whose parameters follow a number."""
         if number is None:
             return self.stages
-        return series_stages(self.whole._replace(operator=self.operator.at(number)))
+        return series_stages(self.whole._replace(operator=self.root.at(number)))
 
     def run(self, records, first=0, last=None, signals=None):
         """Return the output of a stretch of the series for each record."""
@@ -374,15 +406,15 @@ class Tree:
     def identified(self, records):
         """Return the tree as its model identifies it from nothing, as its user would fit it."""
         result = clone_of(self.model)._identify(self.read(records))
-        return replace(self, operator=result.operator, disturbances=result.disturbances)
+        return replace(self, root=self.model.tree((result.operator, result.disturbances)))
 
     def with_input_history(self, records):
         """Return the tree refitted with what came before the records."""
         found, input_history = estimate_input_history(
             self.operator, self.disturbances, self.read(records), fixed=self.held, method=BRIEFLY
         )
-        own = {"operator": found.operator, "disturbances": found.disturbances}
-        return replace(self, **own, input_history=tuple(input_history))
+        tree = self.with_operators(found.operator, found.disturbances)
+        return replace(tree, input_history=tuple(input_history))
 
     @property
     def estimator(self):

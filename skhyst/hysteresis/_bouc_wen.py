@@ -20,8 +20,8 @@ and ``f`` depend on the parameters, so whatever is left depends smoothly on them
 a place, evenly divided, to the first cell that may hold it.
 """
 
-import dataclasses
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from numbers import Real
@@ -31,7 +31,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import CompiledLaw, Operator, as_signal, parameter
+from ..operators import CompiledLaw, Operator, as_signal, by_fields, parameter
 from ._common import force_characteristics, show
 
 N_BINS = 1024  # of the way along a curve
@@ -423,7 +423,7 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
         dy[k, m + 2 + p] = 1.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class BoucWenOperator(Operator):
     r"""Bouc-Wen hysteresis in normalised form, :math:`g = \alpha z` in :class:`BoucWen`.
 
@@ -499,9 +499,8 @@ class BoucWenOperator(Operator):
         self._require("exponent", self.exponent > 0.0, "be positive")
         self._require("asymmetry", -1.0 < self.asymmetry < 1.0, "be between -1 and 1")
 
-    def __reduce__(self):  # without the tables
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
+    def __reduce__(self):
+        return by_fields(self)
 
     @classmethod
     def from_coefficients(cls, alpha, beta, gamma, exponent=1.0, *, gain=0.0, intercept=0.0):

@@ -249,6 +249,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     delays: np.ndarray = parameter(log=True, lower=0.0, unit="s", default=())
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+    reads_columns = True
 
     @property
     def n_inputs(self):

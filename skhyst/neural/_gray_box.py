@@ -227,7 +227,8 @@ class GrayBoxOperator(Operator):
     @classmethod
     def at_rest(cls, static, **structure):
         """Return an operator with zero weights; ``structure`` are its other parameters."""
-        given = {field.name: field.default for field in dataclasses.fields(cls)[2:]} | structure
+        fields = [field for field in dataclasses.fields(cls) if not field.kw_only]
+        given = {field.name: field.default for field in fields[2:]} | structure
         return cls(static, np.zeros(len(_terms(**given))), **given)
 
     # ---------------------------------------------------------------------------- the parameters

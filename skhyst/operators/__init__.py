@@ -15,7 +15,10 @@ from ._compiled_step import (
     in_ring,
 )
 from ._composition import (
+    ColumnOperator,
     FrozenOperator,
+    ModulatedOperator,
+    ScheduledOperator,
     SeriesOperator,
     SumOperator,
     WrappedOperator,
@@ -23,8 +26,19 @@ from ._composition import (
     split_disturbances,
 )
 from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
+from ._edits import (
+    modulated,
+    on_column,
+    put_beside_series,
+    scheduled,
+    series_stages,
+    stage_values,
+    with_series_stages,
+    with_stage_values,
+)
 from ._linear_inverse import InverseLinearOperator, in_weights, preview_step
 from ._one_state import OneStateOperator
+from ._part import Factor, Stage, snake_case
 from ._plays import (
     Superposition,
     clip_play,
@@ -38,7 +52,7 @@ from ._plays import (
     turning_points,
 )
 from ._products import sum_of_products
-from ._protocol import Operator, ParameterSpec, as_constant, as_signal, parameter
+from ._protocol import Operator, ParameterSpec, as_constant, as_signal, by_fields, parameter
 from ._records import run_records
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import (
@@ -53,6 +67,7 @@ from ._state_space import (
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
+    "ColumnOperator",
     "CompiledCall",
     "CompiledColumn",
     "CompiledColumnSeries",
@@ -62,14 +77,18 @@ __all__ = [
     "CompiledSeries",
     "CompiledStep",
     "CompiledSum",
+    "Factor",
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
+    "ModulatedOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "RootInverseOperator",
+    "ScheduledOperator",
     "SeriesOperator",
+    "Stage",
     "Stepper",
     "SumOperator",
     "Superposition",
@@ -80,6 +99,7 @@ __all__ = [
     "as_signal",
     "block_run",
     "block_table",
+    "by_fields",
     "check_operator",
     "clip_play",
     "first_order_run",
@@ -87,6 +107,8 @@ __all__ = [
     "in_weights",
     "inverse_of",
     "latest",
+    "modulated",
+    "on_column",
     "parameter",
     "play_basis",
     "play_sum_run",
@@ -95,12 +117,17 @@ __all__ = [
     "play_tangents",
     "play_thresholds",
     "preview_step",
+    "put_beside_series",
     "run_records",
     "samples_before",
+    "scheduled",
     "second_order_run",
+    "series_stages",
     "slope_step",
     "slopes",
+    "snake_case",
     "split_disturbances",
+    "stage_values",
     "state_space_run",
     "state_space_step",
     "state_space_tangents",
@@ -108,4 +135,6 @@ __all__ = [
     "stop_basis",
     "sum_of_products",
     "turning_points",
+    "with_series_stages",
+    "with_stage_values",
 ]

@@ -1,20 +1,32 @@
-"""Series and sums of operators, which are operators again, and operators held in them."""
+"""Nodes of the tree: series and sums of operators, and what wraps one; all are operators again."""
 
-from dataclasses import dataclass, replace
+import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from math import comb
 from operator import attrgetter
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from scipy.linalg import block_diag
 
 from ..records import Units
-from ._compiled_step import CompiledLaw, CompiledSeries, CompiledSum, nothing
+from ._compiled_step import (
+    CompiledColumn,
+    CompiledLaw,
+    CompiledProduct,
+    CompiledSeries,
+    CompiledSum,
+    nothing,
+)
 from ._linear_inverse import InverseLinearOperator
-from ._protocol import Operator
+from ._part import JOIN, Stage
+from ._protocol import Operator, ParameterSpec
 from ._root_inverse import RootInverseOperator, inverse_of
 
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
+_SENSITIVITY = ParameterSpec(unit="1/column")
 
 
 class _ByEntries(Operator):
@@ -34,6 +46,23 @@ class WrappedOperator(_ByEntries):
     operator.
     """
 
+    signal_linear = property(attrgetter("_like.signal_linear"))
+    owns_gain = property(attrgetter("_like.owns_gain"))
+    rank = property(attrgetter("_like.stage_order"))
+    n_poles = property(attrgetter("_like.n_poles"))
+    memoryless = property(attrgetter("_like.memoryless"))
+    causal = property(attrgetter("_like.causal"))
+    at_once = property(attrgetter("_like.at_once"))
+    reads_columns = property(attrgetter("_like.reads_columns"))
+    n_ringing = property(attrgetter("_like.n_ringing"))
+    lag_rates = property(attrgetter("_like.lag_rates"))
+    linear_mode = property(attrgetter("_like.linear_mode"))
+    presliding_displacement = property(attrgetter("_like.presliding_displacement"))
+    characteristics = property(attrgetter("_like.characteristics"))
+    entries = property(attrgetter("_like.entries"))
+    pack = property(attrgetter("_like.pack"))
+    parameter_units = property(attrgetter("_like.parameter_units"))
+
     @property
     def _like(self):
         return self.operator
@@ -41,11 +70,23 @@ class WrappedOperator(_ByEntries):
     def _marks(self, mask):
         return mask
 
+    def linear_mask(self):
+        return self._marks(self._like.linear_mask())
+
+    def gauge_entries(self):
+        return self._marks(self._like.gauge_entries())
+
+    def gauge_mask(self):
+        return self._marks(self._like.gauge_mask())
+
+    def constant_mask(self):
+        return self._marks(self._like.constant_mask())
+
     def unpack(self, vector):
-        return replace(self, operator=self.operator.unpack(vector))
+        return self._with(self.operator.unpack(vector))
 
     def at(self, schedule):
-        return replace(self, operator=self.operator.at(schedule))
+        return self._with(self.operator.at(schedule))
 
     def init(self, u0, initial_state="rest"):
         return self.operator.init(u0, initial_state)
@@ -59,18 +100,28 @@ class WrappedOperator(_ByEntries):
     def inverse(self):
         return inverse_of(self.operator)
 
+    def released(self):
+        return replace(self, operator=self.operator.released(), model=None)
 
-# what is declared of the operator within holds for the whole, attributes and methods alike
-for _name in (
-    *("signal_linear", "owns_gain", "stage_order", "n_poles", "memoryless", "causal", "at_once"),
-    *("n_ringing", "lag_rates", "linear_mode", "presliding_displacement", "characteristics"),
-    *("entries", "pack", "parameter_units"),
-):
-    setattr(WrappedOperator, _name, property(attrgetter(f"_like.{_name}")))
-for _name in ("linear_mask", "gauge_entries", "gauge_mask", "constant_mask"):
-    setattr(
-        WrappedOperator, _name, lambda self, name=_name: self._marks(getattr(self._like, name)())
-    )
+    def held_entries(self):
+        return self._like.held_entries()
+
+    def split(self):
+        driven, disturbances = self.operator.split()
+        return self if driven is None else self._with(driven), disturbances
+
+    def inner(self, name=None):
+        return Stage(name, bare(self.operator))
+
+    def with_inner(self, stage, name=None):
+        return self._with(stage.operator)
+
+    def keys(self, name=None):
+        return self._like.keys(name)
+
+    def _with(self, operator):
+        """Return the same around another operator."""
+        return self if operator is self.operator else replace(self, operator=operator)
 
 
 @dataclass(frozen=True)
@@ -107,8 +158,334 @@ class FrozenOperator(WrappedOperator):
     def _marks(self, mask):
         return mask[:0]
 
+    def unfitted(self):
+        return Operator.unfitted(self) if self.model is None else self.model
+
+    def released(self):
+        return self.operator.released()
+
+    def held_entries(self):
+        return frozenset()
+
+    split, inner, keys = Operator.split, Operator.inner, Operator.keys
+
     def sensitivities(self, u, du, dt, initial_state="rest"):
         return self.operator.propagate(u, du, dt, initial_state)
+
+
+@dataclass(frozen=True)
+class ColumnOperator(WrappedOperator):
+    """An operator that one column of the input drives.
+
+    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
+
+    Parameters
+    ----------
+    operator : Operator
+    column : int
+    reference : float, default=0.0
+        Value of the column at which the input of the operator is zero. Fixed structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import ColumnOperator
+    >>> ColumnOperator(GainOperator(3.0), 1).run(np.array([[0.0, 1.0], [0.0, 2.0]]), 0.1)[0]
+    array([3., 6.])
+    """
+
+    operator: Operator
+    column: int
+    reference: float = 0.0
+    reads_columns = True
+    structure_of = "OnColumn"
+
+    @property
+    def driving_column(self):
+        """Number of the column."""
+        return self.column
+
+    @property
+    def _is_implied(self):
+        """Whether it only says what the column of the drive is, beside one that reads others."""
+        return self.model is None and self.column == 0 and self.reference == 0.0
+
+    def unfitted(self):
+        return self.operator.unfitted() if self._is_implied else super().unfitted()
+
+    def inner(self, name=None):
+        return super().inner(name) if self.column == 0 else None
+
+    def keys(self, name=None):
+        return super().keys(name) if self.column == 0 else Operator.keys(self, name)
+
+    def _own(self, u):
+        return _one(u, self.column) - self.reference
+
+    def init(self, u0, initial_state="rest"):
+        return self.operator.init(self._own(u0), initial_state)
+
+    def run(self, u, dt, state=None):
+        return self.operator.run(self._own(u), dt, state)
+
+    def compiled_step(self, dt, state):
+        own = self.operator.compiled_step(dt, state)
+        return CompiledColumn((own,), self.column, self.reference)
+
+    def step(self, state, u, dt):
+        return self.operator.step(state, self._own(u), dt)
+
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        # the tangents are those of the drive, column 0
+        own = du if self.column == 0 else np.zeros_like(du)
+        return self.operator.sensitivities(self._own(u), own, dt, initial_state)
+
+
+@dataclass(frozen=True)
+class ModulatedOperator(WrappedOperator):
+    r"""An operator whose output is scaled by a column of the input.
+
+    .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
+
+    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
+
+    Parameters
+    ----------
+    operator : Operator
+        Of the whole input. One that is modulated already keeps the name of its sensitivity; that of
+        the next is ``sensitivity_2`` among the parameters.
+    column : int
+        Of a.
+    reference : float
+        ``a_0``, units of the column. Fixed structure.
+    sensitivity : float, default=0.0
+        ``b``, one over the units of the column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import ColumnOperator, ModulatedOperator
+    >>> gain = ColumnOperator(GainOperator(3.0), 0)
+    >>> warm = ModulatedOperator(gain, 1, reference=20.0, sensitivity=0.1)
+    >>> warm.run(np.array([[1.0, 20.0], [1.0, 25.0]]), 0.1)[0]
+    array([3. , 4.5])
+    """
+
+    operator: Operator
+    column: int
+    reference: float
+    sensitivity: float = 0.0
+    signal_linear = False
+    reads_columns = True
+    structure_of = "Modulated"
+
+    def with_inner(self, stage, name=None):
+        return self._with(of_columns(stage.operator))
+
+    def keys(self, name=None):
+        column = "amplitude" if self.column == -1 else str(self.column)
+        return [*self.operator.keys(name), ("scaled by", column)]
+
+    @property
+    def _depth(self):
+        return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
+
+    def entries(self):
+        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
+        return [*self.operator.entries(), (name, _SENSITIVITY)]
+
+    def pack(self):
+        return np.append(self.operator.pack(), self.sensitivity)
+
+    def unpack(self, vector):
+        operator = self.operator.unpack(vector[:-1])
+        return replace(self, operator=operator, sensitivity=float(vector[-1]))
+
+    def _marks(self, mask):
+        return np.append(mask, False)
+
+    def constant_mask(self):
+        return np.zeros(self.n_parameters, dtype=bool)
+
+    def _factor(self, u):
+        return 1.0 + self.sensitivity * (_one(u, self.column) - self.reference)
+
+    def run(self, u, dt, state=None):
+        y, state = self.operator.run(u, dt, state)
+        return y * self._factor(u), state
+
+    def compiled_step(self, dt, state):
+        own = self.operator.compiled_step(dt, state)
+        return CompiledProduct((own,), self.column, self.reference, self.sensitivity)
+
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
+        factor = self._factor(u)
+        own = y * (_one(u, self.column) - self.reference)
+        return y * factor, np.column_stack([dy * factor[:, None], own])
+
+
+@dataclass(frozen=True)
+class ScheduledOperator(WrappedOperator):
+    """Parameters are polynomials of a schedule, such as the amplitude of the record.
+
+    A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule:
+    the parameter stays between the least and the largest of them, so that a bound of the parameter
+    is a bound of each coefficient, and those at the ends are the parameter's values there.
+
+    Attributes
+    ----------
+    base : Operator
+        Gives everything but the scheduled values.
+    degrees : tuple of int
+        Of each value of ``base.pack()``.
+    coefficients : ndarray of shape (sum(degrees) + len(degrees),)
+    low, high : float
+        Range of the schedule.
+    schedule : float or None
+        The record's number; :meth:`at` sets it.
+    """
+
+    base: Operator
+    degrees: tuple
+    coefficients: np.ndarray
+    low: float
+    high: float
+    schedule: float | None = field(default=None)
+    structure_of = "ScheduledParameters"
+
+    @property
+    def _like(self):
+        return self.base
+
+    @classmethod
+    def constant(cls, base, degrees, low, high):
+        """Return the operator whose parameters do not depend on the schedule yet."""
+        coefficients = np.repeat(base.pack(), np.asarray(degrees, dtype=int) + 1)
+        return cls(base, tuple(degrees), coefficients, low, high)
+
+    @classmethod
+    def along(cls, stage, low, high, lines, model=None):
+        """Return the operator of a stage some of whose entries are straight lines.
+
+        ``lines`` are the values at ``low`` and at ``high`` by key, see ``keys``; ``model`` gets the
+        names of the entries as its ``parameters``.
+        """
+        base = stage.operator
+        values = zip(base.keys(stage.name), base.pack(), strict=True)
+        own = [np.asarray(lines.get(key, [value])) for key, value in values]
+        rows = zip(base.entries(), own, strict=True)
+        names = [name for (name, _), line in rows if len(line) > 1]
+        if model is not None:
+            model = copy.copy(model).set_params(parameters=names)
+        degrees = tuple(len(line) - 1 for line in own)
+        return cls(base, degrees, np.concatenate(own), low, high, model=model)
+
+    def entries(self):
+        return [
+            (f"{name}[{k}]" if degree else name, spec)
+            for (name, spec), degree in zip(self.base.entries(), self.degrees, strict=True)
+            for k in range(degree + 1)
+        ]
+
+    def pack(self):
+        return np.array(self.coefficients, dtype=float)
+
+    def unpack(self, vector):
+        return replace(self, coefficients=np.array(vector, dtype=float))
+
+    def released(self):
+        return replace(self, base=self.base.released(), model=None)
+
+    split = Operator.split
+
+    def inner(self, name=None):
+        """Return what is scheduled: at the schedule, or at the means where there is none."""
+        if self.schedule is not None:
+            return Stage(name, self.operator)
+        sums = np.add.reduceat(self.coefficients, np.cumsum(self._counts) - self._counts)
+        return Stage(name, self.base.unpack(sums / self._counts))
+
+    def with_inner(self, stage, name=None):
+        part, values = stage.operator, {}
+        for key, value in zip(self.keys(name), self.coefficients, strict=True):
+            values[key] = np.append(values.get(key, []), value)
+        lines = {key: own for key, own in values.items() if len(own) > 1}
+        keys, held = part.keys(stage.name), part.gauge_mask()
+        free = [key for key, is_held in zip(keys, held, strict=True) if not is_held]
+        present = dict(zip(keys, part.pack(), strict=True))
+        for key in set(lines) - set(free):  # the line of a gain goes to the stage that has it now
+            line = lines.pop(key)
+            owners = [other for other in free if other[1] == key[1] and other not in lines]
+            if key in keys and len(owners) == 1 and line.mean():
+                lines[owners[0]] = line * (present[owners[0]] / line.mean())
+        return self.along(stage, self.low, self.high, lines, self.model)
+
+    def keys(self, name=None):
+        keys = zip(self.base.keys(name), self._counts, strict=True)
+        return [key for key, count in keys for _ in range(count)]
+
+    def _marks(self, mask):
+        return np.repeat(mask, self._counts)
+
+    @property
+    def _counts(self):
+        return np.asarray(self.degrees, dtype=int) + 1
+
+    def at(self, schedule):
+        """Return the operator of a record with this schedule."""
+        return replace(self, schedule=float(schedule))
+
+    @cached_property
+    def _basis(self):
+        """The Bernstein polynomials at the schedule, shape of ``coefficients``."""
+        if self.schedule is None:
+            raise ValueError(
+                "The parameters depend on a number of the record: it must be given, to 'at' of the "
+                "operator or as the 'schedule' of a stepper."
+            )
+        span = self.high - self.low
+        t = (self.schedule - self.low) / span if span > 0.0 else 0.0
+        return np.concatenate(
+            [[comb(d, k) * t**k * (1.0 - t) ** (d - k) for k in range(d + 1)] for d in self.degrees]
+        )
+
+    @cached_property
+    def operator(self):
+        """The operator with plain parameters at the schedule.
+
+        Beyond the range of the schedule the polynomials go on, up to the parameters' bounds.
+        """
+        starts = np.cumsum(np.r_[0, self._counts[:-1]])
+        values = np.add.reduceat(self.coefficients * self._basis, starts)
+        specs = [spec for _, spec in self.base.entries()]
+        return self.base.unpack(
+            np.clip(values, [spec.lower for spec in specs], [spec.upper for spec in specs])
+        )
+
+    def polynomials(self):
+        """Return the coefficients by powers of the schedule, lowest first, by name."""
+        span = self.high - self.low
+        t = Polynomial([-self.low / span, 1.0 / span]) if span > 0.0 else Polynomial([0.0])
+        found, start = {}, 0
+        for (name, _), d in zip(self.base.entries(), self.degrees, strict=True):
+            own = self.coefficients[start : start + d + 1]
+            terms = (comb(d, k) * own[k] * t**k * (1 - t) ** (d - k) for k in range(d + 1))
+            power = sum(terms, Polynomial([0.0])).coef
+            found[name] = np.pad(power, (0, max(d + 1 - len(power), 0)))[: d + 1]
+            start += d + 1
+        return found
+
+    def __getstate__(self):
+        return {k: v for k, v in self.__dict__.items() if k not in ("_basis", "operator")}
+
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
+        m = du.shape[1]
+        own = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
+        return y, np.concatenate([dy[:, :m], own], axis=1)
 
 
 @dataclass(frozen=True)
@@ -131,6 +508,10 @@ class _Composition(_ByEntries):
     @property
     def causal(self):
         return all(stage.causal for stage in self.stages)
+
+    @property
+    def reads_columns(self):
+        return any(stage.reads_columns for stage in self.stages)
 
     @property
     def at_once(self):
@@ -173,6 +554,24 @@ class _Composition(_ByEntries):
             for entry, unit in stage.items()
         }
 
+    @property
+    def is_composed(self):
+        """Whether it is a node of a tree, not the inside of a single model."""
+        return self.model is None or isinstance(self.model, self.estimator_class())
+
+    def members(self):
+        """Return the stages with their names."""
+        return [Stage(*own) for own in zip(self.names, self.stages, strict=True)]
+
+    def held_entries(self):
+        if not self.is_composed:
+            return super().held_entries()
+        return frozenset(
+            f"{name}__{entry}"
+            for name, stage in zip(self.names, self.stages, strict=True)
+            for entry in stage.held_entries()
+        )
+
     def _stage_units(self):
         """Return the units of each stage's entries by their names, seen from the whole."""
         return [stage.parameter_units() for stage in self.stages]
@@ -186,7 +585,7 @@ class _Composition(_ByEntries):
             end = start + stage.n_parameters
             stages.append(stage.unpack(vector[start:end]))
             start = end
-        return type(self)(self.names, tuple(stages))
+        return replace(self, stages=tuple(stages))
 
     @cached_property
     def n_parameters(self):
@@ -203,11 +602,10 @@ class _Composition(_ByEntries):
         return self.unpack(values)
 
     def released(self):
-        """Return a copy with the operators themselves in place of those that are held."""
-        return type(self)(self.names, tuple(map(_released, self.stages)))
+        return replace(self, stages=tuple(stage.released() for stage in self.stages), model=None)
 
     def at(self, schedule):
-        return type(self)(self.names, tuple(stage.at(schedule) for stage in self.stages))
+        return replace(self, stages=tuple(stage.at(schedule) for stage in self.stages))
 
     def gauge_entries(self):
         return _joined(stage.gauge_entries() for stage in self.stages)
@@ -221,6 +619,8 @@ class _Composition(_ByEntries):
 
 class SeriesOperator(_Composition):
     """Operators in series: the output of one is the input of the next."""
+
+    structure_of = "Cascade"
 
     def linear_mask(self):
         # Parameters of one stage only, behind which everything is linear in the signal; the
@@ -272,7 +672,7 @@ class SeriesOperator(_Composition):
 
         The stage that keeps them takes over those of the others where all are linear.
         """
-        return SeriesOperator(self.names, _gathered(self.stages))._at_gauge()
+        return replace(self, stages=_gathered(self.stages))._at_gauge()
 
     def without(self, name):
         """Return the series without a stage; linear ones take over its static gain and intercept.
@@ -287,7 +687,17 @@ class SeriesOperator(_Composition):
         """
         at = self.names.index(name)
         names = self.names[:at] + self.names[at + 1 :]
-        return SeriesOperator(names, _gathered(self.stages, without=at))
+        return replace(self, names=names, stages=_gathered(self.stages, without=at))
+
+    def series(self, name=None):
+        if not self.is_composed:
+            return super().series(name)
+        return self.members()
+
+    def keys(self, name=None):
+        if not self.is_composed:
+            return super().keys(name)
+        return [key for own, stage in self.series() for key in Operator.keys(stage, own)]
 
     def init(self, u0, initial_state="rest"):
         states = []
@@ -335,6 +745,8 @@ class SeriesOperator(_Composition):
 
 class SumOperator(_Composition):
     """Operators in parallel: their outputs are added."""
+
+    structure_of = "Sum"
 
     def linear_mask(self):
         return _joined(stage.linear_mask() for stage in self.stages)
@@ -399,6 +811,67 @@ class SumOperator(_Composition):
             carried += dy[:, : du.shape[1]]
             own.append(dy[:, du.shape[1] :])
         return total, np.concatenate([carried, *own], axis=1)
+
+    def split(self):
+        driven, disturbances = {}, []
+        for name, stage in zip(self.names, self.stages, strict=True):
+            part, own = stage.split()
+            disturbances += own
+            if not stage.is_disturbance:
+                driven[name] = part
+        if not disturbances or not self.is_composed:
+            return self, ()
+        if self.model is None and tuple(driven) == (_DRIVEN,):  # see add_disturbances
+            return driven[_DRIVEN], tuple(disturbances)
+        parts = {"names": tuple(driven), "stages": tuple(driven.values())}
+        return replace(self, **parts), tuple(disturbances)
+
+    @property
+    def disturbance_names(self):
+        return tuple(n for n, s in zip(self.names, self.stages, strict=True) if s.is_disturbance)
+
+    def parts(self):
+        """Return the driven stages, the branches of further columns, and the disturbances."""
+        found = [], [], []
+        for name, stage in zip(self.names, self.stages, strict=True):
+            kind = 2 if stage.is_disturbance else int(stage.driving_column != 0)
+            found[kind].append(Stage(name, bare(stage)))
+        return found
+
+    @classmethod
+    def of_parts(cls, parts, model=None):
+        """Return the sum of stages, disturbances last; beside one that reads columns others do."""
+        parts = sorted(parts, key=lambda part: part.operator.is_disturbance)
+        names, stages = zip(*parts, strict=True)
+        if any(stage.reads_columns for stage in stages):
+            stages = tuple(map(of_columns, stages))
+        return cls(names, stages, model=model)
+
+    def inner(self, name=None):
+        driven = self.parts()[0] if self.is_composed else []
+        if len(driven) == 1:
+            return driven[0]
+        if driven and len(driven) < len(self.stages):
+            return Stage(_DRIVEN, self.of_parts(driven, self.model).normalized())
+        return None
+
+    def with_inner(self, stage, name=None):
+        _, branches, disturbances = self.parts()
+        return self.of_parts([stage, *branches, *disturbances], self.model).normalized()
+
+    def keys(self, name=None):
+        part, (driven, branches, _) = self.inner(name), self.parts()
+        if part is None:
+            return super().keys(name)
+        found = []
+        for own, stage in self.members():
+            if own in dict(branches):
+                found += Operator.keys(stage, own)
+            elif own in dict(driven):
+                keys = bare(stage).keys(own)
+                several = [(part.name, f"{own}__{entry}") for entry, _ in stage.entries()]
+                found += keys if len(driven) == 1 else several
+        return found
 
 
 def _joined(masks):
@@ -475,20 +948,48 @@ def split_disturbances(start):
     """
     if isinstance(start, tuple):
         return start
-    if start.is_disturbance:
-        return SumOperator((), ()), (start,)
-    stages = start.stages if isinstance(start, SumOperator) else ()
-    others = tuple(stage for stage in stages if stage.is_disturbance)
-    if not others:
-        return start, ()
-    pairs = zip(start.names, stages, strict=True)
-    driven = {name: stage for name, stage in pairs if not stage.is_disturbance}
-    if tuple(driven) == (_DRIVEN,):
-        return driven[_DRIVEN], others
-    return SumOperator(tuple(driven), tuple(driven.values())), others
+    return (SumOperator((), ()), (start,)) if start.is_disturbance else start.split()
 
 
-def _released(operator):
-    if isinstance(operator, FrozenOperator):
-        operator = operator.operator
-    return operator.released() if isinstance(operator, _Composition) else operator
+def bare(operator):
+    """Return an operator without what only says that it is driven by the drive."""
+    implied = isinstance(operator, ColumnOperator) and operator._is_implied
+    return operator.operator if implied else operator
+
+
+def of_columns(operator):
+    """Return an operator of the whole input, as a disturbance is of any."""
+    is_one = operator.reads_columns or operator.is_disturbance
+    return operator if is_one else ColumnOperator(operator, 0)
+
+
+def _one(u, column):
+    part = np.asarray(u, dtype=float)[..., column]
+    return np.ascontiguousarray(part) if part.ndim else float(part)
+
+
+def _together(kind, *operands):
+    """Return the stages of what is joined; a node of the kind gives its own."""
+    stages = []
+    for operand in operands:
+        is_node = isinstance(operand, kind) and operand.is_composed
+        own = operand.names if is_node else (operand.label,)
+        for name, part in zip(own, operand.stages if is_node else (operand,), strict=True):
+            same = sum(other.rstrip("0123456789").rstrip("_") == name for other, _ in stages)
+            stages.append(Stage(f"{name}_{same + 1}" if same else name, part))
+    return stages
+
+
+def _in_series(first, second):
+    return SeriesOperator(*zip(*_together(SeriesOperator, first, second), strict=True))
+
+
+def _in_parallel(first, second):
+    return SumOperator.of_parts(_together(SumOperator, first, second))
+
+
+def _scaled(operator, factor):
+    return ModulatedOperator(of_columns(operator), *factor)
+
+
+JOIN.update({"|": _in_series, "+": _in_parallel, "*": _scaled})

@@ -26,7 +26,7 @@ import dataclasses
 import numpy as np
 
 from .._jit import jit
-from ._protocol import Operator, as_constant
+from ._protocol import Operator, as_constant, by_fields
 
 
 @jit
@@ -377,9 +377,8 @@ class Superposition(Operator):
             if field.type is np.ndarray:
                 object.__setattr__(self, field.name, as_constant(getattr(self, field.name)))
 
-    def __reduce__(self):  # without the tables that are derived from the fields
-        fields = dataclasses.fields(self)
-        return type(self), tuple(getattr(self, field.name) for field in fields)
+    def __reduce__(self):
+        return by_fields(self)
 
     def parameter_specs(self):
         """Return the identifiable fields; the weights have a bound if ``non_negative``."""

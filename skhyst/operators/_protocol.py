@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from ._part import Part
+
 
 def as_signal(values):
     """Return a contiguous read-only view of floats, copied only where needed.
@@ -74,7 +76,7 @@ def parameter(*, default=dataclasses.MISSING, **options):
     return dataclasses.field(default=default, metadata={"parameter": ParameterSpec(**options)})
 
 
-class Operator(ABC):
+class Operator(Part, ABC):
     """Base of all operators. Subclasses are frozen dataclasses.
 
     Attributes
@@ -101,6 +103,8 @@ class Operator(ABC):
         ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
     presliding_displacement : float or None
         Displacement (units of the drive) over which friction builds up, if there is one.
+    reads_columns : bool
+        The input has several columns, shape (n_samples, n_inputs).
     """
 
     signal_linear = False
@@ -112,6 +116,7 @@ class Operator(ABC):
     at_once = True
     is_disturbance = False
     presliding_displacement: float | None = None
+    reads_columns = False
 
     def n_ringing(self) -> int:
         """Return the number of pairs of poles that overshoot."""
@@ -322,6 +327,13 @@ class Operator(ABC):
         """Advance by one sample: return the new state and the output."""
         y, state = self.run(np.array([u], dtype=float), dt, state)
         return state, float(y[0])
+
+
+def by_fields(operator):
+    """Return what ``__reduce__`` of an operator gives that leaves out tables beside its fields."""
+    fields = [f.name for f in dataclasses.fields(operator) if not f.kw_only]
+    state = None if operator.model is None else {"model": operator.model}
+    return type(operator), tuple(getattr(operator, name) for name in fields), state
 
 
 @cache

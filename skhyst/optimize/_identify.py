@@ -1,7 +1,7 @@
 """The front door of identification: starts, method, uncertainties, one result object."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -84,6 +84,11 @@ class IdentificationResult:
     params_std_white: dict = field(default_factory=dict)
     short: tuple = ()
     damping: tuple = ()
+
+    def released(self):
+        """Return the result with operators that belong to no estimator, and none of them held."""
+        beside = tuple(disturbance.released() for disturbance in self.disturbances)
+        return replace(self, operator=self.operator.released(), disturbances=beside)
 
     def outputs(self, records, initial_state="rest"):
         """Return the fitted response of each record, its own disturbance coefficients included."""

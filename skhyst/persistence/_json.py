@@ -112,6 +112,21 @@ def _classes():
     return found
 
 
+def class_named(name):
+    """Return the class of a public name, in whichever package it is now; None if there is none."""
+    package, _, last = name.rpartition(".")
+    moved = {own.rpartition(".")[2]: kind for own, kind in _classes().items()}
+    is_own = package.partition(".")[0] == __package__.partition(".")[0]
+    return _classes().get(name, moved.get(last) if is_own else None)
+
+
+def field_named(name, kind) -> str:
+    """Return the present name of a parameter or attribute of a class of skhyst, by its old one."""
+    if name == "rank":  # of an operator its stage order, of an estimator where it is placed
+        return "stage_order" if kind.endswith("Operator") else "place"
+    return {"histories": "input_history", "promise": "predicted_cost"}.get(name, name)
+
+
 @cache
 def _names():
     return {member: name for name, member in _classes().items()}
@@ -156,7 +171,8 @@ def _plain_object(value):
             "written as JSON: save the model as .skops."
         )
     if dataclasses.is_dataclass(value):
-        own = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = [f.name for f in dataclasses.fields(value) if f.compare]
+        own = {name: _plain(getattr(value, name)) for name in fields}
         return {"class": name, "parameters": own, "fitted": {}}
     state = {k: v for k, v in value.__getstate__().items() if k != "_sklearn_version"}
     parameters = {k: _plain(state.pop(k)) for k in value.get_params(deep=False)}
@@ -199,10 +215,14 @@ def _array(plain):
 
 
 def _object(plain):
-    if plain["class"] not in _classes():
+    kind = class_named(plain["class"])
+    if kind is None:
         raise ValueError(f"skhyst has no public class {plain['class']!r}")
-    parameters = {name: _value(item) for name, item in plain["parameters"].items()}
-    made = _classes()[plain["class"]](**parameters)
-    if plain["fitted"]:
-        made.__setstate__({name: _value(item) for name, item in plain["fitted"].items()})
+    parameters, fitted = (
+        {field_named(name, kind.__name__): _value(item) for name, item in plain[part].items()}
+        for part in ("parameters", "fitted")
+    )
+    made = kind(**parameters)
+    if fitted:
+        made.__setstate__(fitted)
     return made

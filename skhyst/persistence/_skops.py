@@ -7,8 +7,6 @@ whatever else a file may name are refused. The version of skhyst that has writte
 a further member of it.
 """
 
-import importlib
-import inspect
 import warnings
 import zipfile
 from importlib.metadata import version
@@ -20,6 +18,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_input, replacing
+from ._earlier import is_own_class, with_defaults, with_present_names
 
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
@@ -160,26 +159,15 @@ def _load_skops(path, trust):
 def read_trusted(path, known=()):
     """Return what a skops file holds, of classes of skhyst and types with known names alone."""
     skops = skops_io(path)
-    named = skops.get_untrusted_types(file=path)
-    foreign = [name for name in named if name not in known and not _is_own_class(name)]
+    data = with_present_names(path)
+    named = skops.get_untrusted_types(data=data)
+    foreign = [name for name in named if name not in known and not is_own_class(name)]
     if foreign:
         raise _Refused(
             f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "
             "trust whoever made the file, add --trust (in Python trust=True)."
         )
-    return skops.load(path, trusted=named)
-
-
-def _is_own_class(name):
-    """Whether a qualified name is that of a class that a module or package of skhyst defines."""
-    module, _, name = name.rpartition(".")
-    if module.partition(".")[0] != __package__.partition(".")[0]:
-        return False
-    try:
-        found = getattr(importlib.import_module(module), name, None)
-    except ImportError:
-        return False
-    return inspect.isclass(found) and f"{found.__module__}.".startswith(f"{module}.")
+    return with_defaults(skops.loads(data, trusted=named))
 
 
 def skops_io(path):

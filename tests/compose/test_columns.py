@@ -6,11 +6,8 @@ import pytest
 
 from skhyst.compose import (
     Cascade,
-    ColumnOperator,
     Modulated,
-    ModulatedOperator,
     OnColumn,
-    ScheduledOperator,
     ScheduledParameters,
     Sum,
 )
@@ -24,7 +21,13 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SumOperator, check_operator
+from skhyst.operators import (
+    ColumnOperator,
+    ModulatedOperator,
+    ScheduledOperator,
+    SumOperator,
+    check_operator,
+)
 
 DT, N = 0.01, 400
 

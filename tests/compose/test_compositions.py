@@ -15,12 +15,7 @@ from skhyst.compose import (
     Modulated,
     OnColumn,
     ScheduledParameters,
-    Stage,
     Sum,
-    series_stages,
-    stage_values,
-    with_series_stages,
-    with_stage_values,
 )
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
@@ -34,7 +29,15 @@ from skhyst.linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, split_disturbances
+from skhyst.operators import (
+    SeriesOperator,
+    Stage,
+    series_stages,
+    split_disturbances,
+    stage_values,
+    with_series_stages,
+    with_stage_values,
+)
 from skhyst.optimize import RecordData, VariableProjection
 from skhyst.records import stack_records
 
@@ -125,22 +128,22 @@ def test_stages_go_out_and_in_again(fitted):
     model, names = fitted
     if names is None:
         return
-    operator = model._with_held(split_disturbances(model.operator_)[0])
-    whole = Stage(None, model, operator)
+    whole = Stage(None, model.tree(model.operator_))
     stages = series_stages(whole)
     assert [stage.name for stage in stages] == names
-    lag = Stage("further", FirstOrderLag(), FirstOrderLagOperator(0.1))
-    _, more, longer = with_series_stages(whole, [*stages, lag])
+    lag = Stage("further", FirstOrderLag().tree(FirstOrderLagOperator(0.1)))
+    more = with_series_stages(whole, [*stages, lag])
+    operator, longer = (split_disturbances(tree.operator)[0] for tree in (whole, more))
     assert len(longer.entries()) == len(operator.entries()) + 3
-    same = with_series_stages(Stage(None, more, longer), stages)
+    same = with_series_stages(more._replace(name=None), stages)
     values, before = stage_values(same), stage_values(whole)
     assert values.keys() == before.keys()
     for key, value in before.items():
         np.testing.assert_allclose(values[key], value, err_msg=str(key))
     moved = with_stage_values(whole, {key: 2.0 * value for key, value in before.items()})
     free = ~operator.gauge_mask()
-    np.testing.assert_allclose(moved.operator.pack()[free], 2.0 * operator.pack()[free])
-    assert [name for name, _ in moved.operator.entries()] == [n for n, _ in operator.entries()]
+    np.testing.assert_allclose(moved.pack()[free], 2.0 * operator.pack()[free])
+    assert [name for name, _ in moved.entries()] == [n for n, _ in operator.entries()]
 
 
 def test_records_and_method_may_be_given(data):

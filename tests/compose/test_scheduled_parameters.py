@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from skhyst.compose import Cascade, ScheduledOperator, ScheduledParameters, Sum
+from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ConvergenceWarning, RecordError
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
@@ -21,6 +21,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
+from skhyst.operators import ScheduledOperator
 from skhyst.records import stack_records
 
 DT = 0.01

@@ -55,7 +55,7 @@ def test_noise_of_the_drive_that_a_mode_has_coloured_is_no_line(size):
         line = size * np.sin(0.38 * time + rng.uniform(0.0, 6.0))
         y = mode.run(u, 1.0, mode.init(u[0]))[0] + line + 0.02 * rng.standard_normal(N)
         records.append(RecordData(u + 0.1 * rng.standard_normal(N), y, 1.0))
-    tree = Tree(SecondOrderMode(), mode)
+    tree = Tree.of(SecondOrderMode(), mode)
     rests = [r.y - y for r, y in zip(records, tree.respond(records), strict=True)]
     highest = np.argmax(sum(np.abs(np.fft.rfft(rest, 4 * N)) ** 2 for rest in rests))
     line = SinusoidOperator(np.zeros(2), np.array([highest / (4.0 * N)]))
@@ -73,7 +73,7 @@ def test_without_noise_everything_stands_out_and_nothing_is_nothing():
 def test_a_constant_is_an_offset_and_no_drift():
     rng = np.random.default_rng(102)
     model, time = Gain(), 0.01 * np.arange(N)
-    tree = Tree(model, GainOperator(1.0)).edited(
+    tree = Tree.of(model, GainOperator(1.0)).edited(
         "drift", Beside(Drift(1), DriftOperator(np.zeros(2), 0.01 * N))
     )
     for slope, is_drift in ((0.0, False), (1.0, True)):

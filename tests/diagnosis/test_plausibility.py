@@ -37,7 +37,7 @@ def candidate(tree, *effects):
 @pytest.mark.parametrize(("damping", "changed"), [(0.05, False), (0.5, False), (3.0, True)])
 def test_a_mode_in_the_place_of_another_is_no_further_mode(damping, changed):
     """An overdamped mode creeps: what was added is then the declared mode, not the missing one."""
-    declared = Tree(SecondOrderMode(), MODE)
+    declared = Tree.of(SecondOrderMode(), MODE)
     bent = declared.with_stage(0, operator=replace(MODE, damping_ratio=damping))
     found = bent.edited("resonance", Insert(SecondOrderMode(), MODE))
     plausible = is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
@@ -48,7 +48,7 @@ def test_a_mode_in_the_place_of_another_is_no_further_mode(damping, changed):
 
 
 def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
-    declared = Tree(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
+    declared = Tree.of(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
     found = declared.edited("resonance", Insert(SecondOrderMode(), MODE))
     assert is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
 
@@ -62,7 +62,7 @@ def test_a_margin_below_zero_is_refused_beyond_its_standard_error():
         u = np.cumsum(rng.standard_normal(2000)) / 10.0
         y = FirstOrderLagOperator(tau).run(u, dt)[0] + noise * rng.standard_normal(2000)
         records = [RecordData(u, y, dt, segments=segments)]
-        declared = Tree(Gain(dt=dt), GainOperator(1.0))
+        declared = Tree.of(Gain(dt=dt), GainOperator(1.0))
         tree = declared.edited("lag", Insert(FirstOrderLag(dt=dt), FirstOrderLagOperator(tau)))
         fitted = refitted(candidate(tree, "lag"), tree, records)
         found = fitted.structure.part("lag").time_constant

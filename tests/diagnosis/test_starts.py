@@ -187,7 +187,7 @@ def test_no_effect_is_put_beside_lost_poles_alone(name, lost):
     for stage in stages if name == "input_saturation" else stages[::-1]:
         y, _ = stage.run(y, dt)
     records = [RecordData(drive, y + noise * rng.normal(size=len(y)), dt)]
-    tree = Tree(SecondOrderMode(dt=dt), SecondOrderModeOperator(*lost))
+    tree = Tree.of(SecondOrderMode(dt=dt), SecondOrderModeOperator(*lost))
     found = screened(EFFECTS[name], tree, records)
     cost = min(refitted(c, c.structure, records, 9).cost for c in found)
     assert cost < 1.2 * noise**2 * len(y)

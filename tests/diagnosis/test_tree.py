@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum, snake_case
+from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
 from skhyst.diagnosis._edits import (
     AddForce,
     Beside,
@@ -41,7 +41,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
     TransferFunction,
 )
-from skhyst.operators import split_disturbances
+from skhyst.operators import snake_case, split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 from skhyst.static import Saturation, SaturationOperator, SmoothCurve
@@ -237,7 +237,7 @@ def structure(tree):
 @pytest.mark.parametrize("kind", DECLARED)
 def test_what_is_taken_out_leaves_the_rest_as_it_was(kind, records):
     model, operator, effects = DECLARED[kind]
-    declared = Tree(model, operator)
+    declared = Tree.of(model, operator)
     before = declared.respond(records)
     for order in two_and_three(effects):
         tree = declared
@@ -260,7 +260,7 @@ def test_what_is_taken_out_leaves_the_rest_as_it_was(kind, records):
 
 
 def test_two_enrichments_of_one_stage_are_one_stage(records):
-    declared = Tree(SecondOrderMode(), MODE)
+    declared = Tree.of(SecondOrderMode(), MODE)
     for order in permutations(IN_MOTION):
         tree = declared
         for name in order:
@@ -274,7 +274,7 @@ def test_two_enrichments_of_one_stage_are_one_stage(records):
 
 
 def test_a_value_that_has_moved_stays_where_it_is(records):
-    tree = Tree(SecondOrderMode(), MODE).edited("lag", *ADDED["lag"])
+    tree = Tree.of(SecondOrderMode(), MODE).edited("lag", *ADDED["lag"])
     tree = tree.edited("scheduled", *ADDED["scheduled"])
     problem = tree.problem(records)
     moved = tree.at(problem, problem.x0 + 0.1).without("scheduled").without("lag")
@@ -288,7 +288,7 @@ def test_a_value_that_has_moved_stays_where_it_is(records):
 
 def behind_a_saturation():
     """Return a mode whose gain a saturation has made a nonlinear parameter."""
-    tree = Tree(SecondOrderMode(), replace(MODE, gain=3e-7, intercept=1e-8))
+    tree = Tree.of(SecondOrderMode(), replace(MODE, gain=3e-7, intercept=1e-8))
     limit = SaturationOperator(-np.inf, 2e-7, stage_order=50)
     return tree.edited("output_saturation", Insert(Saturation(place="sensor"), limit))
 
@@ -337,10 +337,10 @@ def test_a_clone_of_the_fitted_model_comes_out_where_the_tree_is(names, records)
 
 @pytest.mark.parametrize("names", [("auxiliary_input", "lag"), ("amplitude_dependence", "offset")])
 def test_what_has_been_found_can_be_declared_again(names, records):
-    tree = Tree(PrandtlIshlinskii(thresholds=[0.0, 0.3], dt=DT), PLAYS)
+    tree = Tree.of(PrandtlIshlinskii(thresholds=[0.0, 0.3], dt=DT), PLAYS)
     for name in names:
         tree = tree.edited(name, *ADDED[name])
-    declared = Tree(tree.model, tree.operator, tree.disturbances)
+    declared = Tree.of(tree.model, tree.operator, tree.disturbances)
     assert declared.names == tree.names
     np.testing.assert_allclose(declared.respond(records), tree.respond(records))
     more = declared.edited("resonance", *ADDED["resonance"])
@@ -374,7 +374,7 @@ def test_compositions_nested_in_a_declared_model_are_looked_through(records):
 
 
 def test_what_was_done_to_an_added_stage_goes_with_it():
-    tree = Tree(Gain(), GainOperator(1.0))
+    tree = Tree.of(Gain(), GainOperator(1.0))
     tree = tree.edited("lag", Insert(FirstOrderLag(), FirstOrderLagOperator(0.1)))
     tree = tree.edited("timing", Hold("lag", "zoh"))
     assert tree.without("timing").effects == ("lag",)

@@ -15,10 +15,15 @@ from hypothesis import strategies as st
 from operator_cases import DT, OPERATORS, N, make_drive, responses
 
 import skhyst
-from skhyst.compose import ColumnOperator, ModulatedOperator
 from skhyst.discovery import all_operators
 from skhyst.linear import MultiInputTransferFunctionOperator
-from skhyst.operators import InverseOperator, Stepper, check_operator
+from skhyst.operators import (
+    ColumnOperator,
+    InverseOperator,
+    ModulatedOperator,
+    Stepper,
+    check_operator,
+)
 from skhyst.static import StaticOperator
 
 ABSTRACT = {StaticOperator}
@@ -215,6 +220,15 @@ def test_signal_linear_means_affine_in_the_signal(name, operator, u):
     y = [operator.run(u + a * other, DT)[0] for a in (0.0, 1.0, 2.0)]
     bent = np.abs(y[2] - 2 * y[1] + y[0]).max() > 1e-9
     assert bent == (not (operator.signal_linear or name == "no limit"))
+
+
+def test_it_keeps_the_model_that_it_belongs_to(operator):
+    own = dataclasses.replace(operator, model="its own")
+    whole = pickle.loads(pickle.dumps(own)), copy.deepcopy(own)
+    for again in (own.unpack(own.pack()), own.at(2.0), *whole):
+        assert again.model == "its own"
+    assert repr(own) == repr(operator)
+    assert own.released().model is None
 
 
 def test_pickle_and_copy_keep_the_output(operator, u):

@@ -1,0 +1,164 @@
+"""Edits: functions from the tree of a model to a tree.
+
+However deep it is nested, one part of a tree follows the drive: a series of named stages. What
+follows reads that series, or puts another one in its place, and leaves everything around it as it
+is. A tree is given as a :class:`Stage`: its operator, and the name that it goes by where it is a
+single stage.
+"""
+
+import numpy as np
+
+from ._composition import (
+    ColumnOperator,
+    ModulatedOperator,
+    ScheduledOperator,
+    SeriesOperator,
+    SumOperator,
+    bare,
+    of_columns,
+    split_disturbances,
+)
+from ._part import Stage
+
+_DRIVEN = "model"  # name of what follows the drive, where that is several stages
+
+
+def series_stages(whole):
+    """Return the stages of the series that follows the drive.
+
+    Parameters
+    ----------
+    whole : Stage
+        Without a name (None), a single stage goes by that of its estimator.
+
+    Returns
+    -------
+    list of Stage
+        A single model is one stage of its own.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+    >>> from skhyst.operators import Factor, Stage, series_stages
+    >>> tree = FirstOrderLag().tree(FirstOrderLagOperator(0.1)) * Factor(1)
+    >>> [stage.name for stage in series_stages(Stage(None, tree))]
+    ['first_order_lag']
+    """
+    while (part := whole.operator.inner(whole.name)) is not None:
+        whole = part
+    return whole.operator.series(whole.name)
+
+
+def with_series_stages(whole, stages):
+    """Return a tree with other stages in the series that follows the drive.
+
+    A single model becomes a series where there are several. Parameters that follow a number of the
+    record do so by their names.
+    """
+    return _changed(whole, lambda part: _in_series(part, stages))
+
+
+def _in_series(part, stages):
+    names, operators = (tuple(stage[i] for stage in stages) for i in (0, 1))
+    name, model = part.name, part.operator.model
+    if not (isinstance(part.operator, SeriesOperator) and part.operator.is_composed):
+        if len(stages) == 1:
+            return stages[0]
+        name, model = _DRIVEN, _node(SeriesOperator, [], part)
+    return Stage(name, SeriesOperator(names, operators, model=model).normalized())
+
+
+def put_beside_series(whole, name, operator):
+    """Return a tree with another operator beside what follows the drive.
+
+    That is a disturbance, or what a further column of the input drives, see :func:`on_column`.
+    """
+    total = whole.operator
+    if not (isinstance(total, SumOperator) and total.inner() is not None):
+        stages = series_stages(whole)
+        own = stages[0].name if len(stages) == 1 else _DRIVEN
+        total, model = SumOperator((own,), (total,)), _node(SumOperator, [], whole)
+    else:
+        model = total.model
+    parts = [Stage(own, bare(stage)) for own, stage in total.members()]
+    total = SumOperator.of_parts([*parts, Stage(name, operator)], model)
+    return Stage(None, total.normalized())
+
+
+def on_column(whole, operator, column):
+    """Return an operator that a column of the input drives, of a tree."""
+    return ColumnOperator(operator, column, model=_node(ColumnOperator, None, whole, column=column))
+
+
+def modulated(whole, column, reference, sensitivity=0.0):
+    """Return a tree with the response to the drive scaled by a column.
+
+    ``column`` is its number, or ``"amplitude"``; see :class:`skhyst.compose.Modulated`.
+    """
+    number = -1 if column == "amplitude" else column
+
+    def change(part):
+        model = _node(ModulatedOperator, None, part, column=column)
+        inside = of_columns(part.operator)
+        scaled = ModulatedOperator(inside, number, reference, sensitivity, model=model)
+        return part._replace(operator=scaled)
+
+    return _changed(whole, change, SumOperator)
+
+
+def scheduled(whole, by, low, high, lines):
+    """Return a tree with entries that are straight lines in a number of the record.
+
+    ``lines`` are the values at ``low`` and at ``high``, by name of the stage and of the entry;
+    ``by`` is what :class:`skhyst.compose.ScheduledParameters` calls so.
+    """
+
+    def change(part):
+        model = _node(ScheduledOperator, None, part, by=by)
+        return part._replace(operator=ScheduledOperator.along(part, low, high, lines, model))
+
+    return _changed(whole, change, SumOperator | ModulatedOperator | ColumnOperator)
+
+
+def stage_values(whole, *, held=True):
+    """Return the values of the operator by (name of the stage, name of the entry).
+
+    Each is an array of one value, or of several where it follows a number of the record. Without
+    ``held``, those of entries that are held because another stage has their freedom are left out.
+    """
+    driven, _ = split_disturbances(whole.operator)
+    found, keys = {}, whole.operator.keys(whole.name)
+    for key, value, is_held in zip(keys, driven.pack(), driven.gauge_mask(), strict=True):
+        if held or not is_held:
+            found[key] = np.append(found.get(key, []), value)
+    return found
+
+
+def with_stage_values(whole, values):
+    """Return what is driven with values by (stage, name of the entry), where it has any.
+
+    What follows a number of the record in one of both only has its mean in the other.
+    """
+    driven, _ = split_disturbances(whole.operator)
+    keys, vector, held = whole.operator.keys(whole.name), driven.pack(), driven.gauge_mask()
+    for key in set(keys) & set(values):
+        rows = [i for i, own in enumerate(keys) if own == key and not held[i]]
+        same = len(rows) == len(values[key])
+        vector[rows] = values[key] if same else np.mean(values[key])
+    return driven.unpack(vector)
+
+
+def _changed(whole, change, around=object):
+    """Return a tree with a change of what is inside of classes of nodes."""
+    part = whole.operator.inner(whole.name)
+    if part is None or not isinstance(whole.operator, around):
+        return change(whole)
+    new = _changed(part, change, around)
+    return Stage(new.name, whole.operator.with_inner(new, part.name))
+
+
+def _node(kind, parts, whole, **params):
+    """Return the estimator of a new node, with the options of a tree."""
+    model = whole.model
+    options = {"initial_state": model.initial_state, "dt": model.dt}
+    return kind.estimator_class()(parts, **options, **params)

@@ -1,0 +1,179 @@
+"""Operators as the tree that is the structure of a model.
+
+The leaves of the tree are operators of single models, its nodes join them: in series (``|``), in
+parallel (``+``), scaled by a column of the input (``*``), driven by a column, or with parameters
+that follow a number of the record. Each says in ``model`` which unfitted estimator it belongs to,
+a node with that estimator's own parameters alone, so that ``estimator()`` puts the whole together;
+``tree(operator)`` of an estimator is the way back. An edit of a model is a function from a tree to
+a tree, see ``_edits``.
+"""
+
+import dataclasses
+import re
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+from sklearn.base import clone
+
+JOIN = {}  # symbol -> function of two operands, filled where the nodes are defined
+_COMPOSE = f"{__package__.partition('.')[0]}.compose"  # which imports operators: found when asked
+
+
+def snake_case(name) -> str:
+    """Return ``PrandtlIshlinskii`` as ``prandtl_ishlinskii``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+class Stage(NamedTuple):
+    """A part of a tree and its name, None for one that goes by the name of its estimator."""
+
+    name: str | None
+    operator: Any
+
+    @property
+    def model(self):
+        """The unfitted estimator."""
+        return self.operator.unfitted()
+
+
+class Factor(NamedTuple):
+    """The factor ``1 + sensitivity (column - reference)`` that scales a response, by ``*``.
+
+    Parameters
+    ----------
+    column : int
+        Of the input; -1 for the last one.
+    reference : float, default=0.0
+        Units of the column.
+    sensitivity : float, default=0.0
+        One over the units of the column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import Factor
+    >>> warm = GainOperator(3.0) * Factor(1, reference=20.0, sensitivity=0.1)
+    >>> warm.run(np.array([[1.0, 20.0], [1.0, 25.0]]), 0.1)[0]
+    array([3. , 4.5])
+    """
+
+    column: int
+    reference: float = 0.0
+    sensitivity: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Part:
+    """Base of the operators: what makes them parts of a tree.
+
+    Parameters
+    ----------
+    model : estimator, default=None
+        The unfitted estimator that it belongs to; keyword only. None: it is not said.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, GainOperator
+    >>> gain, lag = Gain().tree(GainOperator(2.0)), FirstOrderLag().tree(FirstOrderLagOperator(0.1))
+    >>> (gain | lag).estimator(dt=0.01)
+    Cascade(dt=0.01, steps=[('gain', Gain()), ('first_order_lag', FirstOrderLag())])
+    """
+
+    model: Any = dataclasses.field(default=None, kw_only=True, compare=False, repr=False)
+
+    driving_column = 0  # of the input
+    structure_of = None  # of a node: name of the estimator in skhyst.compose
+
+    def __or__(self, other):
+        """Return the series: the output of the first is the input of the second."""
+        return JOIN["|"](self, other) if isinstance(other, Part) else NotImplemented
+
+    def __add__(self, other):
+        """Return the sum of the outputs."""
+        return JOIN["+"](self, other) if isinstance(other, Part) else NotImplemented
+
+    def __mul__(self, factor):
+        """Return the output scaled by a :class:`Factor`."""
+        return JOIN["*"](self, factor) if isinstance(factor, Factor) else NotImplemented
+
+    # ------------------------------------------------------------------ as an estimator
+
+    @property
+    def label(self) -> str:
+        """Name of a part that has none: that of its estimator, or of its own class."""
+        kind = type(self if self.model is None else self.model).__name__
+        return snake_case(kind.removesuffix("Operator"))
+
+    def estimator(self, **params):
+        """Return the unfitted estimator that the operator belongs to.
+
+        Parameters
+        ----------
+        **params : object
+            Parameters in place of those that the estimator has, such as ``dt``.
+
+        Raises
+        ------
+        ValueError
+            If a part does not say which estimator it belongs to.
+        """
+        return clone(self.unfitted()).set_params(**params)
+
+    def unfitted(self):
+        """Return the estimator, whose parts are those of the tree itself, not clones of them."""
+        if self.model is not None:
+            return self.model.unfitted(self)
+        if self.structure_of is None:
+            raise ValueError(
+                f"{type(self).__name__} does not say which estimator it belongs to: take it from "
+                "the method 'tree' of one."
+            )
+        return self.estimator_class()(None).unfitted(self)
+
+    @classmethod
+    def estimator_class(cls):
+        """Return the estimator of which a node is the structure."""
+        return getattr(import_module(_COMPOSE), cls.structure_of)
+
+    def held_entries(self) -> frozenset[str]:
+        """Return the names of the entries that the estimator holds at their values."""
+        return frozenset() if self.model is None else self.model.held_parameters()
+
+    def free_mask(self) -> np.ndarray:
+        """Mark the values of ``pack`` that are free: neither held, nor another's freedom."""
+        held = self.held_entries()
+        is_held = np.array([name in held for name, _ in self.entries()], dtype=bool)
+        return ~(self.gauge_mask() | is_held)
+
+    def released(self):
+        """Return a copy that belongs to no estimator, and of which no part is held."""
+        return self if self.model is None else dataclasses.replace(self, model=None)
+
+    # ------------------------------------------------------------------ its parts
+
+    def split(self):
+        """Return what is driven, and a tuple of the disturbances that stand beside."""
+        return (None, (self,)) if self.is_disturbance else (self, ())
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        """Names of the disturbances that stand beside."""
+        return ()
+
+    def inner(self, name=None):
+        """Return the :class:`Stage` within that follows the drive, None where that is all of it."""
+        return None
+
+    def with_inner(self, stage, name=None):
+        """Return the tree with another stage in place of that of :meth:`inner` of this name."""
+        raise NotImplementedError
+
+    def series(self, name=None):
+        """Return the stages of a series; a part by itself is one."""
+        return [Stage(name or self.label, self)]
+
+    def keys(self, name=None):
+        """Return (name of the stage, name of the entry) for each value of what is driven."""
+        return [(name or self.label, entry) for entry, _ in self.entries()]

@@ -1,0 +1,46 @@
+"""Models that an earlier version has saved are read, and answer as they did, bit for bit."""
+
+import io
+import json
+import tarfile
+
+import numpy as np
+import pytest
+from save_models import FOLDER, answer, machine, recording
+
+from skhyst.persistence import from_json, load_model
+
+pytest.importorskip("skops.io")
+
+
+def archives():
+    """Yield the name of an archive and of a model in it, and its files."""
+    for path in sorted(FOLDER.glob("*.tar.xz")):
+        with tarfile.open(path) as archive:
+            files = {info.name: archive.extractfile(info).read() for info in archive}
+        for name in files:
+            if name.endswith(".npy"):
+                own = {key: files.get(f"{name[:-4]}.{key}") for key in ("skops", "json", "npy")}
+                yield pytest.param(own, files["machine.json"], id=f"{path.stem}, {name[:-4]}")
+
+
+@pytest.fixture(scope="module")
+def data():
+    return recording()
+
+
+@pytest.mark.parametrize(("files", "written_on"), list(archives()))
+@pytest.mark.filterwarnings("ignore:.* was written by skhyst", "ignore:.*of an earlier version")
+def test_what_was_saved_is_read(files, written_on, data, tmp_path):
+    X, y = data
+    expected = np.load(io.BytesIO(files["npy"]))
+    path = tmp_path / "model.skops"
+    path.write_bytes(files["skops"])
+    found = [load_model(path)]
+    found += [] if files["json"] is None else [from_json(files["json"].decode())]
+    for model in found:
+        own = answer(model, X[list(model.feature_names_in_)], y)
+        if json.loads(written_on) == machine():  # whose the last bits are
+            np.testing.assert_array_equal(own, expected)
+        else:
+            np.testing.assert_allclose(own, expected, rtol=1e-9, atol=1e-9 * np.ptp(expected))
