@@ -1,4 +1,4 @@
-"""Models that predict the output from past inputs and past outputs."""
+"""NARX and NARMAX models: the output as a function of past inputs and past outputs."""
 
 from ._narmax import NARMAXRegressor
 from ._narx import NARXRegressor

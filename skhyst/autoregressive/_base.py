@@ -1,4 +1,4 @@
-"""What the autoregressive models share: lags, records, initial outputs, free run, steps ahead."""
+"""Base of the autoregressive models: lags, records, initial outputs, simulation, prediction."""
 
 import warnings
 from abc import abstractmethod
@@ -23,8 +23,8 @@ from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._streaming import compiled_lags
 
-_MISMATCH = 0.01  # relative difference between sampling intervals that are the same
-_BOUND = 100.0  # ranges of the outputs beyond the largest one: what lies there has diverged
+_MISMATCH = 0.01  # largest relative difference between sampling intervals that count as equal
+_BOUND = 100.0  # an output this many ranges of the response beyond its largest has diverged
 
 
 class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
@@ -36,26 +36,26 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     Parameters
     ----------
     input_lags : int, array-like of int, or dict, default=(0, 1)
-        Lags of the inputs in samples, of all columns of ``X``. A number ``n`` stands for
+        Lags of the inputs in samples, for all columns of ``X``. A number ``n`` stands for
         ``0, 1, ..., n``. A dict maps columns, by position or name, to lags of their own.
     output_lags : int or array-like of int, default=(1,)
         Lags of the output in samples. A number ``n`` stands for ``1, ..., n``; with none the model
         is a static function of the lagged inputs.
     initial_output : {"rest", "measured", "estimate"}, float or array-like, default="rest"
-        Outputs before a record, before which its inputs have rested at their first values.
+        Outputs before a record. Inputs before it are at rest at their first values.
 
-        - ``"rest"``: the output at which the model rests under the record's first inputs.
+        - ``"rest"``: the equilibrium output of the model for the record's first inputs.
         - ``"measured"``: where `predict` or `score` is given ``y``, the first samples, as many as
-          the longest lag, are the measured ones, and the run starts behind them.
+          the longest lag, are the measured ones, and the run starts after them.
         - ``"estimate"``: where it is given ``y``, those with which the free run fits the first
           samples of the record best.
-        - numbers in units of the response: the output before each record, or one number a lag:
+        - numbers in units of the response: the output before each record, or one number per lag:
           ``y(-1), y(-2), ...``.
 
         Where there is no ``y``, ``"measured"`` and ``"estimate"`` start from rest.
     dt : float, default=1.0
-        Sampling interval in s of data without a time index. The model counts samples: it is right
-        for the sampling interval that it was fitted at.
+        Sampling interval in s of data without a time index. Lags are in samples: the model holds
+        for the sampling interval of the fit only.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     output_lags_ : tuple of int
         Lags of the output.
     lag_names_ : list of str
-        Names of the signals that the model sees, such as ``drive(k-1)``.
+        Names of the lagged signals, the regressors of the model, such as ``drive(k-1)``.
     initial_outputs_ : ndarray of shape (n_records, longest output lag)
         Outputs before the records of the fit, the latest last; with ``"estimate"`` only.
     bound_ : float
-        Magnitude at which outputs are cut off: the largest in the fit and 100 times their range.
+        Magnitude at which outputs are cut off: the largest in the fit plus 100 times their range.
     output_range_ : tuple of (float, float)
         Range of the response in the fit.
     n_features_in_ : int
@@ -76,12 +76,12 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     records_ : tuple of RecordSlice
         The records of the fit.
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+        Smallest and largest drive (column 0 of X) in the fit, units of the drive.
     drive_rate_ : float
-        Fastest change of the drive between two samples that it has seen, units of the drive per s.
+        Fastest change of the drive between two samples in the fit, units of the drive per s.
     """
 
-    _one_interval = True  # lags count samples
+    _one_interval = True  # lags are in samples
 
     _parameter_constraints = {
         "input_lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],
@@ -107,9 +107,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """Return the next outputs (n,) for rows of lagged inputs and lagged outputs."""
 
     def _widen(self, X, records, *, reset=False):
-        """Return the inputs and the names of all columns.
+        """Return the inputs, with the columns that a model adds, and the names of all columns.
 
-        A model that adds columns of its own adds their lags to ``input_lags_`` when ``reset``.
+        With ``reset``, such a model also adds the lags of its columns to ``input_lags_``.
         """
         return X, check_feature_names_in(self, None)
 
@@ -152,7 +152,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return self
 
     def predict(self, X, y=None, horizon=None) -> np.ndarray:
-        """Return the free run, or the prediction some steps ahead.
+        """Return the free run (simulation), or the prediction ``horizon`` steps ahead.
 
         Parameters
         ----------
@@ -163,12 +163,12 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             `horizon`.
         horizon : int, optional
             Steps ahead: sample ``k`` is predicted from the response measured up to
-            ``k - horizon``. By default the free run, which sees the inputs alone.
+            ``k - horizon``. By default the free run, which uses the inputs alone.
 
         Returns
         -------
         ndarray of shape (n_samples,)
-            Units of the response. Finite always; outputs that are more than 100 times the range of
+            Units of the response, always finite. Outputs that are more than 100 times the range of
             the response in ``fit`` beyond its largest magnitude are cut off there, with a
             :class:`~skhyst.exceptions.DivergenceWarning`.
         """
@@ -176,7 +176,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if horizon is not None:
             if not isinstance(horizon, Integral) or horizon < 1:
                 raise ValueError(
-                    f"The 'horizon' parameter of {type(self).__name__}.predict must be a whole "
+                    f"The 'horizon' parameter of {type(self).__name__}.predict must be an integer "
                     f"number of samples, at least 1. Got {horizon!r} instead."
                 )
             if y is None:
@@ -209,7 +209,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return result
 
     def predict_one_step(self, X, y) -> np.ndarray:
-        """Return the prediction one step ahead, from the measured past.
+        """Return the prediction one step ahead, from past measured responses.
 
         Parameters
         ----------
@@ -221,6 +221,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples,)
+            Units of the response.
         """
         return self.predict(X, y, horizon=1)
 
@@ -232,8 +233,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,)
-            Measured response; the initial outputs come from it if `initial_output` says so, which
-            is not the case in a scorer given by name.
+            Measured response; the initial outputs are taken from it if `initial_output` says so. A
+            scorer given by name, such as ``scoring="r2"``, calls ``predict(X)`` without it.
         sample_weight : array-like of shape (n_samples,), optional
             Weights.
 
@@ -244,14 +245,14 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return r2_score(y, self.predict(X, y), sample_weight=sample_weight)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
-        """Return the fitted model as a device that is fed its inputs sample by sample.
+        """Return the fitted model as a simulated device that is stepped sample by sample.
 
         Parameters
         ----------
         dt : float, default=None
-            Sampling interval in s: that of the records of the fit.
+            Sampling interval in s; it must be that of the fit, which is the default.
         u0 : float or array-like of shape (n_inputs,), default=0.0
-            Inputs at which the device rests before.
+            Inputs at which the device is at rest before the first sample.
         initial_state : {"rest", "zero"}, default=None
             Inputs and outputs before the first sample; by default those of :meth:`predict` without
             ``y``.
@@ -265,8 +266,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If a parameter is not as above, or ``dt`` is another than that of the records of the
-            fit.
+            If a parameter is not as above, or ``dt`` is not that of the fit.
 
         Examples
         --------
@@ -284,7 +284,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if not np.isclose(chosen_interval(self.records_, dt, caller), own, rtol=_MISMATCH):
             raise ValueError(
                 f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
-                f"fit: the model counts samples. Got {dt!r} instead."
+                f"fit: the lags are in samples. Got {dt!r} instead."
             )
         levels = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
         rules = SampleRules(0.0 * levels if initial_state == "zero" else levels)
@@ -307,11 +307,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     # ------------------------------------------------------------------ for the models themselves
 
     def _places(self, rules):
-        """Return place and lag of each column, those that the model adds by rules of their own."""
+        """Return position and lag of each column; added columns get rules in ``rules``."""
         return [(j, 0) for j in range(self.n_features_in_)]
 
     def _plain_step(self):
-        """Return the model in the user's units, as what can be stepped, or None."""
+        """Return the one-step model in the user's units, or None where it has no compiled form."""
         return self._step
 
     def _span(self):
@@ -325,11 +325,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return max(self.output_lags_, default=0)
 
     def _n_skipped(self):
-        """Return the number of samples of a record whose lags reach beyond its beginning."""
+        """Return the number of first samples whose lagged signals lie before their record."""
         return max(self._n_outputs(), *(lag for _, lag in self.input_lags_))
 
     def _regression(self, X, y, records):
-        """Return lagged signals and outputs of all samples whose past lies in their record."""
+        """Return lagged signals (n, n_signals) and outputs (n,), without the first of a record."""
         skip = self._n_skipped()
         parts, targets = [], []
         for record in records:
@@ -342,17 +342,17 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if not parts:
             raise RecordError(
                 f"A record must be longer than the longest lag, which is {skip} samples. Got at "
-                f"most {max(record.n_samples for record in records)} samples a record instead."
+                f"most {max(record.n_samples for record in records)} samples per record instead."
             )
         return np.concatenate(parts), np.concatenate(targets)
 
     def starting_values(self, X, records, y=None):
-        """Return where the run over each record begins; ``y`` may be None."""
+        """Return the :class:`Start` of the run over each record; ``y`` may be None."""
         inputs = [X[record.rows] for record in records]
         measured = [None if y is None else y[record.rows] for record in records]
         kind = self._start_kind()
         if kind == "measured" and y is not None:
-            return [self._behind(u, out) for u, out in zip(inputs, measured, strict=True)]
+            return [self._after_past(u, out) for u, out in zip(inputs, measured, strict=True)]
         if kind == "given":
             histories = [self._given_history()] * len(records)
         elif kind == "estimate" and y is not None:
@@ -367,14 +367,14 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             for u, history, out in zip(inputs, histories, measured, strict=True)
         ]
 
-    def _behind(self, inputs, measured):
-        """Return a start behind the first samples, as many as the longest lag."""
+    def _after_past(self, inputs, measured):
+        """Return a start after the first samples, as many as the longest lag."""
         n_past, n_outputs = min(self._n_skipped(), len(inputs)), self._n_outputs()
         history = measured[n_past - n_outputs : n_past] if n_past >= n_outputs else [0] * n_outputs
         return Start(inputs, n_past, np.asarray(history, dtype=float), measured[n_past:])
 
     def _rest(self, firsts):
-        """Return the outputs at rest under each row of inputs, one for each lag."""
+        """Return the outputs at rest for each row of inputs, (n_rows, longest output lag)."""
         levels = np.zeros(len(firsts))
         if self.output_lags_:
             levels = rest_outputs(
@@ -404,18 +404,18 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _free_runs(self, starts):
         """Return the free run from each start, and whether all stayed within ``bound_``."""
         if self._step is None:
-            # a batch has one row a record: threads that wait for each other cost more than they do
+            # a batch has one row per record: threads would cost more than they save
             with threadpool_limits(1):
                 return free_runs(self._one_step, starts, self._lags, self.bound_)
         runs = [self._run(start) for start in starts]
         return [y for y, _ in runs], all(good for _, good in runs)
 
     def _run(self, start):
-        """Return the compiled run, and whether all of it stayed within ``bound_``."""
+        """Return the compiled free run, and whether all of it stayed within ``bound_``."""
         return self._step.run(start, self.bound_)
 
     def _runs_ahead(self, starts, horizon):
-        """Return the prediction some steps ahead, and whether all of it stayed within bounds."""
+        """Return the predictions ``horizon`` steps ahead, and whether all stayed within bounds."""
         return runs_ahead(self._one_step, starts, horizon, self._lags, self.bound_)
 
 

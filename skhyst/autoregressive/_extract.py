@@ -1,8 +1,9 @@
-"""The parameters of fitted estimators of scikit-learn as one-step models with compiled loops.
+"""Extraction of fitted estimators of scikit-learn as one-step models with compiled loops.
 
 Scalers before an estimator, and one around its target, are folded in: ``x' = (x - centre) / scale``
-for each signal, ``y = shift + gain y'`` for the output. What is read is compared with the estimator
-on data before it is used: one that predicts in another way than its class usually does is called.
+for each signal, ``y = shift + gain y'`` for the output. The extracted model is compared with the
+estimator on data before it is used: an estimator that predicts differently from its class is called
+instead.
 """
 
 from collections import Counter
@@ -15,12 +16,12 @@ from ._polynomial import PolynomialStep
 from ._steps import LinearStep
 from ._tree_step import TreesStep, flatten_boosting, flatten_histograms, flatten_trees
 
-_TOLERANCE = 1e-10  # difference from the estimator, in parts of the largest output
+_TOLERANCE = 1e-10  # largest difference from the estimator, relative to the largest output
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """What stands before a model and behind it."""
+    """Affine scaling of the signals before a model, and of its output."""
 
     centre: np.ndarray
     scale: np.ndarray
@@ -28,7 +29,7 @@ class Scaling:
     gain: float = 1.0
 
     def before(self, centre, scale):
-        """Return the scaling with another scaler between it and the model."""
+        """Return the scaling with a further scaler between it and the model."""
         return Scaling(self.centre + centre * self.scale, self.scale * scale, self.shift, self.gain)
 
     def behind(self, centre, scale):
@@ -38,7 +39,7 @@ class Scaling:
 
 
 def extract_step(estimator, lags, blocks, predict):
-    """Return a fitted estimator as a model with a compiled loop, None where there is none.
+    """Return a fitted estimator as a :class:`Step`, None where it cannot be extracted.
 
     The two are compared on each block of signals (n_samples, n_signals); ``predict`` is that of the
     estimator.
@@ -58,7 +59,7 @@ def extract_step(estimator, lags, blocks, predict):
 
 
 def _extract(estimator, lags, scaling):
-    for kind in type(estimator).__mro__:
+    for kind in type(estimator).__mro__:  # by name: none of the classes has to be imported
         if kind.__name__ in EXTRACTORS and kind.__module__.split(".")[0] in {"sklearn", "skhyst"}:
             return EXTRACTORS[kind.__name__](estimator, lags, scaling)
     if np.ndim(getattr(estimator, "intercept_", None)) <= 1 and hasattr(estimator, "coef_"):
@@ -122,7 +123,7 @@ def _linear(estimator, lags, scaling):
 
 
 def _polynomial(features, scalers, last, lags, scaling):
-    """Expand a linear model of scaled monomials of scaled signals in monomials of the signals."""
+    """Expand a linear model of scaled monomials of scaled signals into monomials of the signals."""
     if not hasattr(last, "coef_"):
         return None
     coefficients, intercept = _linear_parts(last)
@@ -167,7 +168,7 @@ def _network(estimator, lags, scaling):
 
 
 def _configured(estimator, lags, scaling):
-    """Read a stochastic configuration network."""
+    """Extract a stochastic configuration network."""
     if np.ndim(estimator.coef_) != 1:
         return None
     if not estimator.n_nodes_:
@@ -189,7 +190,7 @@ def _configured(estimator, lags, scaling):
 
 
 def _trees(flatten):
-    """Return the function that reads what ``flatten`` makes one array of nodes of."""
+    """Return the extractor of a tree ensemble, whose nodes ``flatten`` puts into one array."""
 
     def read(estimator, lags, scaling):
         flat = flatten(estimator)

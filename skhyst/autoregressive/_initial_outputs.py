@@ -1,14 +1,14 @@
-"""Outputs before a record: where a model rests, and what fits the first measured samples."""
+"""Outputs before a record: the equilibrium of a model, or the best fit to the first samples."""
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from ._runs import Start
 
-_GRID = 33  # outputs at which a resting point is looked for
-_ITERATIONS = 60  # halvings at the most: to the last digit
-_SAMPLES = 20  # that initial outputs are fitted to, or ten an output
-_STEP = 1e-6  # of a difference quotient, in ranges of the outputs
+_GRID = 33  # outputs between which an equilibrium is searched
+_ITERATIONS = 60  # bisections at most: to the last digit
+_SAMPLES = 20  # samples that initial outputs are fitted to, or ten per output if that is more
+_STEP = 1e-6  # step of a difference quotient, in ranges of the outputs
 
 
 def fit_line(X, y):
@@ -20,12 +20,12 @@ def fit_line(X, y):
 
 
 def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
-    """Return the output at which a model rests under constant inputs, one for each row of them.
+    """Return the equilibrium outputs (n_rows,) of a model for each row of constant inputs.
 
-    The resting point solves ``f(y) = one_step(inputs, y, ..., y) - y = 0``. It is looked for within
-    the range of the outputs and as far again on both sides. Where ``f`` falls the point can be
-    stable, where it rises it cannot; among several of the better kind the one nearest to the guess
-    is taken, and the guess itself where there is none (an integrator).
+    The equilibrium solves ``f(y) = one_step(inputs, y, ..., y) - y = 0``. It is searched within the
+    range of the outputs, extended by that range on both sides. Where ``f`` decreases the
+    equilibrium can be stable, where it increases it cannot: those that can be stable are preferred,
+    then the one nearest to the guess. Where there is none (an integrator) it is the guess itself.
     """
 
     def excess(rows, y):
@@ -42,6 +42,7 @@ def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
     falls = (values[:, :-1] >= 0.0) & (values[:, 1:] <= 0.0)
     rises = (values[:, :-1] <= 0.0) & (values[:, 1:] >= 0.0)
     distance = np.abs(0.5 * (grid[:, :-1] + grid[:, 1:]) - guesses[:, None])
+    # an unstable equilibrium counts as farther away than any that can be stable
     distance = np.select([falls, rises], [distance, distance + width[:, None]], np.inf)
     found, cells = np.flatnonzero(np.isfinite(distance).any(axis=1)), np.argmin(distance, axis=1)
     result = np.array(guesses, dtype=float)
@@ -53,13 +54,13 @@ def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
 
 
 def _root(f, a, b, fa, fb):
-    """Return a root of each of several functions by regula falsi, where that stalls by halving."""
+    """Return a root of each of several functions, by regula falsi and bisection in turn."""
     width = np.abs(b - a)
     todo = np.arange(len(a))
     for iteration in range(2 * _ITERATIONS):
         with np.errstate(divide="ignore", invalid="ignore"):
             c = (a[todo] * fb[todo] - b[todo] * fa[todo]) / (fb[todo] - fa[todo])
-        # a secant that lands next to an end leaves the other where it is: every second time halve
+        # regula falsi may move one end only, in ever smaller steps: every second step bisects
         halve = ~np.isfinite(c) | (iteration % 2 == 1)
         c[halve] = 0.5 * (a[todo] + b[todo])[halve]
         fc = f(c, todo)
@@ -75,7 +76,7 @@ def _root(f, a, b, fa, fb):
 
 
 def estimate_history(free_runs, inputs, y, n_outputs, span):
-    """Return the ``n_outputs`` before a record whose free run fits its first samples best.
+    """Return the outputs (n_outputs,) before a record whose free run fits its first samples best.
 
     ``free_runs`` maps a list of starts to a list of runs and whether all stayed within bounds;
     ``span`` is the range of the outputs.

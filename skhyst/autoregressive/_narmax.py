@@ -1,4 +1,4 @@
-"""Polynomial NARMAX models whose terms are found in the data."""
+"""Polynomial NARMAX models whose terms are selected from data."""
 
 from math import comb
 from numbers import Integral
@@ -27,13 +27,13 @@ _MOST_TERMS = 5000
 
 
 class NARMAXRegressor(AutoregressiveRegressor):
-    r"""Polynomial NARMAX model: which products of past signals give the next output.
+    r"""Polynomial NARMAX model whose terms, products of past signals, are selected from data.
 
     .. math:: y(k) = \sum_i \theta_i \, p_i\big(u(k - \cdot), y(k - \cdot), e(k - \cdot)\big) + e(k)
 
-    with products :math:`p_i` of at most ``degree`` lagged signals. The terms are chosen by forward
-    orthogonal regression followed by single removals, additions and exchanges, for as long as a
-    criterion falls; the coefficients are those of least squares.
+    with products :math:`p_i` of at most ``degree`` lagged signals. The terms are selected by
+    forward orthogonal regression followed by single removals, additions and exchanges, as long as
+    a criterion decreases; the coefficients are those of least squares.
 
     Parameters
     ----------
@@ -45,20 +45,21 @@ class NARMAXRegressor(AutoregressiveRegressor):
     output_lags : int or array-like of int, default=(1, 2)
         Lags of the output in samples; a number ``n`` stands for ``1, ..., n``.
     noise_lags : int or array-like of int, default=()
-        Lags of the errors one step ahead, for noise that is not white.
+        Lags of the one-step prediction errors, for noise that is not white.
     noise_degree : int, default=1
-        Highest degree of a product with an error in it; 1 makes the noise model linear.
+        Highest degree of a product that contains an error; 1 makes the noise model linear.
     n_terms : "auto", int or None, default="auto"
-        Number of terms: where the criterion is least, or as given, or all that are not collinear.
+        Number of terms: "auto" minimises the criterion, None takes all that are not collinear.
     criterion : {"ebic", "bic", "aic", "aicc", "cv"}, default="ebic"
-        What decides on a term. ``"ebic"`` is the Bayesian criterion with a further price of
-        ``2 log(n_candidates)`` a term, without which one in a hundred useless candidates gets in by
-        chance; ``"cv"`` is the error in records left out, or in fifths of a single record.
+        Criterion of the term selection. ``"ebic"`` is the extended Bayesian information criterion,
+        with an additional penalty of ``2 log(n_candidates)`` per term, without which one in a
+        hundred useless candidates is selected by chance; ``"cv"`` is the cross-validation error
+        over records left out, or over fifths of a single record.
     objective : {"one_step", "simulation"}, default="one_step"
-        The error that is made small: one step ahead, or of the free run.
+        The error that is minimised: that of the one-step prediction, or of the free run.
     features : sequence of str or transformer, default=None
-        Further inputs made from the drive, which give the model a memory of its direction:
-        ``"rate_sign"`` (of the last move), ``"generalized_gradient"``, ``"play"`` (five play
+        Additional inputs computed from the drive, which give the model a memory of its direction:
+        ``"rate_sign"`` (sign of the last change), ``"generalized_gradient"``, ``"play"`` (five play
         operators), or transformers of your own with ``fit`` and ``transform``. They enter with the
         shortest lag of column 0.
     include_bias : bool, default=True
@@ -67,9 +68,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
     Attributes
     ----------
     terms_ : DataFrame
-        One row a term, in the order of forward regression: ``term``, ``coefficient``,
-        ``standard_error`` and ``error_reduction_ratio``, the part of the sum of squares of the
-        response that the term explains beyond those before it.
+        One row per term, in the order of forward regression: ``term``, ``coefficient``,
+        ``standard_error`` and ``error_reduction_ratio``, the fraction of the sum of squares of the
+        response that the term explains in addition to those before it.
     coef_, coef_std_ : ndarray of shape (n_terms,)
         Coefficients in the units of the data and their standard errors.
     coef_std_white_ : ndarray of shape (n_terms,)
@@ -79,31 +80,31 @@ class NARMAXRegressor(AutoregressiveRegressor):
     lag_names_ : list of str
         Lagged signals: inputs, outputs, errors.
     noise_std_ : float
-        Standard deviation of the error that was made small, units of the response.
+        Standard deviation of the error that was minimised, units of the response.
     n_candidates_ : int
-        Number of terms there were to choose from.
+        Number of candidate terms.
     n_evaluations_ : int
-        Runs over all records that the fit took, 0 where it is a linear problem.
+        Number of runs over all records in the fit, 0 where it is a linear problem.
 
     See Also
     --------
-    NARXRegressor : The same around any regressor.
+    NARXRegressor : NARX model around any regressor.
 
     Notes
     -----
-    Standard errors hold for the terms that were chosen and assume
+    Standard errors are conditional on the selected terms and assume
 
     - one step ahead without noise terms: that the equation error :math:`e` is white;
-    - with noise terms: that it is white once these are taken out. The coefficients are those of the
-      prediction-error method, to which extended least squares is the first step;
-    - simulation: that the measured response is the free run plus noise, of whatever colour: that
-      of the residual is in them, as for every model whose prediction is the free run. Noise on the
-      sensor biases the coefficients of the one-step objective, and not these.
+    - with noise terms: that it is white once these are subtracted. The coefficients are those of
+      the prediction-error method, whose first iteration is extended least squares;
+    - simulation: that the measured response is the free run plus noise of any colour. Standard
+      errors account for the colour of the residual, as for every model whose prediction is the free
+      run. Sensor noise biases the coefficients of the one-step objective, but not these.
 
-    The search for terms counts samples as independent. Of 100 runs of 2,000 samples with noise of
-    2 % of the range on the sensor, exactly the five true terms are found in 98 where the noise is
-    white, in 76 where it is autoregressive with the coefficient 0.9, and in 39 where it is flicker
-    noise, which mostly shows as a constant; ``python benchmarks/intervals.py`` counts them.
+    The selection of terms treats samples as independent. Of 100 runs of 2,000 samples with sensor
+    noise of 2 % of the range, exactly the five true terms are found in 98 where the noise is white,
+    in 76 where it is autoregressive with the coefficient 0.9, and in 39 where it is flicker noise,
+    which mostly shows as a constant; ``python benchmarks/intervals.py`` counts them.
 
     References
     ----------
@@ -228,15 +229,16 @@ class NARMAXRegressor(AutoregressiveRegressor):
         if self.noise_lags_ and self.objective == "simulation":
             raise ValueError(
                 "The 'noise_lags' parameter of NARMAXRegressor must be empty where 'objective' is "
-                f"'simulation': a free run knows no errors. Got {self.noise_lags!r} instead."
+                f"'simulation': a free run has no prediction errors. Got {self.noise_lags!r} "
+                "instead."
             )
         self.lag_names_ = self.lag_names_ + [f"e(k-{lag})" for lag in self.noise_lags_]
         terms = self._candidates()
         self.n_candidates_, self.n_evaluations_ = len(terms), 0
         self._input_scale, self._output_scale = _unit_scale(X), float(_unit_scale(y))
-        with one_thread():  # condensed data are tiny: threads cost more than they do
+        with one_thread():  # condensed data are small: threads would cost more than they save
             search, n_free = self._linear_search(X, y, records, terms)
-            # terms: None where the criterion decides
+            # None where the criterion decides on the number of terms
             wanted = None if self.n_terms == "auto" else self.n_terms or len(terms)
             problem = self._problem(terms, self._fit_starts(X, y, records))
             if problem is None:
@@ -256,7 +258,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         if count > _MOST_TERMS:
             raise ValueError(
                 "The 'degree' parameter of NARMAXRegressor must leave at most "
-                f"{_MOST_TERMS} candidate terms of the lags. Got {self.degree!r} with "
+                f"{_MOST_TERMS} candidate terms for these lags. Got {self.degree!r} with "
                 f"{n_signals} lagged signals instead: {count} terms."
             )
         groups = [
@@ -270,11 +272,11 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return terms[~np.any(repeated, axis=0)] if signs else terms
 
     def _without_noise(self, terms):
-        """Return which terms have no error as a factor."""
+        """Return a mask of the terms that have no error as a factor."""
         return np.all(terms < len(self.input_lags_) + len(self.output_lags_), axis=1)
 
     def _linear_search(self, X, y, records, terms):
-        """Return the search among the terms without noise one step ahead, and its rows."""
+        """Return the search over the terms without errors, one step ahead, and its row count."""
         known = terms[self._without_noise(terms)]
         Z, target = self._regression(X, y, records)
         Z, target = Z / self._lag_scale(), target / self._output_scale
@@ -294,14 +296,14 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return np.array(inputs + [self._output_scale] * len(self.output_lags_))
 
     def _fit_starts(self, X, y, records):
-        """Return where the records of the fit begin; one step ahead, behind their past."""
+        """Return the starts of the fit; one step ahead they come after the longest lag."""
         given, starts = self._given_history(), []
         for record in records:
             inputs, response = X[record.rows], y[record.rows]
             history = np.full(self._n_outputs(), response[0]) if given is None else given
             start = Start(inputs, 0, history, response)
             if self.objective == "one_step" or self._start_kind() == "measured":
-                start = self._behind(inputs, response)
+                start = self._after_past(inputs, response)
             starts.append(self._scaled(start))
         return [start for start in starts if len(start.measured)]
 
@@ -311,7 +313,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return Start(inputs, start.n_past, history, measured)
 
     def _problem(self, terms, starts):
-        """Return what to fit where the error is no linear function of the coefficients."""
+        """Return the nonlinear problem to fit, None where the error is linear in coefficients."""
         scale = self._output_scale
         if self.noise_lags_:
             return InnovationProblem(
@@ -395,6 +397,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
 
 def _unit_scale(values):
-    """Return a power of two next to the largest magnitude: dividing by it rounds nothing."""
+    """Return a power of two near the largest magnitude, so that dividing by it is exact."""
     largest = np.abs(values).max(axis=0)
     return 2.0 ** np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))

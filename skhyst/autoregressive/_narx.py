@@ -25,9 +25,10 @@ class NARXRegressor(AutoregressiveRegressor):
 
     .. math:: y(k) = f\bigl(u(k - l_1), \dots, u(k - l_p),\, y(k - m_1), \dots, y(k - m_q)\bigr)
 
-    The regressor :math:`f` is fitted one step ahead, to the measured past. `predict` is the free
-    run: the model sees its own past outputs instead. A model that is good one step ahead may be
-    poor, or diverge, in the free run, so compare models by `score`, which is R2 of the free run.
+    The regressor :math:`f` is fitted one step ahead, with measured past outputs. `predict` is the
+    free run (simulation): the model is fed its own past outputs instead. A model that is good one
+    step ahead may be poor, or diverge, in the free run, so compare models by `score`, which is R2
+    of the free run.
 
     Parameters
     ----------
@@ -35,31 +36,31 @@ class NARXRegressor(AutoregressiveRegressor):
         Any regressor or pipeline, of which a clone is fitted; by default linear regression of the
         standardised signals (ARX).
     objective : {"one_step", "simulation"}, default="one_step"
-        The error that is made small: one step ahead, or of the free run. For the latter the weights
-        that enter linearly, all of a linear model, those of the output of a network, are fitted
-        again from those one step ahead, by Gauss-Newton steps with exact derivatives and without a
-        penalty; the inner weights of a network stay.
+        The error that is minimised: that of the one-step prediction, or of the free run. For the
+        latter the weights that enter linearly (all of a linear model, the output weights of a
+        network) are refitted from those of the one-step fit, by Gauss-Newton steps with exact
+        derivatives and without a penalty; the hidden weights of a network stay.
 
     Attributes
     ----------
     estimator_ : estimator
         The fitted regressor. Its columns are named by ``lag_names_``.
     coef_, intercept_ : ndarray of shape (n_signals,), float
-        Weights of the signals in ``lag_names_`` and constant, in the user's units; of linear
+        Weights of the signals in ``lag_names_`` and constant, in the user's units; for linear
         regressors only.
     compiled_ : bool
         Whether the free run is a compiled loop.
     output_weights_ : ndarray of shape (n_weights + 1,)
-        Weights of the output and constant, fitted to the free run; with that objective only. What
-        predicts has these, ``estimator_`` those one step ahead.
+        Output weights and constant, fitted to the free run; with ``objective="simulation"`` only.
+        The model predicts with these; ``estimator_`` has those of the one-step fit.
     n_evaluations_ : int
-        Runs over all records that the fit took, 0 one step ahead.
+        Number of runs over all records in the fit, 0 one step ahead.
 
     Raises
     ------
     ValueError
-        If ``objective`` is ``"simulation"`` and the estimator is none of linear models,
-        ``MLPRegressor`` and ``SCNRegressor``, also behind scalers.
+        If ``objective`` is ``"simulation"`` and the estimator is not a linear model,
+        ``MLPRegressor`` or ``SCNRegressor``, with or without scalers.
 
     See Also
     --------
@@ -67,28 +68,28 @@ class NARXRegressor(AutoregressiveRegressor):
 
     Notes
     -----
-    Lags do not cross the limits of records: in `fit`, samples whose past lies before their record
-    are left out.
+    Lags do not cross the boundaries of records: in `fit`, samples whose lagged signals lie before
+    their record are left out.
 
     Trees, networks and neighbours expect signals of order one: scale them in a pipeline, and the
     response with a ``TransformedTargetRegressor``.
 
-    The free run is compiled for linear models, for those behind ``PolynomialFeatures``, for
+    The free run is compiled for linear models, for those of ``PolynomialFeatures``, for
     ``MLPRegressor``, ``SCNRegressor``, decision trees, random forests, extra trees and gradient
-    boosting (both kinds), also in a pipeline behind scalers, in a search, or in a
-    ``TransformedTargetRegressor`` with a scaler. Any other regressor is called once a time step for
-    all records together, which costs little more than for one record.
+    boosting (both kinds), also in a pipeline after scalers, in a hyperparameter search, or in a
+    ``TransformedTargetRegressor`` with a scaler. Any other regressor is called once per time step
+    for all records together, which costs little more than for one record.
 
-    The resting output solves ``y = f(u, ..., u, y, ..., y)``. It is looked for within the range of
-    the response and as far again on both sides. Where there are several solutions, those that can
-    be stable go first, then the one nearest to the linear regression of the response on the
-    inputs; where there is none, as for an integrator, that regression is the resting output.
+    The output at rest solves ``y = f(u, ..., u, y, ..., y)``. It is searched within the range of
+    the response, extended by that range on both sides. Of several solutions, those that can be
+    stable are preferred, then the one nearest to the linear regression of the response on the
+    inputs; where there is none, as for an integrator, that regression is the output at rest.
 
     References
     ----------
     Leontaritis and Billings, *International Journal of Control*, 1985. Han et al., *An
     Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*, undated, equation
-    (8), where the lags are the defaults.
+    (8), with the default lags.
 
     Examples
     --------
@@ -147,7 +148,7 @@ class NARXRegressor(AutoregressiveRegressor):
         if self._step is None or self._step.output_weights is None:
             raise ValueError(
                 "The 'objective' parameter of NARXRegressor must be 'one_step' where 'estimator' "
-                "is no linear model, MLPRegressor or SCNRegressor; NARMAXRegressor fits "
+                "is not a linear model, MLPRegressor or SCNRegressor; NARMAXRegressor fits "
                 f"polynomials. Got 'simulation' with {type(self.estimator_).__name__} instead."
             )
         starts = partial(self.starting_values, X, records, y)
@@ -158,14 +159,14 @@ class NARXRegressor(AutoregressiveRegressor):
     def _one_step(self, Z):
         if self._step is not None:
             return self._step.rows(Z)
-        # the signals are finite: the fit has seen to it, and outputs are bounded
+        # the signals are finite: inputs were validated and outputs are bounded
         with config_context(assume_finite=True):
             return self.estimator_.predict(Z)
 
 
 def _default():
-    """Return a linear regression that neither units nor fast sampling mislead."""
-    # since scikit-learn 1.7 singular values below 1e-6 are dropped: neighbours differ by less
+    """Return a linear regression that is accurate for any units and for fast sampling."""
+    # scikit-learn 1.7 drops singular values below 1e-6: neighbouring samples may differ by less
     known = "tol" in signature(LinearRegression).parameters
     options = {"tol": np.finfo(float).eps} if known else {}
     return make_pipeline(StandardScaler(), LinearRegression(**options))

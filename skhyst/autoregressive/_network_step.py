@@ -1,7 +1,8 @@
-"""Feed-forward networks, and networks of Gaussian nodes, that see their own past outputs.
+"""Feed-forward networks, and networks of Gaussian nodes, that are fed their own past outputs.
 
-Each has its law twice: a loop over a record in packed arithmetic, which takes half the time, and
-one sample in plain arithmetic, which needs no arrays of its own and can be written in C.
+Each law is implemented twice: as a loop over a record in SIMD arithmetic, which takes half the
+time, and for one sample in plain arithmetic, which needs no arrays of its own and can be exported
+to C.
 """
 
 import math
@@ -16,22 +17,22 @@ from ._steps import Step
 
 ACTIVATIONS = {"identity": 0, "relu": 1, "logistic": 2, "tanh": 3}
 
-_LARGEST = 700.0  # exponent that does not overflow
+_LARGEST = 700.0  # largest exponent, which does not overflow
 _LOG2_E = 1.4426950408889634
-_LN2_HIGH = 6.93147180369123816490e-01  # few enough digits that whole multiples are exact
+_LN2_HIGH = 6.93147180369123816490e-01  # few enough digits that integer multiples are exact
 _LN2_LOW = 1.90821492927058770002e-10
-_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to a whole number, in the lowest bits
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer, in the lowest bits
 
 
 @jit(fastmath={"contract"})
 def exponentials(x, width, bits, powers):
-    """Replace ``x[:width]`` by its exponential, exact to the last digits, in packed arithmetic.
+    """Replace ``x[:width]`` by its exponential, exact to the last digits, in SIMD arithmetic.
 
     ``exp(x) = 2^m exp(r)`` with ``|r| <= ln(2) / 2``, where the Taylor series to the 13th power is
-    exact to the last digits. ``bits`` and ``powers`` are one memory, seen as integers and as
-    floats: a number that was rounded by adding ``_ROUND`` has ``m`` in its last bits, which are
-    shifted to where a float has its exponent. Powers are paired, so that fewer products wait for
-    each other.
+    exact to the last digits. ``bits`` and ``powers`` are views of one buffer, as integers and as
+    floats: a number that was rounded by adding ``_ROUND`` has ``m`` in its lowest bits, which are
+    shifted into the exponent of a float. The powers of the series are paired, so that fewer
+    products depend on each other.
     """
     for i in range(width):
         value = x[i]
@@ -76,7 +77,7 @@ def _activate(kind, x, width, bits, powers):
 
 @jit(fastmath={"contract", "reassoc", "nsz"})
 def network_run(c, inputs, lags, bound, y):
-    """Run a network over its past outputs, see ``run``; ``c`` is that of :func:`network`."""
+    """Run a network over a record, see ``_steps.run``; ``c`` is that of :func:`network`."""
     first, offsets, widths, weights, biases, last, kind = c
     (n_samples, n_inputs), widest = inputs.shape, weights.shape[2]
     before = len(y) - n_samples
@@ -128,7 +129,7 @@ def activated(kind, value):
 def network(x, at, c):
     """Return the output of a network; ``c`` are the fields of :class:`NetworkStep`.
 
-    The room holds the units of two layers.
+    The work space holds the units of two layers.
     """
     first, offsets, widths, weights, biases, last, kind = c
     n_signals = first.shape[0]
@@ -191,8 +192,8 @@ class NetworkStep(_NodesStep):
     first: np.ndarray  # (n_signals, widths[0]): weights from the signals to the first hidden layer
     offsets: np.ndarray  # (widths[0],): biases of that layer
     widths: np.ndarray  # (n_layers,): units of each hidden layer
-    weights: np.ndarray  # (n_layers - 1, widest, widest): from each hidden layer to the next, a row
-    # for each unit that they come from; zero beyond the widths, widest is a multiple of 4
+    weights: np.ndarray  # (n_layers - 1, widest, widest): from each hidden layer to the next, one
+    # row per unit of the former; zero beyond the widths, widest is a multiple of 4
     biases: np.ndarray  # (n_layers - 1, widest): of the hidden layers after the first
     last: np.ndarray  # (widths[-1] + 1,): weights of the output and, at the end, its bias
     kind: int  # of the hidden layers, see ``ACTIVATIONS``
@@ -238,7 +239,7 @@ class NetworkStep(_NodesStep):
 
 @jit(fastmath={"contract", "reassoc", "nsz"})
 def gaussian_run(c, inputs, lags, bound, y):
-    """Run a network over its past outputs, see ``run``; ``c`` is that of :func:`gaussians`."""
+    """Run a network over a record, see ``_steps.run``; ``c`` is that of :func:`gaussians`."""
     scaling, centers, rates, last = c
     (n_samples, n_inputs), (n_signals, n_components) = inputs.shape, scaling.shape
     before, n_nodes = len(y) - n_samples, len(rates)
@@ -272,7 +273,7 @@ def gaussian_run(c, inputs, lags, bound, y):
 def gaussians(x, at, c):
     """Return the output of a network; ``c`` are the fields of :class:`GaussianStep`.
 
-    The room holds the scaled signals.
+    The work space holds the scaled signals.
     """
     scaling, centers, rates, last = c
     n_signals, n_components = scaling.shape

@@ -1,13 +1,13 @@
-r"""Output weights for the free run: the weights that enter linearly, fitted to the simulation.
+r"""Output weights, those that enter the model linearly, fitted to the free run.
 
-One step ahead :math:`y(k) = \sum_q w_q h_q(x(k))`, where the signals x hold past outputs. In the
+One step ahead :math:`y(k) = \sum_q w_q h_q(x(k))`, where the signals x contain past outputs. In the
 free run these are the model's own, so that the derivatives by the weights follow the recursion
 
 .. math:: \frac{dy(k)}{dw} = h(x(k)) + \sum_j \frac{\partial f}{\partial y(k - m_j)}
     \frac{dy(k - m_j)}{dw}
 
-which is exact, and gives Gauss-Newton steps from the weights one step ahead. The inner weights of a
-network stay as they are.
+which is exact, and gives Gauss-Newton steps, started from the weights of the one-step fit. The
+hidden weights of a network are fixed.
 """
 
 import warnings
@@ -19,13 +19,17 @@ from ..exceptions import ConvergenceWarning
 from ..preprocessing import lagged_columns
 from ._structure import Descent
 
-_SPLIT = 1e-8  # distance from an integrator at which its resting point is lost
-_EVALUATIONS, _TOLERANCE = 150, 1e-8  # runs; part of the sum of squares a step must promise
+_SPLIT = 1e-8  # least distance from an integrator, which has no unique equilibrium
+_EVALUATIONS, _TOLERANCE = 150, 1e-8  # runs; least predicted relative decrease of the squares
 
 
 @jit
 def propagate_tangents(columns, slopes, lags, before):
-    """Turn ``columns`` (n, n_weights) into tangents; ``before`` (start, n_weights) are earlier."""
+    """Turn the direct derivatives ``columns`` (n, n_weights) into tangents of the run, in place.
+
+    ``slopes`` (n, n_lags) are the derivatives by past outputs, ``before`` (start, n_weights) the
+    tangents of the initial outputs.
+    """
     start = len(before)
     for k in range(len(columns)):
         for j in range(len(lags)):
@@ -59,7 +63,7 @@ class OutputWeightsProblem:
             )
             columns, slopes = step.output_columns(signals)
             slopes = slopes[:, inputs.shape[1] :]
-            cut = np.abs(y) >= model.bound_
+            cut = np.abs(y) >= model.bound_  # there the output is constant
             columns[cut], slopes[cut] = 0.0, 0.0
             before = np.zeros((n_before, columns.shape[1]))
             if model._start_kind() == "rest" and n_before and len(y):
@@ -69,7 +73,7 @@ class OutputWeightsProblem:
         return out, all_good
 
     def _rest_tangents(self, step, start):
-        """Return the derivatives of the output at rest, those of an implicit function."""
+        """Return the derivatives of the output at rest, by the implicit function theorem."""
         first = start.inputs[0, [column for column, _ in step.lags.inputs]]
         level = start.history[-1]
         signals = np.append(first, np.full(len(step.lags.outputs), level))[None]
@@ -85,15 +89,15 @@ def fit_output_weights(model, starting_values):
     """Fit the output weights of ``model._step`` to the free run; return the number of runs."""
     problem = OutputWeightsProblem(model, starting_values)
     descent = Descent(problem)
-    with np.errstate(over="ignore", invalid="ignore"):  # a run that leaves the data is refused
+    with np.errstate(over="ignore", invalid="ignore"):  # a step to a diverging run is rejected
         theta, converged = descent.descend(
             None, model._step.output_weights, 0.0, _EVALUATIONS, _TOLERANCE
         )
     model._step = model._step.with_output_weights(theta)
     if not converged:
         warnings.warn(
-            "The fit of NARXRegressor to the free run has not converged; it stopped at the best so "
-            "far.",
+            "The fit of NARXRegressor to the free run has not converged; the best fit so far is "
+            "returned.",
             ConvergenceWarning,
             stacklevel=6,
         )

@@ -4,11 +4,12 @@ A model is a sum of terms, each a coefficient times a product of lagged signals.
 
 .. math:: y(k) = \sum_g w_g(k) \, \prod_j y(k - l_{gj})
 
-has one group for each distinct product of outputs; its weight ``w_g`` collects the inputs of all
-terms that share it. The weights know no output, so they are computed ahead, a block of samples at a
-time. The groups are ordered by the power of ``y(k-1)`` and summed by Horner's rule: from one sample
-to the next only one product and one sum a power have to wait for each other. Models up to the third
-degree in at most one output before ``y(k-1)``, the common ones, have a loop without tables.
+has one group for each distinct product of outputs; its weight ``w_g`` is the sum of the input
+factors of all its terms. The weights do not depend on outputs, so they are computed in advance, a
+block of samples at a time. The groups are ordered by the power of ``y(k-1)`` and summed by Horner's
+rule: from one sample to the next only one product and one sum per power depend on each other.
+Models up to the third degree with at most one output lag besides 1, the common ones, have a loop
+without tables.
 """
 
 from collections import Counter
@@ -23,14 +24,14 @@ from .._jit import jit
 from ..operators import as_signal, sum_of_products
 from ._runs import Lags, clipped
 
-_BLOCK = 500  # samples; the weights of a block stay in the first cache
+_BLOCK = 500  # samples; the weights of a block stay in the first-level cache
 
 
 def candidate_terms(groups, width, include_bias):
     """Return the table (n_terms, width) of all products of lagged signals; absent factors are -1.
 
-    A group has signals, by position, and the highest degree of their products. Each extends the one
-    before: products with at least one signal of its own, up to its degree, lower degrees first.
+    A group is (signals by position, highest degree). It adds the products, up to its degree, of its
+    own signals and those of earlier groups with at least one of its own, lower degrees first.
     """
     rows, known = [()] if include_bias else [], []
     for own, degree in groups:
@@ -74,12 +75,12 @@ class Polynomial(NamedTuple):
     """
 
     n_columns: int  # of the inputs
-    start: int  # outputs before a record that the recursion needs: the longest output lag
+    start: int  # number of outputs before a record that are needed: the longest output lag
     reach: int  # the longest input lag
     inputs: tuple  # of each term: number of inputs, their columns and lags (n_terms, degree), group
     outputs: tuple  # of each group: number of outputs and their lags (n_groups, degree)
-    older: tuple  # the same of all but y(k-1), and the powers (n_powers, 3) of that, highest first:
-    # the group without older outputs, and where those with one older output and with several end
+    older: tuple  # the same for outputs older than y(k-1); and (n_powers, 3), one row per power of
+    # y(k-1), highest first: the group without older outputs, ends of those with one and with more
     short: np.ndarray  # (10,): group of y(k-1)^i y(k-lag)^j, i + j <= 3, n_groups for none; or (0,)
     older_lag: int  # that lag; 1 where there is none
 
@@ -145,16 +146,15 @@ def _table(rows, width):
 def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
     """Return the free run (n_samples,), and whether all of it stayed within ``bound``.
 
-    Outputs beyond it, and those that are no numbers, are cut off there. ``inputs``
-    (n_past + n_samples, n_columns) have rested at their first row before it; ``initial`` (start,)
-    are the outputs before the run, the latest last.
+    Outputs beyond it, and NaN, are cut off there. ``inputs`` (n_past + n_samples, n_columns) equal
+    their first row before it; ``initial`` (start,) are the outputs before the run, the latest last.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past
     y = np.empty(plan.start + n_samples)
     y[: plan.start] = initial
     coefficients, good = as_signal(coefficients), True
-    # only the first samples look beyond the first row; the long rest is not copied
+    # only the first samples need inputs before the first row; the others are not copied
     n_head = min(max(plan.reach - n_past, 0), n_samples)
     pieces = [(n_head, n_samples, as_signal(inputs.T), n_past + n_head)]
     if n_head:
@@ -174,12 +174,12 @@ def polynomial_run(plan, coefficients, inputs, initial, bound=np.inf, n_past=0):
 def polynomial_tangents(
     plan, coefficients, inputs, initial, d_initial, bound=np.inf, n_past=0, measured=None, pull=0.0
 ):
-    """Return the run, its derivatives (n_samples, n_terms + m), and whether all stayed within.
+    """Return the run, its derivatives (n_samples, n_terms + m), and whether ``bound`` was kept.
 
-    Beyond :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of the
-    initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is how far each
-    output is drawn to the measured one before the recursion goes on, 0 in the free run and 1 one
-    step ahead. Derivatives are those of what is computed, so zero where the output was cut off.
+    In addition to :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of
+    the initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is the
+    fraction by which each output is moved to the measured one before the recursion goes on, 0 in
+    the free run and 1 one step ahead. Derivatives are zero where the output was cut off.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past
@@ -201,7 +201,7 @@ def polynomial_tangents(
 
 
 def _with_past(plan, inputs, n_past):
-    """Return the inputs, one row a column, with what they were before in front."""
+    """Return the inputs (n_columns, reach + n_samples), with ``reach`` samples of their past."""
     signals = np.empty((plan.n_columns, plan.reach + len(inputs) - n_past))
     rest = max(plan.reach - n_past, 0)
     signals[:, :rest] = inputs[:1].T
@@ -243,7 +243,7 @@ def _weights(first, stop, origin, terms, coefficients, signals, row, out):
 
 @jit
 def _run(start, tables, origin, terms, coefficients, signals, bound, y):
-    """Fill ``y``. Places are unsigned: no check whether they are counted from the end."""
+    """Fill ``y``. Indices are unsigned, which saves the check for negative ones."""
     n_older, older, powers = tables
     n_samples, n_powers = len(y) - start, len(powers)
     good, one = True, np.uint64(1)
@@ -272,7 +272,7 @@ def _run(start, tables, origin, terms, coefficients, signals, bound, y):
 
 @jit
 def _run_short(start, older, short, n_groups, origin, terms, coefficients, signals, bound, y):
-    """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; one more group stays zero."""
+    """Fill ``y`` from ``q = y(k-1)`` and ``r = y(k-older)``; absent groups have zero weights."""
     good, n_samples = True, len(y) - start
     row, weights = np.empty(_BLOCK), np.empty((n_groups + 1, _BLOCK))
     w00, w01, w02, w03 = weights[short[0]], weights[short[1]], weights[short[2]], weights[short[3]]
@@ -289,7 +289,7 @@ def _run_short(start, older, short, n_groups, origin, terms, coefficients, signa
             third = w30[i] * q + (w20[i] + w21[i] * r)
             second = third * q + (w10[i] + r * (w11[i] + r * w12[i]))
             total = second * q + (w00[i] + r * (w01[i] + r * (w02[i] + r * w03[i])))
-            if not abs(total) <= bound:  # a branch is guessed, and the next sample need not wait
+            if not abs(total) <= bound:  # a predicted branch: the next sample need not wait for it
                 good = False
                 total = -bound if total < 0.0 else bound
             q = new[i] = total
@@ -298,9 +298,10 @@ def _run_short(start, older, short, n_groups, origin, terms, coefficients, signa
 
 @jit
 def _tangents(start, outputs, group, weights, bound, measured, pull, y, state, dy):
-    """Fill ``y``, and ``dy`` with its derivatives, where the products of the inputs stand.
+    """Fill ``y``, and turn the input products of the terms in ``dy`` into its derivatives.
 
-    ``weights`` (n_samples, n_groups) are those of the groups; the recursion goes on from ``state``.
+    ``weights`` (n_samples, n_groups) are those of the groups; the recursion reads past outputs from
+    ``state``.
     """
     n_outputs, output_lags = outputs
     n_groups, n_parameters, n_terms = len(n_outputs), dy.shape[1], len(group)
@@ -348,7 +349,7 @@ def polynomial(x, at, c):
 
 @dataclass(frozen=True)
 class PolynomialStep:
-    """A sum of products of signals, see ``_steps``."""
+    """Polynomial model, a sum of products of signals; see ``_steps``."""
 
     room = 0
     output_weights = None

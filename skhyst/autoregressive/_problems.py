@@ -1,18 +1,18 @@
-r"""Polynomial models whose error is no linear function of their coefficients.
+r"""Polynomial models whose error is a nonlinear function of their coefficients.
 
 The error of a free run depends on the coefficients through all earlier outputs, that of a model
 with noise terms through all earlier errors. Both are recursions of the same kernel, which gives the
-exact Jacobian: of the run over :math:`y`, or of
+exact Jacobian: of the free run :math:`y`, or of
 
 .. math:: e(k) = y(k) - \hat y(u, y, e), \qquad e(k < 0) = 0
 
 with the measured outputs as further inputs. With all noise coefficients at zero the tangents of the
 noise terms are the earlier errors themselves, so that one step from there is an iteration of
-extended least squares; iterated to the end it is the prediction-error method, whose covariance is
-the inverse of the Gram matrix of the tangents.
+extended least squares; iterated to convergence it is the prediction-error method, whose covariance
+is the inverse of the Gram matrix of the tangents.
 
 A problem gives, for a subset of the candidate terms, the Jacobian of the prediction and the error
-of each record. All is in scaled units.
+of each record. All values are in scaled units.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ from ._polynomial import (
 )
 from ._runs import bounded
 
-_SPLIT = 1e-8  # distance from an integrator at which its resting point is lost
+_SPLIT = 1e-8  # least distance from an integrator, which has no unique equilibrium
 
 
 class InnovationProblem:
@@ -44,15 +44,15 @@ class InnovationProblem:
         self.starts, self.bound = starts, bound
 
     def shifts(self):
-        """Return what each candidate term is but for a shift, and by how much it is shifted."""
+        """Return the pattern of each candidate term up to a shift in time, and that shift."""
         return _shifts(self.terms, self.lags, self.noise_lags)
 
     def unknowns(self, coefficients):
-        """Return the vector of unknowns that belongs to coefficients."""
+        """Return the vector of unknowns for the coefficients."""
         return coefficients
 
     def lost(self, subset, coefficients):
-        """Whether the errors have left the data: they have a way back of their own."""
+        """Return whether the errors have diverged: False, they need no help to recover."""
         return False
 
     def blocks(self, subset, theta, pull=0.0):
@@ -72,12 +72,12 @@ class InnovationProblem:
 
 
 def initial_basis(tangents):
-    """Return an orthonormal basis of what a change of the initial outputs can explain."""
+    """Return an orthonormal basis of the effects of the initial outputs, those in ``tangents``."""
     return np.linalg.qr(tangents[:, np.any(tangents != 0.0, axis=0)])[0]
 
 
 def _shifts(terms, lags, noise_lags=()):
-    """Return (pattern, shift) of each term: its factors with lags from 0, and the shortest lag."""
+    """Return (pattern, shift) of each term: factors with lags from 0 on, and the shortest lag."""
     factors = [*lags.inputs, *((-1, lag) for lag in lags.outputs), *((-2, n) for n in noise_lags)]
     found = []
     for term in terms:
@@ -98,7 +98,7 @@ def _error_plan(terms, lags, noise_lags):
 
 
 def _error_inputs(start):
-    """Return inputs and outputs of a record side by side, and how many rows lie before it."""
+    """Return inputs and outputs of a record as columns, and the number of rows before it."""
     n_before = len(start.history)
     n_past = max(n_before, start.n_past)
     first = start.history[0] if n_before else 0.0
@@ -111,8 +111,8 @@ def _error_inputs(start):
 def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
     """Return the prediction ``horizon`` steps ahead of a model with noise terms.
 
-    Errors that lie ahead of the last measured output are expected to be zero, and so are those
-    before the record. Returned with it is whether nothing was cut off.
+    Errors after the last measured output and before the record are assumed to be zero. The second
+    value is whether no output was cut off.
     """
     plan = _error_plan(terms, lags, noise_lags)
     signals, n_past = _error_inputs(start)
@@ -139,8 +139,8 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
 class FreeRunProblem:
     """Free run of the model; where ``free``, the outputs before each record are unknowns too.
 
-    ``line`` has intercept and slopes of the guess of the output at rest; where it is given each
-    record starts at rest. ``limits`` are the least and the largest output.
+    ``line`` is (intercept, slopes) of the guess of the output at rest; where it is given each
+    record starts at rest. ``limits`` are the smallest and the largest output.
     """
 
     def __init__(self, terms, lags, starts, bound, *, line=None, limits=(-1.0, 1.0), free=False):
@@ -150,17 +150,17 @@ class FreeRunProblem:
         self.n_extra = self.n_before * len(starts) if free else 0
 
     def shifts(self):
-        """Return what each candidate term is but for a shift, and by how much it is shifted."""
+        """Return the pattern of each candidate term up to a shift in time, and that shift."""
         return _shifts(self.terms, self.lags)
 
     def unknowns(self, coefficients):
-        """Return the vector of unknowns that belongs to coefficients."""
+        """Return the vector of unknowns for the coefficients, with outputs before each record."""
         if not self.n_extra:
             return coefficients
         return np.concatenate([coefficients, *(start.history for start in self.starts)])
 
     def lost(self, subset, coefficients):
-        """Whether the run is cut off, or worse than a constant."""
+        """Return whether the run is cut off, or worse than a constant."""
         blocks, good = self.blocks(subset, self.unknowns(np.asarray(coefficients, dtype=float)))
         measured = np.concatenate([start.measured for start in self.starts])
         error = np.concatenate([error for _, error in blocks])
@@ -191,7 +191,7 @@ class FreeRunProblem:
         return out, good
 
     def rows(self, subset, theta):
-        """Yield of each record what :func:`~skhyst.optimize.coloured_covariance` wants of it."""
+        """Yield the rows of each record for :func:`~skhyst.optimize.coloured_covariance`."""
         for tangents, error in self.blocks(subset, theta)[0]:
             basis = initial_basis(tangents[:, len(subset) :])
             own, rest = (
@@ -200,14 +200,14 @@ class FreeRunProblem:
             yield own, rest, basis, np.ones(len(rest), dtype=bool), 1.0
 
     def _rests(self, step):
-        """Return the output at rest under the first inputs of each record."""
+        """Return the output at rest for the first inputs of each record."""
         firsts = np.array([start.inputs[0] for start in self.starts])
         inputs = firsts[:, [column for column, _ in self.lags.inputs]]
         guesses = self.line[0] + firsts @ self.line[1]
         return rest_outputs(step.rows, inputs, len(self.lags.outputs), guesses, *self.limits)
 
     def _rest_tangents(self, step, start, history):
-        """Return the derivatives of the output at rest: those of an implicit function."""
+        """Return the derivatives of the output at rest, by the implicit function theorem."""
         if not self.n_before:
             return 0.0
         d_history = np.zeros((self.n_before, len(step.coefficients) + 1))

@@ -1,8 +1,8 @@
-"""Runs of any one-step model in lock-step: one call of the model a time step, for all runs.
+"""Runs of any one-step model in lock-step: one call of the model per time step, for all runs.
 
-A model sees rows of lagged inputs followed by lagged outputs. Calling it costs much more than one
-more row does, so runs that do not depend on each other advance together: records in a free run, and
-all samples of all records in a prediction several steps ahead.
+A model gets rows of lagged inputs followed by lagged outputs. A call costs much more than an
+additional row does, so runs that do not depend on each other advance together: records in a free
+run, and all samples of all records in a prediction several steps ahead.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from ..preprocessing import lagged_columns
 
 
 class Lags(NamedTuple):
-    """The signals that a model sees: lagged inputs, then lagged outputs."""
+    """The signals of a model: lagged inputs, then lagged outputs."""
 
     inputs: tuple  # (column, lag) each
     outputs: tuple
@@ -27,11 +27,11 @@ class Start(NamedTuple):
     inputs: np.ndarray  # (n_samples, n_columns), those of the record
     n_past: int  # samples of the record before the first one that the run predicts
     history: np.ndarray  # (start,): outputs before that sample, the latest last
-    measured: np.ndarray = None  # outputs from that sample on, where they are known
+    measured: np.ndarray = None  # measured outputs from that sample on, if known
 
 
 def bounded(values, bound):
-    """Return values no larger than ``bound``, and whether all of them were; NaN becomes it."""
+    """Return values cut off at ``bound``, and whether none had to be; NaN becomes ``bound``."""
     values = np.asarray(values, dtype=float).reshape(-1)
     good = np.abs(values) <= bound
     if good.all():
@@ -41,7 +41,7 @@ def bounded(values, bound):
 
 @jit
 def clipped(value, bound):
-    """Return a value no larger than ``bound``; NaN becomes it."""
+    """Return a value cut off at ``bound``; NaN becomes ``bound``."""
     if not abs(value) <= bound:
         value = -bound if value < 0.0 else bound
     return value
@@ -57,6 +57,7 @@ def free_runs(one_step, starts, lags, bound):
     if not lags.outputs and sizes.any():
         y, good = bounded(one_step(np.concatenate(rows)), bound)
         return np.split(y, np.cumsum(sizes)[:-1]), good
+    # longest runs first, so that those still active are the first rows
     order = np.argsort(-sizes, kind="stable")
     offsets = (np.cumsum(sizes) - sizes)[order]
     n_active = np.searchsorted(-sizes[order], -np.arange(sizes.max()))
@@ -78,16 +79,16 @@ def free_runs(one_step, starts, lags, bound):
 
 
 def runs_ahead(one_step, starts, horizon, lags, bound):
-    """Return the prediction ``horizon`` steps ahead over each record, as :func:`free_runs`.
+    """Return the prediction ``horizon`` steps ahead over each record, as :func:`free_runs` does.
 
     Sample ``k`` is predicted from the outputs measured up to ``k - horizon`` and from the inputs.
-    The first samples, for which that is before the record, are those of the free run.
+    The first samples, where ``k - horizon`` is before the record, are those of the free run.
     """
     sizes = [len(start.measured) for start in starts]
     if not lags.outputs or not any(sizes):
         return free_runs(one_step, starts, lags, bound)
     before, ends = len(starts[0].history), np.cumsum(sizes)
-    # a run from each sample that has `horizon` samples ahead; the first one always
+    # one run starts at each sample that is followed by `horizon` samples, and one at the first
     n_runs = [min(max(size - horizon + 1, 1), size) for size in sizes]
     windows = [
         np.lib.stride_tricks.sliding_window_view(

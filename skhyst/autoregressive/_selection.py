@@ -1,14 +1,14 @@
-r"""Which terms a model needs: orthogonal regression on condensed data.
+r"""Term selection: orthogonal regression on condensed data.
 
 A linear least-squares problem :math:`y = \Phi \theta` with many candidate columns is condensed once
 to the triangular factor ``R`` of :math:`[\Phi, y]`. Every subset of the columns has the same
 solution and the same sum of squares in ``R`` as in the data, so the search costs the same for a
-thousand samples as for a million, and squares no condition number as normal equations do.
+thousand samples as for a million, and does not square the condition number as normal equations do.
 
 The search starts with forward orthogonal regression (Chen, Billings and Luo, *International Journal
-of Control*, 1989): the column that explains most of what is left is taken, and all others are made
-orthogonal to it. Greedy steps may pick a column that stands for two others, so the result is then
-refined by single removals, additions and exchanges for as long as the criterion falls.
+of Control*, 1989): the column that explains most of the residual is selected, and all others are
+made orthogonal to it. Greedy steps may select one column in place of two others, so the result is
+refined by single removals, additions and exchanges as long as the criterion decreases.
 """
 
 from itertools import pairwise
@@ -20,12 +20,12 @@ from ..exceptions import RecordError
 
 _CHUNK = 4096  # rows that are condensed at once
 _FOLDS = 5
-_COLLINEAR = 1e-8  # part of a column that must be left for it to count as new
-_SINGULAR = 1e-14  # the same, where a subset that was asked for is solved
-_FLOOR = 1e-24  # part of the sum of squares of y below which there is only rounding
-_MARGIN = 1e-9  # a criterion has fallen when it has by this part of the number of samples
-_BEYOND = 6  # terms that the forward search goes on beyond the best number
-_ROUNDS = 200
+_COLLINEAR = 1e-8  # least fraction of a candidate column that is orthogonal to the selected ones
+_SINGULAR = 1e-14  # the same in the solution of a given subset
+_FLOOR = 1e-24  # fraction of the sum of squares of y below which there is only rounding
+_MARGIN = 1e-9  # least decrease of a criterion that counts, per sample
+_BEYOND = 6  # the forward search ends this many terms beyond twice the best number
+_ROUNDS = 200  # largest number of moves of a refinement
 
 
 def condense(blocks):
@@ -42,7 +42,7 @@ def condense(blocks):
 def condense_folds(sizes, left_out, block):
     """Return the condensed data of each fold of records, one fold where none is left out.
 
-    ``sizes`` are the rows of each record; ``block`` returns some of all rows, given as a slice.
+    ``sizes`` are the numbers of rows of the records; ``block`` returns the rows of a slice.
     """
     ends = np.cumsum(sizes)
     parts = [(end - size, end) for end, size in zip(ends, sizes, strict=True)]
@@ -68,9 +68,10 @@ def condense_folds(sizes, left_out, block):
 
 
 def subset_solution(factor, subset):
-    """Return the coefficients, the inverse of the triangle and the sum of squares of a subset.
+    """Return the coefficients, the inverse of the triangular factor and the sum of squares.
 
-    Where the subset is collinear, the coefficients are the smallest and the inverse is infinite.
+    Where the subset is collinear, the coefficients are those of minimum norm and the inverse is
+    infinite.
     """
     subset = list(subset)
     r = qr(factor[:, [*subset, -1]], mode="r", check_finite=False)[0]
@@ -89,7 +90,7 @@ def subset_solution(factor, subset):
 
 
 def error_reduction(factor, subset):
-    """Return a subset in the order of forward regression, and each term's part of y'y."""
+    """Return a subset in the order of forward regression, and each term's fraction of y'y."""
     columns, rest = factor[:, list(subset)].copy(), factor[:, -1].copy()
     total = rest @ rest
     left, order, parts = list(range(len(subset))), [], []
@@ -103,21 +104,24 @@ def error_reduction(factor, subset):
 
 
 def _gains(columns, rest, least):
-    """Return what each column explains of the rest, -1 where its square is at most ``least``."""
+    """Return by how much each column reduces the sum of squares of ``rest``.
+
+    It is -1 for columns whose sum of squares is at most ``least``.
+    """
     squares = np.einsum("ij,ij->j", columns, columns)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(squares > least, (columns.T @ rest) ** 2 / squares, -1.0)
 
 
-def _most_telling(columns, rest, taken):
-    """Return the column that explains most of the rest, None where all are collinear or taken."""
+def _best_column(columns, rest, taken):
+    """Return the column that explains most of ``rest``, None if all are collinear or taken."""
     gains = _gains(columns, rest, _COLLINEAR**2)
     gains[taken] = -1.0
     return int(np.argmax(gains)) if (gains >= 0.0).any() else None
 
 
 def _deflate(columns, rest, best):
-    """Make all columns, in place, and the rest orthogonal to one of them; return the rest."""
+    """Make all columns, in place, and ``rest`` orthogonal to one of them; return ``rest``."""
     norm = np.linalg.norm(columns[:, best])
     q = columns[:, best] / (norm if norm > 0.0 else 1.0)
     columns -= np.outer(q, q @ columns)
@@ -125,9 +129,9 @@ def _deflate(columns, rest, best):
 
 
 class SelectionCriterion:
-    """What a search makes small: a penalised likelihood, or the error in folds left out (``"cv"``).
+    """What a search minimises: a penalised likelihood, or the cross-validation error (``"cv"``).
 
-    ``"ebic"`` pays for the number of candidates; ``scale`` is the sum of squares of the target.
+    ``"ebic"`` also penalises the number of candidates; ``scale`` is the target's sum of squares.
     """
 
     def __init__(self, name, n_samples, n_candidates, scale):
@@ -135,7 +139,7 @@ class SelectionCriterion:
         self.floor = _FLOOR * scale
 
     def likelihood(self, rest):
-        """Return the criterion of a sum of squares without its price for terms."""
+        """Return the criterion of a sum of squares without the penalty for terms."""
         least = max(self.floor, np.finfo(float).tiny)
         return self.n_samples * np.log(max(rest, least) / self.n_samples)
 
@@ -157,7 +161,7 @@ class SelectionCriterion:
 class Search:
     """Search for the best subset of the columns of condensed data.
 
-    The folds are condensed parts of the data; one is enough but for cross-validation.
+    The folds are condensed parts of the data; one suffices except for cross-validation.
     """
 
     def __init__(self, folds, criterion):
@@ -212,9 +216,9 @@ class Search:
         return min((self.refine(start) for start in starts), key=self.value)
 
     def _simplest(self, path, size):
-        """Return the smallest number of terms that is worse by less than its standard error.
+        """Return the smallest number of terms that is worse by at most one standard error.
 
-        The fold errors have a flat minimum; its place is chance.
+        The minimum of the fold errors is flat, so its exact position is chance.
         """
         least, n_folds = self._fold_errors(path[:size]), len(self.folds)
         for fewer in range(size):
@@ -224,11 +228,11 @@ class Search:
         return size
 
     def _forward(self, limit):
-        """Yield growing subsets, each with the column that explains most of what is left."""
+        """Yield growing subsets, each with the column that explains most of the residual."""
         columns, rest, subset = self.columns.copy(), self.factor[:, -1], []
         yield []
         while len(subset) < limit:
-            column = _most_telling(columns, rest, subset)
+            column = _best_column(columns, rest, subset)
             if column is None:
                 return
             rest = _deflate(columns, rest, column)
@@ -236,7 +240,7 @@ class Search:
             yield subset
 
     def _backward(self, subset):
-        """Return the best of the subsets that are left as the weakest terms go one by one."""
+        """Return the best of the subsets from which the weakest terms are removed one by one."""
         best = current = list(subset)
         while current:
             current = self._without_weakest(current)
@@ -250,18 +254,18 @@ class Search:
         return subset[:weakest] + subset[weakest + 1 :]
 
     def _with_best(self, subset):
-        """Return the subset with the column that explains most of what it leaves, or None."""
+        """Return the subset with the column that explains most of its residual, or None."""
         columns, rest = self.columns, self.factor[:, -1]
         if subset:
             q = qr(columns[:, subset], mode="economic", check_finite=False)[0]
             columns, rest = columns - q @ (q.T @ columns), rest - q @ (q.T @ rest)
-        column = _most_telling(columns, rest, subset)
+        column = _best_column(columns, rest, subset)
         return None if column is None else [*subset, column]
 
     def refine(self, subset, *, sized=False, rounds=_ROUNDS):
         """Return a subset that no single move improves; ``sized`` keeps the number of terms."""
         current = list(subset)
-        # exchanges alone change no number of terms, and so no price
+        # exchanges keep the number of terms, so that the penalty is the same
         value = self._likelihood if sized else self.value
         for _ in range(rounds):
             trials = [] if sized or not current else [self._without_weakest(current)]

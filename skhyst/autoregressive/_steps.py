@@ -1,8 +1,8 @@
 """One-step models as plain arrays, with compiled loops over their own past outputs.
 
-The law of a model is a function ``law(x, at, c) -> y``: its signals stand in ``x`` from the place
-``at`` on, with room behind them that it may use, and ``c`` holds its constants. Loops are compiled
-around it, and the step that streams, and that is written in C, is made of it.
+The law of a model is a function ``law(x, at, c) -> y``: its signals are in ``x`` from index ``at``
+on, followed by ``room`` numbers of work space, and ``c`` holds its constants. Loops over records
+are compiled around it, and so is the compiled step, which can be exported to C.
 
 Each model has ``rows(Z)``, the next outputs for rows of lagged signals, ``run(start, bound)``, the
 free run over one record, and ``plain_law()``.
@@ -20,7 +20,7 @@ _BLOCK = 16_384  # rows of lagged inputs at a time
 
 
 def step(x, at, c):
-    """Stand for the law of a model."""
+    """Placeholder of a model's law, which `bind` puts in its place."""
     raise NotImplementedError
 
 
@@ -28,7 +28,7 @@ def run(c, inputs, lags, bound, y):
     """Fill ``y``, (start + n,), which holds the outputs before the run.
 
     The signals are lagged ``inputs`` (n, n_inputs) and the outputs with ``lags``. Outputs beyond
-    ``bound`` are cut off there. The law is one that needs no room.
+    ``bound`` are cut off there. The law must not need work space.
     """
     n_samples, n_inputs = inputs.shape
     before = len(y) - n_samples
@@ -48,11 +48,11 @@ class Step:
     ``_loop`` is :func:`run` bound to a law, or another with its arguments.
     """
 
-    room = 0  # numbers behind the signals that the plain law uses
-    output_weights = None  # (n_weights,): what enters the output linearly, if there is such
+    room = 0  # numbers after the signals that the plain law uses as work space
+    output_weights = None  # (n_weights,): weights that enter the output linearly, if there are any
 
     def _constants(self):
-        """Return what the loop knows of the model."""
+        """Return the constants of the loop."""
         raise NotImplementedError
 
     def plain_law(self):
@@ -64,9 +64,9 @@ class Step:
         raise NotImplementedError
 
     def output_columns(self, Z):
-        """Return what the output weights multiply, (n, n_weights), for rows of lagged signals.
+        """Return the regressors of the output weights, (n, n_weights), for rows of lagged signals.
 
-        With it comes the derivative of the output by each signal, (n, n_signals).
+        The second value are the derivatives of the output by each signal, (n, n_signals).
         """
         raise NotImplementedError
 
@@ -85,7 +85,7 @@ class Step:
         return y, bool(-bound < y.min(initial=0.0) and y.max(initial=0.0) < bound)
 
     def rows(self, Z):
-        """Return the next outputs: a run whose signals are all inputs."""
+        """Return the next outputs (n,) for rows of lagged signals."""
         y = np.empty(len(Z))
         self._fill(np.ascontiguousarray(Z), np.empty(0, dtype=np.int64), np.inf, y)
         return y

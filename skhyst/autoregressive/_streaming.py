@@ -1,8 +1,8 @@
-"""One sample of a model that sees past inputs and past outputs, in plain arithmetic.
+"""Compiled step of a model of past inputs and past outputs.
 
-The state holds the rows of inputs and of what is made of them, the latest first, then the outputs,
-the latest first, then the signals that the model sees, with room behind them. A regressor without a
-memory of its own is such a model of the latest row alone.
+The state holds the rows of inputs and of features computed from them, the latest first, then the
+outputs, the latest first, then the signals of the model and its work space. A regressor without
+memory is such a model of the latest row alone.
 """
 
 from functools import cache
@@ -16,24 +16,25 @@ from ..preprocessing import SampleRules, follow_rules
 from ._extract import extract_step
 from ._runs import Lags, clipped
 
-_DECADES = 10.0 ** np.arange(-9, 10, 3)  # of the numbers with which a regressor is tried out
-_TRIES = 16  # rows in each
-_SAME = 1e-9  # difference of predictions, in parts of the largest, that is rounding
+_DECADES = 10.0 ** np.arange(-9, 10, 3)  # magnitudes of the rows on which a regressor is tested
+_TRIES = 16  # rows per magnitude
+_SAME = 1e-9  # largest difference of predictions by rounding, relative to the largest prediction
 
 
 @jit(inline=True)
 def _moved(s, at, size, by):
-    """Make place for ``by`` numbers at the beginning of ``s[at : at + size]``."""
+    """Shift ``s[at : at + size]`` back by ``by``, which frees as many numbers at its beginning."""
     for i in range(at + size - 1, at + by - 1, -1):
         s[i] = s[i - by]
 
 
 @jit
 def signals_of(c, s):
-    """Write the signals of a sample whose inputs have come in, and return their place.
+    """Write the signals of a sample whose inputs are set, and return their position in ``s``.
 
     ``c`` begins with (n_columns, size of a row, size of all rows, n_outputs, bound, places, rules):
-    where outputs are cut off, the place of each signal in the state, and how a row is made.
+    ``bound`` cuts off outputs, ``places`` are the positions of the signals in the state, ``rules``
+    the table by which the features of a row are computed.
     """
     places, at = c[5], int(c[2]) + int(c[3])
     follow_rules(s, int(c[1]), int(c[0]), c[6])
@@ -44,7 +45,7 @@ def signals_of(c, s):
 
 @jit
 def remembered(y, c, s):
-    """Return an output that is cut off at the bound, and remember it."""
+    """Return an output, cut off at the bound, after storing it among the past outputs."""
     y = clipped(y, c[4])
     first, n_outputs = int(c[2]), int(c[3])
     if n_outputs > 0:
@@ -54,7 +55,7 @@ def remembered(y, c, s):
 
 
 def step(x, at, c):
-    """Stand for the law of a model, see ``_steps``."""
+    """Placeholder of a model's law, see ``_steps``."""
     raise NotImplementedError
 
 
@@ -88,19 +89,19 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
     step : Step or None
         The model; None where it has to be called.
     inputs : sequence of (int, int)
-        Place in a row, and lag, of each signal.
+        Position in a row, and lag, of each input signal.
     outputs : sequence of int
-        Lags of the outputs, the signals behind them.
+        Lags of the output signals, which follow the input signals.
     bound : float
         Magnitude at which outputs are cut off.
     rules : SampleRules
-        How a row is made, and the row before.
+        Rules of the features of a row, and the row before the first sample.
     history : ndarray of shape (n_outputs,)
-        Outputs before, the latest last.
+        Outputs before the first sample, the latest last.
     call : callable, optional
         Maps rows of signals (n, n_signals) to outputs (n,), where there is no step.
     name : str, optional
-        Of what is called.
+        Name of what is called.
     """
     size, n_outputs = len(rules.row), len(history)
     n_columns = size - len(rules.table)
@@ -129,23 +130,23 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
 
 
 def compiled_regressor(estimator, n_columns, dt=1.0, u0=0.0):
-    """Return a fitted regressor, or a pipeline behind transformers of skhyst, as a compiled step.
+    """Return a fitted regressor, or a pipeline after transformers of skhyst, as a compiled step.
 
-    It is plain arithmetic where the parameters of the regressor are known, as in the free run of a
+    It is plain arithmetic where the regressor can be extracted, as in the free run of a
     :class:`NARXRegressor`; any other is called.
 
     Parameters
     ----------
     estimator : estimator
-        Its prediction for a row is a number that depends on that row alone, but for what
-        transformers such as :class:`~skhyst.preprocessing.PlayOperators` remember, the first steps
+        Its prediction for a row must be one number that depends on that row alone, apart from the
+        memory of transformers such as :class:`~skhyst.preprocessing.PlayOperators` at the beginning
         of a pipeline.
     n_columns : int
-        Of its input.
+        Number of columns of its input.
     dt : float, default=1.0
         Sampling interval in s.
     u0 : float or array-like of shape (n_columns,), default=0.0
-        Inputs at which the device rests before.
+        Inputs at which the device is at rest before the first sample.
 
     Returns
     -------
@@ -154,7 +155,7 @@ def compiled_regressor(estimator, n_columns, dt=1.0, u0=0.0):
     Raises
     ------
     NotImplementedError
-        If a prediction depends on other rows, or is several numbers.
+        If a prediction depends on other rows, or there are several outputs.
 
     Examples
     --------
@@ -193,7 +194,7 @@ def compiled_regressor(estimator, n_columns, dt=1.0, u0=0.0):
             if not np.allclose(there, back, rtol=0.0, atol=_SAME * size, equal_nan=True):
                 raise NotImplementedError(
                     f"{name} cannot be stepped: its prediction for a row depends on the rows "
-                    "before, and what it remembers of them is not known."
+                    "before, and its memory of them is not known."
                 )
         lags = Lags(tuple((j, 0) for j in range(n_signals)), (), n_signals)
         step = extract_step(estimator, lags, blocks, predict)

@@ -1,14 +1,16 @@
-"""Which terms a model needs whose error is no linear function of its coefficients.
+"""Term selection for models whose error is a nonlinear function of the coefficients.
 
-The fit of a subset and a search around it take turns: condensed, the Jacobian of all candidates at
-the solution and the error make a linear problem, whose best subset is fitted next. Gauss-Newton
-steps are damped as by Levenberg and Marquardt, on condensed data. A run that has left the data says
-nothing of the way back; it is led there by a pull towards the measurement, which is then let go.
+The fit of a subset and a search around it alternate: the Jacobian of all candidates at the solution
+and the error, condensed, are a linear problem, whose best subset is fitted next. Gauss-Newton steps
+are damped (Levenberg-Marquardt), on condensed data. The Jacobian of a run that has diverged does
+not show how to return; such a run is first pulled towards the measured response, by a fraction
+that is reduced to zero in steps.
 
-An equation whose lags go on beyond those of the truth holds it times a factor, the same combination
-of all its terms and of their past: the free run is that of the truth, whatever the factor, but for
-what it takes up of the noise next to a pole on the unit circle. No single removal leads out of
-there, so subsets without the latest of the terms that are each other, shifted, are tried too.
+An equation with longer lags than the true one can be the true one multiplied by a common factor: a
+linear combination of the true equation and its own past. The free run is the same for any factor,
+except that a factor with a pole near the unit circle can fit noise. No single removal leads from
+there to the true equation, so subsets are tried too that lack the longest-lagged of the terms that
+are shifts in time of each other.
 """
 
 import warnings
@@ -20,17 +22,17 @@ from ..exceptions import ConvergenceWarning
 from ._problems import initial_basis
 from ._selection import Search, condense, condense_folds, subset_solution
 
-_TOLERANCE = 1e-10  # part of the sum of squares that a further step must promise
+_TOLERANCE = 1e-10  # predicted relative decrease of the sum of squares at which a fit stops
 _ROUGH = 1e-5  # the same while subsets are compared
-_EVALUATIONS = 150
-_FEW = 10  # on the way
-_PULLS = (0.5, 0.2, 0.05)  # of the run towards the measurement, before it is let go
-_SIZES = (3, 6, 12)  # of subsets to begin from where the chosen one is unstable
+_EVALUATIONS = 150  # of the final fit
+_FEW = 10  # evaluations of an intermediate fit
+_PULLS = (0.5, 0.2, 0.05)  # fractions by which a diverged run is pulled to the measured response
+_SIZES = (3, 6, 12)  # numbers of terms to start from where the chosen subset is unstable
 _ROUNDS = 10  # of search and fit
 
 
 class _State(NamedTuple):
-    """A subset of the terms, fitted with what else is unknown, and the search around it."""
+    """A fitted subset of the terms, with all unknowns, and the search around it."""
 
     subset: list
     theta: np.ndarray
@@ -40,9 +42,9 @@ class _State(NamedTuple):
 
 
 def improve(problem, search, n_terms):
-    """Return subset, unknowns, the search on the Jacobian there, and the runs it took.
+    """Return the best subset, its unknowns, the search on the Jacobian there, the number of runs.
 
-    Begins from the search of the linear problem one step ahead. ``n_terms`` is None where the
+    It starts from the search of the linear problem one step ahead. ``n_terms`` is None where the
     criterion decides.
     """
     fits = _Fits(problem, search.criterion, n_terms)
@@ -57,7 +59,7 @@ def improve(problem, search, n_terms):
     state = fits.settle(state.subset, state.theta[: len(state.subset)], rough=False)
     if not state.converged:
         warnings.warn(
-            "The fit of NARMAXRegressor has not converged; it stopped at the best so far.",
+            "The fit of NARMAXRegressor has not converged; the best fit so far is returned.",
             ConvergenceWarning,
             stacklevel=5,
         )
@@ -65,14 +67,14 @@ def improve(problem, search, n_terms):
 
 
 class Descent:
-    """Damped Gauss-Newton steps on a problem, whose runs are counted."""
+    """Damped Gauss-Newton steps on a problem; counts its evaluations."""
 
     def __init__(self, problem):
         self.problem = problem
         self.n_evaluations = 0
 
     def descend(self, subset, theta, pull, budget, tolerance):
-        """Take damped Gauss-Newton steps from ``theta``; return the end and whether it is best."""
+        """Take damped Gauss-Newton steps from ``theta``; return the end and if it has converged."""
         factor = self._condensed(subset, theta, pull)
         if not np.isfinite(factor).all():
             return theta, False
@@ -89,6 +91,8 @@ class Descent:
             predicted = float(np.sum(target**2) - np.sum((target - r @ step) ** 2))
             if not predicted > tolerance * cost + 1e-28 * scale:
                 return theta, True
+            # damping by the gain ratio (Nielsen): it falls after a good step and grows ever faster
+            # after bad ones
             trial = self._condensed(subset, theta + step, pull)
             gain = cost - float(np.sum(trial[:, -1] ** 2))
             if np.isfinite(trial).all() and gain > 0.0:
@@ -110,7 +114,7 @@ class Descent:
 
 
 class _Fits(Descent):
-    """Fits of subsets, and what each leads to; parameters as in :func:`improve`."""
+    """Fits of subsets and the subsets to try next; parameters as in :func:`improve`."""
 
     def __init__(self, problem, criterion, n_terms):
         super().__init__(problem)
@@ -118,7 +122,7 @@ class _Fits(Descent):
         self.shifts = problem.shifts()
 
     def begin(self, search):
-        """Yield states to begin from: one, unless its run has left the data."""
+        """Yield states to start from: one, or several where its run has diverged."""
         subset, theta = self._best(search, self.n_terms)
         lost = self.problem.lost(subset, theta)
         if lost and self.n_terms is None:
@@ -134,7 +138,7 @@ class _Fits(Descent):
         return subset, subset_solution(search.factor, subset)[0]
 
     def neighbours(self, state):
-        """Yield other subsets that promise more: the best one first, then the best single move."""
+        """Yield subsets with a better predicted criterion: the best, then the best single move."""
         best = state.search.best(self.n_terms)
         if set(best) != set(state.subset):
             yield best
@@ -145,7 +149,7 @@ class _Fits(Descent):
     def trials(self, state):
         """Yield other subsets, fitted: the neighbours, then those without a common factor.
 
-        It may have taken the place of a term, so these are searched around too.
+        A common factor may have replaced a term, so the search is repeated from these.
         """
         for subset in self.neighbours(state):
             yield self.settle(subset, subset_solution(state.search.factor, subset)[0])
@@ -155,7 +159,7 @@ class _Fits(Descent):
             yield self.settle(*self._best(other.search, None))
 
     def settle(self, subset, theta, pull=0.0, *, rough=True):
-        """Fit a subset and look around it."""
+        """Fit a subset, and set up the search around it on the Jacobian of all candidates."""
         problem, n_own, n_terms = self.problem, len(subset), len(self.problem.terms)
         theta, converged = self._solve(subset, theta, pull, rough)
         full = np.concatenate([np.zeros(n_terms), theta[n_own:]])
@@ -163,8 +167,10 @@ class _Fits(Descent):
         blocks, cost = [], 0.0
         for tangents, error in problem.blocks(range(n_terms), full, pull)[0]:
             cost += float(error @ error)
+            # the linearised problem: the target is what all coefficients together have to explain
             target = error + tangents[:, subset] @ full[subset]
             block = np.column_stack([tangents[:, :n_terms], target])
+            # initial outputs are unknowns of every subset, so their effect is projected out
             q = initial_basis(tangents[:, n_terms:])
             block -= q @ (q.T @ block)
             blocks.append(block)
@@ -178,11 +184,12 @@ class _Fits(Descent):
         return _State(list(subset), theta, search, value, converged)
 
     def _solve(self, subset, coefficients, pull, rough):
-        """Return the unknowns that minimise the sum of squares, and whether that was reached.
+        """Return the unknowns that minimise the sum of squares, and whether the fit converged.
 
         A rough solution is good enough to compare subsets.
         """
         theta = np.array(self.problem.unknowns(np.asarray(coefficients, dtype=float)))
+        # a diverged run is pulled to the measured response, less from fit to fit
         if not pull and self.problem.lost(subset, coefficients):
             for step in _PULLS:
                 theta, _ = self.descend(subset, theta, step, _FEW, _ROUGH)

@@ -1,9 +1,9 @@
-"""Sums of decision trees that see their own past outputs, and those of scikit-learn as such.
+"""Sums of decision trees that are fed their own past outputs, extracted from scikit-learn.
 
-All nodes lie in one array, each tree depth first, so that the left child of a node comes right
-after it, often in the same line of the cache. A node of ``NODE`` is a threshold, the feature that
-is compared with it, and the place of the right child; a leaf has the feature -1 and its value in
-the place of the threshold.
+All nodes are in one array, each tree depth first, so that the left child of a node comes right
+after it, often in the same cache line. A node of ``NODE`` is a threshold, the feature that is
+compared with it, and the index of the right child; a leaf has the feature -1 and its value as
+threshold.
 """
 
 from dataclasses import dataclass
@@ -26,12 +26,12 @@ def _packed(nodes, place):
 
 @jit
 def _plain(nodes, place):
-    """Return the same of a row of numbers."""
+    """Return the same from a row of an array of floats."""
     return nodes[place, 0], int(nodes[place, 1]), int(nodes[place, 2])
 
 
 def step(nodes, place):
-    """Stand for what reads a node."""
+    """Placeholder of the function that reads a node."""
     raise NotImplementedError
 
 
@@ -59,7 +59,7 @@ class TreesStep(Step):
     centre: np.ndarray  # (n_signals,): features are (signal - centre) / scale
     scale: np.ndarray
     nodes: np.ndarray  # of NODE, those of all trees
-    roots: np.ndarray  # place of each tree's first node
+    roots: np.ndarray  # index of each tree's first node
     offset: float
     factor: float
 
@@ -78,10 +78,11 @@ _TREES = bind(trees, _plain)
 
 
 def rounded_at(thresholds):
-    """Return thresholds for numbers as they are, where their rounding to float32 is compared.
+    """Return thresholds for float64 signals that decide as the given ones do for float32 signals.
 
-    Rounding is monotone: up to half way between the last float32 that is not above the threshold
-    and the next one, numbers are rounded down, and half way to the one whose last bit is zero.
+    scikit-learn rounds signals to float32 before it compares them. Rounding is monotone: signals
+    below the midpoint between the largest float32 that is not above the threshold and the next one
+    are rounded down, the midpoint itself to the one whose last bit is zero.
     """
     below = thresholds.astype(np.float32)
     below = np.where(below > thresholds, np.nextafter(below, np.float32(-np.inf)), below)

@@ -1,4 +1,4 @@
-"""Linear systems of SciPy and python-control, as arrays: it knows no operator's class."""
+"""Conversion of linear systems to and from SciPy and python-control, as arrays."""
 
 import numpy as np
 from scipy import signal
@@ -7,7 +7,7 @@ from ._linear import complex_gain
 
 
 def poles_and_response(system):
-    """Return the poles and a function of rad/s that gives the responses (n, n_inputs)."""
+    """Return the poles in rad/s and a function of rad/s (n,) that gives the gains (n, n_inputs)."""
     if getattr(system, "dt", None):
         raise ValueError(
             f"The 'system' must be in continuous time. Got one with dt = {system.dt} instead."
@@ -52,7 +52,7 @@ def control_system(operator, delays=0.0):
 
 
 def _matrices(operator, delays):
-    """Return two-dimensional matrices A, B, C, D; refuse a delay, which they cannot have."""
+    """Return two-dimensional matrices A, B, C, D; refuse a delay, which they cannot represent."""
     if np.any(delays):
         raise ValueError(
             "A model with a delay has no finite state space. Fit one with delay=0, or convert its "

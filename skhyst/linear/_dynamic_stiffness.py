@@ -1,10 +1,9 @@
-"""Force of a measured motion: mass, dashpot and spring, ``y = m u'' + d u' + k u + c``.
+"""Force from a measured motion: mass, dashpot and spring, ``y = m u'' + d u' + k u + c``.
 
 The first derivative is the least-squares slope over the last ``smoothing`` intervals, the backward
-difference by default; the second is the same slope of the first. They lag behind by
-``smoothing / 2`` and ``smoothing`` intervals and do not know the future. What came before a record
-is unknown in "rest", for it may begin in motion: a derivative counts as zero until the record is
-as long as its window.
+difference by default; the second is the same slope of the first. Both are causal and lag by
+``smoothing / 2`` and ``smoothing`` intervals. With "rest" the motion before a record is unknown,
+since a record may begin in motion: a derivative is zero until the record is as long as its window.
 """
 
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ from ..operators import (
 
 @jit
 def stiffness_step(u, c, s):
-    """Return the force at one sample; ``s`` is that of one slope or two, see :func:`slope_step`.
+    """Return the force at one sample; ``s`` is the state of one or two :func:`slope_step`.
 
     ``c`` is (weights of the differences, mass, damping, stiffness, intercept, whether the drive is
     a velocity).
@@ -40,14 +39,14 @@ def stiffness_step(u, c, s):
     if is_velocity > 0.0:
         return y + mass * first + damping * u
     second = 0.0
-    if s[0] == 0.0:
+    if s[0] == 0.0:  # before, the first slope is not known and must not enter the second
         second = slope_step(first, weights, s, weights.size + 2)
     return y + mass * second + damping * first + stiffness * u
 
 
 @dataclass(frozen=True)
 class DynamicStiffnessOperator(Operator):
-    """Equation of motion seen from the force, :class:`DynamicStiffness`.
+    """Equation of motion with the force as response, see :class:`DynamicStiffness`.
 
     The state is the last samples, at most ``2 smoothing`` of a displacement and ``smoothing`` of a
     velocity.
@@ -55,11 +54,11 @@ class DynamicStiffnessOperator(Operator):
     Parameters
     ----------
     mass : float, default=0.0
-        ``m`` in response s^2/drive, for a velocity response s/drive.
+        ``m`` in response s^2/drive; if the drive is a velocity, in response s/drive.
     damping : float, default=0.0
-        ``d`` in response s/drive, for a velocity response/drive.
+        ``d`` in response s/drive; if the drive is a velocity, in response/drive.
     stiffness : float, default=0.0
-        Spring ``k`` in response/drive; none for a velocity.
+        Spring ``k`` in response/drive; 0 if the drive is a velocity.
     intercept : float, default=0.0
         Constant ``c`` in units of the response.
     drive : {"displacement", "velocity"}, default="displacement"
@@ -93,7 +92,7 @@ class DynamicStiffnessOperator(Operator):
 
     def parameter_specs(self):
         specs = super().parameter_specs()
-        if self.drive == "velocity":  # one derivative less, and no k
+        if self.drive == "velocity":  # one derivative less in each unit, and no stiffness
             specs["mass"], specs["damping"] = specs["damping"], specs["stiffness"]
             del specs["stiffness"]
         return specs
@@ -103,7 +102,7 @@ class DynamicStiffnessOperator(Operator):
         return self.smoothing * (2 if self.drive == "displacement" else 1)
 
     def _terms(self, u, past, dt):
-        """Return what mass, damping and, of a displacement, stiffness multiply."""
+        """Return the regressors of mass, damping and, for a displacement, stiffness."""
         first = slopes(np.concatenate([past, u]), dt, self.smoothing)
         if self.drive == "velocity":
             return latest(first, len(u)), u
@@ -146,15 +145,14 @@ class DynamicStiffnessOperator(Operator):
 
 
 class DynamicStiffness(ParametricModel):
-    r"""Equation of motion seen from the force: mass, dashpot and spring.
+    r"""Inverse dynamics of mass, dashpot and spring: the force that goes with a motion.
 
     .. math:: y = m \ddot u + d \dot u + k u + c, \qquad \text{or } y = m \dot u + d u + c
 
-    The drive ``u`` is a measured displacement, or a velocity, and the response the force (current,
-    pressure, voltage of a motor) that went with it: the declared model of a damper on a test bench,
-    and of a robot's drive whose parameters are identified from its inverse. All parameters are
-    linear and solved exactly. A friction force is added beside it in a
-    :class:`~skhyst.compose.Sum`.
+    The drive ``u`` is a measured displacement or velocity, and the response the force (current,
+    pressure, voltage of a motor) measured with it: the model of a damper on a test bench, and of a
+    robot joint that is identified from its inverse dynamics. All parameters are linear and solved
+    exactly. A friction force is added in parallel in a :class:`~skhyst.compose.Sum`.
 
     Parameters
     ----------
@@ -168,7 +166,7 @@ class DynamicStiffness(ParametricModel):
         What the drive is.
     smoothing : int, default=1
         Sampling intervals over which slopes are taken. 1 is the backward difference, exact for a
-        drive that is straight between samples; take more for an encoder whose noise or steps
+        drive that is linear between samples; take more for an encoder whose noise or quantisation
         differences would amplify.
 
     Attributes
@@ -178,13 +176,13 @@ class DynamicStiffness(ParametricModel):
 
     Notes
     -----
-    Derivatives are taken from the past alone: the velocity lags behind by ``smoothing / 2``
-    intervals and the acceleration by ``smoothing``. Keep that short against the motion: a lag of
-    the velocity is taken for a mass, about damping times lag.
+    Derivatives are causal: the velocity lags by ``smoothing / 2`` intervals and the acceleration
+    by ``smoothing``. Keep these lags short relative to the motion: a lag of the velocity appears as
+    an additional mass of about damping times lag.
 
-    Its noise is that of derivatives: with a displacement that has a standard error e, accelerations
-    from backward differences have 2.4 e/dt^2. Where the displacement is noisier than the force,
-    identify a :class:`SecondOrderMode` from the force instead.
+    Differentiation amplifies noise: where the displacement has a standard error e, acceleration
+    from backward differences has 2.4 e/dt^2. Where the displacement is noisier than the force,
+    identify a :class:`SecondOrderMode` with the force as drive instead.
 
     Examples
     --------
@@ -199,7 +197,7 @@ class DynamicStiffness(ParametricModel):
     >>> print(f"{model.operator_.mass:.2f} {model.operator_.stiffness:.0f}")
     2.01 499
 
-    The velocity lags behind by half an interval, which is taken for a mass of about 30 times
+    The velocity lags by half an interval, which appears as an additional mass of about 30 times
     0.0005.
     """
 

@@ -1,4 +1,4 @@
-r"""The frequency response of a recording, without a model.
+r"""The nonparametric frequency response of a recording.
 
 From averaged spectra: with the discrete Fourier transforms :math:`U_s` (n_inputs) and :math:`Y_s`
 of the windowed segments :math:`s = 1 \dots n`,
@@ -8,8 +8,9 @@ of the windowed segments :math:`s = 1 \dots n`,
 
 is the least-squares solution of :math:`Y_s = U_s^T G`. Segments that overlap are correlated: they
 count as :math:`n' = n^2 / \sum_{s,t} \rho_{st}` independent ones, where :math:`\rho_{st}` is the
-squared correlation of the two windows where they lie (Welch 1967). The residual's power, divided by
-:math:`n' - n_{inputs}`, is the noise in one of them. Periods are in ``_periodic``.
+squared correlation of the two windows at their positions (Welch 1967). The residual's power,
+divided by :math:`n' - n_{inputs}`, is the noise power of one segment. Periodic records are treated
+in ``_periodic``.
 """
 
 from numbers import Integral, Real
@@ -26,9 +27,9 @@ from ..records import record_slices
 from ._frequency_response import FrequencyResponse
 from ._periodic import find_period, period_mismatch, periodic_estimate
 
-_MISMATCH = 0.05  # power of a period's change beyond which a given period is none
-_WEAKEST = 1e-10  # power of the weakest combination of inputs, of the largest power of all lines
-_SEGMENTS = 8  # that the default segment_length makes of the recording, overlaps not counted
+_MISMATCH = 0.05  # largest power of the change over a given period, relative to the drive's
+_WEAKEST = 1e-10  # least power of the weakest combination of inputs, relative to the largest line
+_SEGMENTS = 8  # segments in the recording by default, without overlap
 
 
 @validate_params(
@@ -61,7 +62,7 @@ def frequency_response(
     min_excitation=1e-3,
     dt=1.0,
 ) -> FrequencyResponse:
-    r"""Estimate the frequency response of a recording, without a model, and its uncertainty.
+    r"""Estimate the nonparametric frequency response of a recording and its uncertainty.
 
     **Noise and sweeps: "h1", "h2", "hv".** The spectra are averaged over segments of all records
     (Welch's method). With the spectra :math:`S_{uu}, S_{uy}, S_{yy}`,
@@ -70,23 +71,24 @@ def frequency_response(
         H_v = \sqrt{S_{yy} / S_{uu}}\; S_{uy} / |S_{uy}|
 
     ``h1`` is right when noise is in the response, ``h2`` when it is in the measured drive, ``hv``
-    when both have the same ratio of signal to noise (this one does not depend on units). With the
-    coherence :math:`\gamma^2` and :math:`n` averages (overlapping segments count for what they
-    are worth), the variance of ``h1`` and ``h2`` is :math:`|G|^2 (1 - \gamma^2) / (\gamma^2 n)`
-    for one input, half of that times :math:`1 + \gamma^2` for ``hv``. Segments must be long
-    beside the ringing of the device: what an earlier drive still does to them biases the estimate.
+    when both have the same signal-to-noise ratio (this one does not depend on units). With the
+    coherence :math:`\gamma^2` and :math:`n` averages (overlapping segments count as the equivalent
+    number of independent ones), the variance of ``h1`` and ``h2`` is
+    :math:`|G|^2 (1 - \gamma^2) / (\gamma^2 n)` for one input, half of that times
+    :math:`1 + \gamma^2` for ``hv``. Segments must be long relative to the ringing of the device:
+    the response to the drive before a segment biases the estimate.
 
-    **Repeated periods: "periodic".** At the excited lines, by exact transforms of whole periods:
-    no leakage. Each drive is a realisation (records with the same drive are one), all of the same
-    amplitude. The estimate is the best linear approximation: least squares over realisations, for
-    one input their mean. Then
+    **Repeated periods: "periodic".** At the excited lines, from Fourier transforms of whole
+    periods, which have no leakage. Each distinct drive is a realisation (records with the same
+    drive form one); all should have the same amplitude. The estimate is the best linear
+    approximation: least squares over realisations, for one input their mean. Then
 
-    - ``noise_std`` comes from the scatter of periods and is that of the averaged estimate;
-    - ``std``, also of the averaged estimate, comes from the scatter of realisations when there are
-      more of them than inputs, and so contains noise and stochastic nonlinear distortion. With
-      fewer it is ``noise_std``, which knows nothing of nonlinearity;
+    - ``noise_std``, of the averaged estimate, comes from the scatter between periods;
+    - ``std``, also of the averaged estimate, comes from the scatter between realisations when there
+      are more of them than inputs, and so contains noise and stochastic nonlinear distortion. With
+      fewer it is ``noise_std``, which contains no nonlinear distortion;
     - ``distortion_std`` is the level of distortion in one realisation (one group of ``n_inputs``
-      experiments): the total variance less that of noise. None for one realisation.
+      experiments): the total variance minus that of noise. None for one realisation.
 
     Parameters
     ----------
@@ -98,39 +100,39 @@ def frequency_response(
         ``"auto"`` is ``"periodic"`` where a period is given or the drives have one, else ``"h1"``.
         ``"h2"`` and ``"hv"`` are for one input.
     inputs : "all", str, int or list of these, default="all"
-        The columns of X that drive the response, by name or position.
+        The columns of X that are inputs, by name or position.
     segment_length : int, optional
-        Samples of a segment. By default an eighth of the recording, at most its shortest record.
+        Samples per segment. By default an eighth of the recording, at most its shortest record.
     overlap : float, default=0.5
-        Part of a segment that the next one shares.
+        Fraction of a segment that is shared with the next one.
     window : str, tuple or array-like of shape (segment_length,), default="hann"
         Window of the segments, as for :func:`scipy.signal.get_window`.
     detrend : {"constant", "linear"} or None, default="constant"
-        What is taken from every segment before the window.
+        What is removed from every segment before windowing: its mean or its linear trend.
     period : int, optional
-        Period of the drives in samples. By default it is found.
+        Period of the drives in samples. By default it is detected.
     transient_periods : int, default=1
         Periods at the start of each record that are not in steady state yet and are dropped.
         Samples after the last whole period are not used.
     min_excitation : float, default=1e-3
-        ``"periodic"`` takes the lines whose drive has at least this part of the largest amplitude,
-        and stands out of its own noise. Of several inputs, the weakest combination counts.
+        ``"periodic"`` takes the lines where the drive has at least this fraction of its largest
+        amplitude and exceeds its own noise. With several inputs the weakest combination counts.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
 
     Returns
     -------
     FrequencyResponse
-        Without the lines at zero (where an offset is no drive) and at half the sampling rate.
+        Without the lines at zero (an offset is no excitation) and at half the sampling rate.
 
     Raises
     ------
     RecordError
-        If a record is sampled unevenly, is shorter than a segment, or has no whole period after
+        If a record is sampled unevenly, is shorter than a segment, or has no complete period after
         the transient ones; or the drive does not repeat after the period.
     ValueError
-        If a value is not finite, an input or the response is constant, the inputs depend on each
-        other at all lines, or there are fewer segments or realisations than inputs.
+        If a value is not finite, an input or the response is constant, the inputs are linearly
+        dependent at all lines, or there are fewer segments or realisations than inputs.
 
     References
     ----------
@@ -171,8 +173,9 @@ def frequency_response(
         lines, estimate = _welch(records, samples, overlap, window, detrend, method)
     if not lines.size:
         raise ValueError(
-            f"The inputs of frequency_response must excite a line, and differ from each other "
-            f"there. Got none that do so for {method!r} instead; choose columns by 'inputs'."
+            f"The inputs of frequency_response must excite at least one line and be linearly "
+            f"independent there. Got no such line with {method!r} instead; choose columns by "
+            f"'inputs'."
         )
     found = FrequencyResponse(
         frequency=lines / (samples * interval),
@@ -188,8 +191,8 @@ def frequency_response(
 def _read(X, y, inputs, dt):
     """Return the names of the inputs, (label, inputs, response) of each record, slices, scales.
 
-    The signals of the records are divided by their largest values; ``scales`` (n_inputs,) undoes
-    it for a frequency response.
+    The signals of the records are divided by their largest magnitudes; a frequency response times
+    ``scales`` (n_inputs,) is in the units of the recording.
     """
     values, response = check_X_y(X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=4)
     count, response = values.shape[1], response.astype(float)
@@ -220,7 +223,7 @@ def _read(X, y, inputs, dt):
 
 
 def _welch(records, length, overlap, window, detrend, method):
-    """Return the lines and the estimate from segments, if the records have enough of them."""
+    """Return the lines and the estimate from averaged segments; refuse records with too few."""
     for label, _, response in records:
         if len(response) < length:
             raise RecordError(
@@ -242,7 +245,7 @@ def _welch(records, length, overlap, window, detrend, method):
 
 
 def _effective_averages(window, step, counts):
-    """Return how many independent segments those of records are worth, ``counts`` in each."""
+    """Return the equivalent number of independent segments; records have ``counts`` segments."""
     counts = np.asarray(counts, dtype=float)
     total = pairs = counts.sum()
     for k in range(1, int(np.ceil(window.size / step))):
@@ -252,8 +255,9 @@ def _effective_averages(window, step, counts):
 
 
 def _welch_estimate(records, window, step, detrend, method, n_averages):
-    """Return the excited lines, but those with real transforms, and the estimate at them."""
+    """Return the excited lines and the estimate there."""
     length, m = window.size, records[0][1].shape[1]
+    # zero and half the sampling rate are left out: their transforms are real, not complex
     inner = slice(1, (length + 1) // 2)
     spectra = 0.0
     for _, inputs, response in records:
@@ -297,11 +301,11 @@ def _window(window, length):
 
 
 def _periodic(records, period, transient, min_excitation):
-    """Return the lines and the estimate from periods, if the records have them."""
+    """Return the lines and the estimate from periods; refuse records that do not have them."""
     if period is None:
         raise RecordError(
-            "The drives must repeat after a common period in every record. Got drives without "
-            "one instead; give the 'period' parameter of frequency_response, or choose another "
+            "The drives must repeat after a common period in every record. Got drives without a "
+            "period instead; give the 'period' parameter of frequency_response, or choose another "
             "'method'."
         )
     for label, inputs, response in records:
@@ -309,7 +313,7 @@ def _periodic(records, period, transient, min_excitation):
         if mismatch > _MISMATCH:
             raise RecordError(
                 f"The drives must repeat after the 'period' parameter of frequency_response, "
-                f"{period} samples. Got a change by {100 * mismatch:.3g} % of the power in record "
+                f"{period} samples. Got a change of {100 * mismatch:.3g} % of the power in record "
                 f"{label!r} instead."
             )
         if len(response) < (transient + 1) * period:

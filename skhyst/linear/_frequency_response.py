@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.stats import f as f_distribution
 
 _UNCERTAINTIES = ("std", "noise_std", "distortion_std")
-_ARRAYS = ("response", *_UNCERTAINTIES, "coherence")  # of all lines
+_ARRAYS = ("response", *_UNCERTAINTIES, "coherence")  # one row per line
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,26 +18,26 @@ class FrequencyResponse:
 
     .. math:: Y(f) = \sum_i G_i(f)\, U_i(f) + E(f)
 
-    :func:`frequency_response` makes one of a recording; one that an analyser has measured may be
-    given as it is. Every standard deviation is the root of :math:`E|\hat G - G|^2`, of real and
+    :func:`frequency_response` estimates one from a recording; one measured by an analyser can be
+    entered directly. Every standard deviation is the root of :math:`E|\hat G - G|^2`, of real and
     imaginary part together, in the units of ``response``.
 
     Parameters
     ----------
     frequency : ndarray of shape (n_frequencies,)
-        Hz, not negative, rising.
+        Hz, not negative, strictly increasing.
     response : ndarray of shape (n_frequencies, n_inputs) or (n_frequencies,), complex
         The frequency response :math:`\hat G`, units of the response over those of the input.
     std : ndarray of the shape of ``response`` or None, default=None
         Standard deviation of ``response``, of noise and nonlinear distortion together.
     noise_std : ndarray of the shape of ``response`` or None, default=None
-        Standard deviation of ``response`` that noise alone makes: what changes when the same
-        drives are measured again.
+        Standard deviation of ``response`` due to noise alone: its scatter when the same drives are
+        measured again.
     distortion_std : ndarray of the shape of ``response`` or None, default=None
         Stochastic nonlinear distortion of **one** realisation of the drive, not of the mean over
-        realisations; 0 where it cannot be told from noise.
+        realisations; 0 where it cannot be distinguished from noise.
     coherence : ndarray of shape (n_frequencies,) or None, default=None
-        Multiple coherence: the part of the response's power that the inputs explain linearly.
+        Multiple coherence: the fraction of the response's power that the inputs explain linearly.
     input_names : tuple of str, default=("drive",)
         Names of the inputs.
     output_name : str, default="response"
@@ -45,14 +45,15 @@ class FrequencyResponse:
     dt : float, default=1.0
         Sampling interval in s of the recording.
     degrees_of_freedom : float or None, default=None
-        Degrees of freedom (complex) from which ``std`` was estimated; None for many.
+        Degrees of freedom (complex) from which ``std`` was estimated; None for infinitely many.
     time_unit : {"s", "sample"}, default="s"
-        Of ``dt``. "sample" where the recording has no time: frequencies are then in cycles/sample.
+        Unit of ``dt``. "sample" where the recording has no time: frequencies are then in
+        cycles/sample.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit, the frequencies do not rise, or a value is not finite.
+        If the shapes do not match, the frequencies do not increase, or a value is not finite.
 
     Examples
     --------
@@ -80,8 +81,8 @@ class FrequencyResponse:
         frequency = np.asarray(self.frequency, dtype=float)
         if frequency.ndim != 1 or np.any(np.diff(frequency) <= 0) or np.any(frequency < 0):
             raise ValueError(
-                "The 'frequency' parameter of FrequencyResponse must be one-dimensional, rising "
-                f"and not negative. Got {self.frequency!r} instead."
+                "The 'frequency' parameter of FrequencyResponse must be one-dimensional, strictly "
+                f"increasing and not negative. Got {self.frequency!r} instead."
             )
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "input_names", tuple(map(str, self.input_names)))
@@ -118,12 +119,12 @@ class FrequencyResponse:
         return [(name, value) for name, value in pairs if value is not None]
 
     def compensate_delay(self, delay) -> Self:
-        r"""Take a known delay out: multiply by :math:`e^{+j \omega \tau}`.
+        r"""Remove a known delay: multiply by :math:`e^{+j \omega \tau}`.
 
         Parameters
         ----------
         delay : float or array-like of shape (n_inputs,)
-            Delay :math:`\tau` in s, one for all inputs or one each.
+            Delay :math:`\tau` in s, one for all inputs or one per input.
 
         Returns
         -------
@@ -138,16 +139,17 @@ class FrequencyResponse:
         return self._scaled(np.exp(2j * np.pi * self.frequency[:, None] * delay))
 
     def compensate_hold(self, hold="foh") -> Self:
-        r"""Take out what the hold of a drive does that is not band-limited, up to half the rate.
+        r"""Remove the effect of the drive's hold between samples, up to half the sampling rate.
 
-        A drive that goes in straight lines between its samples is weaker at high frequency than
-        its samples by :math:`(\sin x / x)^2`, :math:`x = \omega \Delta t / 2`; one that is held
-        constant by :math:`e^{-j x} \sin x / x`.
+        At high frequency a drive that is linear between samples (first-order hold) is weaker than
+        a band-limited one with the same samples by :math:`(\sin x / x)^2`,
+        :math:`x = \omega \Delta t / 2`; one that is held constant (zero-order hold) by
+        :math:`e^{-j x} \sin x / x`.
 
         Parameters
         ----------
         hold : {"foh", "zoh"}, default="foh"
-            Straight lines, or constant.
+            Drive between samples: linear, or constant.
 
         Returns
         -------
@@ -172,7 +174,7 @@ class FrequencyResponse:
         Parameters
         ----------
         order : int, default=1
-            How often; a negative one differentiates.
+            Number of integrations; a negative one differentiates.
 
         Returns
         -------
@@ -230,7 +232,7 @@ class FrequencyResponse:
         return self.std * np.sqrt(f_distribution.ppf(level, 2.0, 2.0 * dof))
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table.
+        """Return the frequency response as a table.
 
         Returns
         -------

@@ -59,7 +59,7 @@ class Gain(LinearModel):
 
     .. math:: y = g u + c
 
-    The plainest declared model of an actuator, and the least that an auxiliary input does.
+    The simplest model of an actuator, and of the effect of an auxiliary input.
 
     Attributes
     ----------

@@ -1,14 +1,13 @@
-"""A signal between its samples."""
+"""Interpolation of a signal between its samples."""
 
 from .._jit import jit
 
 
 @jit
 def delay_step(u, c, s):
-    """Return the signal some samples before; ``c`` are the weights of four samples.
+    """Return the delayed signal; ``c`` (4,) are the weights of the four oldest samples in ``s``.
 
-    ``s`` is the place of the next sample, then the samples so far, the first of the four the
-    oldest of them.
+    ``s`` is a ring buffer: the index at which the next sample is written, then the samples.
     """
     n = s.size - 1
     at = int(s[0])
@@ -23,7 +22,7 @@ def delay_step(u, c, s):
 
 @jit
 def cubic_weights(s):
-    """Return the weights of four samples, at 0 to 3, for the value and the slope at ``s``."""
+    """Return the weights of the samples at 0, 1, 2, 3 for the cubic's value and slope at ``s``."""
     values = (
         -(s - 1) * (s - 2) * (s - 3) / 6,
         s * (s - 2) * (s - 3) / 2,

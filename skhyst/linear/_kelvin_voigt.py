@@ -1,4 +1,4 @@
-"""Creep as a chain of Kelvin-Voigt units: Steinbusch (2020), (3.7), k_0 carried by the gain."""
+"""Creep as a chain of Kelvin-Voigt units: Steinbusch (2020), (3.7), with k_0 in the gain."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -17,10 +17,10 @@ from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
 _SPREAD = 10.0  # ratio of neighbouring time constants at the start
 _KNOWN = 0.01  # largest relative standard error of a static gain that counts as determined
-_SLOWER = 10.0  # the unit that may have been missed, in durations of the longest record
-_SILENT = 1e-11  # part of a column's power that rounding leaves
-_SINGULAR = 1e-12  # relative eigenvalue of the scaled normal equations
-_TOUCHED = 1e-3  # part of the gradient along a direction without information
+_SLOWER = 10.0  # time constant of a unit that the records do not show, in lengths of the longest
+_SILENT = 1e-11  # fraction of a column's power below which the column is rounding error
+_SINGULAR = 1e-12  # smallest relative eigenvalue of the scaled normal equations
+_TOUCHED = 1e-3  # largest fraction of the gain's gradient in directions without information
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,18 @@ class KelvinVoigt(LinearModel):
     .. math:: G(s) = g\,\Bigl(1 + \sum_i \frac{c_i}{\tau_i s + 1}\Bigr)
 
     This is (3.7) of Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in
-    High Speed Piezo Scanning Stages*, 2020, with its names put right: there :math:`c_i` is a
-    stiffness and :math:`k_i` a damping; here ``compliances`` are relative to the prompt response.
+    High Speed Piezo Scanning Stages*, 2020, with corrected names: there :math:`c_i` is a stiffness
+    and :math:`k_i` a damping; here ``compliances`` are relative to the prompt response.
 
-    **Which experiment.** The gain at rest, :math:`g\,(1 + \sum_i c_i)`, is what the drive has after
-    all creep. Records whose drive never stops, however many their periods, do not show it: a unit
-    slower than their period moves the mean of the response only, and a chain fitted to them may put
-    a false offset behind every step. Record steps with rests at least as long as the creep that is
-    to be described. ``static_gain_std_`` therefore includes a unit that is ten times slower than
-    the longest record and may have been missed, and where it exceeds 1 % of the gain, "static_gain"
-    stands in ``identifiability_["undetermined"]`` and a
-    :class:`~skhyst.exceptions.ConvergenceWarning` says so. :class:`LogCreep` is the alternative
-    where creep goes on over many decades of time.
+    **Which experiment.** The static gain, :math:`g\,(1 + \sum_i c_i)`, is the gain after all creep.
+    Records whose drive never rests do not determine it, however many periods they have: a unit
+    slower than the period only moves the mean of the response, and a chain fitted to such records
+    may predict a false offset after every step. Record steps with rests at least as long as the
+    creep to be described. ``static_gain_std_`` therefore accounts for a unit ten times slower than
+    the longest record that the fit may have missed; where it exceeds 1 % of the gain, "static_gain"
+    is listed in ``identifiability_["undetermined"]`` and a
+    :class:`~skhyst.exceptions.ConvergenceWarning` is raised. :class:`LogCreep` is the alternative
+    where creep extends over many decades of time.
 
     Parameters
     ----------
@@ -147,8 +147,8 @@ class KelvinVoigt(LinearModel):
             warnings.warn(
                 "The data do not determine the static gain of KelvinVoigt: it is "
                 f"{self.static_gain_:.3g} with a standard error of {self.static_gain_std_:.2g}, "
-                "since a slow unit would not have shown. Add a record with steps and rests as long "
-                "as the creep.",
+                "since these records do not show slow creep. Add a record with steps and rests as "
+                "long as the creep.",
                 ConvergenceWarning,
                 stacklevel=3,
             )
@@ -156,11 +156,11 @@ class KelvinVoigt(LinearModel):
 
 
 def _static_gain_variance(operator, records, fixed, initial_state):
-    """Return the variance of the gain at rest for a residual of unit power.
+    """Return the variance of the static gain for a residual of unit power.
 
-    It is known only as far as the records would have shown a unit far slower than they are. What
-    that was before a record is unknown unless the record starts from zero, so a constant and a
-    trend of each record tell nothing.
+    The model is extended by a unit much slower than the records, whose gain the data may not
+    determine. Its state before a record is unknown unless the record starts from zero, so an offset
+    and a linear trend are free in each record.
     """
     span = max(len(record.u) * record.dt for record in records)
     slow = FirstOrderLagOperator(_SLOWER * span, gain=0.0, hold=operator.hold)
@@ -183,11 +183,12 @@ def _static_gain_variance(operator, records, fixed, initial_state):
     gradient = np.array([by.get(name.partition("[")[0], 0.0) for name in problem.names])
     power = np.diag(gram)
     silent = power <= _SILENT * problem.powers(blocks)
-    if gradient[silent].any():
+    if gradient[silent].any():  # the records do not respond to a parameter of the gain
         return np.inf
     kept = np.flatnonzero(~silent)
     scale = np.sqrt(power[kept])
     values, vectors = np.linalg.eigh(gram[np.ix_(kept, kept)] / np.outer(scale, scale))
+    # the variance is infinite if the gain changes along a direction that the data do not determine
     parts = vectors.T @ (gradient[kept] / scale)
     lost = values < _SINGULAR * values[-1]
     if np.linalg.norm(parts[lost]) > _TOUCHED * np.linalg.norm(parts):

@@ -1,9 +1,9 @@
 """Linear operators, stepped exactly.
 
 A linear operator is given by its continuous-time matrices ``x' = A x + B u``, ``y = C x + D u``
-(+ intercept) as functions of its parameters. Between samples the input is a straight line
-(first-order hold, "foh") or constant (zero-order hold, "zoh"); for such an input the discrete form
-is exact. With ``h`` the interval,
+(+ intercept) as functions of its parameters. Between samples the input is linear (first-order hold,
+"foh") or constant (zero-order hold, "zoh"); for such an input the discrete form is exact. With
+``h`` the sampling interval,
 
     exp [[A h, B h, 0], [0, 0, 1], [0, 0, 0]] = [[Ad, G1, G2], [0, 1, 1], [0, 0, 1]]
 
@@ -34,17 +34,17 @@ from ..operators import (
     state_space_tangents,
 )
 
-_STEP = 1e-30  # of the complex step; far below rounding, far above underflow
+_STEP = 1e-30  # complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
-_LONG = 512  # samples for which the table of a block pays
+_LONG = 512  # samples from which on the table for blocks pays
 
 
 def refuse_open_hold(hold):
-    """Refuse a hold that nothing has decided."""
+    """Refuse the hold "auto", which only a fit to records can decide."""
     if hold not in ("foh", "zoh"):
         raise ValueError(
-            f"The 'hold' must be 'foh' or 'zoh' here: records alone decide on 'auto', when the "
-            f"whole model is fitted to them. Got {hold!r} instead."
+            f"The 'hold' must be 'foh' or 'zoh' here: 'auto' is decided only when the complete "
+            f"model is fitted to records. Got {hold!r} instead."
         )
 
 
@@ -68,7 +68,7 @@ def complex_gain(a, b, c, d, points):
 
 
 def _equilibrium(a, b):
-    """Return the state at rest for a unit input; what never comes to rest begins at zero."""
+    """Return the state at rest for a unit input; an integrator, which has none, begins at zero."""
     try:
         return -np.linalg.solve(a, b[..., None])[..., 0]
     except np.linalg.LinAlgError:  # a pole at zero
@@ -76,7 +76,7 @@ def _equilibrium(a, b):
 
 
 class DiscretizedOperator(Operator):
-    """Base of what remembers its discrete form by the interval."""
+    """Base of operators that cache their discrete form per sampling interval."""
 
     signal_linear = True
 
@@ -91,8 +91,8 @@ class DiscretizedOperator(Operator):
 class LinearOperator(DiscretizedOperator):
     """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
 
-    ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` puts them:
-    rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
+    ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` replaces
+    them: rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
     """
 
     hold = "foh"
@@ -105,7 +105,10 @@ class LinearOperator(DiscretizedOperator):
 
     @abstractmethod
     def _matrices(self, p):
-        """Return A (n, n), B (n,), C (n,), D as analytic functions of ``p``, shaped as `pack`."""
+        """Return A (n, n), B (n,), C (n,), D as analytic functions of ``p``, shaped as `pack`.
+
+        ``p`` is complex where derivatives are taken by a complex step.
+        """
 
     def state_space(self):
         """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
@@ -122,7 +125,7 @@ class LinearOperator(DiscretizedOperator):
     def frequency_tangents(self, frequency):
         """Return the complex gain (n, 1) at ``frequency`` (n,) in Hz and its derivatives.
 
-        Those by the parameters are (n, 1, n_parameters), in the order of :meth:`pack`.
+        Derivatives by the parameters are (n, 1, n_parameters), in the order of :meth:`pack`.
         """
         a, b, c, d = self.state_space()
         da, db, dc, dd = [part.imag / _STEP for part in self._stepped()]
@@ -145,14 +148,14 @@ class LinearOperator(DiscretizedOperator):
         return self._memory["rest"]
 
     def discrete(self, dt):
-        """Return Ad (n, n), B0, B1, C (n,), D of :func:`state_space_run` at an interval in s."""
+        """Return Ad (n, n), B0, B1, C (n,), D of :func:`state_space_run`; ``dt`` in s."""
         if dt not in self._memory:
             a, b, c, d = self.state_space()
             self._memory[dt] = (*discretize(a, b, dt, self.hold), c, float(d))
         return self._memory[dt]
 
     def _stepped(self):
-        """Return A, B, C, D at complex steps in each parameter, (p, ...) each."""
+        """Return A, B, C, D for a complex step in each parameter, (n_parameters, ...) each."""
         values = self.pack()
         points = values + 1j * _STEP * np.eye(values.size)
         return [
@@ -161,7 +164,7 @@ class LinearOperator(DiscretizedOperator):
         ]
 
     def _discrete_tangents(self, dt):
-        """Return the derivatives of the discrete form and of the state at rest, (p, ...) each."""
+        """Return the derivatives of the discrete form and of the state at rest, by parameter."""
         if (dt, "tangents") not in self._memory:
             a, b, c, d = self._stepped()
             parts = (*discretize(a, b, dt, self.hold), c, d, _equilibrium(a, b))
@@ -171,7 +174,7 @@ class LinearOperator(DiscretizedOperator):
         return self._memory[dt, "tangents"]
 
     def inverse(self):
-        """Return the operator from the response to the drive, which looks ahead."""
+        """Return the operator from the response to the drive; it is not causal."""
         return InverseLinearOperator(self)
 
     def init(self, u0, initial_state="rest"):
@@ -191,11 +194,12 @@ class LinearOperator(DiscretizedOperator):
         return CompiledLaw(state_space_step, constants, [*x, previous, *x])
 
     def _advance(self, u, dt, x, previous):
-        """Return the output without intercept and the last state, by the shortest way."""
+        """Return the output without intercept and the last state, by the fastest kernel."""
         discrete = self.discrete(dt)
         if len(x) in (1, 2):
             run = first_order_run if len(x) == 1 else second_order_run
             return run(*discrete, u, x, previous)
+        # in a block a value that is not finite would reach earlier outputs
         if len(x) == 0 or len(u) < _LONG or not np.isfinite(u).all():
             return state_space_run(*discrete, u, x, previous)
         if (dt, "block") not in self._memory:
@@ -219,7 +223,7 @@ class LinearOperator(DiscretizedOperator):
         return self._tangents(u, du, dt, initial_state, none)
 
     def _tangents(self, u, du, dt, initial_state, own):
-        """Return the output and its tangents, those of the parameters by ``own``."""
+        """Return the output and its tangents; ``own`` is what `_discrete_tangents` returns."""
         u = np.ascontiguousarray(u, dtype=float)
         m = du.shape[1]
         *steps, rest_steps = own
@@ -244,8 +248,8 @@ class LinearModel(ParametricModel):
     fit_gain, fit_intercept : bool, default=True
         Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
     hold : {"foh", "zoh", "auto"}, default="foh"
-        Drive between samples: a straight line, or constant. "auto": the one with which the fit has
-        the smaller error; the ``hold`` of ``operator_`` says which.
+        Drive between samples: linear, or constant. "auto": the one with which the fit has the
+        smaller error, which is then the ``hold`` of ``operator_``.
     """
 
     _parameter_constraints = {
@@ -274,7 +278,7 @@ class LinearModel(ParametricModel):
 
     @property
     def _any_interval(self):
-        return getattr(self, "hold", "foh") == "foh"  # a gain has none
+        return getattr(self, "hold", "foh") == "foh"  # Gain has no hold
 
 
 def time_span(records):

@@ -1,4 +1,4 @@
-"""Creep in logarithmic time, by a bank of relaxing units.
+"""Logarithmic creep, by a bank of relaxing units.
 
 With s a rate, the logarithm is a superposition of exponentials,
 
@@ -7,7 +7,7 @@ With s a rate, the logarithm is a superposition of exponentials,
 On the scale x = ln s the integrand is smooth and falls off at both ends, so that the trapezoidal
 rule converges exponentially (Trefethen and Weideman, *SIAM Review*, 2014): with rates a factor
 exp(0.8) apart the relative error is 6e-5. The rates do not depend on the parameters, only the
-weights ``0.8 exp(-s tau0)`` do, and tau0 moves nothing but the output of the bank.
+weights ``0.8 exp(-s tau0)`` do, so tau0 enters the output of the bank only, not its states.
 """
 
 from dataclasses import dataclass
@@ -22,25 +22,25 @@ from ..operators import CompiledLaw, Operator, parameter
 from ._gain import slope
 from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 
-_SPACING = 0.8  # of the logarithms of the rates
-_FASTEST = 12.0  # largest rate times the shortest time: exp(-12) is left of such a unit then
+_SPACING = 0.8  # between the logarithms of neighbouring rates
+_FASTEST = 12.0  # largest rate times the shortest time: such a unit has decayed to exp(-12) then
 _SLOWEST = 0.01  # smallest rate times the longest time
-_PROMPT = 60  # faster units that the fastest one takes over, down to exp(-48) of its time constant
+_PROMPT = 60  # still faster units, lumped into the fastest one, to exp(-48) of its time constant
 _DECADE = 1.0 / np.log(10.0)
-_SHORTEST = 0.1  # of the sampling interval
-_LONGEST = 10.0  # of the longest record
+_SHORTEST = 0.1  # shortest time of a fit, in sampling intervals
+_LONGEST = 10.0  # longest time of a fit, in lengths of the longest record
 
 
 @jit(inline=True)
 def relax(decay, b0, b1, before, u, state):
-    """Move the units over an interval in which the drive goes from ``before`` to ``u``."""
+    """Advance the units, in place, by one interval; the drive goes from ``before`` to ``u``."""
     for j in range(decay.size):
         state[j] = decay[j] * state[j] + (b0[j] * before + b1[j] * u)
 
 
 @jit
 def creep_step(u, c, s):
-    """Return the response; ``s`` are the units, the last drive less the level, and the level.
+    """Return the response; ``s`` are the units' states, the last drive minus the level, the level.
 
     ``c`` is (decay, b0, b1, weights (n_units,), gain, intercept), see :func:`_creep_bank`.
     """
@@ -57,7 +57,7 @@ def creep_step(u, c, s):
 
 @jit
 def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
-    """Return the sums (n_samples, n_sums) and the last state; ``v`` is left as it was.
+    """Return the sums (n_samples, n_sums) and the last state; ``v`` is not modified.
 
     ``v[k] = decay v[k-1] + b0 u[k-1] + b1 u[k]`` for each of the units, whose states are weighted
     by ``weights`` (n_sums, n_units).
@@ -81,10 +81,10 @@ def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
 class LogCreepOperator(Operator):
     """Creep: the response to a unit step is ``gain (1 + creep log10(1 + t / time_constant))``.
 
-    Rest is that of :class:`LogCreep`. ``creep`` is the part of the prompt response that a decade of
-    time adds, ``time_constant`` in s. The law is kept to 3e-4 of the creep for times from
-    ``shortest`` to ``longest`` (both s, fixed) after a change of the drive, and before where the
-    time constant is above ``shortest``; beyond ``longest`` the creep comes to its end.
+    For "rest" see :class:`LogCreep`. ``creep`` is the fraction of the prompt response that is added
+    per decade of time, ``time_constant`` in s. The law holds to 3e-4 of the creep from ``shortest``
+    to ``longest`` (both s, fixed) after a change of the drive, and earlier too where the time
+    constant exceeds ``shortest``; after ``longest`` the creep ends.
     """
 
     creep: float = parameter(linear=True, lower=0.0)
@@ -107,9 +107,9 @@ class LogCreepOperator(Operator):
         rates = self._rates
         weights = _SPACING * np.exp(-rates * self.time_constant)
         both = np.stack([weights, -rates * weights])
-        # slower units than the last act as ramps, which it takes over
+        # units slower than the last are still ramps, as it is: their weights are added to it
         both[:, -1] *= 1.0 + 1.0 / np.expm1(_SPACING)
-        # faster ones than the first have relaxed at once, as it nearly has
+        # units faster than the first relax at once, as it nearly does: they are added to it
         faster = rates[0] * np.exp(_SPACING * np.arange(1, _PROMPT + 1))
         prompt = _SPACING * np.exp(-np.minimum(faster * self.time_constant, 700.0))
         both[:, 0] += prompt.sum(), -faster @ prompt
@@ -130,7 +130,7 @@ class LogCreepOperator(Operator):
         return self.gain * (1.0 + self.creep * _DECADE * (units @ self._weights()[0]))
 
     def init(self, u0, initial_state="rest"):
-        # units relative to the level of rest, that level, the last input relative to it
+        # states of the units relative to the level at rest, that level, last input relative to it
         return np.zeros(len(self._rates)), 0.0 if initial_state == "zero" else float(u0), 0.0
 
     def run(self, u, dt, state=None):
@@ -166,31 +166,31 @@ class LogCreepOperator(Operator):
 
 
 class LogCreep(LinearModel):
-    r"""Creep in logarithmic time: a step's response grows by the same part in every decade.
+    r"""Logarithmic creep: a step response grows by the same amount in every decade of time.
 
     .. math:: u = \text{step of size } a \text{ at } t_0 \quad\Rightarrow\quad
        y = g\,a\,\Bigl(1 + \gamma \log_{10}\bigl(1 + \tfrac{t - t_0}{\tau_0}\bigr)\Bigr)
 
     and for any other drive the superposition of its changes. Two parameters describe creep from
-    milliseconds to hours, for which :class:`KelvinVoigt` needs one unit a decade.
+    milliseconds to hours, for which :class:`KelvinVoigt` needs one unit per decade.
 
     The law has no equilibrium: after a step the response creeps for ever. ``initial_state="rest"``
-    therefore means that the drive has stood at its first value so long that the creep still to come
-    is taken for none: the response starts at :math:`g u_0` and only later changes of the drive
-    creep. With ``"zero"`` the drive comes from zero at the first sample, and creeps.
+    therefore means that the drive has been at its first value so long that the remaining creep is
+    neglected: the response starts at :math:`g u_0` and only later changes of the drive creep. With
+    ``"zero"`` the drive steps from zero at the first sample, and this step creeps too.
 
     Parameters
     ----------
     time_constant : "fit" or float, default="fit"
-        :math:`\tau_0` in s, fitted or held; 0.1 s is a convention in the literature. The data
+        :math:`\tau_0` in s, fitted or fixed; 0.1 s is a convention in the literature. The data
         determine it where the drive changes fast and is sampled densely afterwards; where all
-        samples lie far beyond it, its logarithm is a part of the gain.
+        samples are much later, its logarithm cannot be distinguished from the gain.
 
     Attributes
     ----------
     operator_ : LogCreepOperator
-        ``creep`` (:math:`\gamma`, the part a decade), ``time_constant`` in s, ``gain``. It follows
-        the law to 3e-4 of the creep, for ten times the longest record of the fit.
+        ``creep`` (:math:`\gamma`, fraction per decade), ``time_constant`` in s, ``gain``. It
+        follows the law to 3e-4 of the creep, for ten times the longest record of the fit.
 
     References
     ----------

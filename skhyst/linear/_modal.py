@@ -1,4 +1,4 @@
-"""Modes that several inputs and responses share: one sampled state space for all of them."""
+"""Common modes of several inputs and responses: one sampled state space for all of them."""
 
 import warnings
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
 from ._transfer_function import state_space_run_many
 
-_EXCITED = 1e-3  # amplitude of an excited line, of the largest
+_EXCITED = 1e-3  # smallest amplitude of an excited line, relative to the largest
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class SampledStateSpace:
     """Sampled state space: ``x[k+1] = a x[k] + b u[k]``, ``y[k] = c x[k] + d u[k] + intercept``.
 
     It has ``init``, ``step`` and ``run`` as operators have, for inputs (n_samples, n_inputs) and
-    responses (n_samples, n_outputs), but only at its own sampling interval, and it enters no
-    composition.
+    responses (n_samples, n_outputs), but only at its own sampling interval, and it cannot be part
+    of a composition.
 
     Parameters
     ----------
@@ -67,7 +67,10 @@ class SampledStateSpace:
     intercept: np.ndarray
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0`` (n_inputs,): at rest there, or zero."""
+        """Return the state before the first sample ``u0`` (n_inputs,): at rest at ``u0``, or zero.
+
+        It is (state vector, last inputs).
+        """
         u0 = np.asarray(u0, dtype=float)
         if initial_state == "zero":
             return np.zeros(len(self.a)), np.zeros(len(u0))
@@ -79,7 +82,7 @@ class SampledStateSpace:
         Raises
         ------
         ValueError
-            If ``dt`` is another interval than the system's own.
+            If ``dt`` is not the sampling interval of the system.
         """
         self._refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
@@ -100,7 +103,7 @@ class SampledStateSpace:
         return state, y[0]
 
     def compiled_step(self, dt, state):
-        """Return one step in plain arithmetic, see :class:`~skhyst.operators.Operator`.
+        """Return the compiled step, see :class:`~skhyst.operators.Operator`.
 
         Raises
         ------
@@ -115,7 +118,7 @@ class SampledStateSpace:
         self._refuse_other(dt)
         x, previous = state
         steps = []
-        for i in range(self.b.shape[1]):  # their responses add up; the first has all of the state
+        for i in range(self.b.shape[1]):  # responses add up, so the first can carry the whole state
             own, intercept = (x, self.intercept[0]) if i == 0 else (0.0 * x, 0.0)
             b = self.b[:, i]
             constants = self.a, b, 0.0 * b, self.c[0], self.d[0, i], intercept
@@ -125,7 +128,7 @@ class SampledStateSpace:
         return CompiledSum(tuple(CompiledColumn((s,), i, 0.0) for i, s in enumerate(steps)))
 
     def poles(self):
-        """Return the poles in the plane of z, complex, shape (n_states,)."""
+        """Return the poles in the z-plane, complex, shape (n_states,)."""
         return np.linalg.eigvals(self.a)
 
     def frequency_response(self, frequency):
@@ -143,12 +146,13 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     shape :math:`c_r`, as a mode of a structure has: as many states as poles, however many inputs
     and responses there are. Several :class:`TransferFunction` would need as many poles each.
 
-    The model is that of the *sampled* device, whatever holds its inputs between the samples.
+    The model describes the *sampled* device, including the hold of its inputs, whatever that is.
     Records with periodic inputs in steady state (at least as many different records as inputs)
-    are fitted at the excited lines, without leakage; all others by the transforms of the whole
-    records, in which every record's initial state is an unknown. Vector fitting [1]_ gives an
-    expansion of full rank, balanced truncation [2]_ its most important modes, and separable least
-    squares with exact derivatives the best ones.
+    are fitted at the excited lines, without leakage; all others by the Fourier transforms of the
+    complete records [3]_, with the initial state of every record as an unknown. Vector fitting
+    [1]_ gives a partial-fraction expansion with residues of full rank, balanced truncation [2]_
+    reduces it to ``n_poles`` states, and separable least squares with exact derivatives refines
+    these.
 
     Parameters
     ----------
@@ -161,10 +165,10 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     initial_state : {"rest", "zero"}, default="rest"
         State before each record's first sample in :meth:`predict`.
     tolerance : float, default=1e-6
-        Relative change of the sum of squares at which the least squares end.
+        Relative change of the sum of squares at which the least-squares fit stops.
     max_evaluations : int, default=60
-        Evaluations of the least squares; a
-        :class:`~skhyst.exceptions.ConvergenceWarning` says where they did not suffice.
+        Largest number of evaluations; where they do not suffice, there is a
+        :class:`~skhyst.exceptions.ConvergenceWarning`.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
 
@@ -173,14 +177,14 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     operator_ : SampledStateSpace
         ``a``, ``b``, ``c``, ``d``, ``intercept``; ``init``, ``step`` and ``run``.
     poles_ : ndarray of shape (n_poles,), complex
-        rad/s: logarithms of those in the plane of z, over the interval. With standard errors that
-        the mean square of the residual gives, as if it were white.
+        rad/s: logarithms of the poles in the z-plane, divided by the interval. Their standard
+        errors assume that the residual is white.
     n_evaluations_ : int
     records_ : tuple of RecordSlice
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+        Smallest and largest drive (column 0 of X) in the fit, units of the drive.
     drive_rate_ : float
-        Fastest change of the drive between two samples that it has seen, units of the drive per s.
+        Fastest change of the drive between two samples in the fit, units of the drive per s.
 
     Raises
     ------
@@ -242,7 +246,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            All columns act; the index carries records and time.
+            All columns are inputs; the index carries records and time.
         y : array-like of shape (n_samples, n_outputs) or (n_samples,)
             Responses.
 
@@ -266,7 +270,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         if not solution.converged:
             warnings.warn(
                 f"The fit of ModalModel has not converged in 'max_evaluations' = "
-                f"{self.max_evaluations}; it stopped at the best so far.",
+                f"{self.max_evaluations} evaluations; the best fit so far is returned.",
                 ConvergenceWarning,
                 stacklevel=3,
             )
@@ -277,7 +281,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         return self
 
     def _problem(self, records, dt):
-        """Return the least squares, started from modes of an expansion of full rank."""
+        """Return the least-squares problem, started from vector fitting and truncation."""
         found = _periodic_lines(records, dt, self.transient_periods)
         periodic = found is not None
         s, drives, responses = found if periodic else _record_lines(records, dt)
@@ -292,7 +296,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         if 2 * responses.size <= n_unknowns:
             warnings.warn(
                 f"The data do not determine ModalModel with 'n_poles' = {self.n_poles}: "
-                f"{n_unknowns} unknowns for {2 * responses.size} numbers.",
+                f"{n_unknowns} unknowns for {2 * responses.size} real data.",
                 ConvergenceWarning,
                 stacklevel=4,
             )
@@ -308,7 +312,10 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         return ModalProblem(s, drives, responses, np.ones(responses.shape), parts, b)
 
     def _store(self, problem, solution, dt, scales):
-        """Turn the variable of Tustin into that of the sampled system; undo the scales."""
+        """Store the fitted system in terms of z and of the units of X and y.
+
+        It was fitted in terms of Tustin's variable, ``s = (2 / dt) (z - 1) / (z + 1)``, and scaled.
+        """
         parts, b, c, d = problem.split(solution.x)
         n_inputs, half = len(scales[0]), 0.5 * dt
         a = problem.matrix(parts)
@@ -327,7 +334,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
             np.zeros(len(c)),
         )
         poles, by = section_poles(*parts)
-        slope = 1.0 - (half * poles) ** 2  # of the logarithm; none at a pole beyond the sampling
+        slope = 1.0 - (half * poles) ** 2  # reciprocal of the derivative of `warp`
         by = by / np.where(slope == 0.0, 1.0, slope)[:, None]
         self._set_modes(warp(poles, dt), by, problem.pole_covariance(solution))
 
@@ -337,16 +344,16 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Sampled at the interval of the records of the fit.
+            Sampled at the interval of the fit.
 
         Returns
         -------
-        ndarray of shape (n_samples, n_outputs), or (n_samples,) where ``fit`` was given such
+        ndarray of shape (n_samples, n_outputs), or (n_samples,) where ``y`` of ``fit`` was 1-D
 
         Raises
         ------
         ValueError
-            If the sampling interval is another one.
+            If the sampling interval is not that of the fit.
         """
         check_is_fitted(self)
         array = as_floats(self, X, reset=False)
@@ -355,14 +362,14 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         return y[:, 0] if self._one_response else y
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
-        """Return the fitted model as a device that is fed its inputs sample by sample.
+        """Return the fitted model as a simulated device that is stepped sample by sample.
 
         Parameters
         ----------
         dt : float, default=None
-            Sampling interval in s: that of the records of the fit.
+            Sampling interval in s; it must be that of the fit, which is the default.
         u0 : float or array-like of shape (n_inputs,), default=0.0
-            Inputs at which the device rests before.
+            Inputs at which the device is at rest before the first sample.
         initial_state : {"rest", "zero"}, default=None
             State before the first sample; by default that of :meth:`predict`.
 
@@ -376,8 +383,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         NotImplementedError
             If there are several responses: a step returns one number.
         ValueError
-            If a parameter is not as above, or ``dt`` is another than that of the records of the
-            fit.
+            If a parameter is not as above, or ``dt`` is not that of the fit.
         """
         check_is_fitted(self)
         caller = f"{type(self).__name__}.stepper"
@@ -388,22 +394,22 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
-        tags.regressor_tags.poor_score = True  # on data that no device has produced
+        tags.regressor_tags.poor_score = True  # on data that no linear dynamic system has produced
         return tags
 
 
 def _size(values):
-    """Return the root mean square of each column about its mean, 1 for a constant."""
+    """Return the standard deviation of each column, 1 for a constant column."""
     size = values.std(axis=0)
     return np.where(size > 0.0, size, 1.0)
 
 
 def _periodic_lines(records, dt, transient_periods):
-    """Return s, drives and responses of periodic records, None where there are none such.
+    """Return s, drives and responses of periodic records at the excited lines, or None.
 
-    As many equations as inputs at each line, (n_lines, n_inputs, ...): the equations ``Y = G U`` of
-    all records are multiplied by the orthogonal factor of U, which leaves their least squares as
-    it is.
+    Drives and responses are (n_lines, n_inputs, ...): at each line the equations ``Y = G U`` of all
+    records are reduced to ``n_inputs`` by the orthogonal factor of U, which leaves their
+    least-squares solution unchanged.
     """
     n_inputs = records[0][0].shape[1]
     period = find_period([u for u, _ in records]) if len(records) >= n_inputs else None
@@ -414,19 +420,24 @@ def _periodic_lines(records, dt, transient_periods):
         np.stack([part.mean(axis=0) for part in parts], axis=1) / np.sqrt(period)
         for parts in zip(*spectra, strict=True)
     )
-    if not len(drives):  # a period of two samples has no line below that of the sampling
+    if not len(drives):  # a period of two samples has no line below half the sampling rate
         return None
     strength = np.linalg.svd(drives, compute_uv=False)
     excited = strength[:, -1] > _EXCITED * strength[:, 0].max()
     if not excited.any():
         return None
     q, r = np.linalg.qr(drives[excited])
+    # Tustin's variable, which is rational in z: the fit is that of a continuous-time system
     s = 2j / dt * np.tan(np.pi * (1 + np.flatnonzero(excited)) / period)
     return s, r, q.conj().transpose(0, 2, 1) @ responses[excited]
 
 
 def _record_lines(records, dt):
-    """Return s, drives and responses of records, one pulse a record among the drives."""
+    """Return s, drives and responses of records that are not periodic.
+
+    One drive per record is a unit pulse in that record: its response is that of the record's
+    unknown initial state.
+    """
     s, drives, responses = [], [], []
     for number, (u, y) in enumerate(records):
         n = len(u)
@@ -440,12 +451,12 @@ def _record_lines(records, dt):
 
 
 def _record_blocks(drives, responses):
-    """Return the blocks of the responses to all drives, outputs first."""
+    """Return one block per response, as a function of all drives."""
     return [RationalBlock(target, drives, np.ones(len(drives))) for target in responses.T]
 
 
 def _response_blocks(drives, responses):
-    """Return the blocks of a frequency response, outputs first, weighted by the drives."""
+    """Return one block per element of the frequency response, outputs first, weighted by drives."""
     g = np.linalg.solve(drives, responses)
     size = np.linalg.norm(drives, axis=1)
     one = np.ones((len(g), 1))

@@ -9,8 +9,8 @@ from .._documentation import inherit_documentation
 def section_poles(time_constants, frequencies, dampings):
     """Return the poles (n,) of sections, in rad/s, and their derivatives (n, n), complex.
 
-    These are by time constants, frequencies and damping ratios, in that order; infinite at a
-    damping ratio of 1, where two poles meet.
+    Derivatives are by time constants, frequencies and damping ratios, in that order; infinite at a
+    damping ratio of 1, where two poles coincide.
     """
     n_first, n_second = len(time_constants), len(frequencies)
     n = n_first + 2 * n_second
@@ -35,12 +35,12 @@ class ModesMixin:
     poles_ : ndarray of shape (n_poles,), complex
         rad/s, slowest first.
     poles_covariance_ : ndarray of shape (n_poles, 2, 2)
-        Of real and imaginary part, (rad/s)^2.
+        Covariance of real and imaginary part, (rad/s)^2.
     natural_frequencies_, natural_frequencies_std_ : ndarray of shape (n_modes,)
         rad/s; a mode is a real pole or a pair. :meth:`poles_table` gives Hz.
     damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
     n_states_ : int
-        As many as poles, for any number of inputs.
+        Number of states; that of the poles, for any number of inputs.
     """
 
     def __init_subclass__(cls, **options):
@@ -48,7 +48,7 @@ class ModesMixin:
         inherit_documentation(cls)
 
     def _set_modes(self, poles, by, covariance):
-        """Store poles and modes; ``by`` are the poles' derivatives by what has ``covariance``."""
+        """Store poles and modes; ``by`` are derivatives by parameters with that ``covariance``."""
         order = np.argsort(np.abs(poles), kind="stable")
         poles, parts = poles[order], np.stack([by.real, by.imag], axis=1)[order]
         with np.errstate(invalid="ignore"):
@@ -61,14 +61,14 @@ class ModesMixin:
         by_damping = np.stack([-(p.imag**2), p.real * p.imag], axis=1) / size[:, None] ** 3
         self.natural_frequencies_, self.damping_ratios_ = size, -p.real / size
         self.natural_frequencies_std_ = _std(by_size, spread)
-        # the damping ratio of a real pole is what it is
+        # the damping ratio of a real pole is 1 or -1 and has no standard error
         self.damping_ratios_std_ = np.where(p.imag > 0.0, _std(by_damping, spread), np.nan)
 
     def poles_table(self) -> pd.DataFrame:
-        r"""Return the modes as a table, slowest first: one row a real pole or a pair.
+        r"""Return the modes as a table, slowest first: one row per real pole or pair.
 
-        Standard errors follow from those of the parameters to first order, which is poor where
-        two real poles almost meet (damping ratio near 1).
+        Standard errors are propagated from the parameters to first order, which is inaccurate
+        where two real poles almost coincide (damping ratio near 1).
 
         Returns
         -------

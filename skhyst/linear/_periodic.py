@@ -1,22 +1,22 @@
 r"""Frequency responses of periodic records: the best linear approximation with its variances.
 
-A whole period has an exact discrete Fourier transform, without leakage. With the mean
+The discrete Fourier transform of a complete period is exact, without leakage. With the mean
 :math:`\bar U_r, \bar Y_r` over the :math:`p_r` periods of realisation :math:`r = 1 \dots R` of the
 drive, :math:`G` solves :math:`\bar Y_r = \bar U_r^T G` by least squares at every excited line. The
-error :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods tells the rest:
+residual :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods gives the variances:
 
-- its scatter over the periods of a realisation is noise, of the response and of a measured drive,
-  as large as it happens to be in that recording;
-- its mean over periods, from realisation to realisation, is noise over :math:`p_r` and the
+- the scatter between the periods of a realisation is noise, of the response and of a measured
+  drive; its level is estimated for each realisation, as recordings differ;
+- the scatter of the means over periods between realisations is noise over :math:`p_r` plus the
   stochastic nonlinear distortion, which repeats from period to period.
 """
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-_FOUND = 1e-4  # power of a period's change, of the drive's, below which a period is one
-_SAME = 1e-3  # the same between two records of one realisation
-_CERTAIN = 100.0  # power of the drive at an excited line, of the noise in its mean
+_FOUND = 1e-4  # largest power of the change over a period, relative to the drive's
+_SAME = 1e-3  # largest power of the difference between two records of one realisation, likewise
+_CERTAIN = 100.0  # least power of the drive at an excited line, relative to noise in its mean
 _TINY = np.finfo(float).tiny
 
 
@@ -25,6 +25,7 @@ def find_period(records):
     longest = min(len(inputs) for inputs in records) // 2
     if longest < 2:
         return None
+    # power of u(t + lag) - u(t) for all lags, from the autocorrelation
     lags = np.arange(longest + 1)
     change, power = np.zeros(longest + 1), np.zeros(longest + 1)
     for inputs in records:
@@ -41,6 +42,7 @@ def find_period(records):
     away = np.flatnonzero(ratio > 0.1)  # a slow drive hardly changes from sample to sample
     if not away.size or ratio[away[0] :].min() > _FOUND:
         return None
+    # several lags are near the minimum: multiples of the period, and neighbours of each
     near = np.flatnonzero(ratio <= max(4.0 * ratio[away[0] :].min(), 1e-10))
     near = near[near > away[0]]
     first = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)[0]
@@ -59,7 +61,10 @@ def period_mismatch(inputs, period):
 
 
 def period_spectra(records, period, transient):
-    """Return the transforms (p, k, ...) of the signals of each record, without the real lines."""
+    """Return the transforms (n_periods, n_lines, ...) of the signals of each record.
+
+    Zero and half the sampling rate, where they are real, are left out.
+    """
     lines = slice(1, (period + 1) // 2)
 
     def spectrum(x):
@@ -70,7 +75,7 @@ def period_spectra(records, period, transient):
 
 
 def _shift(reference, u, period):
-    """Return by how many samples ``u`` (k, m) comes after the same drive, None for another one."""
+    """Return the lag in samples of ``u`` (k, m) behind ``reference``, None for another drive."""
     powers = np.sum(np.abs(reference) ** 2), np.sum(np.abs(u) ** 2)
     product = np.zeros(period // 2 + 1, dtype=complex)
     product[1 : 1 + len(u)] = np.sum(reference.conj() * u, axis=1)
@@ -80,7 +85,7 @@ def _shift(reference, u, period):
 
 
 def _realizations(spectra, period):
-    """Put records with the same drive together: their periods are those of one realisation."""
+    """Group records with the same drive, also if shifted in time: each group is a realisation."""
     groups = []
     for u, y in spectra:
         mean = u.mean(axis=0)
@@ -122,7 +127,7 @@ def periodic_estimate(records, period, transient, min_excitation):
         errors = [y[:, lines] - np.einsum("pki,ki->pk", u[:, lines], g) for u, y in groups]
         squares = [np.sum(np.abs(e - e.mean(axis=0)) ** 2, axis=0) for e in errors]
         pooled = sum(squares) / n_scatter
-        # in the mean of the periods, (k, R); it differs between recordings
+        # noise in the mean over periods, (k, R), which differs between recordings
         single = [s / (p - 1) if p > 1 else pooled for s, p in zip(squares, periods, strict=True)]
         noise = np.stack(single, axis=1) / periods
         estimate["noise_std"] = estimate["std"] = np.sqrt(np.sum(weight * noise[:, None], axis=2))
@@ -130,12 +135,13 @@ def periodic_estimate(records, period, transient, min_excitation):
     if count > m:
         residual = mean_y - np.einsum("kri,ki->kr", mean_u, g)
         total = np.sum(np.abs(residual) ** 2, axis=1) / (count - m)
-        shares = np.sum(weight, axis=2)
-        estimate["std"] = np.sqrt(total[:, None] * shares)
+        total_weight = np.sum(weight, axis=2)
+        estimate["std"] = np.sqrt(total[:, None] * total_weight)
         estimate["degrees_of_freedom"] = float(count - m)
         if n_scatter:
-            left = 1.0 - np.einsum("kri,kir->kr", mean_u, pseudo_inverse).real
-            expected = np.sum(left * noise, axis=1) / (count - m)
+            # 1 minus leverage: the fraction of its noise that a realisation leaves in the residual
+            in_residual = 1.0 - np.einsum("kri,kir->kr", mean_u, pseudo_inverse).real
+            expected = np.sum(in_residual * noise, axis=1) / (count - m)
             distortion = np.maximum(total - expected, 0.0)
-            estimate["distortion_std"] = np.sqrt(distortion[:, None] * shares * count / m)
+            estimate["distortion_std"] = np.sqrt(distortion[:, None] * total_weight * count / m)
     return lines + 1, estimate, count

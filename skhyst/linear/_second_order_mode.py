@@ -8,21 +8,21 @@ from ..operators import parameter
 from ..optimize import pole_starts, sections
 from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
-_DAMPED = float(np.sqrt(0.5))  # damping ratio from which a pair of poles has no peak
+_DAMPED = float(np.sqrt(0.5))  # damping ratio from which on a pair of poles has no resonance peak
 
 
 def count_ringing(damping_ratios):
-    """Return how many pairs of poles overshoot: those with a damping ratio below sqrt(1/2)."""
+    """Return how many pairs of poles have a resonance peak: a damping ratio below sqrt(1/2)."""
     return int(np.count_nonzero(np.asarray(damping_ratios) < _DAMPED))
 
 
 def rates_of_sections(time_constants, frequencies, damping_ratios):
-    """Return the rates (1/s) of the lags in a row that sections are, [] where one overshoots."""
+    """Return the rates (1/s) of sections as lags in series, [] where one has a resonance peak."""
     if count_ringing(damping_ratios):
         return []
     rates = [1.0 / constant for constant in time_constants]
     for frequency, damping in zip(frequencies, damping_ratios, strict=True):
-        # a pair that does not ring is as two equal lags
+        # up to a damping ratio of 1 a pair counts as two equal lags; above it, it is two lags
         apart = np.exp(np.arccosh(max(damping, 1.0)))
         rates += [frequency / apart, frequency * apart]
     return [float(rate) for rate in rates]

@@ -1,12 +1,12 @@
-r"""The inverse of a shift in time by a part of a sample: that of its interpolation.
+r"""The inverse of a fractional shift in time: the inverse of its interpolation.
 
-Each sample of the response is a sum of four of the drive. Their weights are the rows of a matrix
-that has as many columns, which is solved from the opposite shift on, as in Fong and Saunders,
-*SIAM Journal on Scientific Computing*, 2011. What of the drive no response tells of stays as the
-opposite shift has it: what comes too late, and, behind a shift by half a sample, what alternates
-from sample to sample. Samples of the response that read the drive before the record are taken as
-the opposite shift has them, since no drive within it makes them what they should be: with the least
-sum of squares it would alternate for long.
+Each sample of the response is a weighted sum of four of the drive. The weights are the rows of a
+square sparse matrix; the linear system is solved by LSMR (Fong and Saunders, *SIAM Journal on
+Scientific Computing*, 2011), started from the opposite shift. What the response does not determine
+stays as in this start: the end of the drive, which a delay moves out of the record, and, for a
+shift by half a sample, what alternates from sample to sample. Samples of the response that read the
+drive before the record are replaced by those of the start, since no drive within the record can
+reproduce them: the least-squares solution would alternate over many samples.
 """
 
 import math
@@ -19,14 +19,14 @@ from scipy.sparse.linalg import lsmr
 from ..operators import CompiledLaw, InverseOperator, as_signal, in_weights, preview_step
 
 _ROUNDING = 1e-15
-_PASSES = 400  # at most
-_LARGEST = 1e3  # by which noise may grow where the interpolation hardly lets anything through
-_LONGEST = 64  # samples to either side that a step reads, beside those of the shift
+_PASSES = 400  # largest number of iterations
+_LARGEST = 1e3  # limit of the condition number: largest amplification of noise
+_LONGEST = 64  # samples to either side that a step reads, in addition to those of the shift
 
 
 @dataclass(frozen=True)
 class InverseShiftOperator(InverseOperator):
-    """From a signal that was shifted in time to the one before.
+    """Inverse of a shift in time: from the shifted signal to the original one.
 
     Parameters
     ----------
@@ -34,10 +34,13 @@ class InverseShiftOperator(InverseOperator):
 
     Examples
     --------
+    If the drive rests during the first few samples, the shift is undone to rounding:
+
     >>> import numpy as np
     >>> from skhyst.linear import DelayOperator
     >>> delay = DelayOperator(0.37)
-    >>> drive = np.sin(0.5 * np.arange(100)) * np.sin(np.linspace(0.0, np.pi, 100)) ** 4
+    >>> motion = np.sin(0.5 * np.arange(100)) * np.sin(np.linspace(0.0, np.pi, 100)) ** 4
+    >>> drive = np.append(np.zeros(6), motion)
     >>> y, _ = delay.run(drive, 1.0)
     >>> back, _ = delay.inverse().run(y, 1.0)
     >>> bool(np.abs(delay.run(back, 1.0)[0] - y).max() < 1e-12)
@@ -48,7 +51,7 @@ class InverseShiftOperator(InverseOperator):
     causal = False
 
     def init(self, u0, initial_state="rest"):
-        """Return nothing: a record is inverted as a whole; see the base."""
+        """Return None: a record is inverted at once; see the base."""
         return None
 
     def run(self, u, dt, state=None):
@@ -64,21 +67,22 @@ class InverseShiftOperator(InverseOperator):
         return lsmr(matrix, y, x0=first, **limits)[0], None
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return one step that is fed the response some samples ahead, and their number.
+        """Return a step with preview of the response, and the preview in samples.
 
-        The drive is a sum over what is near, which :meth:`run` tells of a single sample. Shifts by
-        nearly half a sample make it long: where it is too long, the opposite shift takes its place.
+        The step is a finite impulse response filter, the response of :meth:`run` to an impulse. For
+        shifts by nearly half a sample it is long: where it is too long, the opposite shift is used.
         """
         opposite = self.operator.opposite()
         if opposite.skew:
             return super().ahead(dt, u0, tol)
         half = _LONGEST + math.ceil(abs(opposite.shift) / dt)
         answer = self.run(np.eye(1, 2 * half + 1, half)[0], dt)[0]
-        if abs(answer.sum() - 1.0) > tol:  # it has not died out at the ends
+        if abs(answer.sum() - 1.0) > tol:  # it has not decayed at the ends
             return opposite.ahead(dt, u0, tol)
+        # the tails at both ends are cut off, each up to a sum of tol / 2
         left_out = np.cumsum(np.abs(answer)), np.cumsum(np.abs(answer[::-1]))
         begin, end = (int(np.argmax(part > 0.5 * tol)) for part in left_out)
-        begin = min(begin, half)  # what is there at once is not waited for
+        begin = min(begin, half)  # the preview is not negative
         weights = answer[begin : len(answer) - end][::-1]
         nothing = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0.0
         state = [0.0, *np.full(len(weights), u0)]

@@ -1,8 +1,8 @@
-"""Shift in time of either sign between two instruments, which may grow: their clocks differ.
+"""Shift in time of either sign between two instruments, with a skew where their clocks differ.
 
-Between its samples a smooth signal is close to the polynomial of third degree through four of them.
-The response of a hysteresis to a drive that is a straight line from sample to sample turns sharply
-at the samples and is nearly straight in between: a polynomial would round its corners.
+Between samples a smooth signal is close to the cubic through four of them. The response of a
+hysteresis to a drive that is linear between samples has corners at the samples and is nearly linear
+in between: a cubic would round the corners.
 """
 
 import math
@@ -20,9 +20,9 @@ from ._shift_inverse import InverseShiftOperator
 
 
 def _read_at(signal, places, is_straight):
-    """Return a signal (n_samples,) or (n_samples, m) between its samples, and its slope there.
+    """Return a signal (n_samples,) or (n_samples, m) interpolated at ``places``, and its slope.
 
-    ``places`` count in samples; the first and the last value stand for ever.
+    ``places`` are in samples; outside the record the signal has its first or last value.
     """
     columns = np.ascontiguousarray(signal.reshape(len(signal), -1))
     shape = (len(places), *signal.shape[1:])
@@ -31,7 +31,7 @@ def _read_at(signal, places, is_straight):
 
 @jit
 def _line_weights(s):
-    """Return the weights of four samples, at 0 to 3, as :func:`cubic_weights`, of a line."""
+    """Return the weights of linear interpolation, as :func:`cubic_weights` does for a cubic."""
     return (0.0, 2.0 - s, s - 1.0, 0.0), (0.0, -1.0, 1.0, 0.0)
 
 
@@ -40,7 +40,7 @@ def _interpolated(columns, places, is_straight):
     last, m = len(columns) - 1, columns.shape[1]
     values, slopes = np.empty((len(places), m)), np.empty((len(places), m))
     for k in range(len(places)):
-        place = min(max(places[k], -4.0), last + 4.0)  # beyond that nothing changes
+        place = min(max(places[k], -4.0), last + 4.0)  # outside, the signal is constant
         first = int(np.floor(place)) - 1
         w, v = _line_weights(place - first) if is_straight else cubic_weights(place - first)
         a, b = columns[min(max(first, 0), last)], columns[min(max(first + 1, 0), last)]
@@ -53,10 +53,11 @@ def _interpolated(columns, places, is_straight):
 
 @dataclass(frozen=True)
 class TimeShiftOperator(Operator):
-    """``y(t) = u(t - shift - skew t)``, t from the record's start; the output looks ahead.
+    """``y(t) = u(t - shift - skew t)``, t from the record's start; it is not causal.
 
-    It does so by the shift and by two samples. Where a signal ends, its last value stands: a part
-    of it does not know what comes. A constant shift is stepped with a preview.
+    The output reads the input up to two samples beyond the shifted time. After the end of a signal
+    its last value is used, so that a record run in pieces differs at the cuts. A constant shift can
+    be stepped with a preview.
     """
 
     shift: float = parameter(unit="s")
@@ -67,7 +68,7 @@ class TimeShiftOperator(Operator):
     causal = False
 
     def init(self, u0, initial_state="rest"):
-        """Return what came in, and the time since the start; see the base."""
+        """Return the past inputs and the time since the start; see the base."""
         return np.array([u0 if initial_state == "rest" else 0.0], dtype=float), 0.0
 
     def run(self, u, dt, state=None):
@@ -78,29 +79,29 @@ class TimeShiftOperator(Operator):
         past, start = self.init(u[0]) if state is None else state
         whole = np.concatenate([past, u])
         time = start + dt * np.arange(len(u))
-        places = len(past) + np.arange(len(u)) - self._late(time) / dt
+        places = len(past) + np.arange(len(u)) - self._delay_at(time) / dt
         y, _ = _read_at(whole, places, self.between == "line")
         return y, (whole, start + dt * len(u))
 
     def inverse(self):
-        """Return what undoes the interpolation."""
+        """Return the inverse of the interpolation."""
         return InverseShiftOperator(self)
 
     def read_at(self, n, dt):
-        """Return the first sample that each output reads (n,), and the weights of four (n, 4)."""
-        places = np.clip(np.arange(n) - self._late(dt * np.arange(n)) / dt, -4.0, n + 3.0)
+        """Return the first of the four samples that each output reads (n,), and weights (n, 4)."""
+        places = np.clip(np.arange(n) - self._delay_at(dt * np.arange(n)) / dt, -4.0, n + 3.0)
         first = np.floor(places).astype(int) - 1
         weights = _line_weights if self.between == "line" else cubic_weights
         values, _ = weights(places - first)
         return first, np.stack(np.broadcast_arrays(*values), axis=1)
 
     def opposite(self):
-        """Return the shift that takes the times back, interpolated as this one."""
+        """Return the shift that inverts the map of the times, with the same interpolation."""
         rate = 1.0 - self.skew
         return replace(self, shift=-self.shift / rate, skew=-self.skew / rate)
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return one step that is fed the input some samples ahead, and their number."""
+        """Return a step with preview of the input, and the preview in samples."""
         if self.skew:
             return super().ahead(dt, u0, tol)
         samples = max(math.floor(-self.shift / dt) + 2, 0)
@@ -111,14 +112,14 @@ class TimeShiftOperator(Operator):
         weights, _ = weights(back - late)
         return CompiledLaw(delay_step, weights, [0.0, *ring], possible=in_ring), samples
 
-    def _late(self, time):
+    def _delay_at(self, time):
         return self.shift + self.skew * time
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         """Return the output and its tangents; see the base."""
         rest, is_straight = float(initial_state == "rest"), self.between == "line"
         time = dt * np.arange(len(u))
-        places = 1 + np.arange(len(u)) - self._late(time) / dt
+        places = 1 + np.arange(len(u)) - self._delay_at(time) / dt
         y, slopes = _read_at(np.concatenate([rest * u[:1], u]), places, is_straight)
         du, _ = _read_at(np.concatenate([rest * du[:1], du]), places, is_straight)
         own = -slopes[:, None] / dt * np.stack([np.ones_like(time), time], axis=1)
@@ -126,32 +127,32 @@ class TimeShiftOperator(Operator):
 
 
 class TimeShift(ParametricModel):
-    r"""Shift in time of either sign, by any part of a sample.
+    r"""Shift in time of either sign, by any fraction of a sample, between two instruments.
 
     .. math:: y(t) = u(t - \theta - \kappa t)
 
-    It belongs to a recording and to no device: the channels of a data logger are read one after
-    another, the filters of two amplifiers differ, two instruments start apart, or their clocks
-    differ by a part :math:`\kappa`. Where the response is ahead of the drive the model looks ahead,
-    which none in service can.
+    It is a property of a recording, not of a device: the channels of a data logger are read one
+    after another, the filters of two amplifiers differ, two instruments start at different times,
+    or the rates of their clocks differ by a fraction :math:`\kappa`. Where the response leads the
+    drive, the model reads future samples of the drive, which is not possible in real time.
 
     Parameters
     ----------
     fit_skew : bool, default=False
         Whether the clocks may differ.
     between : {"curve", "line"}, default="curve"
-        The signal between its samples: a smooth curve, or a straight line, as that of a hysteresis
-        is where its drive is one.
+        Interpolation between samples: cubic, or linear, which suits the response of a hysteresis to
+        a drive that is linear between samples.
 
     Attributes
     ----------
     operator_ : TimeShiftOperator
-        ``shift`` in s, by which the response is late at the start of a record, negative where it is
-        ahead; ``skew``, by which it becomes later per second.
+        ``shift`` in s, the delay of the response at the start of a record, negative where it leads;
+        ``skew``, the increase of the delay in s per s.
 
     See Also
     --------
-    Delay : Of a device, which is never ahead.
+    Delay : Delay of a device, never negative.
 
     Examples
     --------

@@ -10,7 +10,7 @@ where a first-order section gives no derivative term. The first ``n_zeros`` of t
 every numerator of that degree, and all of them vanish at rest, so ``gain`` is the static gain.
 
 Several inputs share the denominator. Their state is that of the observable form, the transposed
-matrices of one input, so there are as many states as poles, beside the past of delayed inputs.
+matrices of one input, so there are as many states as poles, plus the past of delayed inputs.
 """
 
 import warnings
@@ -63,7 +63,7 @@ from ._modes import ModesMixin, section_poles
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
-_POINTS = 8  # on the frequency axis, a pole
+_POINTS = 8  # frequencies per pole
 
 
 @jit
@@ -71,7 +71,7 @@ def state_space_run_many(ad, b0, b1, c, d, u, x, u_previous):
     """Return the outputs (n, p) for inputs ``u`` (n, m), and the last state.
 
     ``b0`` and ``b1`` are (n_states, m), ``c`` is (p, n_states), ``d`` (p, m), ``u_previous`` (m,);
-    the state ``x`` is left as it was.
+    the state ``x`` is not modified.
     """
     n_states, m = b0.shape
     p = c.shape[0]
@@ -118,7 +118,7 @@ class TransferFunctionOperator(LinearOperator):
 
     @classmethod
     def from_scipy(cls, system, *, hold="foh"):
-        """Make one of a continuous-time system of SciPy or python-control.
+        """Convert a continuous-time system of SciPy or python-control.
 
         Parameters
         ----------
@@ -142,6 +142,7 @@ class TransferFunctionOperator(LinearOperator):
         count = _POINTS * (len(poles) + 2)
         omega = np.geomspace(0.03 * size.min(), 30.0 * size.max(), count)
         gains, parts = response(omega), sections(poles)
+        # the smallest degree of the numerator that reproduces the response
         for n_zeros in range(len(poles) + 1):
             one = cls(*parts, np.zeros(n_zeros), hold=hold)
             linear = one.linear_mask()
@@ -170,7 +171,7 @@ class TransferFunctionOperator(LinearOperator):
         pencil = np.block([[a / unit, b[:, None] / unit], [c[None, :], np.array([[d]])]])
         found = eig(pencil, np.diag(np.r_[np.ones(len(b)), 0.0]), right=False)
         found = found[np.isfinite(found)]
-        # those at infinity come out as large as rounding lets them
+        # zeros at infinity come out finite but large, by rounding: keep the smallest ones
         return unit * found[np.argsort(np.abs(found))[: np.size(self.numerator)]]
 
     @property
@@ -234,10 +235,10 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     .. math:: y = \sum_i e^{-\theta_i s} \frac{N_i(s)}{D(s)} u_i + \text{intercept}
 
     Poles and numerators are those of :class:`TransferFunctionOperator`, one row of ``numerators``
-    and one value of ``gains`` (the static gain) an input; ``delays`` has one value an input (s) or
-    none. There are as many states as poles, for any number of inputs.
+    and one value of ``gains`` (the static gain) per input; ``delays`` has one value per input (s)
+    or none. There are as many states as poles, for any number of inputs.
 
-    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
+    Inputs are ``(n_samples, n_inputs)``. In a series it must be the first stage.
     """
 
     time_constants: np.ndarray = parameter(log=True, lower=0.0, unit="s")
@@ -314,7 +315,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     def frequency_tangents(self, frequency):
         """Return the complex gains (n, n_inputs) at ``frequency`` (n,) in Hz and their derivatives.
 
-        Those by the parameters are (n, n_inputs, n_parameters), in the order of :meth:`pack`.
+        Derivatives by the parameters are (n, n_inputs, n_parameters), in the order of :meth:`pack`.
         """
         tangents = np.zeros((len(frequency), self.n_inputs, self.n_parameters), dtype=complex)
         gain = np.empty(tangents.shape[:2], dtype=complex)
@@ -332,7 +333,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return self.n_parameters - 1 - np.size(self.delays) + i  # the intercept is last
 
     def _place(self, tangents, i, own):
-        """Add the derivatives by the parameters of ``part(i)``, but its intercept."""
+        """Add the derivatives by the parameters of ``part(i)``, without its intercept, in place."""
         n_poles = sum(self.part(i).n_poles) + np.size(self.damping_ratios)
         n_inputs, n_zeros = np.shape(self.numerators)
         first = n_poles + i * n_zeros
@@ -375,7 +376,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return y[:, 0] + self.intercept, (x, u[-1].copy(), pasts)
 
     def compiled_step(self, dt, state):
-        # the inputs' responses add up, whichever of them the state is counted to
+        # the responses to the inputs add up, so the first can carry the whole state
         x, previous, pasts = state
         ad, b0, b1, (c,), (d,) = self._discrete(dt)
         branches = []
@@ -409,20 +410,21 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return total + self.intercept, tangents
 
 
-_PATIENCE = 3  # orders without improvement after which none is tried
-_NOISELESS = 1e-20  # part of the response's power that counts as no residual
-_WIDE = 3  # poles from which vector fitting of records is worth its time
-_FEWEST_DELAYS, _MOST_DELAYS = 9, 60  # candidates of a delay that is fitted
-_TURN = 0.4  # of the fastest line between two of them
-_FOLLOWED = 6  # starts of the least squares
+_PATIENCE = 3  # orders without improvement after which the search for an order ends
+_NOISELESS = 1e-20  # fraction of the response's power below which a residual counts as zero
+_WIDE = 3  # poles from which on vector fitting of records is worth its time
+_FEWEST_DELAYS, _MOST_DELAYS = 9, 60  # number of candidates of a fitted delay
+_TURN = 0.4  # largest step between two candidates, in periods of the highest line
+_FOLLOWED = 6  # best starts, which are refined by least squares
 
 
 def choose_orders(fit, n_poles, n_zeros, max_poles):
-    """Return the result of the orders that minimise Schwarz's criterion, if they are not given.
+    """Return the fit with the orders that minimise Schwarz's criterion (BIC), where not given.
 
-    Denominators ("auto") come first, with one zero less than poles unless the zeros are given; then
-    the zeros (None). Of orders that leave nothing, the smallest wins. ``fit(n_poles, n_zeros)``
-    returns a result, the number of real residuals and the sum of squares of the response.
+    The number of poles ("auto") is chosen first, with one zero less than poles unless the zeros are
+    given; then the number of zeros (None). Of orders without residual, the smallest is chosen.
+    ``fit(n_poles, n_zeros)`` returns a result, the number of real residuals and the sum of squares
+    of the response.
     """
     tried = {}
 
@@ -450,7 +452,7 @@ def choose_orders(fit, n_poles, n_zeros, max_poles):
 
 
 def _behind_delay(operator, delays):
-    """Return the drive's own operator behind its delay, if it has one."""
+    """Return the operator of a single input after its delay, if it has one."""
     if not np.size(delays):
         return operator
     return SeriesOperator(
@@ -459,7 +461,7 @@ def _behind_delay(operator, delays):
 
 
 def _several(parts, n_zeros, n_inputs, delays, hold):
-    """Return an operator of several inputs with the sections ``parts``."""
+    """Return an operator of several inputs with the sections ``parts`` and zero numerators."""
     numerators, gains = np.zeros((n_inputs, n_zeros)), np.ones(n_inputs)
     return MultiInputTransferFunctionOperator(*parts, numerators, gains, delays, hold=hold)
 
@@ -475,7 +477,7 @@ def held_names(n_inputs, delay, fit_gain):
 def record_starts(records, n_poles, n_zeros, delay, hold):
     """Return starting operators for records, whose ``u`` is (n_samples,) or of several inputs.
 
-    ``delay`` is "fit", or the delays in s: one an input, or an empty array for none.
+    ``delay`` is "fit", or the delays in s: one per input, or an empty array for none.
     """
     dt, span = time_span(records)
     several = records[0].u.ndim > 1
@@ -502,9 +504,9 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
 def fit_response(
     frequency, response, std, n_poles, n_zeros, *, delay, hold, stable, single, fit_gain, method
 ):
-    """Return what :func:`choose_orders` asks for, of a frequency response (n, n_inputs).
+    """Fit a frequency response (n, n_inputs) with given orders; see :func:`choose_orders`.
 
-    ``delay`` is as in :func:`record_starts`, ``single`` asks for the operator of the drive alone.
+    ``delay`` is as in :func:`record_starts`; ``single`` asks for the operator of a single input.
     """
     n_inputs = response.shape[1]
     weight = _weight(response, std)
@@ -512,9 +514,10 @@ def fit_response(
     candidates = [delay] if not isinstance(delay, str) else _delays(frequency, response, weight)
     found = []
     for delays in candidates:
-        turned = response * np.exp(s[:, None] * delays) if np.size(delays) else response
+        undelayed = response * np.exp(s[:, None] * delays) if np.size(delays) else response
         blocks = [
-            RationalBlock(turned[:, i], np.ones((len(s), 1)), weight[:, i]) for i in range(n_inputs)
+            RationalBlock(undelayed[:, i], np.ones((len(s), 1)), weight[:, i])
+            for i in range(n_inputs)
         ]
         poles, cost = vector_fit(s, blocks, n_poles, feedthrough=n_zeros >= n_poles, stable=stable)
         found.append((cost, _several(sections(poles), n_zeros, n_inputs, delays, hold)))
@@ -530,15 +533,15 @@ def fit_response(
 
 
 def _weight(response, std):
-    """Return reciprocal standard deviations, 1 where none are known."""
+    """Return reciprocal standard deviations, or 1 / RMS of the response where none are known."""
     if std is None or not np.any(std > 0.0):
         return np.full(response.shape, 1.0 / np.sqrt(np.mean(np.abs(response) ** 2)))
-    # no line may count for more than a hundred of the others: a scatter of zero is chance
+    # a line counts at most as much as a hundred typical ones: a standard deviation near 0 is chance
     return 1.0 / np.maximum(std, 0.1 * np.median(std[std > 0.0]))
 
 
 def _delays(frequency, response, weight):
-    """Return candidates: parts of the largest delay that the slope of the phase allows."""
+    """Return candidate delays in s, up to the largest one that the slope of the phase allows."""
     steps = np.angle(response[1:] * response[:-1].conj())
     power = (weight[1:] * np.abs(response[1:])) ** 2
     slopes = -steps / (2.0 * np.pi * np.diff(frequency)[:, None])
@@ -550,7 +553,7 @@ def _delays(frequency, response, weight):
 
 
 def _single(result):
-    """Return the result of one input with the names of the drive's own operator."""
+    """Return the result of one input with the operator and the names of a single input."""
     many = result.operator
     prefix = "transfer_function__" if np.size(many.delays) else ""
 
@@ -586,21 +589,21 @@ class TransferFunction(ModesMixin, LinearModel):
     ----------
     n_poles : int or "auto", default=2
         Degree of the denominator. ``"auto"`` tries 1, 2, ... ``max_poles`` and takes the one with
-        the smallest BIC of the residual, which counts as white: what is left of other effects
-        raises the order.
+        the smallest BIC of the residual, which is assumed white: a residual of other effects raises
+        the order.
     n_zeros : int or None, default=0
         Degree of the numerators, at most ``n_poles``; None chooses it by the same criterion.
     max_poles : int, default=8
         Largest degree that ``"auto"`` tries.
     inputs : {"drive", "all"} or list of int or str, default="drive"
-        The columns of X that act: the first, all, or those with these positions or names. A model
-        of several inputs stands first in a composition; there, inputs go by position.
+        The columns of X that are inputs: the first, all, or those with these positions or names. A
+        model of several inputs must come first in a composition; there, inputs go by position.
     delay : float, array-like of shape (n_inputs,) or "fit", default=0.0
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     stable : bool, default=True
-        False lets :meth:`fit_frequency_response` keep poles of the right half plane.
+        False lets :meth:`fit_frequency_response` keep poles in the right half-plane.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; ``"estimate"`` is for the drive alone.
+        State before each record's first sample; ``"estimate"`` only with ``inputs="drive"``.
 
     Attributes
     ----------
@@ -609,7 +612,7 @@ class TransferFunction(ModesMixin, LinearModel):
         ``gain``, ``intercept``; ``poles()``, ``frequency_response(frequency)``. With ``inputs``
         other than "drive" a MultiInputTransferFunctionOperator.
     zeros_ : ndarray of shape (n_zeros,), complex, or list of such
-        rad/s; a list, one array an input, unless ``inputs="drive"``.
+        rad/s; a list, one array per input, unless ``inputs="drive"``.
     fit_error_ : float
         Root mean square of the residual; after :meth:`fit_frequency_response` that of real and
         imaginary parts in units of their standard deviation.
@@ -691,7 +694,7 @@ class TransferFunction(ModesMixin, LinearModel):
         return chosen_columns(self.inputs, names, n_columns, "TransferFunction")
 
     def _delay_of(self, n_inputs):
-        """Return "fit", or the delays in s: one an input, or none at all."""
+        """Return "fit", or the delays in s: one per input, or an empty array for none."""
         if isinstance(self.delay, str):
             return self.delay
         delays = np.asarray(self.delay, dtype=float)
@@ -725,7 +728,7 @@ class TransferFunction(ModesMixin, LinearModel):
             )
 
     def _record_data(self, slices, X, y):
-        self.__dict__.pop("_response_inputs", None)  # of an earlier fit to a response
+        self.__dict__.pop("_response_inputs", None)  # of an earlier fit to a frequency response
         records = super()._record_data(slices, X, y)
         if self._reads_columns:
             self._n_inputs = records[0].u.shape[1]
@@ -764,7 +767,8 @@ class TransferFunction(ModesMixin, LinearModel):
         r"""Identify the model from a frequency response.
 
         Minimises :math:`\sum_{k,i} |\hat G_i(f_k) - G_i(f_k)|^2 / \sigma_i(f_k)^2` over
-        continuous-time G, which takes inputs as band-limited between samples. No intercept.
+        continuous-time G, which assumes that inputs are band-limited between samples. There is no
+        intercept.
 
         Parameters
         ----------
@@ -799,7 +803,7 @@ class TransferFunction(ModesMixin, LinearModel):
         if 2 * g.size <= n_unknowns or not np.any(g):
             raise ValueError(
                 f"The 'response' must have more than {n_unknowns // (2 * len(columns)) + 1} lines "
-                f"above zero, and not vanish. Got {len(frequency)} lines instead."
+                f"above zero, and not be zero at all of them. Got {len(frequency)} lines instead."
             )
 
         fit = partial(
@@ -848,7 +852,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @classmethod
     def from_system(cls, system, **params) -> Self:
-        """Make a fitted model of a continuous-time system, such as one of a data sheet.
+        """Make a fitted model from a continuous-time system, such as that of a data sheet.
 
         Parameters
         ----------
@@ -904,7 +908,7 @@ class TransferFunction(ModesMixin, LinearModel):
         return scipy_system(*self._rational())
 
     def to_control(self):
-        """Return what :meth:`to_scipy` does as a ``control.StateSpace`` of python-control.
+        """Return the fitted model as a ``control.StateSpace``, as :meth:`to_scipy` does.
 
         Raises
         ------
@@ -920,13 +924,13 @@ class TransferFunction(ModesMixin, LinearModel):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_columns)
-            After :meth:`fit_frequency_response` a frame gives the inputs by their names, if it has
-            them, and an array by position.
+            After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that
+            has these names, otherwise by position.
 
         Returns
         -------
         ndarray of shape (n_samples,)
-            Units of the response, finite always. An unstable model warns, with a
+            Units of the response, always finite. An unstable model gives a
             :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         check_is_fitted(self)

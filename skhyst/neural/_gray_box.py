@@ -1,11 +1,11 @@
-"""Gray-box network: quasi-static hysteresis and its dynamics, whose weights are parameters.
+"""Gray-box network: quasi-static hysteresis plus a network of its dynamics.
 
-A recursion that adds a polynomial of past signals to a known output. With the window
+It is a recursion that adds a polynomial of past signals to a known output. With the window
 ``z = [w(k), ..., w(k - n_w), y(k - 1), ..., y(k - n_y)]`` and ``x = mix z``
 
     y(k) = level(k) + sum_t weights[t] prod_j x[terms[t, j]]
 
-where -1 among the ``terms`` is the factor one. ``w`` and ``y`` carry their past in front.
+where -1 among the ``terms`` is the factor one. ``w`` and ``y`` begin with their past.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ from ..operators import CompiledLaw, Operator, ParameterSpec, as_signal, sum_of_
 from ..optimize import IdentificationResult, identify
 from ..records import record_slices
 
-_LARGEST = 1e100  # beyond, the recursion has left the range in which squares are finite
+_LARGEST = 1e100  # largest output; squares of larger ones may overflow
 
 
 @jit(inline=True)
@@ -45,7 +45,7 @@ def _signals(mix, w, at_w, n_w, y, at_y, x, at_x):
 
 @jit(inline=True)
 def _sample(level, mix, terms, weights, w, at_w, n_w, y, at_y, x, at_x):
-    """Write y of a sample, no number from where it diverges on; see :func:`_signals`."""
+    """Write y of a sample, NaN once the recursion has diverged; see :func:`_signals`."""
     _signals(mix, w, at_w, n_w, y, at_y, x, at_x)
     total = level + sum_of_products(weights, terms, x, at_x)
     y[at_y] = total if abs(total) <= _LARGEST else math.nan
@@ -53,7 +53,7 @@ def _sample(level, mix, terms, weights, w, at_w, n_w, y, at_y, x, at_x):
 
 @jit
 def gray_box_run(level, w, mix, terms, weights, y):
-    """Fill ``y``, (n_y + n_samples,)."""
+    """Fill ``y``, (n_y + n_samples,), after its past of n_y samples."""
     n_w, n_y = w.size - level.size, y.size - level.size
     x = np.empty(mix.shape[0])
     for k in range(level.size):
@@ -61,7 +61,7 @@ def gray_box_run(level, w, mix, terms, weights, y):
 
 
 def step(u, c, s):
-    """Stand for the step of the quasi-static sub-model."""
+    """Placeholder of the compiled step of the quasi-static sub-model."""
     raise NotImplementedError
 
 
@@ -69,7 +69,8 @@ def gray_box(u, c, s):
     """Return the response at one sample.
 
     ``c`` is (n_w, constant, whether ``w`` is the level, mix, terms, weights, *those of the
-    sub-model), ``s`` its state, the last n_w + 1 of ``w``, n_y + 1 of ``y``, room for the signals.
+    sub-model); ``s`` is the state of the sub-model, the last n_w + 1 of ``w``, the last n_y + 1 of
+    ``y``, and work space for the signals.
     """
     level = step(u, c[6:], s)
     level -= c[1]
@@ -91,11 +92,11 @@ def _compiled_step(law):
 
 @jit
 def gray_box_tangents(w, mix, terms, weights, y, dlevel, dw, dy):
-    """Fill ``dy``, (n_y + n_samples, m), behind the past in front.
+    """Fill ``dy``, (n_y + n_samples, m), after its past of n_y samples.
 
     ``dlevel`` (n_samples, m) and ``dw`` (n_w + n_samples, m) are the tangents of the known output
     and of ``w``; the last columns of ``dy`` are those of the weights. Returns the number of samples
-    before the tangents leave the range of floating point.
+    before the tangents overflow.
     """
     n_samples, m = dlevel.shape
     n_w, n_y = w.size - n_samples, y.size - n_samples
@@ -147,9 +148,9 @@ class GrayBoxOperator(Operator):
     .. math:: \Delta d_H(k), \ldots, \Delta d_H(k - n_f + 1), \quad y(k - 1) - d_H(k), \quad
         \Delta y(k - 1), \ldots, \Delta y(k - n_y + 1), \qquad \Delta s(k) = s(k) - s(k - 1)
 
-    and products may also have :math:`d_H(k)` less its constant as a factor. All of them vanish at
+    and products may also have :math:`d_H(k)` minus its constant as a factor. All terms vanish at
     rest, so that the static response is that of :math:`d_H` alone. With ``degree=1`` and two lags
-    each, this is the quasi-static model followed by any linear dynamics of second order of unit
+    each, this is the quasi-static model followed by any linear dynamics of second order with unit
     gain. With ``dynamics="printed"`` the signals are those of Ahmed and Yan (2021),
     :math:`u(k - 1), \ldots, u(k - n_f), y(k - 1), \ldots, y(k - n_y)`.
 
@@ -174,12 +175,11 @@ class GrayBoxOperator(Operator):
     Notes
     -----
     Lags are in samples: the weights hold for one sampling interval. The tangents of
-    :meth:`sensitivities` are NaN where the linear terms alone are unstable or the tangents leave
-    the range of floating point; identification refuses such weights. A run that diverges is NaN
-    from there on.
+    :meth:`sensitivities` are NaN where the linear terms alone are unstable or the tangents
+    overflow; identification rejects such weights. A run that diverges is NaN from there on.
 
     The state is the tuple (state of the static sub-model, last inputs, last outputs), the latest
-    last. Where the printed form has no rest at a drive, ``"rest"`` starts at :math:`d_H`.
+    last. Where the printed form has no equilibrium at a drive, ``"rest"`` starts at :math:`d_H`.
 
     References
     ----------
@@ -221,12 +221,12 @@ class GrayBoxOperator(Operator):
         if np.shape(self.weights) != (n_terms,):
             raise ValueError(
                 f"The 'weights' parameter of GrayBoxOperator must have {n_terms} values, "
-                f"one a term. Got shape {np.shape(self.weights)} instead."
+                f"one per term. Got shape {np.shape(self.weights)} instead."
             )
 
     @classmethod
     def at_rest(cls, static, **structure):
-        """Return an operator without dynamics: all weights are zero; the rest as in the class."""
+        """Return an operator with zero weights; ``structure`` are its other parameters."""
         fields = [field for field in dataclasses.fields(cls) if not field.kw_only]
         given = {field.name: field.default for field in fields[2:]} | structure
         return cls(static, np.zeros(len(_terms(**given))), **given)
@@ -238,7 +238,10 @@ class GrayBoxOperator(Operator):
         return _terms(self.input_lags, self.output_lags, self.degree, self.dynamics)
 
     def term_names(self):
-        """Return the name of each term, such as ``"dy(k-1)"``; ``e`` is y(k-1) less ``d(k)``."""
+        """Return the name of each term, such as ``"dy(k-1)"``; ``e(k)`` is y(k-1) minus d(k).
+
+        ``d`` is the response of the static sub-model; ``dd`` and ``dy`` are changes per sample.
+        """
         n_f, n_y = self.input_lags, self.output_lags
         if self.dynamics == "printed":
             names = [f"u(k-{j})" for j in range(1, n_f + 1)]
@@ -252,7 +255,8 @@ class GrayBoxOperator(Operator):
         return dict(self.entries())
 
     def entries(self):
-        # the recursion is linear, then, so that the output is linear in what drives it
+        # with degree 1 the recursion is linear, so that what is linear in the static sub-model
+        # stays linear in the output
         linear = self.degree == 1
         found = [
             (name, dataclasses.replace(spec, linear=spec.linear and linear))
@@ -276,7 +280,7 @@ class GrayBoxOperator(Operator):
 
     @cached_property
     def _mix(self):
-        """The signals x in terms of the window of past inputs and outputs."""
+        """The matrix (n_signals, n_window) that maps the window z to the signals x."""
         n_f, n_y = self.input_lags, self.output_lags
         if self.dynamics == "printed":
             return np.eye(n_f + n_y, n_f + n_y + 1, 1)
@@ -291,7 +295,7 @@ class GrayBoxOperator(Operator):
         return mix
 
     def poles(self):
-        """Return the poles of the linear terms alone, in the z plane, shape (output_lags,)."""
+        """Return the poles of the linear terms alone, in the z-plane, shape (output_lags,)."""
         n_f, n_y = self.input_lags, self.output_lags
         linear = self._terms[:, 1] < 0 if self.degree == 2 else slice(None)
         gains = np.asarray(self.weights)[linear] @ self._mix[self._terms[linear, 0]][:, n_f + 1 :]
@@ -301,7 +305,7 @@ class GrayBoxOperator(Operator):
 
     @property
     def _constant(self):
-        """What is taken off the signals of the recursion and put back on its output."""
+        """The constant that is subtracted from the recursion's signals and added to its output."""
         return float(self.static.intercept) if self.dynamics == "rate" else 0.0
 
     def init(self, u0, initial_state="rest"):
@@ -318,7 +322,7 @@ class GrayBoxOperator(Operator):
         by_weights = np.zeros(len(self._terms))
         if self.dynamics == "rate" or not len(self._terms):
             return level, 1.0, 0.0, by_weights
-        # level + c0 - (1 - c1) y + c2 y^2 = 0; the root that is there for zero weights
+        # level + c0 - (1 - c1) y + c2 y^2 = 0; the root that becomes the level at zero weights
         weights, is_output = np.asarray(self.weights, dtype=float), self._terms >= self.input_lags
         outputs = is_output.sum(axis=1)
         inputs = (self._terms >= 0).sum(axis=1) - outputs
@@ -357,12 +361,12 @@ class GrayBoxOperator(Operator):
         return CompiledLaw(_compiled_step(static.step), constants, state)
 
     def regressors(self, u, y, dt, initial_state="rest"):
-        """Return the terms with measured outputs in them, and what is left for them to explain.
+        """Return the terms of measured outputs, and the residual that they are to explain.
 
         Parameters
         ----------
         u, y : ndarray of shape (n_samples,)
-            Drive and measured response; before the record both have rested at their first value.
+            Drive and measured response; before the record both are at rest at their first value.
         dt : float
             Sampling interval in s.
         initial_state : {"rest", "zero"}
@@ -371,7 +375,7 @@ class GrayBoxOperator(Operator):
         -------
         columns : ndarray of shape (n_samples, n_terms)
         rest : ndarray of shape (n_samples,)
-            Measured response less that of the static sub-model.
+            Measured response minus that of the static sub-model.
         """
         u, y = as_signal(u), as_signal(y)
         level, _ = self.static.run(u, dt, self.static.init(u[0], initial_state))
@@ -380,7 +384,7 @@ class GrayBoxOperator(Operator):
         past = y - self._constant
         for j in range(1, self.output_lags + 1):
             shifted.append(np.append(np.full(j, past[0]), past)[: w.size])
-        # a row of ones stands for the factor -1
+        # a row of ones at the end is the factor that -1 stands for
         x = np.vstack([self._mix @ np.array(shifted), np.ones(w.size)])
         return np.prod(x[self._terms], axis=1).T, y - level
 
@@ -410,7 +414,7 @@ class GrayBoxOperator(Operator):
             past_y[:, own:] += by_weights
         dw, dy = np.concatenate([past_w, driven]), np.concatenate([past_y, np.zeros_like(known)])
         w, full = np.concatenate([state[1], w]), np.concatenate([state[2], y - self._constant])
-        good = 0
+        good = 0  # number of samples whose tangents are finite
         if np.isfinite(y).all() and np.all(np.abs(self.poles()) < 1.0):
             model = self._mix, self._terms, as_signal(self.weights)
             good = gray_box_tangents(w, *model, full, known, dw, dy)
@@ -430,15 +434,15 @@ def _terms(input_lags, output_lags, degree, dynamics):
         (*factors, *[-1] * (degree - size))
         for size in range(1, degree + 1)
         for factors in combinations_with_replacement(signals, size)
-        # the first signal of the rates is the level, and something has to vanish at rest
+        # with rates the first signal is the level: a term of it alone would not vanish at rest
         if not rate or any(factors)
     ]
     return np.array(rows, dtype=np.int64).reshape(-1, degree)
 
 
-_DIVERGED = 100.0  # ranges of the response beyond the largest one: what lies there has diverged
-_SAME_INTERVAL = 1e-2  # relative
-_SLOW = 2.0  # records at most so much faster than the slowest one train the static sub-model
+_DIVERGED = 100.0  # an output this many ranges of the response beyond its largest has diverged
+_SAME_INTERVAL = 1e-2  # largest relative difference of sampling intervals that count as equal
+_SLOW = 2.0  # largest speed, relative to the slowest record, that trains the static sub-model
 
 
 class GrayBoxHysteresis(ParametricModel):
@@ -456,12 +460,13 @@ class GrayBoxHysteresis(ParametricModel):
     Parameters
     ----------
     training : {"staged", "joint"}, default="staged"
-        ``"staged"``, as Ahmed and Yan (2021) do: the quasi-static sub-model from the slowest
-        records, then the dynamic one from all records, with the first held. ``"joint"``: after
+        ``"staged"``, as in Ahmed and Yan (2021): the quasi-static sub-model from the slowest
+        records, then the dynamic one from all records, with the first fixed. ``"joint"``: after
         these two stages all weights are trained together on all records.
     n_static_records : int or None, default=None
-        How many records, the slowest ones, train the quasi-static sub-model: by the way that the
-        drive travels in a second, over its range. None: those at most twice as fast as the slowest.
+        Number of records, the slowest ones, that train the quasi-static sub-model. The speed is the
+        travel of the drive per second, relative to its range. None: those at most twice as fast as
+        the slowest.
     variant : {"integral", "printed"}, default="integral"
         Quasi-static sub-model, as in :class:`~skhyst.hysteresis.SystemLevelHysteresis`.
     dynamics : {"rate", "printed"}, default="rate"
@@ -469,8 +474,8 @@ class GrayBoxHysteresis(ParametricModel):
     input_lags, output_lags : int, default=2
         Lags of the dynamic sub-model in samples.
     degree : {1, 2}, default=1
-        Highest degree of its products. Ahmed and Yan (2021) have 2; 1 is any linear dynamics of
-        ``output_lags`` poles behind the hysteresis.
+        Highest degree of its products. Ahmed and Yan (2021) use 2; 1 is any linear dynamics of
+        ``output_lags`` poles after the hysteresis.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
@@ -486,7 +491,7 @@ class GrayBoxHysteresis(ParametricModel):
         ``slope`` p in response/drive, ``curvature`` kappa in response/drive^2, ``decay`` lambda in
         1/drive, ``intercept`` and, with the printed variant, ``rate_gain`` in response s/drive;
         ``theta[...]``, named by its product. Standard errors of the staged training are those
-        of each stage, with the other held.
+        of each stage, with the parameters of the other fixed.
     history_ : dict of str to ndarray
         A value for each epoch, the start of a stage being its epoch 0: ``stage`` (``"static"``,
         ``"dynamic"``, ``"joint"``), ``epoch``, ``loss`` (mean square of the error, response^2)
@@ -496,7 +501,7 @@ class GrayBoxHysteresis(ParametricModel):
     dt_ : float
         Sampling interval of the fit in s.
     bound_ : float
-        Magnitude beyond which a run has diverged: 100 ranges of the response beyond its largest.
+        Magnitude beyond which a run has diverged: the largest response plus 100 times its range.
 
     Raises
     ------
@@ -578,8 +583,8 @@ class GrayBoxHysteresis(ParametricModel):
         Returns
         -------
         ndarray of shape (n_samples,)
-            Units of the response. Finite always; outputs beyond ``bound_`` are cut off there, and a
-            run that left the range of floating point is zero from there on, with a
+            Units of the response, always finite. Outputs beyond ``bound_`` are cut off there, and a
+            run that overflows is zero from there on, with a
             :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         y = super().predict(X)
@@ -625,7 +630,7 @@ class GrayBoxHysteresis(ParametricModel):
             starts = [network, *self._one_step_starts(network, data)]
             dynamic = identify(starts, data, fixed=held, **options)
             stages.append(_stage("dynamic", dynamic, n_samples))
-            result = _beside(static, dynamic)
+            result = _merged(static, dynamic)
         else:
             result = dataclasses.replace(static, operator=network)
         if self.training == "joint":
@@ -650,7 +655,7 @@ class GrayBoxHysteresis(ParametricModel):
         return [data[i] for i in sorted(order[:count])]
 
     def _one_step_starts(self, network, data):
-        """Return the network with weights that explain each sample from the measured past."""
+        """Return a list of the network fitted one step ahead, empty if that is unstable."""
         parts = [
             network.regressors(record.u, record.y, record.dt, self._free_run_state())
             for record in data
@@ -666,7 +671,7 @@ class GrayBoxHysteresis(ParametricModel):
     def _adopt(self, result):
         if isinstance(result, _TrainingResult):
             stages = result.stages
-        else:  # a refinement of all weights together
+        else:  # all weights were refined together
             stages = [_stage("joint", result, sum(record.n_samples for record in self.records_))]
         self.history_ = {key: np.concatenate([s[key] for s in stages]) for key in stages[0]}
         self.n_epochs_ = {s["stage"][0]: int(s["epoch"][-1]) for s in stages}
@@ -690,8 +695,8 @@ def _stage(name, result, n_samples):
     }
 
 
-def _beside(static, dynamic):
-    """Return one result of the two stages."""
+def _merged(static, dynamic):
+    """Return the results of the two stages as one."""
     return dataclasses.replace(
         dynamic,
         params=static.params | dynamic.params,

@@ -1,12 +1,12 @@
 """Stochastic configuration network: its random nodes, and how they are admitted.
 
-Nodes live in scaled inputs. Centres of Gaussian nodes are samples, since lagged signals fill a thin
-part of any box. For either kind of node the scope is the steepest slope.
+Nodes are functions of scaled inputs. Centres of Gaussian nodes are samples, since lagged signals
+fill only a thin part of any box. For either kind of node the scope is the steepest slope.
 
 Output weights are updated node by node, by one of the three algorithms of Wang and Li (2017). Each
-starts from the mean of the targets and keeps the residual of the nodes that it holds. ``add(g)``
-adds a node with activations (n_samples,) and returns whether it was taken; ``weights()`` returns
-coefficients (n_nodes, n_outputs) and intercepts (n_outputs,).
+starts from the mean of the targets and keeps the current ``residual``. ``add(g)`` adds a node with
+activations (n_samples,) and returns whether it was accepted; ``weights()`` returns coefficients
+(n_nodes, n_outputs) and intercepts (n_outputs,).
 """
 
 import warnings
@@ -27,11 +27,11 @@ from ..autoregressive import compiled_regressor
 from ..exceptions import ConvergenceWarning
 from ..operators import Stepper
 
-_AMPLIFICATION = 1e7  # of errors of the activations in the weights, at most
+_AMPLIFICATION = 1e7  # largest amplification of errors of the activations in the weights
 
 
 class Constructive:
-    """SC-I: the new node takes what it can from the residual; earlier weights stand."""
+    """SC-I: the weight of the new node alone minimises the residual; earlier weights are kept."""
 
     def __init__(self, y):
         self._mean = y.mean(axis=0)
@@ -49,7 +49,7 @@ class Constructive:
 
 
 class Window:
-    """SC-II: least squares over the last nodes and the constant; earlier weights stand."""
+    """SC-II: least squares over the last nodes and the constant; earlier weights are kept."""
 
     def __init__(self, y, width):
         self._nodes = []
@@ -78,8 +78,8 @@ class LeastSquares:
 
     The basis is orthogonalised as it grows (Gram-Schmidt, twice), so that a node costs
     O(n_samples n_nodes). A node that satisfies the supervisory inequality cannot lie in the span
-    of the earlier ones, to which the residual is orthogonal, but many of them may come close
-    together: one whose weight would amplify round-off and little else is refused.
+    of the earlier ones, to which the residual is orthogonal, but it can be close to it: a node
+    whose weight would mainly amplify round-off is refused.
     """
 
     def __init__(self, y, max_nodes, alpha):
@@ -124,11 +124,11 @@ class LeastSquares:
         return solution[1:], solution[0]
 
 
-_ROUND_OFF = 1e-13  # of the targets' standard deviation: what is left of an exact fit
+_ROUND_OFF = 1e-13  # residual of an exact fit, in standard deviations of the targets
 _EXTREME = 1e152  # largest value and, inverted, smallest, whose squares are finite
 _TRIES = 5  # candidates of a scope that may be refused for round-off before it is widened
-_DEPENDENT = 1e-10  # spread of a principal component, over the largest, that is round-off
-_FAINT = 1e-5  # root mean square of activations that count as none
+_DEPENDENT = 1e-10  # spread of a principal component, relative to the largest, that is round-off
+_FAINT = 1e-5  # root mean square of activations below which a node counts as zero
 _BLOCK = 1 << 18  # activations held at a time: they stay in the cache
 
 
@@ -166,10 +166,10 @@ ACTIVATIONS = {"sigmoid": (sigmoid, _draw_sigmoid), "rbf": (gaussian, _draw_gaus
 
 
 def match(activation, X, nodes, residual):
-    """Return what a residual loses, (n_nodes, n_outputs), by one node and least squares.
+    """Return by how much one more node reduces the squared residual, (n_nodes, n_outputs).
 
-    That is ``<e_q, g>^2 / <g, g>``, zero for a node that next to vanishes at all samples: it would
-    act by its tail, with a giant weight.
+    That is ``<e_q, g>^2 / <g, g>``, or zero for a node that almost vanishes at all samples: only
+    its tail would act, with a huge weight.
     """
     products = np.zeros((len(nodes), residual.shape[1]))
     squares = np.zeros(len(nodes))
@@ -189,19 +189,19 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     .. math:: f_L(x) = \beta_0 + \sum_{j=1}^{L} \beta_j\, g(x; w_j, b_j)
 
     With the residual :math:`e_{L-1} = y - f_{L-1}` of each output :math:`q`, node :math:`L` is
-    drawn at random and may enter only where it satisfies the supervisory inequality
+    drawn at random and is admitted only if it satisfies the supervisory inequality
 
     .. math::
         \xi_{L,q} = \frac{\langle e_{L-1,q}, g \rangle^2}{\langle g, g \rangle}
         - (1 - r - \mu_L) \langle e_{L-1,q}, e_{L-1,q} \rangle \ge 0,
         \qquad \mu_L = \frac{1 - r}{L + 1},
 
-    so that the residual falls at a known rate whatever was drawn. Of ``n_candidates`` nodes the
-    admissible one with the largest sum of :math:`\xi_{L,q}` is taken. Where none is, the
-    contraction :math:`r` is relaxed; where that does not help, the scope :math:`\lambda` of the
-    draw is widened and new candidates are drawn.
+    so that the residual decreases at a known rate whatever was drawn. Of ``n_candidates`` nodes the
+    admissible one with the largest sum of :math:`\xi_{L,q}` is taken. If none is admissible, the
+    contraction :math:`r` is relaxed; if that does not help, the scope :math:`\lambda` of the draw
+    is widened and new candidates are drawn.
 
-    The nodes have no memory. Inside :class:`~skhyst.autoregressive.NARXRegressor`, or behind
+    The nodes have no memory. Inside :class:`~skhyst.autoregressive.NARXRegressor`, or after
     :class:`~skhyst.preprocessing.PlayOperators`, the network models hysteresis.
 
     Parameters
@@ -218,8 +218,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         inputs, so that :math:`\lambda` has no unit.
     scaling : {"standard", "whiten"}, default="standard"
         Scale each input by its mean and standard deviation, or also rotate them to principal
-        components of unit variance. Neighbouring samples of a signal are nearly the same, and what
-        drives hysteresis is their difference: take ``"whiten"`` for lagged inputs.
+        components of unit variance. Use ``"whiten"`` for lagged inputs: neighbouring samples of a
+        signal are nearly equal, and hysteresis depends on their difference.
     scopes : array-like of float, default=(0.5, 1, 5, 10, 30, 50, 100, 150, 200, 250)
         Scopes :math:`\lambda`, tried in this order for each node.
     contraction : array-like of float, default=(0.9, 0.99, ..., 0.999999)
@@ -228,23 +228,23 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Nodes drawn in each scope.
     tolerance : float, default=0.01
         The network is complete when the root mean square of each output's residual is at most
-        this part of the output's standard deviation.
+        this fraction of the output's standard deviation.
     window : int, default=10
         Nodes whose weights SC-II solves for.
     alpha : float, default=0.0
-        Ridge penalty on the output weights of SC-III, ``alpha`` times the sum of their squares
-        beside the sum of squared residuals, all with outputs of unit standard deviation. It acts
+        Ridge penalty on the output weights of SC-III: ``alpha`` times the sum of their squares is
+        added to the sum of squared residuals, all with outputs of unit standard deviation. It acts
         on the weights of the finished network; nodes are admitted without it.
     early_stopping : bool, default=False
-        Hold ``validation_fraction`` of the samples back, stop where their R2 has not improved for
+        Hold out ``validation_fraction`` of the samples, stop when their R2 has not improved for
         ``n_iter_no_change`` nodes, and keep the network that was best on them. The samples are
-        drawn at random: neighbours in a record tell little about each other's noise.
+        drawn at random, which assumes that the noise of neighbouring samples is independent.
     validation_fraction : float, default=0.1
-        Part of the samples that is held back.
+        Fraction of the samples that is held out.
     n_iter_no_change : int, default=10
         Nodes to wait for an improvement.
     random_state : int, RandomState instance or None, default=None
-        Candidates and held-back samples.
+        Source of the candidates and of the held-out samples.
 
     Attributes
     ----------
@@ -263,15 +263,15 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     widths_ : ndarray of shape (n_nodes,)
         :math:`\sigma` of Gaussian nodes, in scaled inputs.
     scaling_ : ndarray of shape (n_features, n_components)
-        Matrix :math:`S` of the scaled inputs :math:`(x - \bar x)^T S` that Gaussian nodes see.
+        Matrix :math:`S` of the scaled inputs :math:`(x - \bar x)^T S` of Gaussian nodes.
     history_ : dict of str to ndarray
-        A value for each node: ``scope``, ``contraction``, ``residual`` (root mean square
-        of the residual with the node, over that of the centred outputs), ``xi`` (n, n_outputs;
+        A value for each node: ``scope``, ``contraction``, ``residual`` (root mean square of the
+        residual with the node, relative to that of the centred outputs), ``xi`` (n, n_outputs;
         outputs of unit standard deviation) and, with early stopping, ``validation_score``.
     validation_score_ : float
-        R2 on the samples held back; with early stopping only.
+        R2 on the held-out samples; with early stopping only.
     stop_reason_ : {"tolerance", "max_nodes", "validation", "no_candidate"}
-        Why no node was added.
+        Why no further node was added.
     n_features_in_ : int
         Number of inputs.
     feature_names_in_ : ndarray of str
@@ -285,8 +285,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     Notes
     -----
-    Candidates that vanish next to everywhere are not admitted, nor, with SC-III, those that are a
-    combination of earlier nodes but for round-off: their weights would be giant. A node costs
+    Candidates that vanish almost everywhere are not admitted, nor, with SC-III, those that are
+    linear combinations of earlier nodes up to round-off: their weights would be huge. A node costs
     O(n_samples n_candidates n_features) to draw, and with SC-III O(n_samples n_nodes) to add.
 
     References
@@ -373,8 +373,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            Scopes that are not positive, contractions outside (0, 1), a penalty for an algorithm
-            that does not solve for all weights, or too few samples to hold some back.
+            If scopes are not positive, contractions are outside (0, 1), there is a penalty for an
+            algorithm that does not solve for all weights, or too few samples to hold some out.
         """
         X, y = as_floats(self, X, y, multi_output=True, ensure_min_samples=2)
         refuse_size("X", X, _EXTREME)
@@ -382,24 +382,24 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         scopes, contraction = self._read_grids()
         rng = check_random_state(self.random_state)
         columns = y.reshape(len(X), -1)
-        held_back = None
+        held_out = None
         if self.early_stopping:
-            n_back = max(2, round(self.validation_fraction * len(X)))
-            if n_back > len(X) - 2:
+            n_out = max(2, round(self.validation_fraction * len(X)))
+            if n_out > len(X) - 2:
                 raise ValueError(
-                    f"Early stopping would hold back {n_back} of n_samples={len(X)}: "
+                    f"Early stopping would hold out {n_out} of n_samples={len(X)}: "
                     "SCNRegressor must keep two to fit."
                 )
-            X, X_back, columns, y_back = train_test_split(
-                X, columns, test_size=n_back, random_state=rng
+            X, X_out, columns, y_out = train_test_split(
+                X, columns, test_size=n_out, random_state=rng
             )
-            held_back = X_back, y_back
+            held_out = X_out, y_out
         x_mean, scaling, unscaling = self._scaling_of(X)
         y_mean, y_scale = _location_and_scale(columns)
-        if held_back:
-            held_back = (held_back[0] - x_mean) @ scaling, (held_back[1] - y_mean) / y_scale
+        if held_out:
+            held_out = (held_out[0] - x_mean) @ scaling, (held_out[1] - y_mean) / y_scale
         X, columns = (X - x_mean) @ scaling, (columns - y_mean) / y_scale
-        nodes, coef, intercept = self._build(X, columns, held_back, scopes, contraction, rng)
+        nodes, coef, intercept = self._build(X, columns, held_out, scopes, contraction, rng)
         self.n_nodes_ = len(nodes)
         if self.activation == "sigmoid":
             self.hidden_weights_ = nodes[:, :-1] @ scaling.T
@@ -448,11 +448,11 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         spread, axes = spread[kept], axes[kept]
         return mean, (axes / spread[:, np.newaxis] / scale).T, spread[:, np.newaxis] * axes * scale
 
-    def _build(self, X, y, held_back, scopes, contraction, rng):
+    def _build(self, X, y, held_out, scopes, contraction, rng):
         """Grow the network on standardised data; return nodes, coefficients and intercepts."""
         activation, solver = ACTIVATIONS[self.activation][0], self._solver(y)
         nodes, hidden, total, best = [], [], np.linalg.norm(y), (-np.inf, 0, None)
-        names = ["scope", "contraction", "residual", "xi", *["validation_score"] * bool(held_back)]
+        names = ["scope", "contraction", "residual", "xi", *["validation_score"] * bool(held_out)]
         history = {name: [] for name in names}
         while (reason := self._reason_to_stop(solver.residual, len(nodes), best[1])) is None:
             candidates = self._candidates(
@@ -466,10 +466,10 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             node, scope, r, xi = found
             nodes.append(node)
             values = [scope, r, np.linalg.norm(solver.residual) / total, xi]
-            if held_back:
-                hidden.append(activation(held_back[0], node[np.newaxis])[:, 0])
+            if held_out:
+                hidden.append(activation(held_out[0], node[np.newaxis])[:, 0])
                 coef, intercept = solver.weights()
-                score = r2_score(held_back[1], np.transpose(hidden) @ coef + intercept)
+                score = r2_score(held_out[1], np.transpose(hidden) @ coef + intercept)
                 if score > best[0]:
                     best = score, len(nodes), (coef.copy(), np.copy(intercept))
                 values.append(score)
@@ -485,7 +485,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 stacklevel=4,
             )
         n, weights = len(nodes), solver.weights()
-        if held_back:
+        if held_out:
             self.validation_score_ = float(best[0]) if best[2] else float("nan")
             n, weights = best[1:] if best[2] else (n, weights)
         self.stop_reason_ = reason
@@ -498,7 +498,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return Window(y, self.window) if self.algorithm == "SC-II" else Constructive(y)
 
     def _reason_to_stop(self, residual, n_nodes, n_best):
-        """Return why no further node is wanted, or None."""
+        """Return why no further node is to be added, or None."""
         tolerance = max(self.tolerance, _ROUND_OFF) * np.sqrt(len(residual))
         if (np.linalg.norm(residual, axis=0) <= tolerance).all():
             return "tolerance"
@@ -545,9 +545,9 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return hidden @ self.coef_.T + self.intercept_
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
-        """Return the fitted network as a device that is fed its inputs sample by sample.
+        """Return the fitted network as a simulated device that is stepped sample by sample.
 
-        It has no memory: the parameters, which are those of every model, change nothing.
+        The network has no memory: the parameters, which are common to all models, have no effect.
 
         Returns
         -------
@@ -559,7 +559,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         NotImplementedError
             If the network has several outputs.
         ValueError
-            If a parameter is none that a model takes.
+            If a parameter has an invalid value.
 
         Examples
         --------

@@ -1,7 +1,7 @@
 """Transformers that turn a drive into features with memory, record by record.
 
-A static regressor behind one of them becomes a hysteresis model. A frame gives a frame with the
-same index, so that record and time are not lost on the way through a pipeline.
+A static regressor after one of them becomes a hysteresis model. A DataFrame gives a DataFrame with
+the same index, so that record and time are kept through a pipeline.
 """
 
 from ._base import find_column

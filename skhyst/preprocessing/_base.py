@@ -1,4 +1,4 @@
-"""The base of all transformers: validation, records, choice of columns, frame in and frame out."""
+"""The base of all transformers: validation, records, choice of columns, DataFrames."""
 
 from abc import abstractmethod
 from numbers import Integral
@@ -14,11 +14,11 @@ from .._sklearn import check_feature_names_in, fit_context
 from .._validation import as_floats, refuse_large
 from ..records import record_slices
 
-_EXTREME = 1e250  # values whose differences over a short interval are finite
+_EXTREME = 1e250  # largest values, whose differences over a short interval are finite
 
 
 class RecordTransformer(TransformerMixin, BaseEstimator):
-    """Base of the transformers that map some columns, each record for itself.
+    """Base of the transformers that map some columns, each record on its own.
 
     A subclass gives :meth:`_fit_records`, :meth:`_transform_record` and :meth:`_names`.
 
@@ -35,7 +35,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         Number of columns of ``X``.
     """
 
-    _one_interval = True  # what is between two rows may depend on it
+    _one_interval = True  # features may depend on the sampling interval
 
     _parameter_constraints = {"columns": [Integral, str, "array-like"]}
 
@@ -52,31 +52,32 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         """Write the features of one record, shape (n_rows, n_features_out), to ``out``."""
 
     def sample_rules(self, rules, places, dt):
-        """Add the rules for one sample; return place and lag of each feature.
+        """Add the rules that update the features at one sample; return position and lag of each.
 
         Parameters
         ----------
         rules : SampleRules
+            The rules so far, to which those of this transformer are added.
         places : sequence of (int, int)
-            Place in the row, and lag in samples, of each column of ``X``.
+            Position in the row, and lag in samples, of each column of ``X``.
         dt : float
             Sampling interval in s.
 
         Raises
         ------
         NotImplementedError
-            If a feature is not known sample by sample.
+            If a feature cannot be computed sample by sample.
         """
         raise NotImplementedError(
             f"{type(self).__name__} cannot be stepped: it gives no rules ('sample_rules')."
         )
 
     def _drives(self, places):
-        """Return the places of the columns that are used, which must be those of now."""
+        """Return the positions of the columns that are used; refuse lagged ones."""
         drives = [places[column] for column in self.columns_]
         if any(lag for _, lag in drives):
             raise NotImplementedError(
-                f"{type(self).__name__} cannot be stepped behind lagged features."
+                f"{type(self).__name__} cannot be stepped after lagged features."
             )
         return [place for place, _ in drives]
 
@@ -122,7 +123,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         Returns
         -------
         features : DataFrame or ndarray of shape (n_samples, n_features_out)
-            A frame with the index of ``X`` where ``X`` is a frame.
+            A DataFrame with the index of ``X`` where ``X`` is a DataFrame.
         """
         check_is_fitted(self)
         array = as_floats(self, X, reset=False)
@@ -162,11 +163,11 @@ def find_column(estimator, column, parameter) -> int:
     Parameters
     ----------
     estimator : estimator
-        Knows ``n_features_in_`` and, where columns go by name, ``feature_names_in_``.
+        Estimator with ``n_features_in_`` and, for names, ``feature_names_in_``.
     column : int or str
-        Position, from the end where it is negative, or name.
+        Position, counted from the end if negative, or name.
     parameter : str
-        Name of the parameter that it was given for; an error names it.
+        Name of the parameter that holds ``column``, for the error message.
 
     Returns
     -------

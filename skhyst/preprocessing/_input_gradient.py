@@ -1,4 +1,4 @@
-"""Generalised input gradient: the moving tendency of the drive as a feature."""
+"""Generalised input gradient: rate and direction of the drive as features."""
 
 from numbers import Integral, Real
 
@@ -14,28 +14,29 @@ class GeneralizedInputGradient(RecordTransformer):
     .. math:: f[u](t) = \begin{cases} f(t - 0) & \text{at an extremum} \\
         \Delta u / \Delta t & \text{else} \end{cases}
 
-    With the drive, the rate tells the two branches of one steady loop apart. It is not the whole
-    memory: two minor loops share drive and rate and differ in the response. For that, add the
-    features of the last turning point, or use :class:`PlayOperators`.
+    Together with the drive, the rate distinguishes the two branches of a steady loop. It is not the
+    complete memory: two minor loops can have the same drive and rate and different responses. For
+    these, add the features of the last turning points, or use :class:`PlayOperators`.
 
     Parameters
     ----------
     method : {"backward", "forward"}, default="backward"
         ``"backward"``: ``(u[k] - u[k-1]) / dt``, causal; at a turning point this is the rate before
-        it. The first sample of a record has rate 0. ``"forward"``: ``(u[k+1] - u[k]) / dt`` as
-        Ahmed and Yan (2021) have it, with the rate before it at a turning point and at the last
-        sample; it sees one sample ahead.
+        it. The first sample of a record has rate 0. ``"forward"``: ``(u[k+1] - u[k]) / dt`` as in
+        Ahmed and Yan (2021), with the rate before it at a turning point and at the last sample; it
+        is not causal, by one sample.
     include_drive : bool, default=True
-        Whether the drive itself comes first.
+        Whether the drive itself is a feature, the first one.
     include_rate : bool, default=True
-        Whether the rate comes next.
+        Whether the rate is a feature, after the drive.
     direction : bool, default=False
-        Whether to add the sign of the last move: 1 or -1, also while the drive rests, and 0 before
-        the drive of a record has moved. It has no unit and tells the branches apart at any rate.
+        Whether to add the sign of the last change of the drive: 1 or -1, also while the drive
+        rests, and 0 before the drive of a record has changed. It has no unit and distinguishes the
+        branches at any rate.
     turning_points : bool or int, default=False
-        Whether to add the last extreme of the drive and the distance from it, or of how many of the
-        last extremes to add the values, the latest first and followed by the distance. Each record
-        begins with a first loading from zero: until the drive turns, the last extreme is 0.
+        True adds the last extreme of the drive and the distance from it; a number adds that many of
+        the last extremes, the latest first and followed by the distance from it. Each record begins
+        with a first loading from zero: until the drive turns, the last extreme is 0.
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
 
@@ -145,7 +146,7 @@ def _rate(drive, method):
 
 
 def _held(sign):
-    """Return the last sign that was not zero up to each sample, 0 before any."""
+    """Return the last sign up to each sample that is not zero, 0 where there is none."""
     moves = np.arange(sign.size)
     return sign[np.maximum.accumulate(np.where(sign != 0.0, moves, 0))]
 
@@ -157,7 +158,8 @@ def _direction(drive):
 def _last_extremes(drive, count):
     """Return the values of the last turning points (count, n_samples), the latest first.
 
-    The latest is where each sample's branch started: 0 on the first loading, and for all before.
+    The latest is the start of the sample's branch. On the first loading it is 0, as are all earlier
+    ones.
     """
     before = np.append(0.0, drive[:-1])
     direction = _held(np.sign(drive - before))

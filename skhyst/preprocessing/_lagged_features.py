@@ -11,18 +11,18 @@ from ._base import RecordTransformer, find_column
 class LaggedFeatures(RecordTransformer):
     """Past values of the inputs, causal and within each record.
 
-    Before a record the inputs are taken to have rested at their first values, so the first rows
-    repeat these unless `before` says otherwise; no row is dropped. Score such rows apart (washout)
-    where the device was moving.
+    Before a record the inputs are assumed to be at rest at their first values, so the first rows
+    repeat these unless `before` says otherwise; no row is dropped. Leave these rows out of a score
+    (washout) where the device was moving.
 
     Parameters
     ----------
     lags : int, array-like of int, or dict, default=2
         Lags in samples. A number ``n`` stands for ``0, 1, ..., n``. A dict maps columns, by
-        position or name, to their lags, and takes the place of ``columns``.
+        position or name, to their lags, and replaces ``columns``.
     before : {"rest", "zero", "nan"}, default="rest"
-        What stands for inputs before a record: the first value of the record, 0, or NaN, for a
-        regressor that knows missing values or for steps that drop such rows.
+        Inputs before a record: the first value of the record, 0, or NaN, for a regressor that
+        supports missing values or for steps that drop such rows.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class LaggedFeatures(RecordTransformer):
     def sample_rules(self, rules, places, dt):
         if self.before != "rest":
             raise NotImplementedError(
-                "LaggedFeatures cannot be stepped: what is before a record must be 'rest'. Got "
+                "LaggedFeatures cannot be stepped: its 'before' parameter must be 'rest'. Got "
                 f"before={self.before!r} instead."
             )
         return [(places[column][0], places[column][1] + lag) for column, lag in self.lags_]
@@ -74,18 +74,18 @@ class LaggedFeatures(RecordTransformer):
 
 
 def read_lags(estimator, parameter, lags, first=0) -> list[int]:
-    """Read lags that a user gave.
+    """Return the lags of a parameter as a list, after validation.
 
     Parameters
     ----------
     estimator : estimator
-        Whose parameter it is; an error names both.
+        Estimator that has the parameter, for the error message.
     parameter : str
         Name of the parameter.
     lags : int or array-like of int
         A number stands for all lags from ``first`` up to it.
     first : {0, 1}, default=0
-        Smallest lag there is. Where it is 0 there must be at least one lag.
+        Smallest lag allowed. Where it is 0 there must be at least one lag.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def read_lags(estimator, parameter, lags, first=0) -> list[int]:
     Raises
     ------
     ValueError
-        If the lags are not such whole numbers.
+        If the lags are not integers of at least ``first``.
     """
     if isinstance(lags, Integral):
         lags = range(first, lags + 1)
@@ -103,23 +103,23 @@ def read_lags(estimator, parameter, lags, first=0) -> list[int]:
     if not whole or (first == 0 and not lags):
         least = "not negative" if first == 0 else "at least 1"
         raise ValueError(
-            f"The '{parameter}' parameter of {type(estimator).__name__} must be whole numbers of "
+            f"The '{parameter}' parameter of {type(estimator).__name__} must be integer numbers of "
             f"samples that are {least}. Got {getattr(estimator, parameter)!r} instead."
         )
     return [int(lag) for lag in lags]
 
 
 def read_lag_table(estimator, parameter, columns) -> tuple[int, int]:
-    """Read the lags of each input from a parameter of a fitted or fitting estimator.
+    """Return the lags of each input from a parameter of an estimator.
 
     Parameters
     ----------
     estimator : estimator
-        Knows ``n_features_in_`` and, where columns go by name, ``feature_names_in_``.
+        Estimator with ``n_features_in_`` and, for names, ``feature_names_in_``.
     parameter : str
         Name of the parameter: lags as in :func:`read_lags`, or a dict of them by column.
     columns : iterable of int
-        Columns that lags without a dict are those of.
+        Columns to which the lags apply where the parameter is not a dict.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def read_lag_table(estimator, parameter, columns) -> tuple[int, int]:
 
 
 def lagged_columns(X, table, first=0, stop=None, out=None) -> np.ndarray:
-    """Return lagged inputs of one record, which have rested at their first values before it.
+    """Return lagged inputs of one record; before it they have their first values.
 
     Parameters
     ----------
@@ -146,9 +146,9 @@ def lagged_columns(X, table, first=0, stop=None, out=None) -> np.ndarray:
     table : sequence of (int, int)
         Column and lag of each lagged input.
     first, stop : int, optional
-        Rows that are wanted; all by default.
+        Range of rows to return; all by default.
     out : ndarray of shape (stop - first, len(table)), optional
-        Where they are written to.
+        Array to write to.
 
     Returns
     -------

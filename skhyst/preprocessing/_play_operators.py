@@ -10,12 +10,12 @@ from ._base import RecordTransformer
 
 
 class _OperatorBasis(RecordTransformer):
-    """Base of both: ``_kernel``, ``_label`` and ``_first``, the number of the first threshold.
+    """Base of both, which give ``_kernel``, ``_label`` and ``_first``, the first default threshold.
 
     Parameters
     ----------
     n_operators : int, default=20
-        Number of thresholds a column; ignored where ``thresholds`` is given.
+        Number of thresholds per column; ignored where ``thresholds`` is given.
     spacing : {"grid", "quantile"}, default="grid"
         Spacing of the default thresholds; see :func:`skhyst.operators.play_thresholds`.
 
@@ -33,7 +33,7 @@ class _OperatorBasis(RecordTransformer):
         "include_drive": ["boolean"],
     }
 
-    _one_interval = False  # plays know no time
+    _one_interval = False  # plays are rate-independent
 
     def _fit_records(self, X, records):
         if self.thresholds is None:
@@ -60,7 +60,7 @@ class _OperatorBasis(RecordTransformer):
                 out[:, stop] = drive
                 stop += 1
             start, stop = stop, stop + n_operators
-            basis = out[:, start:stop]  # contiguous where it is all there is
+            basis = out[:, start:stop]  # contiguous where there are no other features
             self._kernel(drive, as_signal(thresholds), np.zeros(n_operators), basis)
 
     def sample_rules(self, rules, places, dt):
@@ -87,8 +87,9 @@ class PlayOperators(_OperatorBasis):
 
     (Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
     Scanning Stages*, 2020, equations (3.2) to (3.6)). Each record starts with a first loading from
-    zero to its first value, where a play stands at ``max(u - r, min(u + r, 0))``. A linear model
-    behind it is a Prandtl-Ishlinskii model, any other regressor a static map of hysteresis memory.
+    zero to its first value, where a play is at ``max(u - r, min(u + r, 0))``. A linear model of
+    these features is a Prandtl-Ishlinskii model, any other regressor a static map of hysteresis
+    memory.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ class PlayOperators(_OperatorBasis):
         Thresholds in the unit of the drive; by default from the range of the data, the first 0, for
         which the feature is the drive itself.
     include_drive : bool, default=False
-        Whether the drive itself comes before its plays.
+        Whether the drive itself is a feature, before its plays.
 
     Examples
     --------
@@ -134,7 +135,7 @@ class StopOperators(_OperatorBasis):
         Thresholds in the unit of the drive; by default from the range of the data, the first above
         0, for which the feature would be zero.
     include_drive : bool, default=True
-        Whether the drive itself comes before its stops.
+        Whether the drive itself is a feature, before its stops.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Features of a signal at one sample, from those of the sample before: what streams.
+"""Features of one sample from those of the sample before, for models that are stepped.
 
-The inputs and all that is made of them stand in one row. Each further number of the row follows by
-a rule, a line of a table, from numbers of this row and of the one before.
+The inputs and the features computed from them form one row. Each feature follows by a rule, one
+line of a table, from values of this row and of the previous one.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ _PLAY, _LESS, _SLOPE, _DIRECTION, _TURN = map(float, range(5))
 
 
 class SampleRules:
-    """Collects the rules by which a row goes on.
+    """Collects the rules that compute a row of inputs and features from the previous row.
 
     Parameters
     ----------
@@ -22,9 +22,9 @@ class SampleRules:
     Attributes
     ----------
     row : list of float
-        With what is made of the inputs.
+        Inputs and features while the device is at rest.
     table : list of tuple
-        Of each number that is made: kind, places that it reads, and a value.
+        One rule per feature: kind, two positions in the row that it reads, and a value.
 
     Examples
     --------
@@ -44,42 +44,42 @@ class SampleRules:
         return len(self.row) - 1
 
     def play(self, a, threshold):
-        """Return the place of a play of the number at ``a``, after a first loading from zero."""
+        """Add a play of the value at ``a``, first loaded from zero; return its position."""
         initial = max(self.row[a] - threshold, min(self.row[a] + threshold, 0.0))
         return self._add(initial, _PLAY, a, 0, threshold)
 
     def less(self, a, b):
-        """Return the place of the number at ``a`` less that at ``b``."""
+        """Add the value at ``a`` minus that at ``b``; return its position."""
         return self._add(self.row[a] - self.row[b], _LESS, a, b, 0.0)
 
     def slope(self, a, dt):
-        """Return the place of the change of the number at ``a``, divided by ``dt``."""
+        """Add the rate of the value at ``a``, change over ``dt``; return its position."""
         return self._add(0.0, _SLOPE, a, 0, dt)
 
     def direction(self, a, from_zero):
-        """Return the place of the sign of the last move of the number at ``a``.
+        """Add the sign of the last change of the value at ``a``; return its position.
 
-        At rest it is 0, or, where the first move is the one from zero, the sign of that.
+        At rest it is 0 or, with ``from_zero``, the sign of the change from zero to the value.
         """
         return self._add(np.sign(self.row[a]) if from_zero else 0.0, _DIRECTION, a, 0, 0.0)
 
     def turn(self, a, b):
-        """Return the place of what stood at ``a`` before the direction at ``b`` last turned."""
+        """Add the value at ``a`` before the last reversal of ``b``; return its position."""
         return self._add(0.0, _TURN, a, b, 0.0)
 
 
 @jit
 def follow_rules(s, before, first, rules):
-    """Write the numbers of a row that follow from others.
+    """Compute the features of a row, in place.
 
     Parameters
     ----------
     s : ndarray
-        Has the row in front, with the inputs of a sample.
+        Begins with the row, in which the inputs of the sample are set.
     before : int
-        Place of the row before.
+        Position of the previous row in ``s``.
     first : int
-        Place of the first number that follows.
+        Position of the first feature in the row.
     rules : ndarray of shape (n_rules, 4)
         The table of :class:`SampleRules`.
     """

@@ -404,7 +404,7 @@ def test_restrict_frame_pickle():
 
 
 def test_broken_responses_are_refused():
-    with pytest.raises(ValueError, match=r"one-dimensional, rising"):
+    with pytest.raises(ValueError, match=r"one-dimensional, strictly increasing"):
         FrequencyResponse([2.0, 1.0], [1.0, 1.0])
     with pytest.raises(ValueError, match=r"'std' parameter .* of shape \(2, 1\)"):
         FrequencyResponse([1.0, 2.0], [1.0, 1.0], [1.0])
@@ -429,7 +429,7 @@ TWICE = np.vstack([U[:100], U[:100]])
         (np.where(U > 3, np.nan, U) * [[np.nan, 1.0]], Y, {}, "NaN"),
         (U * [1.0, 0.0] + 20.0, Y, {}, r"constant 20 in column 'input1'"),
         (U, 0.0 * Y, {}, r"'y' parameter .* must vary"),
-        (U[:, [0, 0]], Y, {"method": "h1"}, "differ from each other"),
+        (U[:, [0, 0]], Y, {"method": "h1"}, "linearly independent"),
         (U, Y, {"method": "h2"}, "'h1' or 'periodic' for several"),
         (U, Y, {"method": "h3"}, "'method' parameter"),
         (U, Y, {"segment_length": 401}, "401 samples. Got 400 samples"),

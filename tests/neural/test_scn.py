@@ -200,7 +200,7 @@ def test_early_stopping_keeps_the_best_network(algorithm):
     grid = np.linspace(-1.0, 1.0, 200)[:, np.newaxis]
     error = np.sqrt(np.mean((model.predict(grid) - np.sin(4 * grid[:, 0])) ** 2))
     assert error < 0.2
-    with pytest.raises(ValueError, match="hold back 2 of n_samples=3"):
+    with pytest.raises(ValueError, match="hold out 2 of n_samples=3"):
         model.fit(x[:3], y[:3])
 
 
