@@ -174,6 +174,16 @@ def test_seconds_are_no_difference(tmp_path, row, capsys):
     assert capsys.readouterr().out.endswith("no row that both have differs\n")
 
 
+def test_what_the_clock_has_cut_off_is_no_difference(tmp_path, row, capsys):
+    old, new = [row(A), row(B)], [row(A), row(B, message="not within 9 s", after=np.nan)]
+    files = [write(tmp_path / name, rows) for name, rows in (("new", new), ("old", old))]
+    judge.main(["--output", files[0], "--against", files[1]])
+    told = capsys.readouterr().out
+    assert "rows not compared: 1\n" in told
+    assert told.endswith("no row differs\n")
+    assert "worse 1" in next(line for line in told.splitlines() if line.startswith("  ended"))
+
+
 def test_the_truth_is_that_of_the_judge_not_of_the_file(tmp_path, row):
     table = judge.read(write(tmp_path / "rows", [row(C, "lag", "creep", also="drift")]))
     assert table.loc[0, ["truth", "also", "named"]].tolist() == ["lag", "", 1.0]
