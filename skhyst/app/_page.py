@@ -168,7 +168,7 @@ def _model():
     fast = rate.radio("Does it matter how fast you drive?", **ask)
     rings = ringing.radio("Is there a mass or a spring that rings?", **ask)
     own = suggest_model(moves, rate_matters=answers[fast], rings=answers[rings])
-    help_ = "`skhyst models` lists all; + puts models in series, options stand in parentheses."
+    help_ = "`skhyst models` lists all; + puts models in series, options are in parentheses."
     model = st.text_input("Model", own.model, key=f"model {own.model}", help=help_)
     if model == own.model:
         st.caption(own.reason)

@@ -292,10 +292,10 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return tuple([*names, "offset"][i] for i in found)
 
     def _squares_after(self, directions):
-        """Return what the sum of squared innovations is after changes of the model.
+        """Return sums of squared innovations under changes of the model and of the reading.
 
-        First a function ``squares(i, change)`` for a change along direction ``i``, then the least
-        sum for a step of the reading.
+        These are a function ``squares(i, change)`` for a change along direction ``i``, and the
+        smallest sum for a step of the reading.
         """
         state, dt, rows, judged = self._evidence
         columns = _Columns(self, dt, rows[0, :-1], state)

@@ -28,7 +28,7 @@ class Unscented(CompiledStep):
 
     Parameters
     ----------
-    front, core, beside : CompiledStep
+    front, core, disturbances : CompiledStep
         Stages before the motion; the motion and the stages after it; additive disturbances.
     spread : float
         Standard deviation of the noise that drives the motion, units of its input.
@@ -38,7 +38,7 @@ class Unscented(CompiledStep):
 
     front: CompiledStep
     core: CompiledStep
-    beside: CompiledStep
+    disturbances: CompiledStep
     spread: float
     walk: float
     noise: float
@@ -53,7 +53,7 @@ class Unscented(CompiledStep):
         """State of the parts and of the walk, covariance, innovation, its standard deviation."""
         n = len(self.core.state) + 1
         others = np.zeros(1 + n * n + 2)
-        own = self.front.state, self.beside.state, self.core.state, others
+        own = self.front.state, self.disturbances.state, self.core.state, others
         return as_constant(np.concatenate(own))
 
     def read(self, s):
@@ -81,17 +81,18 @@ class Unscented(CompiledStep):
 
     def _stepping(self, s):
         n = len(self.core.state) + 1
-        ends = np.cumsum([len(self.front.state), len(self.beside.state), n, n * n])
-        front, beside, mean, covariance, last = np.split(s, ends)
+        ends = np.cumsum([len(self.front.state), len(self.disturbances.state), n, n * n])
+        front, disturbances, mean, covariance, last = np.split(s, ends)
         covariance = covariance.reshape(n, n)
-        front, beside = self.front.stepping(front), self.beside.stepping(beside)
+        front = self.front.stepping(front)
+        disturbances = self.disturbances.stepping(disturbances)
         rooms = np.zeros((2 * (n + 1) + 1, n - 1))
         cores = [self.core.stepping(room) for room in rooms]
         is_signal = self.front.n_inputs is None
 
         def step(row):
             drive = front(row[0] if is_signal else row)
-            offset = beside(drive)
+            offset = disturbances(drive)
             values, vectors = np.linalg.eigh(covariance)
             seen = values > _NOTHING * values[-1]
             m = int(seen.sum()) + 1

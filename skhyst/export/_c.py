@@ -41,7 +41,7 @@ _HEADER = Template("""\
 
 #define ${name}_DT $dt /* sampling interval in s */
 #define ${name}_N_INPUTS $n_inputs
-/* SHA-256 of the program in double precision: of laws, constants and first state */
+/* SHA-256 of the program in double precision: of its laws, constants and initial state */
 #define ${name}_HASH "$digest"
 
 typedef struct {
@@ -54,7 +54,7 @@ void ${name}_init(${name}_state *state);
 /* One sample. $caution */
 $type ${name}_step(${name}_state *state, $input);
 
-${bits}/* Conditions of the last sample, bits that are set while they hold; 0 if there are none. */
+${bits}/* Conditions of the last sample: a bit is set for each that holds. */
 uint32_t ${name}_status(const ${name}_state *state);
 
 #endif
@@ -82,7 +82,7 @@ uint32_t ${name}_status(const ${name}_state *state)
 $conditions}
 """)
 _TEST = Template("""\
-/* Test of $name.c: returns 0 where it answers as the Python model did. */
+/* Test of $name.c: returns 0 if its outputs agree with those of the Python model. */
 #include <math.h>
 #include <stdio.h>
 

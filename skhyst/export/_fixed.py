@@ -113,8 +113,8 @@ class FixedText(FunctionText):
         largest = self._printer.ranges.of(step, part or self._part, *key)
         if largest is None:
             raise ValueError(
-                f"The 'drive' must lead through all of '{self._part.function.name}', so that the "
-                "size of its numbers is seen. There is a part that it does not reach."
+                f"The 'drive' must lead through all branches of '{self._part.function.name}', so "
+                "that the size of their numbers is known. Got a drive that misses some."
             )
         return digits(largest)
 

@@ -119,7 +119,7 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 }}
 """,
     "kept": """\
-/* as moved; what stands for infinity stays */
+/* as moved; a number that represents infinity is unchanged */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t most = (int64_t)1 << 62;
@@ -215,7 +215,7 @@ static int64_t {n}(int64_t a, int64_t b, int32_t fa, int32_t fb, int32_t f)
 }}
 """,
     "cos": """\
-/* a series, whole turns aside */
+/* a series, after reduction by full periods */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t one = (int64_t)1 << 58;

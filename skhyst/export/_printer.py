@@ -323,7 +323,7 @@ class FunctionText:
         if op in SYMBOLS:
             symbol, binding = SYMBOLS[op]
             left, right = self._bound(args[0]), self._bound(args[1])
-            # an operand that binds as tightly may stand on the left; conditions are set apart
+            # the left operand may have the same precedence; conditions are put in parentheses
             least = max(binding, 5)
             a = left[0] if left[1] >= least else f"({left[0]})"
             b = right[0] if right[1] > max(binding, 4) else f"({right[0]})"

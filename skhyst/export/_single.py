@@ -13,7 +13,7 @@ _FAILED = (ArithmeticError, ValueError, IndexError)
 
 
 class _Single(Interpreter):
-    """Runs a model in single precision, or one of its steps alone."""
+    """Run a model in single precision, or only one of its steps."""
 
     def __init__(self, model, state, only=None):
         super().__init__(model, state)
@@ -51,7 +51,7 @@ def check_single(model, state, drive, outputs, span, tolerance):
     alone = {k: _lost(_Single(model, state, k), *until)[0] for k in steps}
     raise ValueError(
         f"Single precision cannot hold '{steps[max(alone, key=alone.get)]}': at sample {n} the "
-        f"answer is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
+        f"response is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
         "'dtype' must be 'float64'."
     )
 

@@ -206,7 +206,7 @@ def _indexed(path, variable, wanted, text):
         symbols = {":": slice(None), "...": Ellipsis}
         index = [symbols.get(m[1]) or int(m[1]) for m in matches]
         if all(isinstance(part, int) for part in index):
-            index = [slice(None), *index]  # numbers alone count behind the axis of samples
+            index = [slice(None), *index]  # plain numbers index the axes after that of the samples
         try:
             column = values[tuple(index)]
         except IndexError:
@@ -244,7 +244,7 @@ def numbers(path, name, values):
 
 
 def coerced(path, name, column):
-    """Return a series as numbers, NaN where a cell is none."""
+    """Return a series as numbers, NaN where a cell is not a number."""
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError as error:

@@ -1,10 +1,11 @@
-"""Which columns of a recording are its drive, its response, its time and its records.
+"""Recognition of the columns of a recording: drive, response, time and record.
 
-A name says what a column is by its words, else by its unit: `drive`, `input`, `command` come before
-`voltage`, and that before `V`. A column whose words contradict each other says nothing. Of the time
-the values must rise as a time does; a column without a telling name is the time where it alone
-rises evenly. The only other column that moves takes the role that is left. Where two columns may
-have a role, none is chosen: a wrong guess is worse than a question.
+The role of a column follows from the words of its name, else from its unit: `drive`, `input`,
+`command` have precedence over `voltage`, and that over `V`. A name whose words contradict each
+other gives no role. A time column must increase; without a name that shows it, a column is the time
+if it is the only one that increases by equal steps. The only remaining column that is not constant
+takes the remaining role. If two columns may have a role, none is chosen: a wrong guess would be
+worse than a question.
 """
 
 import re

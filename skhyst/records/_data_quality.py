@@ -17,7 +17,7 @@ _ADVICE = {
     "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
     "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
-    "wrapped_reading": "put the turns together again, as np.unwrap(y, period=value) does",
+    "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
     "swapped_channels": "check the columns: the drive reads like a response, and lags",
