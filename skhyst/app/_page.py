@@ -1,7 +1,7 @@
 """The page of `skhyst app`, which Streamlit runs from top to bottom at every click.
 
-What took long is kept in the session. A click while a search runs, such as on Stop, makes Streamlit
-raise in the observer of the search, which ends it.
+Results of a search are kept in the session. A click while a search runs, such as on Stop, makes
+Streamlit raise an exception in the progress callback of the search, which ends it.
 """
 
 import shlex
@@ -21,9 +21,9 @@ from skhyst.discovery import parse_model
 from skhyst.persistence import save_model
 from skhyst.records import inspect_recording, read_records
 
-_POINTS = 1500  # of a curve, twice as many where it is drawn by its outline
-_LONG = 5000  # samples, above which it pays to start processes
-_FROM_FILE = "as the file says"
+_POINTS = 1500  # parts of a curve, each drawn by its smallest and largest value
+_LONG = 5000  # number of samples above which starting processes saves time
+_FROM_FILE = "as in the file"
 _NO_COLUMN = "none"
 
 
@@ -61,7 +61,7 @@ def _sentences():
 
 
 def _upload():
-    """Return the path of what was uploaded, among the temporary files."""
+    """Return the path of the uploaded file, in a temporary folder."""
     about = "csv, txt, xlsx, mat, npy, json, hdf5, parquet, feather, tdms, wav"
     uploaded = st.file_uploader(f"Recording: {about}")
     if uploaded is None:
@@ -117,10 +117,10 @@ def _roles(path):
 
 
 def _draw(path, reading):
-    """Draw drive and response over time, and the loop; tell what is suspicious."""
+    """Draw drive and response over time, and the loop; show warnings and faults."""
     with _sentences():
-        overview, told = _overview(path, reading)
-    for text in [*told, *overview.faults]:
+        overview, warned = _overview(path, reading)
+    for text in [*warned, *overview.faults]:
         st.warning(text)
     if overview.X is None:
         st.stop()
@@ -152,7 +152,7 @@ def _draw(path, reading):
 
 
 def _outline(values):
-    """Return the rows of the least and the largest value of each part of a signal."""
+    """Return the rows of the smallest and the largest value of each part of a signal."""
     values = np.asarray(values)
     parts = np.array_split(np.arange(len(values)), min(_POINTS, len(values)))
     return np.unique([[p[values[p].argmin()], p[values[p].argmax()]] for p in parts])
@@ -168,7 +168,7 @@ def _model():
     fast = rate.radio("Does it matter how fast you drive?", **ask)
     rings = ringing.radio("Is there a mass or a spring that rings?", **ask)
     own = suggest_model(moves, rate_matters=answers[fast], rings=answers[rings])
-    help_ = "`skhyst models` lists all; + puts models in series, options stand in parentheses."
+    help_ = "`skhyst models` lists all; + puts models in series, options are in parentheses."
     model = st.text_input("Model", own.model, key=f"model {own.model}", help=help_)
     if model == own.model:
         st.caption(own.reason)
@@ -176,7 +176,7 @@ def _model():
 
 
 def _options():
-    """Return the parameters of the search, and what becomes of lost readings."""
+    """Return the parameters of the search, and ``on_missing`` of reading."""
     with st.expander("Options"):
         effects = st.multiselect("Effects", effect_names(), placeholder="all")
         folds, seed, missing = st.columns(3)
@@ -191,7 +191,7 @@ def _options():
 
 
 def _search(path, reading, model, options):
-    """Return what the rest of the page needs of a search."""
+    """Run the search; return it with its report, HTML page and saved model."""
     st.button("Stop")
     X, y = read_records(path, **reading)
     n_jobs = -1 if len(X) > _LONG else 1
@@ -231,7 +231,7 @@ def _command(path, reading, model, options):
 
 
 def _result(found):
-    """Show the verdict, the report and what can be kept."""
+    """Show the verdict, the downloads and the report."""
     report = found["report"]
     st.header(report.headline)
     for place, (label, data, name) in zip(

@@ -1,7 +1,7 @@
-"""Which model to declare: three questions, and a table that answers them.
+"""Suggestion of the model to declare, from the answers to three questions.
 
-What is known belongs into the declared model. What is not known stays out: where it is missing, the
-search names it.
+Effects that are known belong in the declared model. Unknown ones are left out: if the device has
+them, the search finds them.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ DEVICES = {
     "flow": "Tanks or valves: a level or a pressure follows a flow",
     "linear": "A mechanism or a circuit without a loop, as far as I know",
 }
-"""What moves: short names, and what they mean."""
+"""Kinds of devices: keys and their descriptions."""
 
 _LAG, _MODE = "first_order_lag", "second_order_mode"
-_MODELS = {  # when slow; where it matters how fast one drives; where a mass on a spring rings
+_MODELS = {  # quasi-static; with rate dependence; with a resonance
     "piezo": ("prandtl_ishlinskii", f"prandtl_ishlinskii+{_LAG}", f"prandtl_ishlinskii+{_MODE}"),
     "magnetic": ("prandtl_ishlinskii", f"prandtl_ishlinskii+{_LAG}", f"prandtl_ishlinskii+{_MODE}"),
     "play": ("backlash", f"backlash+{_LAG}", f"backlash+{_MODE}"),
@@ -52,7 +52,7 @@ class Suggestion:
     model : str
         As :func:`skhyst.discovery.parse_model` takes it.
     reason : str
-        What each of its stages stands for, and what is left to the search.
+        What each of its stages represents, and what is left to the search.
     """
 
     model: str
@@ -67,8 +67,8 @@ def suggest_model(moves, *, rate_matters=None, rings=None) -> Suggestion:
     moves : str
         What moves, a key of :data:`DEVICES`.
     rate_matters, rings : bool or None, default=None
-        Whether it matters how fast one drives, and whether there is a mass on a spring that rings
-        in the band of the drive. None: not known, and so left to the search.
+        Whether the response depends on the rate of the drive, and whether the device has a
+        resonance in the band of the drive. None: not known, and so left to the search.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def suggest_model(moves, *, rate_matters=None, rings=None) -> Suggestion:
     Raises
     ------
     ValueError
-        If ``moves`` is none of the devices.
+        If ``moves`` is not a key of :data:`DEVICES`.
 
     Examples
     --------

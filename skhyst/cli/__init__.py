@@ -1,4 +1,4 @@
-"""The command line: arguments and options to the public interface, a module for each command."""
+"""The command line: one module per command, which calls the public interface."""
 
 from ._main import main
 

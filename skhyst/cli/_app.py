@@ -1,4 +1,4 @@
-"""What `skhyst app` does: it serves the page of `skhyst.app` to this machine alone."""
+"""`skhyst app`: serve the page of `skhyst.app`, to this machine only."""
 
 import os
 import subprocess
@@ -28,7 +28,7 @@ def app(options):
     own = {"server.port": options.port, "server.headless": str(options.no_browser).lower()}
     flags = [f"--{name}={value}" for name, value in {**_OPTIONS, **own}.items()]
     command = [sys.executable, "-m", "streamlit", "run", str(_PAGE), *flags]
-    with TemporaryDirectory(prefix="skhyst") as folder:  # of what is uploaded
+    with TemporaryDirectory(prefix="skhyst") as folder:  # for uploaded files
         done = subprocess.run(command, env=os.environ | {"TMPDIR": folder})
     if done.returncode:
         raise OSError(f"The page could not be served at port {options.port}: try another --port.")

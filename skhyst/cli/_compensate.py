@@ -12,7 +12,7 @@ from ..records import read_records
 
 
 def compensate(options):
-    """Write the drive, and report how far the model stays from the reference."""
+    """Write the drive, and report the error of the model's response."""
     check_outputs([options.output], [options.model, options.file], force=options.force)
     model = load_model(options.model, options.trust)
     columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
@@ -26,7 +26,7 @@ def compensate(options):
         rate_limit=fitted if options.rate_limit is None else options.rate_limit,
         limit_margin=options.limit_margin,
         max_residual=options.max_residual,
-    ).fit(X, reference)  # the model is fitted: nothing is learned from the reference
+    ).fit(X, reference)  # the model is fitted already: X and the reference are only validated
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ReachWarning)
         drive, residual = compensator.predict(X, return_residual=True)
@@ -48,12 +48,12 @@ def compensate(options):
 
 
 def _refuse(options, worst, fraction, known):
-    """Refuse to write a drive that a device should not be given."""
+    """Raise a ValueError if the drive has no known limits or misses the reference by too much."""
     if not (known or options.no_limits or options.limits):
         raise ValueError(
             f"{options.output} is not written: the model, of an earlier version, does not know the "
-            "drive that its fit has seen. Give the limits of the amplifier (--limits), or lift "
-            "them (--no-limits)."
+            "range of the drive of its fit. Give the limits of the amplifier (--limits), or "
+            "disable them (--no-limits)."
         )
     if not fraction <= options.max_residual:
         raise ValueError(

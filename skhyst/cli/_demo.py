@@ -1,4 +1,4 @@
-"""What `skhyst demo` does: it records a simulated actuator and searches the recording."""
+"""`skhyst demo`: record a simulated actuator with a hidden effect, and search the recording."""
 
 from .._files import replacing
 from ..discovery import parse_model
@@ -8,7 +8,7 @@ from ._diagnose import conclude, make_search, prepare
 
 
 def demo(options):
-    """Write a recording, search it, and tell what had been hidden."""
+    """Write a recording, search it, and print the effect that was hidden in it."""
     recording = options.output / "recording.csv"
     outputs = [options.output / name for name in ("report.html", "model.joblib", "result.json")]
     options.report, options.save, options.json = outputs

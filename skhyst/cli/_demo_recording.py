@@ -1,4 +1,4 @@
-"""A simulated actuator with one effect that nobody is told."""
+"""A simulated actuator with one hidden effect."""
 
 from functools import partial
 
@@ -7,14 +7,14 @@ import pandas as pd
 
 from ..datasets.simulation import Plant, clip, dead_zones, kelvin_voigt, oscillate, plays
 
-_SAMPLES = 1500  # a record
+_SAMPLES = 1500  # per record
 _INTERVAL = 1e-3  # s
-_SUBSTEPS = 20
-_NOISE = 0.002  # of the range
+_SUBSTEPS = 20  # integration steps per sample
+_NOISE = 0.002  # standard deviation as a fraction of the range
 
 
 def _asymmetry(rng):
-    """Bend the upper part of the stroke."""
+    """Reduce the slope of the upper part of the stroke."""
     start, slope = rng.uniform(0.0, 0.3), rng.uniform(-0.4, -0.2)
     stage = partial(dead_zones, side=1, thresholds=[start], weights=[slope])
     return stage, f"beyond {start:.3g} um the slope is {1 + slope:.3g}"
@@ -28,10 +28,10 @@ def _resonance(rng):
 
 
 def _creep(rng):
-    """Add a unit that relaxes."""
-    share, tau = rng.uniform(0.15, 0.3), rng.uniform(0.05, 0.2)
-    stage = partial(kelvin_voigt, taus=[tau], compliances=[share])
-    return stage, f"{100 * share:.3g} % more, with a time constant of {tau:.3g} s"
+    """Add a Kelvin-Voigt unit."""
+    fraction, tau = rng.uniform(0.15, 0.3), rng.uniform(0.05, 0.2)
+    stage = partial(kelvin_voigt, taus=[tau], compliances=[fraction])
+    return stage, f"{100 * fraction:.3g} % more, with a time constant of {tau:.3g} s"
 
 
 def _output_saturation(rng):
@@ -68,7 +68,7 @@ def make_demo_recording(seed, *, n_records=5):
     Parameters
     ----------
     seed : int
-        Chooses the effect, its size, and everything else.
+        Seed of the effect, its size, and everything else.
     n_records : int, default=5
 
     Returns
@@ -76,9 +76,9 @@ def make_demo_recording(seed, *, n_records=5):
     table : DataFrame
         Columns ``record``, ``time`` (s), ``voltage`` (V), ``position`` (um).
     effect : str
-        The secret.
+        Name of the hidden effect.
     description : str
-        Its size, in words.
+        Its size, as text.
     """
     rng = np.random.default_rng(seed)
     effect = sorted(SECRETS)[rng.integers(len(SECRETS))]

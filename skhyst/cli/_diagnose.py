@@ -1,4 +1,4 @@
-"""`skhyst diagnose` and `skhyst next`: search a recording, tell the result, write the files."""
+"""`skhyst diagnose` and `skhyst next`: search recordings, print the result, write the files."""
 
 import importlib.util
 import math
@@ -18,15 +18,15 @@ from ..persistence import save_model
 from ..records import read_records, record_slices
 from ._reading_options import find_columns, reading_options
 
-_LEFT = {
+_RESIDUAL = {
     "noise": "noise",
-    "undetermined": "perhaps noise; the recording cannot tell",
-    "unexplained": "structure that is not explained",
+    "undetermined": "undetermined: the recording does not show whether it is noise",
+    "unexplained": "structure that no effect explains",
 }
 _DRAWN = ("jinja2", "matplotlib")
 _REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
 _NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
-_NEEDED[".skops"] = (("skops",), "io")  # what a file's suffix needs, and the extra that has it
+_NEEDED[".skops"] = (("skops",), "io")  # by suffix: modules needed, and the extra with them
 _OF_ONE = (
     "rows",
     "train_fraction",
@@ -42,19 +42,19 @@ def diagnose(options):
     if options.summary:
         return _summarize(options)
     if len(options.files) > 1:
-        raise ValueError("Of several recordings there is one table: add --summary FILE.")
+        raise ValueError("Several recordings give one table: add --summary FILE.")
     return _diagnose_one(options)
 
 
 def _diagnose_one(options):
-    """Search one recording, tell the result, and return the search."""
+    """Search one recording, print the result, and return the search."""
     outputs = [options.report, options.save, options.json, getattr(options, "output", None)]
     if options.report and options.report.suffix.lower() not in _REPORTS:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
     model = parse_model(options.model)
     checkpoint = [options.checkpoint] if options.checkpoint else []
     prepare([path for path in outputs if path], [*options.files, *checkpoint], options)
-    check_outputs(checkpoint, options.files, force=True)  # of another search it refuses itself
+    check_outputs(checkpoint, options.files, force=True)  # the search refuses one of another search
     X, y = read_records(options.files[0], **_reading(options))
     if options.rows:
         rows = _rows(options.rows)
@@ -88,8 +88,8 @@ def _summarize(options):
         )
     except BrokenExecutor as error:
         raise OSError(
-            f"A worker process has died. {options.summary} has what was done before: the same "
-            "command goes on from there, with fewer --jobs where memory ran out."
+            f"A worker process has died. {options.summary} has the results so far: the same "
+            "command resumes from there, with fewer --jobs if memory ran out."
         ) from error
     found = table[table["file"].isin([str(file) for file in options.files])]
     failed = int(found["failure"].astype(bool).sum())
@@ -108,7 +108,8 @@ def _tell_rows(rows):
 def _reading(options):
     """Return the parameters of read_records, with the columns that no option names.
 
-    They are those of the first file that tells them; of a table one that is broken is a row.
+    These are the columns recognised in the first file where that is possible. In a table, files
+    that cannot be read get a row with the failure, so they are no error here.
     """
     reading = reading_options(options)
     if options.reference is not None:
@@ -149,43 +150,44 @@ def propose(options):
 
 
 def make_search(model, options, **more):
-    """Return a search as the options of every command that searches say."""
+    """Return a search with the options that all commands with a search have."""
     quiet = {"n_jobs": options.jobs, "verbose": int(not options.quiet)}
     return EffectSearchCV(model, random_state=options.seed, **quiet, **more)
 
 
 def conclude(search, options, held_out):
     """Print the result and write the files."""
-    for line in chain(_result(search), _recording(search), _kept_away(search, held_out)):
+    for line in chain(_result(search), _recording(search), _held_out_error(search, held_out)):
         print(line)
     _write(search, options, held_out)
 
 
 def _result(search):
-    """Tell the claims, the errors and what is left."""
+    """Yield lines on the claims, the errors and the residual."""
     yield f"missing: {', '.join(search.effects_) or 'nothing'}"
     for row in search.history_.itertuples():
         yield f"  {row.effect}: {row.evidence.statement}"
         if row.ambiguous_with:
-            yield f"    not told apart from: {', '.join(row.ambiguous_with)}. {row.experiment}"
+            names = ", ".join(row.ambiguous_with)
+            yield f"    cannot be distinguished from: {names}. {row.experiment}"
         if row.provisional:
-            yield "    provisional: more than half of the structure before it is left"
+            yield "    provisional: more than half of the structure before it remains"
     span, unit = np.ptp(search.response_) / 100.0 or 1.0, _unit_after(search)
     for row in search.failed_.itertuples():
-        yield f"not tried to the end: {row.effect}, {row.error}"
+        yield f"fit failed: {row.effect}, {row.error}"
     yield (
         f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g}{unit} "
         f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
         f"range), noise floor {search.noise_floor_:.4g}{unit}"
     )
-    yield f"what is left: {_LEFT[search.verdict_]}"
-    yield f"its noise: {search.noise_model_}"
+    yield f"residual: {_RESIDUAL[search.verdict_]}"
+    yield f"noise of the residual: {search.noise_model_}"
 
 
 def _recording(search):
-    """Tell what the recording does not say, and what was done to it."""
+    """Yield lines on what is unknown of the recording, and on its processing."""
     if search.units_.time == "sample":
-        yield "no time is known: give --time or --sampling-rate for s and Hz"
+        yield "sampling interval unknown: give --time or --sampling-rate for s and Hz"
     if search.reference_share_ is not None:
         yield f"the reference predicts {100.0 * search.reference_share_:.3g} % of the drive"
     if search.resampling_error_:
@@ -193,12 +195,12 @@ def _recording(search):
         yield f"interpolation onto even grids changes the response by about {changed} (RMS)"
 
 
-def _kept_away(search, held_out):
+def _held_out_error(search, held_out):
     if held_out is not None:
         before = search.held_out_error(*held_out, declared=True)
         after = search.held_out_error(*held_out)
         change = f"{before:.4g} -> {after:.4g}{_unit_after(search)}"
-        yield f"error on the part kept away from the search: {change}"
+        yield f"error on the held-out part: {change}"
 
 
 def _unit_after(search):
@@ -206,7 +208,7 @@ def _unit_after(search):
 
 
 def _write(search, options, held_out):
-    """Write the files; one that fails takes no other with it."""
+    """Write the files; if one fails, the others are still written."""
     report = Report.from_search(search, command=options.command, held_out=held_out)
     is_markdown = options.report and options.report.suffix.lower() == ".md"
     outputs = (
@@ -218,11 +220,11 @@ def _write(search, options, held_out):
     for path, write in outputs:
         if path:
             try:
-                check_outputs([path], force=options.force)  # the search has taken its time
+                check_outputs([path], force=options.force)  # again, after a long search
                 write(path)
             except OSError as error:
                 failures.append(str(error))
-            except TypeError as error:  # not to be written as skops
+            except TypeError as error:  # skops cannot write the model
                 failures.append(f"{path} cannot be written: {error}")
             else:
                 print(f"written: {path}")
@@ -231,7 +233,7 @@ def _write(search, options, held_out):
 
 
 def prepare(paths, inputs, options):
-    """Find out now whether all outputs can be written, and what they need is installed."""
+    """Check before a search that all outputs can be written and the modules are installed."""
     check_outputs(paths, inputs, force=options.force)
     for path in paths:
         modules, extra = _NEEDED.get(path.suffix.lower(), ((), ""))
@@ -252,9 +254,9 @@ def _rows(text):
 
 
 def _training_rows(X, fraction, uneven=False):
-    """Return the number of rows of the first part: whole records, or part of the only one.
+    """Return the number of rows of the first part: complete records, or a fraction of a single one.
 
-    Where they may be sampled unevenly, the record level alone tells them apart.
+    Records that may be sampled unevenly are distinguished by the record level only.
     """
     if not 0.0 < fraction < 1.0:
         raise ValueError(f"The train fraction must lie between 0 and 1. Got {fraction:g} instead.")

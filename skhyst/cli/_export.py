@@ -9,7 +9,7 @@ _FOR_C, _FOR_FMU = ("name", "dtype", "drive", "column"), ("fmi_version",)
 
 
 def export(options):
-    """Write the program or the unit."""
+    """Write the C program or the FMU."""
     for name in _FOR_FMU if options.c else _FOR_C:
         if getattr(options, name) is not None:
             raise ValueError(
@@ -42,7 +42,7 @@ def _export_fmu(model, options, more):
     try:
         from fmpy.validation import validate_fmu
     except ImportError:
-        print('not validated: FMPy does that. Install with: python -m pip install "skhyst[fmi]"')
+        print('not validated: needs FMPy. Install with: python -m pip install "skhyst[fmi]"')
     else:
         print(f"validated by FMPy: {'; '.join(validate_fmu(str(path))) or 'no finding'}")
     return [path]

@@ -1,4 +1,4 @@
-"""`skhyst inspect`: what is understood of recordings, and their faults."""
+"""`skhyst inspect`: columns, records and faults of recordings."""
 
 from .._files import check_outputs, replacing
 from ..inspection import RecordingDisplay
@@ -8,7 +8,7 @@ from ._reading_options import reading_options
 
 
 def inspect(options):
-    """Tell what is understood of each recording, and draw it."""
+    """Print an overview of each recording, and draw one."""
     picture = options.picture
     if picture and len(options.files) > 1:
         raise ValueError("A picture is of one recording: --picture with one file.")

@@ -1,8 +1,8 @@
-"""Ctrl-C and SIGTERM: a command ends within two seconds, and its worker processes with it.
+"""Ctrl-C and SIGTERM: a command and its worker processes end within two seconds.
 
-What is written takes its place whole or not at all (`_files`), so it may end at any instant. The
-exception may be swallowed, where compiled code or a destructor calls back into Python: then the
-process ends without it.
+Files are replaced completely or not at all (`_files`), so a command may end at any time. The
+exception may be swallowed where compiled code or a destructor calls back into Python; a timer then
+ends the process.
 """
 
 import os
@@ -11,12 +11,12 @@ import sys
 import threading
 from contextlib import contextmanager
 
-_PATIENCE = 1.5  # s
+_PATIENCE = 1.5  # s, until the process is ended without an exception
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
 class _Ended(KeyboardInterrupt):
-    """A signal has ended the command; its exit code is ``code``, as a shell counts."""
+    """A signal has ended the command; ``code`` is its exit code, 128 plus the signal number."""
 
     def __init__(self, number):
         super().__init__(_WORDS[number])
@@ -25,8 +25,8 @@ class _Ended(KeyboardInterrupt):
 
 @contextmanager
 def ending_on_signals():
-    """Raise `KeyboardInterrupt` on Ctrl-C and SIGTERM, and see that the process ends soon."""
-    if threading.current_thread() is not threading.main_thread():  # others get no signals
+    """Raise `KeyboardInterrupt` on Ctrl-C and SIGTERM, and end the process soon in any case."""
+    if threading.current_thread() is not threading.main_thread():  # only it can handle signals
         yield
         return
     timers, earlier = [], {}
@@ -55,7 +55,7 @@ def ending_on_signals():
 
 
 def _kill_workers(number=None):
-    """Kill the processes of joblib's pool, where there is one."""
+    """Kill the processes of joblib's pool, if there is one."""
     loky = sys.modules.get("joblib.externals.loky")
     if loky is not None:
         loky.get_reusable_executor().shutdown(wait=False, kill_workers=True)

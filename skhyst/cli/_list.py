@@ -1,4 +1,4 @@
-"""`skhyst models` and `skhyst effects`: what can be declared, and what a search tries."""
+"""`skhyst models` and `skhyst effects`: lists of declarable models and of effects."""
 
 from ..diagnosis import EFFECTS, effect_names
 from ..discovery import declarable_models

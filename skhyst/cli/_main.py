@@ -38,7 +38,7 @@ def main(argv=None) -> int:
             warnings.showwarning = lambda message, *more, **named: _tell(message)
             options.run(options)
             sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads has seen enough: `skhyst models | head`
+    except BrokenPipeError:  # the reader of the output has ended, as in `skhyst models | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt as ended:
@@ -106,7 +106,7 @@ def _later(module, name):
 
 def _add_inspect(commands):
     parser = commands.add_parser(
-        "inspect", help="tell what is understood of recordings, and faults"
+        "inspect", help="show the columns, records and faults of recordings"
     )
     _add_reading(parser, nargs="+")
     drawn = "draw the signals and the loop of one recording, .png, .svg or .pdf"
@@ -117,7 +117,7 @@ def _add_inspect(commands):
 def _add_diagnose(commands):
     parser = commands.add_parser("diagnose", help="search recordings for missing effects")
     _add_search(parser, nargs="+")
-    table = "one row a recording, .parquet or .csv; goes on where it was stopped"
+    table = "one row per recording, .parquet or .csv; resumes where it was stopped"
     parser.add_argument("--summary", type=Path, metavar="FILE", help=table)
     parser.set_defaults(run=_later("_diagnose", "diagnose"))
 
@@ -138,52 +138,52 @@ def _add_next(commands):
 
 
 def _add_reading(parser, nargs=1):
-    """Add the recordings, and what says how they are read."""
+    """Add the recordings, and the options of reading them."""
     add = parser.add_argument
     known = "csv, txt, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
     add("files", type=Path, nargs=nargs, metavar="file", help=f"recording: {known}")
-    told = "(default: what its name and values say, if they do)"
-    add("--drive", metavar="COL", help=f"column or variable of the drive {told}")
+    found = "(default: recognised by its name and values, if possible)"
+    add("--drive", metavar="COL", help=f"column or variable of the drive {found}")
     add("--response", metavar="COL", help="column or variable of the response (likewise)")
     add("--time", metavar="COL", help="column of the time (likewise)")
-    add("--time-unit", help="unit of the time (default: that which the file says, else s)")
-    unit = "unit of a column that the file does not say; repeatable"
+    add("--time-unit", help="unit of the time (default: that given in the file, else s)")
+    unit = "unit of a column if the file does not give it; repeatable"
     add("--unit", metavar="COL=UNIT", action="append", default=[], help=unit)
     add("--record", metavar="COL", help="column that labels the records (likewise)")
     add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
     add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
-    lost = "value that marks a lost reading; nan: none does"
+    lost = "value that marks a missing reading; nan: there is none"
     add("--missing-code", type=float, metavar="VALUE", help=lost)
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
-    add("--delimiter", metavar="CHAR", help="of a text, where it is not found")
-    add("--decimal", choices=(".", ","), help="decimal sign of a text, where it is not found")
+    add("--delimiter", metavar="CHAR", help="of delimited text, if it is not detected")
+    add("--decimal", choices=(".", ","), help="decimal sign of text, if it is not detected")
 
 
 def _add_search(parser, nargs=1):
     _add_reading(parser, nargs)
     add = parser.add_argument
-    loop = "column of the reference that the controller followed, where there was one"
+    loop = "column of the reference, if the drive came from a feedback controller"
     add("--reference", metavar="COL", help=loop)
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
     grid = "interpolate unevenly sampled records onto even grids, of their own or of S s"
     add("--resample", type=_grid, metavar="auto|S", help=grid)
-    rest = "search the first part (of the records, or of the only one), report on the rest"
+    rest = "search the first fraction F (of the records, or of the only one), report on the rest"
     add("--train-fraction", type=float, metavar="F", help=rest)
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
     add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
     add("--effects", default="all", help="comma-separated names (default: all)")
     add("--folds", "--cv", type=int, default=5, metavar="N", help="folds (default: 5)")
-    add("--washout", type=int, metavar="N", help="samples at a start that are not scored")
-    gross = "huber: gross errors of the measurement count less (default: squared)"
+    add("--washout", type=int, metavar="N", help="samples at the start that are not scored")
+    gross = "huber: gross errors of the measurement have less weight (default: squared)"
     add("--loss", choices=("squared", "huber"), default="squared", help=gross)
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
-    add("--max-effects", type=int, default=3, help="claims at the most (default: 3)")
+    add("--max-effects", type=int, default=3, help="largest number of claims (default: 3)")
     add("--seed", type=int, default=0, help="seed (default: 0)")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")
     add("--save", type=Path, metavar="FILE", help="augmented model, .skops or .joblib")
-    add("--json", type=Path, metavar="FILE", help="numbers")
-    kept = "what is finished after each claim; the same command goes on from there"
+    add("--json", type=Path, metavar="FILE", help="results as JSON")
+    kept = "state of the search after each claim; the same command resumes from it"
     add("--checkpoint", type=Path, metavar="FILE", help=kept)
     add("--quiet", action="store_true", help="no progress")
 
@@ -191,7 +191,7 @@ def _add_search(parser, nargs=1):
 def _add_model(parser):
     add = parser.add_argument
     add("model", type=Path, help="fitted model, .skops; others with --trust")
-    trust = "load a pickle, or what skops does not know: it can run any code"
+    trust = "load a pickle, or types that skops does not know: they can run any code"
     add("--trust", action="store_true", help=trust)
 
 
@@ -203,19 +203,19 @@ def _add_compensate(commands):
     add("file", type=Path, help="reference: csv or another format that diagnose reads")
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
     add("--time", default=0, metavar="COL", help="column of the time (default: the first)")
-    add("--time-unit", help="unit of the time (default: that which the file says, else s)")
+    add("--time-unit", help="unit of the time (default: that given in the file, else s)")
     column = "column of the reference (default: the second)"
     add("--reference", default=1, metavar="COL", help=column)
-    limits = "of the drive, in its units (default: what the fit of the model has seen)"
+    limits = "of the drive, in its units (default: those in the fit of the model)"
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
-    rate = "fastest change of the drive, its units per s (default: as the fit has seen)"
+    rate = "fastest change of the drive, its units per s (default: that in the fit)"
     add("--rate-limit", type=float, metavar="RATE", help=rate)
-    margin = "part of the range and rate of the fit by which its limits are widened (default: 0)"
+    margin = "fraction of range and rate of the fit by which its limits are widened (default: 0)"
     add("--limit-margin", type=float, default=0.0, metavar="PART", help=margin)
-    add("--no-limits", action="store_true", help="none but those that are given")
-    missed = "part of the reference's range that may be missed (default: 0.05)"
+    add("--no-limits", action="store_true", help="no limits but those that are given")
+    missed = "largest error allowed, as a fraction of the reference's range (default: 0.05)"
     add("--max-residual", type=float, default=0.05, metavar="PART", help=missed)
-    faster = "leave out what is faster in the reference"
+    faster = "cut-off frequency of a low-pass of the reference"
     add("--bandwidth", type=float, metavar="HZ", help=faster)
     parser.set_defaults(run=_later("_compensate", "compensate"))
 
@@ -227,17 +227,17 @@ def _add_export(commands):
     add = parser.add_argument
     to = parser.add_mutually_exclusive_group(required=True)
     to.add_argument("--c", type=Path, metavar="DIR", help="folder for the C files")
-    unit = "functional mock-up unit, which is called as the file is"
+    unit = "functional mock-up unit, with the name of the file"
     to.add_argument("--fmu", type=Path, metavar="FILE.fmu", help=unit)
     add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
     add("--initial-state", choices=("rest", "zero"), help="(default: that of the model)")
     add("--u0", type=float, default=0.0, help="input at which the device rests (default: 0)")
-    units = "name of its unit in an FMU; for int32 what of it the integer 1 stands for"
+    units = "name of its unit in an FMU; for int32 the value that the integer 1 stands for"
     add("--input-unit", metavar="UNIT", help=units)
     add("--output-unit", metavar="UNIT", help=units)
     for_c = parser.add_argument_group("for --c")
     add = for_c.add_argument
-    add("--name", help="how files and functions are called (default: as the model's file)")
+    add("--name", help="name of files and functions (default: that of the model's file)")
     add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"

@@ -1,4 +1,4 @@
-"""Messages name parameters of Python: on the command line these are options."""
+"""Parameters of Python in messages, replaced by options of the command line."""
 
 import re
 
@@ -9,7 +9,7 @@ _NAMES = "|".join(
     ]
 )
 _GIVEN = re.compile(rf"\b({_NAMES})=('[^']*'|[\w.-]*\w)")
-_NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # no column's name
+_NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # not names of columns
 
 
 def as_options(text):

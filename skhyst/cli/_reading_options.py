@@ -1,4 +1,4 @@
-"""Options of the command line that say how a recording is read, as parameters of Python."""
+"""Options of the command line for reading a recording, as parameters of `read_records`."""
 
 from ..io import recognise_columns
 
@@ -17,7 +17,7 @@ def reading_options(options):
 
 
 def find_columns(path, reading):
-    """Put the columns that no option names into the parameters, and tell what was found."""
+    """Add recognised columns to the parameters of read_records, and print them."""
     known = {name: reading[name] for name in _KNOWN}
     for role, found in recognise_columns(path, **known).items():
         print(f"{role}: {found.name!r} ({found.reason}); --{role} chooses another")

@@ -1,4 +1,4 @@
-"""Use of models: drives, loops, estimates of what a device does, and changes of it."""
+"""Use of models: inverse compensation, feedback loops, observers, and monitoring for changes."""
 
 from ._compensator import InverseCompensator
 from ._damping import IntegralResonantControl

@@ -1,30 +1,31 @@
-r"""The drive under which a device follows a reference: its model backwards.
+r"""The drive under which a device follows a reference: inversion of its model.
 
-Stage by stage, from the last to the first, each output that is wanted becomes the input that gives
-it: by the stage's own inverse, by the root of each sample, or, for dynamics, by stable inversion,
-over a whole record or with a preview of the reference (see :func:`skhyst.operators.inverse_of`).
+Stage by stage, from the last to the first, the desired output is converted to the input that gives
+it: by the stage's own inverse, by a root per sample, or, for dynamics, by stable inversion, over a
+whole record or with a preview of the reference (see :func:`skhyst.operators.inverse_of`).
 
-What is left is worked off by iteration. With an approximate inverse :math:`I`, in which a stage
-whose motion has hysteresis within it is the linear mode that it is without, and a response
-:math:`y` to the drive :math:`u`,
+The remaining error is reduced by iteration. With an approximate inverse :math:`I`, in which a stage
+with hysteresis in its equation of motion is replaced by its linear mode without hysteresis, and the
+response :math:`y` to the drive :math:`u`,
 
 .. math:: u \leftarrow u + s \, (I[r] - I[y]), \qquad 0 < s \le 1
 
-which leaves a drive alone where the response is the reference :math:`r`, whatever the inverse
-(iterative learning: Arimoto, Kawamura and Miyazaki, *Journal of Robotic Systems*, 1984). What the
-trials so far tell of how changes follow from drives is used too (Anderson, *Journal of the ACM*,
-1965). Each step starts from the best trial; where it has made the error larger, half of it is
-tried. On the model itself that makes the compensation as exact as the model is, and on the device
-as exact as its sensor.
+whose fixed point is a drive under which the response is the reference :math:`r`, whatever the
+inverse (iterative learning: Arimoto, Kawamura and Miyazaki, *Journal of Robotic Systems*, 1984).
+The trials so far are combined to speed it up (Anderson acceleration, *Journal of the ACM*, 1965).
+Each step starts from the best trial; where it has made the error larger, half of it is tried. On
+the model the compensation becomes as exact as the model is, and on the device as exact as its
+sensor.
 
-A drive is not determined by the response alone. A mass hardly answers a drive that changes its sign
-from sample to sample, and, with the zero of sampling near -3.73, what such a drive does at the end
-of a record, growing by that factor each sample, is not seen in it at all. Three things keep such
-parts out of the drive, whatever its limits are. On the model, a record is continued by a rest at
-the last value of its reference, so long that what comes later does not matter. A combination of
-trials is penalised by its drive, so that none is used of which the response shows little
-(regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). And a trial whose drive is larger is
-kept only if the error falls by more than what chance makes of the mean square of so many samples.
+The response alone does not determine the drive. A mass hardly responds to a drive that changes its
+sign from sample to sample. With its sampling zero near -3.73, a component of the drive that grows
+by that factor each sample towards the end of a record is not visible in the response at all. Three
+measures keep such components out of the drive, whatever its limits are. On the model, a record is
+extended by a rest at the last value of its reference, until later values have no effect. A
+combination of trials is penalised by the change of its drive, so that no component of which the
+response shows little is used (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). And a
+trial with a larger drive is kept only if the error falls by more than one standard error of its
+root mean square.
 """
 
 import warnings
@@ -62,12 +63,12 @@ from ..records import chosen_interval
 from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
-_SMALLEST = 2.0**-6  # part of a step below which nothing is gained
+_SMALLEST = 2.0**-6  # fraction of a step below which nothing is gained
 _ROUNDING = 1e-9  # of the range of the drive: what exceeds a limit by less is not reported
-# Part of a change of the drive that must be seen in the response. An inverse sees all of it, one
-# that has a stiffness wrong by ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the
-# change that is asked for.
-_SEEN = 0.1
+# Fraction of a change of the drive that must be visible in the response, else it is damped out of
+# a combination of trials. Through an exact inverse all of it is, through one with a stiffness wrong
+# by a factor of ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the requested change.
+_VISIBLE = 0.1
 
 
 class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
@@ -82,22 +83,23 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     method : {"auto", "learned"}, default="auto"
         Invert the model, or learn its inverse.
     bandwidth : float, default=None
-        Hz. What is faster in the reference, and in errors that are learned from, is left out
-        (Butterworth of order 4, forwards and backwards). By default nothing is.
+        Cut-off frequency in Hz of the low-pass of the reference and of the errors that are learned
+        from (Butterworth of order 4, forwards and backwards). By default there is no low-pass.
     drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
-        Smallest and largest drive, its units. By default those that the fit of the model has seen
-        (``drive_range_``). None: there are none.
+        Smallest and largest drive, its units. By default those in the records of the model's fit
+        (``drive_range_``). None: no limits.
     rate_limit : {"fit"}, float or None, default="fit"
-        Fastest change of the drive, its units per s. By default the fastest that the fit of the
-        model has seen (``drive_rate_``). None: there is none.
+        Fastest change of the drive, its units per s. By default the fastest in the records of the
+        model's fit (``drive_rate_``). None: no limit.
     limit_margin : float, default=0.0
-        Part of the range of the fit by which its limits are widened at each end, and of its rate by
-        which that is raised.
+        Fraction of the range of the fit by which its limits are widened at each end, and of its
+        rate by which the rate limit is raised.
     max_residual : float, default=0.05
-        Part of the range of the reference by which the model's response may miss it at a sample
-        without a warning. The command line writes no drive beyond.
+        Largest error of the model's response at a sample without a warning, as a fraction of the
+        range of the reference. The command line writes no drive with a larger error.
     tol : float, default=1e-9
-        Error of the model's response, relative to the range of the reference, that is good enough.
+        Error of the model's response, relative to the range of the reference, at which the
+        iteration stops.
     max_iter : int, default=50
         Largest number of iterations on the model.
 
@@ -109,18 +111,18 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         Root mean square error of each trial of the last :meth:`refine`, units of the response.
     n_features_in_ : int
     drive_range_, drive_rate_ : tuple of (float, float), float
-        Range and fastest change of the drive that the fit of the model has seen, as those of
+        Range and fastest change of the drive in the records of the model's fit, as those of
         :class:`~skhyst.base.ParametricModel`; missing where the model does not know them.
     drive_limits_, rate_limit_ : tuple of (float, float), float
-        Limits that hold, units of the drive and those per s; infinite where there are none.
+        Limits in force, units of the drive and those per s; infinite where there are none.
 
     Warns
     -----
     ReachWarning
-        If limits cut the drive (with the share of the samples), the drive leaves what the fit has
-        seen where limits are None, or that is not known; if a stage does not reach what is asked of
-        it (with its name and the value); if the response to the drive misses the reference by more
-        than ``max_residual`` allows.
+        If limits cut the drive (with the percentage of the samples); if limits are None and the
+        drive leaves the range or the rate of the fit, or these are not known; if a stage cannot
+        give the output that is required of it (with its name and the value); if the response to the
+        drive misses the reference by more than ``max_residual`` allows.
 
     Examples
     --------
@@ -141,12 +143,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     >>> bool(np.abs(residual).max() < 1e-6)
     True
 
-    The same, sample by sample, from a reference that is known some samples ahead:
+    The same, sample by sample, with a preview of the reference:
 
-    >>> ahead = compensator.preview()
+    >>> preview = compensator.preview()
     >>> stepper = compensator.stepper()
-    >>> late = stepper.run(reference)
-    >>> bool(np.abs(late[ahead:] - drive[:-ahead])[:-ahead].max() < 1e-6)
+    >>> delayed = stepper.run(reference)
+    >>> bool(np.abs(delayed[preview:] - drive[:-preview])[:-preview].max() < 1e-6)
     True
     """
 
@@ -214,7 +216,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                     f"skhyst of one input. Got {self.model!r} instead: method='learned' takes any "
                     "regressor."
                 )
-            for name in ("drive_range_", "drive_rate_"):  # of the model, whatever X is
+            # the limits are those of the data the model was fitted to, which need not be X
+            for name in ("drive_range_", "drive_rate_"):
                 delattr(self, name)
                 if hasattr(self.model_, name):
                     setattr(self, name, getattr(self.model_, name))
@@ -227,23 +230,25 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def predict(self, X, return_residual=False) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the drive under which the response follows a reference.
 
-        A record begins at rest at its first value. Where dynamics are inverted the drive moves
-        before the response has to, so a reference that moves at once is missed at its beginning, by
-        as little as a drive of moderate size allows. Behind a record it rests at its last value.
+        A record begins at rest at its first value. Inverse dynamics need to move the drive before
+        the response moves, so a reference that moves from its first sample on is missed at the
+        beginning, by as little as a drive of moderate size allows. After a record the reference is
+        taken to rest at its last value.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Column 0 is the reference, in units of the response, in the place of the drive; the
-            index carries records and time.
+            Column 0, in ``fit`` the drive, is the reference in units of the response; the index
+            carries records and time.
         return_residual : bool, default=False
-            Whether to return what is left of the error, too.
+            Whether to return the remaining error of the model's response, too.
 
         Returns
         -------
         drive : ndarray of shape (n_samples,)
         residual : ndarray of shape (n_samples,)
-            The model's response to the drive, less the reference. Only where it is asked for.
+            The model's response to the drive minus the reference, units of the response. Only with
+            ``return_residual``.
 
         Raises
         ------
@@ -251,7 +256,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If the reference is not finite, a stage has no stable inverse, or the residual of a
             learned inverse is asked for.
         """
-        slices, references = self._known(X) if return_residual else self._references(X)
+        slices, references = self._model_references(X) if return_residual else self._references(X)
         if self.method == "learned":
             learned = self.model_.predict(_indexed(references, X))
             learned = np.ravel(learned).astype(float)
@@ -259,12 +264,13 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             parts = [(limits.applied(learned[s.rows], s.dt), learned[s.rows]) for s in slices]
             drive, asked = (np.concatenate(part) for part in zip(*parts, strict=True))
             cut = np.abs(asked - drive) > limits.rounding
-            _warn(self._told(slices, drive, cut))
+            _warn(self._limit_messages(slices, drive, cut))
             return drive
         parts = [self._compensated(references[s.rows], s.dt) for s in slices]
         *parts, short = zip(*parts, strict=True)
         drive, cut, residual = map(np.concatenate, parts)
-        _warn([*short, *self._told(slices, drive, cut), self._missed(X, residual)])
+        limited = self._limit_messages(slices, drive, cut)
+        _warn([*short, *limited, self._missed(X, residual)])
         return (drive, residual) if return_residual else drive
 
     def largest_miss(self, X, residual) -> tuple[float, float, object]:
@@ -308,14 +314,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             Applies a drive (n_samples,) to the device, which begins at rest, and returns its
             response (n_samples,).
         n_trials : int, default=6
-            Times that the device is driven.
+            Largest number of times that the device is driven.
 
         Returns
         -------
         ndarray of shape (n_samples,)
             The drive with the smallest error; ``errors_`` has those of the trials that were kept.
         """
-        slices, reference = self._known(X)
+        slices, reference = self._model_references(X)
         if len(slices) != 1:
             raise ValueError(f"refine takes one record at a time. Got {len(slices)} instead.")
 
@@ -323,7 +329,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             y = np.asarray(measure(drive), dtype=float)
             if y.shape != drive.shape or not np.isfinite(y).all():
                 raise ValueError(
-                    f"The device must answer with {len(drive)} finite numbers. Got {y!r} instead."
+                    f"The device must return {len(drive)} finite numbers. Got {y!r} instead."
                 )
             return y
 
@@ -332,21 +338,22 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 "The 'n_trials' parameter of InverseCompensator.refine must be a whole number from "
                 f"1 on. Got {n_trials!r} instead."
             )
-        plant = _Backwards(self.model_.operator_, slices[0].dt, self._limits())
+        plant = _InvertiblePlant(self.model_.operator_, slices[0].dt, self._limits())
         asked, *_, short = self._compensated(reference, plant.dt)
         wanted = self._filtered(reference, plant.dt)
         drive, cut, self.errors_ = self._improved(asked, wanted, plant, measured, n_trials, 0.0)
         rms = np.full(len(reference), self.errors_[-1])
         missed = self._missed(X, rms, "Root mean square over the record, the device misses")
-        _warn([short, *self._told(slices, drive, cut), missed])
+        _warn([short, *self._limit_messages(slices, drive, cut), missed])
         return drive
 
     def preview(self, dt=None) -> int:
-        r"""Return how many samples ahead the :meth:`stepper` is fed the reference by default.
+        r"""Return the preview of the reference in samples that the :meth:`stepper` has by default.
 
-        What comes later changes the drive by a part ``tol`` at the most. Dynamics with a zero z
-        outside the unit circle need :math:`\log(1/tol) / \log|z|` samples: 16 for a ``tol`` of 1e-9
-        and the zero near -3.73 of a mass that is sampled fast. A delay needs its own length.
+        Later values of the reference change the drive by at most the fraction ``tol``. Dynamics
+        with a zero z outside the unit circle need :math:`\log(1/tol) / \log|z|` samples: 16 for a
+        ``tol`` of 1e-9 and the zero near -3.73 of a mass that is sampled fast. A delay needs its
+        own length.
 
         Parameters
         ----------
@@ -357,31 +364,31 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         -------
         int
         """
-        return self._backwards(dt, "preview").streamed(0.0, self._part_left_out())[1]
+        return self._plant(dt, "preview").inverse_steps(0.0, self._preview_tol())[1]
 
     def stepper(self, dt=None, reference=0.0, preview=None) -> Stepper:
         """Return the compensator as a device that is fed the reference sample by sample.
 
-        It is fed the reference some samples ahead: the drive that it returns is for that many
-        samples before. The bandwidth plays no part, and nothing is left to iteration.
+        It needs a preview of the reference: the drive that it returns belongs to the sample that
+        lies ``preview`` samples back. The ``bandwidth`` is not applied, and there is no iteration.
 
         Parameters
         ----------
         dt : float, default=None
             Sampling interval in s; by default that of the records of the fit.
         reference : float, default=0.0
-            At which the device rests before.
+            Response at which the device rests before.
         preview : int, default=None
-            Samples ahead; by default those of :meth:`preview`. With fewer the error grows, by the
-            size of the zeros outside the unit circle for each.
+            Samples; by default those of :meth:`preview`. Each sample less multiplies the error by
+            the magnitude of the zeros outside the unit circle.
 
         Raises
         ------
         NotImplementedError
-            If a stage can only be undone over a whole record.
+            If a stage can only be inverted over a whole record.
         ValueError
-            If the preview is no whole number or shorter than a delay in the model, the reference is
-            not finite, or a stage has no stable inverse.
+            If the preview is not an integer or is shorter than a delay in the model, the reference
+            is not finite, or a stage has no stable inverse.
         """
         reference = finite_number(reference, "InverseCompensator.stepper", "reference")
         if preview is not None and not (isinstance(preview, Integral) and preview >= 0):
@@ -389,9 +396,9 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 "The 'preview' parameter of InverseCompensator.stepper must be a number of "
                 f"samples. Got {preview!r} instead."
             )
-        plant = self._backwards(dt, "stepper")
+        plant = self._plant(dt, "stepper")
         _warn([self._unknown()])
-        return plant.stepper(reference, self._part_left_out(), preview)
+        return plant.stepper(reference, self._preview_tol(), preview)
 
     def drive_for(self, reference, dt) -> np.ndarray:
         """Return the drive for one record of a reference.
@@ -414,7 +421,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If a parameter is not as above, or as for :meth:`predict`.
         """
         check_is_fitted(self)
-        caller, wanted = "InverseCompensator.drive_for", "finite numbers, one a sample"
+        caller, wanted = "InverseCompensator.drive_for", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
         dt = chosen_interval((), dt, caller)
         index = pd.Index(dt * np.arange(len(reference)), name="time")
@@ -423,15 +430,15 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         X[:, 0] = reference
         return self.predict(pd.DataFrame(X, index, names))
 
-    def _backwards(self, dt, caller):
+    def _plant(self, dt, caller):
         check_is_fitted(self)
         if self.method == "learned":
-            raise NotImplementedError("An inverse that was learned is not stepped.")
+            raise NotImplementedError("A learned inverse cannot be run sample by sample.")
         dt = chosen_interval(self.model_.records_, dt, f"InverseCompensator.{caller}")
-        return _Backwards(self.model_.operator_, dt, self._limits())
+        return _InvertiblePlant(self.model_.operator_, dt, self._limits())
 
-    def _part_left_out(self):
-        """Return what of a reference that comes late may be left out, rounding at the least."""
+    def _preview_tol(self):
+        """Return the relative error that a finite preview may leave, at least that of rounding."""
         return min(max(self.tol, np.finfo(float).eps), 1.0)
 
     def _references(self, X):
@@ -440,10 +447,10 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         refuse_large("X", columns)
         return slices, columns[:, 0]
 
-    def _known(self, X):
-        """Return records and references for a model that tells the response."""
+    def _model_references(self, X):
+        """Return records and references, for a model that predicts the response."""
         if self.method == "learned":
-            raise ValueError("Nothing is known of the response where an inverse was learned.")
+            raise ValueError("A learned inverse does not predict the response of the device.")
         return self._references(X)
 
     @property
@@ -479,15 +486,15 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             check_limits(self.drive_limits, "InverseCompensator")
 
     def _seen(self):
-        """Return the range and the rate that the fit has seen, infinite where nobody knows."""
+        """Return the range and the rate of the drives of the fit, infinite where unknown."""
         low, high = getattr(self, "drive_range_", (-np.inf, np.inf))
         return low, high, getattr(self, "drive_rate_", np.inf)
 
-    def _told(self, slices, drive, cut):
-        """Return in words which part of a drive (n_samples,) is limited or beyond the fit."""
-        limits, seen, told = self._limits(), DriveLimits(*self._seen()), [self._unknown()]
+    def _limit_messages(self, slices, drive, cut):
+        """Return warnings about the samples of a drive (n_samples,) limited or beyond the fit."""
+        limits, seen, messages = self._limits(), DriveLimits(*self._seen()), [self._unknown()]
         if cut.any():
-            told.append(
+            messages.append(
                 f"The limits of the drive cut {_percent(cut)} of the samples: {limits}. They are "
                 "'drive_limits' and 'rate_limit', by default what the fit has seen."
             )
@@ -498,23 +505,23 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         seen = replace(seen, rounding=limits.rounding)
         beyond = np.concatenate([seen.exceeded(drive[s.rows], s.dt) for s in slices])
         if beyond.any():
-            told.append(
+            messages.append(
                 f"{_percent(beyond)} of the samples of the drive, which is not limited, are beyond "
                 f"what the fit has seen ({seen}): up to {drive[np.abs(drive).argmax()]:.6g}."
             )
-        return told
+        return messages
 
     def _unknown(self):
-        """Return in words that the limits of the fit are not known, where they are asked for."""
+        """Return a warning if the limits of the fit are asked for and not known, else ``""``."""
         if hasattr(self, "drive_range_") or "fit" not in (self.drive_limits, self.rate_limit):
             return ""
         return (
-            "The drive is not limited to what the fit has seen, as the model, of an earlier "
-            "version, does not know it: give 'drive_limits' and 'rate_limit'."
+            "The drive is not limited to what the fit has seen: the model was saved by an earlier "
+            "version, without it. Give 'drive_limits' and 'rate_limit'."
         )
 
     def _missed(self, X, residual, whose="By the model, the device will miss"):
-        """Return in words by how much the response to the drive misses a reference."""
+        """Return a warning if the response misses the reference by too much, else ``""``."""
         fraction, size, record = self.largest_miss(X, residual)
         if fraction <= self.max_residual:
             return ""
@@ -523,34 +530,38 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return f"{whose} the reference{where} by up to {size:.4g} ({part})."
 
     def _filtered(self, signal, dt):
-        """Return what of a signal is slower than the bandwidth."""
+        """Return a signal without what is faster than the bandwidth."""
         if self.bandwidth is None or self.bandwidth * dt >= 0.5:
             return signal
         low_pass = butter(_ORDER, self.bandwidth, fs=1.0 / dt, output="sos")
         return sosfiltfilt(low_pass, signal, padtype="constant", padlen=len(signal) - 1)
 
     def _compensated(self, reference, dt):
-        """Return the drive of a record, where limits cut it, what is left, and who falls short."""
-        plant = _Backwards(self.model_.operator_, dt, self._limits())
+        """Return the drive of a record, where limits cut it, the residual, and a warning.
+
+        The warning names a stage that cannot give its required output; it may be empty.
+        """
+        plant = _InvertiblePlant(self.model_.operator_, dt, self._limits())
         n = len(reference)
-        rest = np.full(min(plant.ahead(self._part_left_out()), n), reference[-1])
+        rest = np.full(min(plant.preview(self._preview_tol()), n), reference[-1])
         wanted = self._filtered(np.append(reference, rest), dt)
         enough = self.tol * np.ptp(wanted)
         asked = plant.invert(wanted)
         asked[0] = plant.rest(reference[0])
         held, short = plant.held, plant.short(wanted, max(enough, 1e-6 * np.ptp(wanted)))
         with np.errstate(over="ignore", invalid="ignore"):
-            left = plant.run(plant.limits.applied(asked, dt)) - wanted
-            if not np.mean(left**2) <= np.mean((wanted - wanted[0]) ** 2):
+            residual = plant.run(plant.limits.applied(asked, dt)) - wanted
+            if not np.mean(residual**2) <= np.mean((wanted - wanted[0]) ** 2):
                 asked = np.full(len(asked), asked[0])  # at rest it misses the reference by less
         drive, cut, _ = self._improved(asked, wanted, plant, plant.run, self.max_iter, enough)
         drive, cut = drive[:n], (cut | held)[:n]
         return drive, cut, plant.run(drive) - reference, short
 
     def _improved(self, asked, wanted, plant, measure, n_trials, enough):
-        """Return a drive with a smaller error, where limits cut it, and the errors on the way."""
+        """Return the drive of the best trial, where limits cut it, and the errors of those kept."""
         drives, cuts, changes, errors, best, part, aim = [], [], [], [], 0, 1.0, None
-        least = 1.0 - 1.0 / np.sqrt(2.0 * len(wanted))  # standard error of a root mean square
+        # a larger drive must lower the error by its standard error, that of a root mean square
+        factor_if_larger = 1.0 - 1.0 / np.sqrt(2.0 * len(wanted))
         for trial in range(max(n_trials, 1)):
             drive = plant.limits.applied(asked, plant.dt)
             if drives and np.array_equal(drive, drives[best]):
@@ -562,13 +573,15 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             y = measure(drive)
             error = np.sqrt(np.mean((y - wanted) ** 2))
             larger = np.ptp(drive) > np.ptp(drives[best])
-            if not errors or error < (least if larger else 1.0) * errors[-1]:
+            if not errors or error < (factor_if_larger if larger else 1.0) * errors[-1]:
                 errors.append(error)
                 best, part = trial, 1.0
             else:
-                part *= 0.5
+                part *= 0.5  # the next trial starts again from the best one
             if errors[-1] <= enough or part < _SMALLEST:
                 break
+            # I[r] - I[y]: by linear modes, since the inverse of a motion with hysteresis may be
+            # unbounded for a measured response
             if aim is None:
                 aim = plant.invert(wanted, by_modes=True)
             changes.append(aim - plant.invert(self._filtered(y, plant.dt), by_modes=True))
@@ -580,17 +593,17 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
 
 def _combined(drives, changes, best):
-    """Return what all trials add to the change that one of them asks for.
+    """Return the correction of the best trial's change that follows from all trials (Anderson).
 
-    That is of their combinations the one that leaves the smallest change to be asked for, as far as
-    changes are linear in drives, and costs the smallest change of the drive.
+    Of their combinations it is the one with the smallest remaining change, supposing that changes
+    are linear in drives, penalised by the change of the drive.
     """
     others = [i for i in range(len(drives)) if i != best]
     if not others:
         return 0.0
     d_drive = np.stack([drives[i] - drives[best] for i in others], axis=1)
     d_change = np.stack([changes[i] - changes[best] for i in others], axis=1)
-    penalised = np.concatenate([d_change, _SEEN * d_drive])
+    penalised = np.concatenate([d_change, _VISIBLE * d_drive])
     wanted = np.append(changes[best], np.zeros(len(changes[best])))
     weights = np.linalg.lstsq(penalised, wanted, rcond=None)[0]
     return -(d_drive + d_change) @ weights
@@ -600,15 +613,15 @@ def _percent(samples):
     return f"{100.0 * np.mean(samples):.3g} %"
 
 
-def _warn(told):
-    """Warn whoever has called the method that calls this, if anything is told."""
-    told = [sentence for sentence in dict.fromkeys(told) if sentence]
-    if told:
-        warnings.warn(" ".join(told), ReachWarning, stacklevel=3)
+def _warn(messages):
+    """Warn the caller of the method that calls this, unless all messages are empty."""
+    messages = [message for message in dict.fromkeys(messages) if message]
+    if messages:
+        warnings.warn(" ".join(messages), ReachWarning, stacklevel=3)
 
 
 def check_limits(limits, name):
-    """Refuse limits of the drive that are not two numbers in their order."""
+    """Raise a ValueError unless limits of the drive are None or two numbers in ascending order."""
     if limits is None:
         return
     are_numbers = np.shape(limits) == (2,) and all(isinstance(limit, Real) for limit in limits)
@@ -619,11 +632,11 @@ def check_limits(limits, name):
         )
 
 
-class _Backwards:
-    """A fitted operator at an interval, run and inverted."""
+class _InvertiblePlant:
+    """A fitted operator at a sampling interval, run and inverted."""
 
     def __init__(self, operator, dt, limits):
-        self.driven, self.beside = split_disturbances(operator)
+        self.driven, self.disturbances = split_disturbances(operator)
         self.dt, self.limits = dt, limits
         series = isinstance(self.driven, SeriesOperator)
         self.names = self.driven.names if series else (type(self.driven).__name__,)
@@ -633,16 +646,16 @@ class _Backwards:
     def run(self, drive):
         """Return the response from rest."""
         y, _ = self.driven.run(drive, self.dt, self.driven.init(drive[0]))
-        return y + self._disturbed(len(y))
+        return y + self._disturbance(len(y))
 
-    def _disturbed(self, n):
-        return sum((d.run(np.zeros(n), self.dt)[0] for d in self.beside), np.zeros(n))
+    def _disturbance(self, n):
+        return sum((d.run(np.zeros(n), self.dt)[0] for d in self.disturbances), np.zeros(n))
 
     def _inverses(self, by_modes=False):
-        """Yield the stages with their names and inverses, the last one first.
+        """Yield name, stage and inverse of each stage, the last one first.
 
-        With ``by_modes`` motion is undone as the linear mode that it is without hysteresis, which
-        is bounded whatever comes, noise too.
+        With ``by_modes`` a stage with hysteresis in its equation of motion is inverted as its
+        linear mode without hysteresis, which is bounded for any input, noise included.
         """
         for i in reversed(range(len(self.stages))):
             stage = self.stages[i]
@@ -651,16 +664,17 @@ class _Backwards:
             yield self.names[i], stage, mode.inverse() if mode else inverse_of(stage, *limits)
 
     def invert(self, wanted, by_modes=False):
-        """Return a drive for a response.
+        """Return the drive for a response.
 
-        Kept are where a stage falls short the most (``missed``), and at which samples the first
-        one does because limits hold its drive (``held``).
+        Sets ``missed``, the largest relative error of a stage's inverse with the stage's name and
+        the required output, and ``held`` (n_samples,), where the first stage misses its output
+        because its drive is at a limit.
         """
-        v, self.missed = wanted - self._disturbed(len(wanted)), (0.0, "", 0.0)
+        v, self.missed = wanted - self._disturbance(len(wanted)), (0.0, "", 0.0)
         self.held = np.zeros(len(v), dtype=bool)
         for name, stage, inverse in self._inverses(by_modes):
             found, _ = inverse.run(v, self.dt)
-            if inverse.causal:  # what looks ahead is short where a record begins
+            if inverse.causal:  # one with preview misses the beginning of a record, as it must
                 short = np.abs(stage.run(found, self.dt, stage.init(found[0]))[0] - v)
                 if stage is self.stages[0]:
                     low, high = self.limits.low, self.limits.high
@@ -674,68 +688,68 @@ class _Backwards:
 
     def rest(self, value):
         """Return the drive under which the response rests at a value."""
-        v = np.array([value]) - self._disturbed(1)
+        v = np.array([value]) - self._disturbance(1)
         for _, _, inverse in self._inverses():
             v = inverse.run(v, self.dt)[0]
         return v[0]
 
-    def ahead(self, tol):
-        """Return how many samples what comes later matters before, but for the part ``tol``."""
+    def preview(self, tol):
+        """Return the preview in samples that the inverses need for a relative error ``tol``."""
         samples = 0
         for _, _, inverse in self._inverses():
             try:
                 samples += inverse.ahead(self.dt, 0.0, tol)[1]
-            except NotImplementedError:  # all of the record does
+            except NotImplementedError:  # needs the whole record, whatever follows it
                 continue
         return samples
 
     def short(self, wanted, enough):
-        """Return in words which stage does not reach what the last inversion has asked of it."""
+        """Return a warning naming the stage that misses its required output, else ``""``."""
         size, name, value = self.missed
         if size * np.ptp(wanted) <= enough:
             return ""
         return (
             f"The stage '{name}' does not give {value:g}, which is asked of it: the reference is "
-            "out of its reach, its law is not monotone, or its inverse is not stable."
+            "out of its range, its law is not monotone, or its inverse is not stable."
         )
 
-    def streamed(self, reference, tol):
-        """Return the inverses' steps, from rest, by how many samples they are late, and the drive.
+    def inverse_steps(self, reference, tol):
+        """Return the compiled steps of the inverses from rest, their delay, and the drive at rest.
 
-        That is the drive at rest.
+        The delay in samples is the preview that they need for a relative error ``tol``.
         """
-        compiled_step, late, v = [], 0, np.array([reference]) - self._disturbed(1)
+        compiled_steps, delay, v = [], 0, np.array([reference]) - self._disturbance(1)
         for _, _, inverse in self._inverses():
             own, samples = inverse.ahead(self.dt, v[0], tol)
-            compiled_step.append(own)
-            late += samples
+            compiled_steps.append(own)
+            delay += samples
             v = inverse.run(v, self.dt)[0]
-        return compiled_step, late, v[0]
+        return compiled_steps, delay, v[0]
 
     def stepper(self, reference, tol, preview):
-        """Return the inverse as a stepper, from rest, that is late by a preview."""
-        compiled_step, late, drive = self.streamed(reference, tol)
+        """Return the inverse as a stepper, from rest, whose drive is late by the preview."""
+        compiled_steps, delay, drive = self.inverse_steps(reference, tol)
         if preview is not None:
-            for exponent in range(-15, 1):  # of the part that is left out: the least that it can be
-                compiled_step, late, drive = self.streamed(reference, 10.0**exponent)
-                if late <= preview:
+            for exponent in range(-15, 1):  # the smallest error that this preview allows
+                compiled_steps, delay, drive = self.inverse_steps(reference, 10.0**exponent)
+                if delay <= preview:
                     break
             else:
                 raise ValueError(
-                    f"The 'preview' parameter of InverseCompensator.stepper must be {late} samples "
-                    f"at the least: the model's dynamics need them. Got {preview!r} instead."
+                    "The 'preview' parameter of InverseCompensator.stepper must be at least "
+                    f"{delay} samples: the model's dynamics need them. Got {preview!r} instead."
                 )
-            if late < preview:
-                spare = DelayOperator(float(preview - late))
-                begin = float(reference - self._disturbed(1)[0])
-                compiled_step.insert(0, spare.compiled_step(1.0, spare.init(begin)))
-        if self.beside:
-            without = [replace(d, coefficients=-d.coefficients) for d in self.beside]
-            own = add_disturbances(GainOperator(1.0), without)
-            compiled_step.insert(0, own.compiled_step(self.dt, own.init(reference)))
+            if delay < preview:
+                spare = DelayOperator(float(preview - delay))
+                begin = float(reference - self._disturbance(1)[0])
+                compiled_steps.insert(0, spare.compiled_step(1.0, spare.init(begin)))
+        if self.disturbances:
+            negative = [replace(d, coefficients=-d.coefficients) for d in self.disturbances]
+            own = add_disturbances(GainOperator(1.0), negative)
+            compiled_steps.insert(0, own.compiled_step(self.dt, own.init(reference)))
         if self.limits:
-            compiled_step.append(self.limits.compiled_step(self.dt, drive))
-        return Stepper(CompiledSeries(tuple(compiled_step)), self.dt)
+            compiled_steps.append(self.limits.compiled_step(self.dt, drive))
+        return Stepper(CompiledSeries(tuple(compiled_steps)), self.dt)
 
 
 def _fitted(model, X, y):

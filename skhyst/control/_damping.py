@@ -1,4 +1,4 @@
-r"""Damping of a mode that rings, by feedback of the position alone.
+r"""Active damping of a resonant mode, by feedback of the position alone.
 
 Let the mode be :math:`G = g \omega^2 / (s^2 + \omega^2)`. With a feedthrough :math:`-d`, d above g,
 poles and zeros interlace,
@@ -12,9 +12,9 @@ and integral feedback :math:`k / s` of its output moves the poles along an arc f
 
 for the poles. With :math:`s = \sqrt\rho\, \omega^2 / t` the equation becomes that of
 :math:`K' = \omega^2 / (K \sqrt\rho)`, so the damping ratio of the pair is the same for K and K',
-and largest where they meet, :math:`K = \omega \rho^{-1/4}`. There a pole :math:`-\Omega` stands
-beside a pair of frequency :math:`\Omega = \omega \rho^{1/4}`, and the sum of the poles is -K, so
-that the damping ratio of the pair is
+and largest where they are equal, :math:`K = \omega \rho^{-1/4}`. There the poles are
+:math:`-\Omega` and a pair of frequency :math:`\Omega = \omega \rho^{1/4}`; their sum is -K, so that
+the damping ratio of the pair is
 
 .. math:: \zeta = \tfrac12 \left(\rho^{-1/2} - 1\right), \qquad \rho = (1 + 2 \zeta)^{-2}
 
@@ -34,10 +34,10 @@ class IntegralResonantControl:
     r"""Integral resonant control: :math:`D = k / (s + K)` of the reading, added to the drive.
 
     It supposes that at its resonance the device lags by a quarter of a period, as a mass on a
-    spring that is read where it is driven: further lags, of an amplifier or of the sensor, turn
-    what damps into what excites. python-control tells whether a loop is stable, and by how much.
-    For small frequencies the gain of the damped device is :math:`(1 + 2 \zeta)^2` times that
-    without.
+    spring with collocated actuator and sensor: with further lags, of an amplifier or of the sensor,
+    the filter may excite the mode instead of damping it. python-control gives stability and margins
+    of a loop. At low frequencies the gain of the damped device is :math:`(1 + 2 \zeta)^2` times
+    that without damping.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class IntegralResonantControl:
         ``natural_frequency`` (rad/s) and ``gain``, such as a fitted
         :class:`~skhyst.linear.SecondOrderMode`.
     damping_ratio : float, default=0.5
-        :math:`\zeta` that the mode shall have. In proportional-integral loops around a mode without
-        other lags, of those tried from 0.1 to 1.5, 0.5 has left the smallest peak of the
-        sensitivity, and a bandwidth within a hundredth of the largest.
+        Damping ratio :math:`\zeta` of the damped mode. In proportional-integral loops around a mode
+        without other lags, of the values tried from 0.1 to 1.5, 0.5 gave the smallest peak of the
+        sensitivity, and a bandwidth within 1 % of the largest.
 
     References
     ----------
@@ -75,18 +75,23 @@ class IntegralResonantControl:
         self.damping_ratio = damping_ratio
 
     def section(self, dt):
-        """Return b0, b1, b2, a1, a2 of D at an interval, exact for readings that are held.
+        """Return the discrete coefficients of D, exact for readings held between samples.
 
         Parameters
         ----------
         dt : float
             Sampling interval in s.
 
+        Returns
+        -------
+        tuple of float
+            b0, b1, b2 of the numerator and a1, a2 of the denominator.
+
         Raises
         ------
         ValueError
-            If the interval is none, the mode is not below half the sampling rate, or the damping
-            ratio not above 0.
+            If ``dt`` is not a positive number, the mode is not below half the sampling rate, or the
+            damping ratio is not above 0.
         """
         dt = chosen_interval((), dt, "IntegralResonantControl.section")
         frequency, gain = as_mode(self.mode, "gain")
@@ -104,9 +109,10 @@ class IntegralResonantControl:
 
 
 def as_mode(mode, number):
-    """Return frequency in Hz and another number of a mode, NaN where it does not have them.
+    """Return the frequency of a mode in Hz and a second number, NaN where it does not have them.
 
-    ``number`` is the attribute of an operator that is the second of a pair.
+    Of an operator or estimator the second number is the attribute named ``number``, of a pair the
+    second entry.
     """
     own = getattr(mode, "operator_", mode)
     if hasattr(own, "natural_frequency"):

@@ -1,8 +1,8 @@
 r"""Limits of a drive: its range, and how fast it may change.
 
-Sample by sample a drive that is too fast is followed as fast as it may be, which is late. Over a
-record there is none nearer to a drive ``u``, by the largest difference, than the mean of the
-largest below it and the smallest above it that keep the rate,
+Sample by sample, a drive that is too fast is followed at the largest rate allowed, which is late.
+Over a whole record, no signal within the rate limit is nearer to a drive ``u``, by the largest
+difference, than the mean of the largest such signal below it and the smallest above it,
 
 .. math:: \tfrac12 \min_j (u_j + c |k - j|) + \tfrac12 \max_j (u_j - c |k - j|),
 
@@ -33,7 +33,7 @@ def range_step(u, c, s):
 
 @jit
 def limit_step(u, c, s):
-    """Return the drive within its range, changed by no more than it may change in a sample.
+    """Return the drive within its range, and within its largest change from the last sample.
 
     ``c`` is (lowest, highest, largest change, rounding). ``s`` is the drive of the last sample, and
     1 where the drive is at a limit or more than rounding was cut, else 0.
@@ -48,9 +48,9 @@ def limit_step(u, c, s):
 
 @jit
 def slow_down(u, change, low, high):
-    """Write ``u`` (n,), changed the least so that it keeps a rate, to ``low``; ``high`` is room.
+    """Write the signal nearest to ``u`` (n,) within a rate limit to ``low``.
 
-    The first value stays.
+    ``change`` is the largest change per sample, ``high`` (n,) is work space. The first value stays.
     """
     n = u.size
     low[0] = high[0] = u[0]
@@ -78,7 +78,7 @@ class DriveLimits:
     rate : float
         Units of the drive per s.
     rounding : float, default=0.0
-        What exceeds the limits by less is not reported, units of the drive.
+        Excess over the limits below which nothing is reported, units of the drive.
     """
 
     low: float = -math.inf

@@ -1,9 +1,8 @@
 """Proportional-integral control with feed-forward, notch and damping, as one compiled step.
 
-At a sample the controller takes the reading, the reference of that instant and, where there is one,
-the drive that feed-forward gives for the sample to come. The integral part is stopped where the
-limits of the drive cut what it asks for in the direction in which it would go on (conditional
-integration), so that it does not wind up.
+At a sample the controller takes the reading, the reference of the same instant and, with
+feed-forward, the compensator's drive for the next sample. Anti-windup is by conditional
+integration: while the limits cut the drive, the integral part does not move further beyond them.
 """
 
 import math
@@ -33,9 +32,10 @@ _CONSTRAINTS = {
 
 @jit
 def section_step(x, b, s, at):
-    """Return a second-order section's output, transposed direct form II; two states from ``at``.
+    """Return the output of a second-order section in transposed direct form II.
 
-    ``b`` (5,) holds b0, b1, b2 of its numerator and a1, a2 of its denominator.
+    ``b`` (5,) holds b0, b1, b2 of its numerator and a1, a2 of its denominator; its two states are
+    ``s[at]`` and ``s[at + 1]``.
     """
     y = b[0] * x + s[at]
     s[at] = b[1] * x - b[3] * y + s[at + 1]
@@ -44,66 +44,68 @@ def section_step(x, b, s, at):
 
 
 @jit
-def limited_step(ahead, error, damped, c, s):
-    """Return the drive for an error, and what damping acts on.
+def limited_step(feedforward, error, damped, c, s):
+    """Return the drive for an error, a feed-forward drive, and the input of the damping filter.
 
-    ``s`` is the integral part, two states each of notch and damping, and 1 where limits cut, or 0.
+    ``c`` is (kp, ki dt, lowest, highest drive, coefficients of notch, of damping). ``s`` is the
+    integral part, two states each of notch and damping, and 1 if the limits cut, else 0.
     """
     kp, ki, low, high, notch, damping = c
     step = ki * error
-    wanted = ahead + section_step(kp * error + s[0] + step, notch, s, 1)
+    wanted = feedforward + section_step(kp * error + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
     drive = min(max(wanted, low), high)
     s[5] = 1.0 if drive != wanted else 0.0
-    if (wanted - drive) * step <= 0.0:
+    if (wanted - drive) * step <= 0.0:  # not cut, or integrating back into the limits
         s[0] += step
     return drive
 
 
 @jit
 def feedback_step(u, c, s):
-    """Take the row of reference and reading."""
+    """Return the drive for the row (reference, reading)."""
     return limited_step(0.0, u[0] - u[1], u[1], c, s)
 
 
 @jit
 def following_step(u, c, s):
-    """Take the row of reference, reading and the drive of feed-forward."""
+    """Return the drive for the row (reference, reading, drive of the compensator)."""
     return limited_step(u[2], u[0] - u[1], u[1] - u[0], c, s)
 
 
 class FeedforwardPI:
-    r"""Proportional-integral control of what a feed-forward leaves.
+    r"""Proportional-integral control, with feed-forward by an inverse compensator, notch, damping.
 
     .. math:: u = u_r + N \left[ k_p e + k_i \int e \, dt \right] + D[y - y_r], \qquad e = r - y
 
     with the drive :math:`u_r` that a compensator gives for the reference r, a notch N, and a filter
-    D that damps. With feed-forward, D acts on the deviation from :math:`y_r = r`, so that it adds
-    nothing where the device does as it should; without, on the reading alone, :math:`y_r = 0`.
+    D for damping. With feed-forward, D acts on the deviation from :math:`y_r = r`, so that it adds
+    nothing while the device follows the reference; without, on the reading alone,
+    :math:`y_r = 0`.
 
     Parameters
     ----------
     kp : float
-        Drive over response.
+        Proportional gain, units of the drive per unit of the response.
     ki : float
-        Drive over response and s.
+        Integral gain, units of the drive per unit of the response and second.
     compensator : InverseCompensator, default=None
-        Fitted; without one there is no feed-forward.
+        Fitted compensator; without one there is no feed-forward.
     notch : tuple of (float, float), operator or estimator, default=None
-        Frequency in Hz and damping ratio of the mode that feedback must not excite, or what has
-        them as ``natural_frequency`` (rad/s) and ``damping_ratio``, such as a fitted
+        Frequency in Hz and damping ratio of the mode that feedback must not excite, or an object
+        with ``natural_frequency`` (rad/s) and ``damping_ratio``, such as a fitted
         :class:`~skhyst.linear.SecondOrderMode`. The zeros of N are the mode's poles, and its own
         poles are critically damped at the same frequency (G. F. Franklin, J. D. Powell,
         A. Emami-Naeini, "Feedback Control of Dynamic Systems", notch compensation).
     damping : IntegralResonantControl, default=None
-        What gives the filter D: ``section(dt)``.
+        Object whose ``section(dt)`` returns the coefficients of the filter D.
     drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
         Units of the drive. By default those of the compensator, ``drive_limits_``, and none where
         there is no compensator. None: there are none.
 
     Notes
     -----
-    Gains, margins and linear design are the business of python-control.
+    For gains, margins and linear design use python-control.
 
     Examples
     --------
@@ -139,15 +141,15 @@ class FeedforwardPI:
         dt : float
             Sampling interval in s.
         reference, u0 : float, default=0.0
-            Response and drive at which the device rests before; with a compensator the drive counts
-            from that of the compensator.
+            Response and drive at which the device rests before; with a compensator ``u0`` is the
+            difference from the compensator's drive.
 
         Returns
         -------
         Stepper
             Its ``step`` takes the row (reference, reading), with a compensator (reference, reading,
             drive of the compensator), and returns the drive until the next sample. The reference is
-            that of the instant of the reading, the compensator's drive that of the sample to come.
+            that at the instant of the reading, the compensator's drive that for the next sample.
 
         Raises
         ------
@@ -177,7 +179,9 @@ class FeedforwardPI:
         return Stepper(CompiledLaw(step, constants, state, n_inputs, flags=flags), dt)
 
     def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
-        """Return a function of the number of a sample and of its reading: the drive until the next.
+        """Return a function ``(k, reading) -> drive`` that controls a device along a reference.
+
+        ``k`` is the number of the sample; the drive holds until the next sample.
 
         Parameters
         ----------
@@ -186,29 +190,34 @@ class FeedforwardPI:
         dt : float
             Sampling interval in s.
         u0 : float, default=None
-            Drive under which the device rests; by default the first of the compensator, or zero.
+            Drive under which the device rests; by default the first drive of the compensator, or
+            zero without one.
+
+        Returns
+        -------
+        callable
 
         Raises
         ------
         ValueError
             If a parameter is not as above, or as in :meth:`stepper`.
         """
-        caller, wanted = "FeedforwardPI.controlling", "finite numbers, one a sample"
+        caller, wanted = "FeedforwardPI.controlling", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
         u0 = None if u0 is None else finite_number(u0, caller, "u0")
         dt = chosen_interval((), dt, caller)
-        # what is read is the response at the sample before
+        # the reading of a sample is the response at the sample before
         due = np.concatenate([reference[:1], reference[:-1]])
         if self.compensator is None:
             step = self.stepper(dt, reference[0], u0 or 0.0).step
             return lambda k, reading: step((due[k], reading))
-        ahead = self.compensator.drive_for(reference, dt)
-        step = self.stepper(dt, reference[0], 0.0 if u0 is None else u0 - ahead[0]).step
-        return lambda k, reading: step((due[k], reading, ahead[k]))
+        feedforward = self.compensator.drive_for(reference, dt)
+        step = self.stepper(dt, reference[0], 0.0 if u0 is None else u0 - feedforward[0]).step
+        return lambda k, reading: step((due[k], reading, feedforward[k]))
 
 
 def notch_section(mode, dt):
-    """Return b0, b1, b2, a1, a2 of the notch, by the bilinear transform that keeps its frequency.
+    """Return b0, b1, b2, a1, a2 of the notch: bilinear transform, prewarped at its frequency.
 
     Raises
     ------
@@ -231,7 +240,7 @@ def notch_section(mode, dt):
 
 
 def _settled(section, x):
-    """Return output and state of a section that has settled at an input."""
+    """Return the output and the two states of a section at rest under a constant input."""
     b0, b1, b2, a1, a2 = section
     y = x * (b0 + b1 + b2) / (1.0 + a1 + a2)
     last = b2 * x - a2 * y

@@ -1,21 +1,20 @@
-r"""The stationary Kalman filter of what the free run of a model leaves.
+r"""The stationary Kalman filter of the residual of a model's free run.
 
-With the states :math:`z` of the linear stages behind the hysteresis and of a random walk beside the
-response,
+With the states :math:`z` of the linear stages after the hysteresis and of an additive random walk,
 
 .. math:: z_k = F z_{k-1} + w_k, \qquad y_k - \hat y_k = H z_k + v_k
 
-where :math:`\hat y` is the free run of the whole model: in front of linear dynamics the response
-is the sum of what the drive makes of them and of what anything else does, so that a filter of all
-states is the free run and a filter of what it leaves. With the covariance :math:`P` of the states
-before a reading, from the algebraic Riccati equation,
+where :math:`\hat y` is the free run of the complete model. Through linear dynamics the response to
+the drive and that to everything else add up, so a filter of all states is the free run plus a
+filter of its residual. With the covariance :math:`P` of the states before a reading, from the
+algebraic Riccati equation,
 
 .. math:: e_k = y_k - \hat y_k - H F z_{k-1}, \qquad z_k = F z_{k-1} + K e_k, \qquad
    K = P H^T / S, \qquad S = H P H^T + R
 
-(Kalman, *Journal of Basic Engineering*, 1960). The innovations :math:`e` of a right model are
-white, of the variance :math:`S`. So the variances are those under which the innovations of records
-are most likely (Schweppe, *IEEE Transactions on Information Theory*, 1965).
+(Kalman, *Journal of Basic Engineering*, 1960). The innovations :math:`e` of a correct model are
+white, with the variance :math:`S`. So the variances of noise, walk and motion are those of maximum
+likelihood of the innovations (Schweppe, *IEEE Transactions on Information Theory*, 1965).
 """
 
 from dataclasses import dataclass
@@ -28,13 +27,16 @@ from scipy.optimize import minimize
 from .._jit import jit
 from ..operators import CompiledLaw, CompiledParts, SeriesOperator, split_disturbances
 
-_ROUNDING = 1e-12  # of the noise's variance: the Riccati equation of a slower walk is lost in it
-_ENOUGH = 0.01  # change of the log likelihood, or of log variances, that nobody sees
+_ROUNDING = 1e-12  # fraction of the noise's variance; the Riccati equation of a slower walk fails
+_ENOUGH = 0.01  # change of -2 log likelihood, or of log variances, at which the search stops
 
 
 @jit
 def correction_step(r, c, s):
-    """Return ``H z`` behind a residual; ``c`` is F, K, H, ``s`` is z, the innovation, and room."""
+    """Return ``H z`` after a residual ``r``.
+
+    ``c`` is (F, K, H), ``s`` holds z (n), the innovation, and work space (n).
+    """
     transition, gain, output = c
     n = gain.size
     innovation = r
@@ -59,9 +61,9 @@ class CompiledObserver(CompiledParts):
     Parameters
     ----------
     parts : tuple of two CompiledStep
-        The step of a model and that of the filter of what it leaves.
+        The step of a model and that of the filter of its residual.
     variance : float
-        Of the innovations.
+        Variance of the innovations.
     """
 
     variance: float
@@ -72,16 +74,16 @@ class CompiledObserver(CompiledParts):
         return (self.parts[0].n_inputs or 1) + 1
 
     def read(self, s):
-        """Return the walk, the last innovation and its standard deviation out of a state."""
+        """Return the random walk, the last innovation and its standard deviation from a state."""
         n = len(self.parts[1].constants[1])
         return s[-2 - n], s[-1 - n], np.sqrt(self.variance)
 
     def innovating(self, s):
-        """Return a function of the next rows that returns their innovations, and changes ``s``."""
+        """Return a function of the next rows that returns their innovations and updates ``s``."""
         run = self.streaming(s)
         _, gain, output = self.parts[1].constants
-        left = 1.0 - output @ gain  # of an innovation, beside what goes to the estimate
-        return lambda rows: (rows[:, -1] - run(rows)) / left
+        fraction = 1.0 - output @ gain  # of an innovation that the updated estimate does not follow
+        return lambda rows: (rows[:, -1] - run(rows)) / fraction
 
     def _joined(self, functions):
         model, correction = functions
@@ -96,7 +98,7 @@ class CompiledObserver(CompiledParts):
 
 @dataclass(frozen=True)
 class Filter:
-    """A stationary filter: F (n, n), K and H (n,), and the variance S of its innovations."""
+    """A stationary Kalman filter: F (n, n), K and H (n,), and the variance S of innovations."""
 
     transition: np.ndarray
     gain: np.ndarray
@@ -104,15 +106,15 @@ class Filter:
     variance: float
 
     def compiled_step(self):
-        """Return the step from what a free run leaves to the part of it that is no noise."""
+        """Return the compiled step from the residual of a free run to the estimate of it, H z."""
         constants = self.transition, self.gain, self.output
         return CompiledLaw(correction_step, constants, np.zeros(2 * len(self.gain) + 1))
 
-    def innovations(self, left):
-        """Return the innovations of a record that a free run has left (n_samples,)."""
+    def innovations(self, residual):
+        """Return the innovations of the residual of a free run (n_samples,)."""
         step = self.compiled_step()
-        corrected = step.streaming(step.state.copy())(left)
-        return (left - corrected) / (1.0 - self.output @ self.gain)
+        corrected = step.streaming(step.state.copy())(residual)
+        return (residual - corrected) / (1.0 - self.output @ self.gain)
 
 
 def stages_of(driven):
@@ -121,9 +123,9 @@ def stages_of(driven):
 
 
 def tail_of(operator):
-    """Return the linear stages behind all others of the driven part of an operator.
+    """Return the linear stages at the end of the driven part of an operator.
 
-    A stage whose motion has hysteresis within it counts as the mode that it is without.
+    A stage with hysteresis in its equation of motion ends them, as its linear mode without it.
     """
     driven, _ = split_disturbances(operator)
     tail = []
@@ -136,7 +138,7 @@ def tail_of(operator):
 
 
 def stationary(tail, dt, noise, drift, process):
-    """Return the :class:`Filter` behind linear stages.
+    """Return the :class:`Filter` for linear stages and a random walk.
 
     Parameters
     ----------
@@ -144,8 +146,8 @@ def stationary(tail, dt, noise, drift, process):
     dt : float
         Sampling interval in s.
     noise, drift, process : float
-        Variances of the noise, of the way of the random walk in a second, and of the motion of the
-        stages, in units of the response squared.
+        Variances of the noise, of the displacement of the random walk in 1 s, and of the motion of
+        the stages, in units of the response squared.
     """
     a, b, c, _ = driven_by_noise(tail, dt)
     n = len(b)
@@ -154,7 +156,8 @@ def stationary(tail, dt, noise, drift, process):
     moved[:n, :n] = process * np.outer(b, b)
     moved[n, n] = drift * dt
     p = np.zeros((n + 1, n + 1))
-    # without noise of its own a walk stands still, and motion that dies out has died out
+    # a state that no noise drives is zero: a walk stands still, motion has decayed; the Riccati
+    # equation is solved for the others alone, since it has no stabilising solution with these
     live = np.append(np.full(n, process > 0.0), drift > 0.0)
     if live.any():
         own = np.ix_(live, live)
@@ -165,19 +168,23 @@ def stationary(tail, dt, noise, drift, process):
 
 
 def most_likely(tail, records, given, smallest):
-    """Return the variances of :func:`stationary` under which innovations are most likely.
+    """Return the maximum-likelihood variances of :func:`stationary`.
 
     Parameters
     ----------
     tail : list of Operator
     records : list of (ndarray of shape (n_samples,), float)
-        What the free run has left of each, and the interval in s.
+        Residual of the free run of each record, and its sampling interval in s.
     given : sequence of float or None
-        Variances that are known.
+        Variances of noise, drift and process; None where they are to be estimated.
     smallest : float
-        Of the noise.
+        Lower bound of the estimated variance of the noise.
+
+    Returns
+    -------
+    ndarray of shape (3,)
     """
-    n, dt = sum(len(left) for left, _ in records), records[0][1]
+    n, dt = sum(len(residual) for residual, _ in records), records[0][1]
     given = list(given)
     if not len(driven_by_noise(tail, dt)[1]):
         given[2] = 0.0
@@ -188,7 +195,8 @@ def most_likely(tail, records, given, smallest):
         found[free] = np.exp(logs)
         if 0 in free:
             found[0] = max(found[0], smallest)
-        # what varies less, beside the noise or the noise beside it, cannot be told of n samples
+        # from n samples, variances that are a smaller fraction of the noise's cannot be estimated,
+        # nor can the noise's where it is a smaller fraction of theirs
         least = found[0] * np.array([1.0, max(n**-2.0, _ROUNDING) / dt, 1.0 / n])
         found[free] = np.clip(found, least, found[0] * np.array([1.0, n / dt, n]))[free]
         return found
@@ -197,22 +205,23 @@ def most_likely(tail, records, given, smallest):
         own, total = variances(logs), 0.0
         for interval in {dt for _, dt in records}:
             law = stationary(tail, interval, *own)
-            for left, dt in records:
+            for residual, dt in records:
                 if dt == interval:
-                    e = law.innovations(left)
+                    e = law.innovations(residual)
                     total += len(e) * np.log(law.variance) + e @ e / law.variance
         return total
 
     if not free:
         return variances([])
-    white = sum(np.diff(left) @ np.diff(left) for left, _ in records) / (2.0 * n)
-    total = sum(left @ left for left, _ in records) / n
+    # the best of a grid of starts: noise as if the residual were white, or as large as all of it
+    white = sum(np.diff(residual) @ np.diff(residual) for residual, _ in records) / (2.0 * n)
+    total = sum(residual @ residual for residual, _ in records) / n
     sizes = [max(size, smallest) for size in {white, total}]
-    shares = (1.0,), (n**-2.0 / dt, n**-1.0 / dt, 1.0 / dt), (1.0 / n, 1.0)
-    starts = product(sizes, *(shares[i] for i in (0, 1, 2)))
+    fractions = (1.0,), (n**-2.0 / dt, n**-1.0 / dt, 1.0 / dt), (1.0 / n, 1.0)
+    starts = product(sizes, *(fractions[i] for i in (0, 1, 2)))
     starts = {tuple(np.log(np.array(s) * size)[free]) for size, *s in starts}
     start = min(sorted(starts), key=deviance)
-    simplex = start + np.eye(len(start) + 1, len(start), k=-1)  # whatever the unit
+    simplex = start + np.eye(len(start) + 1, len(start), k=-1)  # a factor e, whatever the unit
     options = {"xatol": _ENOUGH, "fatol": _ENOUGH, "initial_simplex": simplex}
     found = minimize(deviance, start, method="Nelder-Mead", options=options)
     return variances(found.x)
@@ -224,16 +233,17 @@ def _is_linear(stage):
 
 
 def driven_by_noise(tail, dt):
-    """Return A (n, n), B and C (n,) of stages in series whose input is held for an interval.
+    """Return A (n, n), B and C (n,) of stages in series that are driven by white noise, and a std.
 
-    The states are in units of their standard deviation under white noise, and of the output's: that
-    varies by one, whatever the units of the stages. Last is the standard deviation that the input
-    itself has then. Stages that never come to rest are left out: their state is that of the random
-    walk.
+    The noise is held between samples. Each state is in units of its own standard deviation, and the
+    output has the standard deviation one, whatever the units of the stages; last returned is the
+    standard deviation of the noise that gives it. Of stages that are not asymptotically stable
+    nothing is returned (n = 0): the random walk stands for their state.
     """
     matrices = [stage.discrete(dt) for stage in tail]
     n = sum(len(b0) for _, b0, *_ in matrices)
-    # rows of coefficients of the states before and of the input: the signal before, and now
+    # the signal between two stages, at the last and at this sample, as coefficients of all states
+    # at the last sample and of the input
     before = now = np.eye(n + 1)[n]
     rows, start = [], 0
     for ad, b0, b1, c, d in matrices:
@@ -248,11 +258,11 @@ def driven_by_noise(tail, dt):
         return np.empty((0, 0)), np.empty(0), np.empty(0), 0.0
     covariance = solve_discrete_lyapunov(a, np.outer(b, b))
     own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    own[own == 0.0] = 1.0  # what noise does not reach
+    own[own == 0.0] = 1.0  # states that the noise does not drive
     a, c = a * own / own[:, None], c * own
     largest = np.abs(c).max() or 1.0
     power = c / largest @ (covariance / np.outer(own, own)) @ c / largest
-    if not power > 0.0:  # noise does not reach the output
+    if not power > 0.0:  # the noise does not move the output
         return a, np.zeros(n), c, 0.0
     size = largest * np.sqrt(power)
     return a, b / own, c / size, 1.0 / size

@@ -1,56 +1,54 @@
 r"""Tests for changes of parameters, by sums of innovations times their sensitivities.
 
-Where parameters have changed by :math:`\delta`, innovations that are white and of unit variance
-become
+If parameters have changed by :math:`\delta`, innovations that were white with unit variance become
 
 .. math:: e_k = \psi_k^T \delta + \varepsilon_k, \qquad
    s = \sum_k \psi_k e_k \sim N(M \delta, M + M M_0^{-1} M), \qquad M = \sum_k \psi_k \psi_k^T
 
 with their sensitivities :math:`\psi` (the local approach [1]_). The second term of the covariance
-is there since parameters are known no better than the records of the fit have told, with their
-information :math:`M_0`. So with :math:`s' = (I + M M_0^{-1})^{-1} s`, whose covariance without a
-change is the information that is left, :math:`M' = (M^{-1} + M_0^{-1})^{-1}`,
+is the uncertainty of the fit, whose records have the information :math:`M_0` on the parameters. So
+with :math:`s' = (I + M M_0^{-1})^{-1} s`, whose covariance without a change is
+:math:`M' = (M^{-1} + M_0^{-1})^{-1}`,
 
 .. math:: T = s'^T M'^{-1} s'
 
-is distributed as chi-square where nothing has changed, whatever the drive and however alike the
+is distributed as chi-square where nothing has changed, for any drive and however collinear the
 sensitivities are, with as many degrees of freedom :math:`r` as directions of :math:`\delta` are
-seen; as F, since the variance comes from finitely many samples.
+seen; more exactly as F (times r), since the variance is estimated from finitely many samples.
 
-**Misfit.** A model that is close to its device and not exact leaves a misfit :math:`m_k` beside
-the noise. It follows from the history of the drive, so that its scores :math:`\sum_k \psi_k m_k`
-add up where the drive repeats itself, whatever they are on average over the records of the fit.
-It raises the mean of T from :math:`r` by its energy in the directions of the sensitivities,
-:math:`c = \max_\delta (\delta^T \sum_k \psi_k m_k)^2 / \delta^T M \delta`. Over a sum of
-stretches with the scores :math:`s_b` and the information :math:`M_b`, by Cauchy and Schwarz,
+**Misfit.** A model that is close to its device and not exact has a misfit :math:`m_k` in addition
+to the noise. It is determined by the history of the drive, so its scores
+:math:`\sum_k \psi_k m_k` add up where the drive repeats itself, even if they average to zero over
+the records of the fit. It raises the mean of T from :math:`r` by its energy in the directions of
+the sensitivities, :math:`c = \max_\delta (\delta^T \sum_k \psi_k m_k)^2 / \delta^T M \delta`. Over
+a sum of stretches with the scores :math:`s_b` and the information :math:`M_b`, by Cauchy and
+Schwarz,
 
 .. math:: \Big(\sum_b \delta^T s_b\Big)^2 \leq \sum_b \frac{(\delta^T s_b)^2}{\delta^T M_b
    \delta} \, \sum_b \delta^T M_b \delta, \qquad \text{so that} \quad c \leq \sum_b c_b :
 
 however coherent a misfit is, its energy grows no faster than the length. With :math:`\lambda`, the
-largest energy of a block in sums over the records of the fit, a sum over :math:`n` blocks has a T
-of the mean :math:`r + n \lambda` at the most, and this mean scales the limit (Wedderburn,
-*Biometrika*, 1974). So the level holds, from above, for a device whose misfit is nowhere larger
-than in the worst sums of the fit; changes that move the response less than the misfit does are not
-found.
+largest energy per block in sums over the records of the fit, T of a sum over :math:`n` blocks has
+at most the mean :math:`r + n \lambda`, and this mean scales the limit (Wedderburn, *Biometrika*,
+1974). So the rate of false alarms is kept for a device whose misfit is nowhere larger than in the
+worst sums of the fit; changes that move the response less than the misfit does are not found.
 
-The fit has made the sum of all its scores zero, :math:`M_0` their information. The score of a part
-of it has the covariance :math:`M_b - M_b M_0^{-1} M_b`, and T with this one is that of the part
-held out: of the score at the parameters that the rest of the records gives, and its own covariance.
-A misfit has the same sign where drives are alike, so that sums are taken over blocks that are
-neighbours in time, and over neighbours in amplitude and in rate. The mean of T over the sums of a
-length is that of F where the model is exact. It is larger where scores are coherent, and smaller
-where the misfit is a large part of what counts as noise and less so of the scores. Nor is the
-variance the same everywhere then, whose own score is :math:`\sum_k (e_k^2 - 1)`. Where no mean
-differs significantly, after Bonferroni, :math:`\lambda` is zero; else it is the largest
-:math:`(T - q) / n` of all these sums, :math:`q` being what the largest of as many T of noise
-exceeds about once: a quantile of F.
+The fit has made the sum of all its scores zero; their information is :math:`M_0`. The score of a
+part of its records has the covariance :math:`M_b - M_b M_0^{-1} M_b`, and T with this covariance is
+that of the part held out: of its score at the parameters estimated from the rest of the records. A
+misfit has the same sign under similar drives, so sums are taken over blocks that are neighbours in
+time, in amplitude and in rate. If the model is exact, the mean of T over the sums of one length is
+that of F. It is larger where scores are coherent, and smaller where the misfit is a larger part of
+the estimated noise than of the scores. The variance then is not the same everywhere either; its
+own score is :math:`\sum_k (e_k^2 - 1)`. If no mean differs significantly, after Bonferroni,
+:math:`\lambda` is zero; else it is the largest :math:`(T - q) / n` of all these sums, where
+:math:`q` is the quantile of F that the largest of as many T of noise exceeds about once.
 
-**Lengths.** Sums are taken over blocks of samples and over 2, 4, 8, ... of them, side by side. A
-test over :math:`n` samples comes once in :math:`n` samples, so that with :math:`J` lengths and the
-level :math:`\alpha n / J` of each there are :math:`\alpha` hits a sample, at the most:
-expectations add up, however much the sums depend on each other, and hits at the end of one block
-are one alarm.
+**Lengths.** Sums are taken over single blocks of samples and, in parallel, over 2, 4, 8, ... of
+them. A test over :math:`n` samples is made once in :math:`n` samples, so with :math:`J` lengths and
+the level :math:`\alpha n / J` for each there are at most :math:`\alpha` false alarms per sample:
+expectations add up, however dependent the sums are, and several hits at the end of one block are
+one alarm.
 
 .. [1] Zhang, Basseville and Benveniste, *Automatica*, 1994.
 """
@@ -59,16 +57,16 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.stats import f as f_distribution
 
-_SEEN = 1e-9  # of the largest information: what is less is lost in the rounding of differences
-_LEVEL = 0.05  # at which sums of the fit are not those of noise, all together
+_SEEN = 1e-9  # fraction of the largest information; below it, rounding of differences prevails
+_LEVEL = 0.05  # family-wise level of the tests whether the sums of the fit are those of noise
 
 
 def whitening(series):
-    """Return the autoregressive filter (order + 1,) that makes stretches of noise white.
+    """Return the autoregressive filter (order + 1,) that whitens a list of noise series.
 
     Its coefficients follow from the autocovariance (Yule, *Philosophical Transactions of the Royal
-    Society A*, 1927). Of the orders up to 10 log10 n it has the one with the least criterion of
-    Schwarz, *Annals of Statistics*, 1978.
+    Society A*, 1927). Its order, up to 10 log10 n, minimises the Bayesian information criterion
+    (Schwarz, *Annals of Statistics*, 1978).
     """
     n = sum(map(len, series))
     orders = range(min(int(10.0 * np.log10(n)), min(map(len, series)) - 1) + 1)
@@ -78,45 +76,47 @@ def whitening(series):
     best, least = np.ones(1), n * np.log(covariance[0])
     for order in orders[1:]:
         weights = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
-        left = covariance[0] - weights @ covariance[1 : order + 1]
-        if left <= 0.0:
+        variance = covariance[0] - weights @ covariance[1 : order + 1]  # of the prediction error
+        if variance <= 0.0:
             break
-        criterion = n * np.log(left) + order * np.log(n)
+        criterion = n * np.log(variance) + order * np.log(n)
         if criterion < least:
             best, least = np.append(1.0, -weights), criterion
     return best
 
 
 class LocalTests:
-    """Tests over blocks of samples and over 2, 4, 8, ... of them, as the blocks come.
+    """Sequential tests over single blocks of samples and over 2, 4, 8, ... of them.
 
     Parameters
     ----------
     scores : ndarray of shape (n_blocks, p)
-        Sums over the blocks of the fit, in all zero.
+        Scores of the blocks of the fit; their sum is zero.
     information : ndarray of shape (n_blocks, p, p)
-        Of each of these blocks.
+        Information of each of these blocks.
     dof : int
-        Degrees of freedom of the variance.
+        Degrees of freedom of the estimate of the variance.
     false_alarms : float
-        Alarms a sample.
+        Largest mean number of false alarms per sample.
     block : int
-        Samples of a block.
+        Number of samples of a block.
     orders : sequence of ndarray of shape (n_blocks,)
-        Numbers of the blocks, sorted by what else than time may make the misfit of two alike.
+        Indices of the blocks, each sorted by a property other than time, of which blocks with
+        similar values may have a similar misfit.
     energies : ndarray of shape (n_blocks,)
-        Sums of the squares of the innovations, of unit variance, over the blocks of the fit.
+        Sums of squared innovations, of unit variance, over the blocks of the fit.
     fourth : float, default=3
-        Mean fourth power of the innovations; of normal noise it is three.
+        Mean fourth power of the innovations; three for normal noise.
 
     Attributes
     ----------
     known : ndarray of shape (p, p)
         Information of the fit.
     misfit : float
-        Largest energy of a block's misfit, of the variance of the noise; zero of an exact model.
+        Largest energy of the misfit per block, as a multiple of the variance of the noise; zero
+        for an exact model.
     limits : ndarray of shape (n_lengths, 1 + p)
-        Of T, for each length and each number of degrees of freedom.
+        Limits of T, for each length and each number of degrees of freedom.
     """
 
     def __init__(
@@ -124,11 +124,12 @@ class LocalTests:
     ):
         self.known = information.sum(axis=0)
         orders = (slice(None), *orders)
-        chances, sizes = _told_by(scores, information, orders, dof)
+        p_values, sizes = _misfit_tests(scores, information, orders, dof)
         if energies is not None:
             spread = np.full((len(energies), 1, 1), block * (fourth - 1.0))
-            chances += _told_by((energies - energies.mean())[:, None], spread, orders, dof)[0]
-        is_exact = min(chances, default=1.0) * len(chances) >= _LEVEL
+            deviations = (energies - energies.mean())[:, None]
+            p_values += _misfit_tests(deviations, spread, orders, dof)[0]
+        is_exact = min(p_values, default=1.0) * len(p_values) >= _LEVEL
         self.misfit = 0.0 if is_exact else max([*sizes, 0.0])
         ranks, blocks = np.arange(1, len(self.known) + 1), 2 ** np.arange(len(scores).bit_length())
         levels = np.minimum(false_alarms * block * blocks / len(blocks), 1.0)[:, None]
@@ -138,34 +139,36 @@ class LocalTests:
         self.reset()
 
     def reset(self):
-        """Forget all blocks."""
-        self._waiting = [None] * len(self.limits)  # sums that wait for their neighbours
+        """Discard all blocks."""
+        self._waiting = [None] * len(self.limits)  # sums of odd number, to be paired with the next
 
     def decide(self, scores, information):
-        """Return whether there is an alarm at the end of each block.
+        """Return whether there is an alarm at the end of each block, (n_blocks,) of bool.
 
         Parameters
         ----------
         scores : ndarray of shape (n_blocks, p)
+            Scores of the next blocks.
         information : ndarray of shape (n_blocks, p, p)
+            Information of each of them.
         """
         alarms = np.zeros(len(scores), dtype=bool)
         sums, ends = (scores, information), np.arange(len(scores))
         for level, limits in enumerate(self.limits):
-            statistic, rank = statistics(*self._left(*sums))
+            statistic, rank = statistics(*self._with_uncertainty_of_fit(*sums))
             alarms[ends[statistic > limits[rank]]] = True
             sums, ends = self._paired(level, sums, ends)
             if not len(ends):
                 break
         return alarms
 
-    def _left(self, scores, information):
+    def _with_uncertainty_of_fit(self, scores, information):
         """Return s' and M' of stacked sums."""
-        taken, left = _beside(information, information + self.known)
-        return scores - (taken @ scores[:, :, None])[:, :, 0], left
+        weights, reduced = _reduced(information, information + self.known)
+        return scores - (weights @ scores[:, :, None])[:, :, 0], reduced
 
     def _paired(self, level, sums, ends):
-        """Return sums of twice the length, and the last blocks of them."""
+        """Return sums of twice the length, and the indices of their last blocks."""
         if self._waiting[level] is not None:
             both = zip(self._waiting[level], sums, strict=True)
             sums = [np.concatenate([a[None], b]) for a, b in both]
@@ -180,17 +183,18 @@ def _in_pairs(sums):
     return [part[:even:2] + part[1:even:2] for part in sums]
 
 
-def _beside(information, whole):
-    """Return M W^-1 and M - M W^-1 M of stacked M."""
-    taken = information @ np.linalg.pinv(whole, _SEEN, hermitian=True)
-    left = information - taken @ information
-    return taken, (left + left.swapaxes(1, 2)) / 2.0
+def _reduced(information, total):
+    """Return M W^-1 and M - M W^-1 M of stacked M (n, p, p), with W the total information."""
+    weights = information @ np.linalg.pinv(total, _SEEN, hermitian=True)
+    reduced = information - weights @ information
+    return weights, (reduced + reduced.swapaxes(1, 2)) / 2.0
 
 
 def statistics(scores, information):
     """Return T and its degrees of freedom for stacked sums and their covariances."""
     size = np.sqrt(np.maximum(np.einsum("kii->ki", information), 0.0))
     size[size == 0.0] = 1.0
+    # in units of each parameter's own information, so that the rank does not depend on units
     values, vectors = np.linalg.eigh(information / (size[:, :, None] * size[:, None, :]))
     parts = np.einsum("kpi,kp->ki", vectors, scores / size)
     seen = values > _SEEN * values[:, -1:]
@@ -198,27 +202,27 @@ def statistics(scores, information):
     return np.sum(np.where(seen, parts**2 / values, 0.0), axis=1), seen.sum(axis=1)
 
 
-def _told_by(scores, information, orders, dof):
-    """Return how likely noise has the mean T of sums of each length, and the largest energies.
+def _misfit_tests(scores, information, orders, dof):
+    """Return p-values of the mean T of each length and order, and largest energies per block.
 
-    The energies are those of a misfit, for each block.
+    The p-values suppose that there is no misfit; an energy is that of the misfit in the worst sum.
     """
-    known, chances, sizes = information.sum(axis=0), [], []
+    known, p_values, sizes = information.sum(axis=0), [], []
     for blocks, sums in _all_sums((scores, information), orders):
-        statistic, rank = statistics(sums[0], _beside(sums[1], known)[1])
-        # in all, scores are zero: one follows from the others
+        statistic, rank = statistics(sums[0], _reduced(sums[1], known)[1])
+        # the sum of all scores is zero, so one of them follows from the others
         own = rank.sum() * (1.0 - 1.0 / len(rank))
         if own > 0.0:
             mean, noise = statistic.sum() / rank.sum(), f_distribution(own, dof)
-            chances.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
+            p_values.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
             largest = rank * f_distribution.isf(1.0 / len(rank), np.maximum(rank, 1), dof)
             sizes.append(np.max(statistic - largest) / blocks)
-    return chances, sizes
+    return p_values, sizes
 
 
 def _all_sums(parts, orders):
-    """Yield blocks, and sums of so many neighbours in each order; single ones have none."""
-    yield 1, parts
+    """Yield a number of blocks and the sums over so many neighbours, for each length and order."""
+    yield 1, parts  # single blocks, for which the order does not matter
     for order in orders:
         sums, blocks = _in_pairs([part[order] for part in parts]), 2
         while len(sums[0]) > 1:

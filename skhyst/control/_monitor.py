@@ -1,14 +1,14 @@
-r"""Whether a device still is what was identified.
+r"""Detection of changes of an identified device, and isolation of what has changed.
 
-As long as a device is what its model says, the innovations of an observer are noise. What else they
-have in common the fit has left in them, and will again: the autocovariance of the innovations of
-its records gives the filter that makes them white. Sensitivities are differences of observers of
-models with one parameter changed a little, filtered alike. What is decided from the two, and how
-often for nothing, is in :mod:`skhyst.control._local_tests`; what it was that has changed, in
-:mod:`skhyst.control._suspects`.
+As long as the device behaves as its model, the innovations of an observer are noise. If this noise
+is coloured in the records of the fit, it will be so in service: the filter that makes it white
+follows from the autocovariance of these innovations. Sensitivities are finite differences between
+observers of models with one parameter changed a little, through the same filter. The tests on
+both, and their rate of false alarms, are in :mod:`skhyst.control._local_tests`; which parameter
+has changed is found in :mod:`skhyst.control._suspects`.
 
-What the records of the fit say of the misfit of a model holds for drives like theirs. Blocks in
-which the drive leaves their range, or changes faster, count for nothing.
+The misfit of a model is known from the records of the fit, for drives like theirs. Blocks in which
+the drive leaves their range or exceeds their rate are not judged.
 """
 
 from copy import copy
@@ -24,31 +24,32 @@ from .._sklearn import HasMethods, Interval, fit_context
 from ..base import read_data
 from ..operators import add_disturbances, split_disturbances
 from ._local_tests import LocalTests, whitening
-from ._suspects import least_left, left_by_step, likely
+from ._suspects import likely, smallest_squares, squares_after_step
 
-_EXACT = 1e-12  # of the response: rounding of runs
-_STEP = np.sqrt(_EXACT)  # of a difference, relative: rounding is as curvature is
-_AT_ONCE = 1 << 15  # samples
-_BETWEEN = (
-    0.01  # of the range: a turn between two of 22 samples of a period is 1 - cos(pi / 22) off
-)
+_EXACT = 1e-12  # rounding error of a run, as a fraction of the response
+_STEP = np.sqrt(_EXACT)  # relative step of differences: errors of rounding and curvature balance
+_AT_ONCE = 1 << 15  # samples that are processed at once
+# Fraction of the range by which a drive may exceed it: a turning point between two of 22 samples
+# of a period is missed by 1 - cos(pi / 22).
+_BETWEEN = 0.01
 
 
 class Monitor(MetaEstimatorMixin, BaseEstimator):
-    """Say when a device in service no longer is what was identified, and what has changed.
+    """Detect when a device in service no longer agrees with its model, and what has changed.
 
     Parameters
     ----------
     observer : Observer
-        Of the model that was identified.
+        Observer of the identified model.
     false_alarms : float, default=1e-6
-        Alarms a sample, on average and at the most, while nothing has changed.
+        Upper bound of the mean number of alarms per sample while nothing has changed.
     block : int, default=64
-        Samples after which it is decided: about these and about the last 2, 4, 8, ... blocks, up
-        to as many samples as the fit has seen: beyond, the fit is the less certain of the two.
+        Number of samples after which each decision is made: about this block, and about the last
+        2, 4, 8, ... blocks, up to as many samples as the fit has seen. In longer stretches the
+        uncertainty of the fit prevails.
     parameters : sequence of str, default=None
-        Names of the parameters that may change, as in ``params_`` of the model; by default all of
-        the driven part that the records of the fit tell something of.
+        Names of the parameters that may change, as in ``params_`` of the model; by default all
+        parameters of the driven part to which the records of the fit are sensitive.
 
     Attributes
     ----------
@@ -59,28 +60,29 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     whitening_ : ndarray of shape (order + 1,)
         Autoregressive filter that makes the innovations of the fit white.
     drift_detected : bool
-        Whether the last :meth:`update` has brought an alarm.
+        Whether the last :meth:`update` has raised an alarm.
     suspect_ : tuple of str
-        What has changed, the most likely first, and behind it what cannot be told apart from it;
-        ``"gain"`` is all linear parameters by the same share, ``"offset"`` a step of the sensor or
-        of what else stands beside the response. Empty before the first alarm; what comes behind an
-        alarm makes it sharper, until :meth:`reset`.
+        What has changed, the most likely first, followed by what cannot be distinguished from it.
+        ``"gain"`` stands for all linear parameters by the same fraction, ``"offset"`` for a step
+        of the sensor or of another additive disturbance. Empty before the first alarm; samples
+        after an alarm make it more certain, until :meth:`reset`.
     judged : bool
         Whether the last block of :meth:`update` was within the range and the rate of the drives of
-        the fit. One that was not brings no alarm and no suspicion.
+        the fit. A block that was not raises no alarm and is not used for ``suspect_``.
     misfit_ : float
-        What the model leaves of its device in the records of the fit, by the largest share of the
-        noise's variance in the directions of the parameters; zero where the model is exact.
+        Misfit of the model in the records of the fit: its largest energy per sample in the
+        directions of the parameters, as a fraction of the variance of the noise; zero where the
+        model is exact.
     n_features_in_ : int
 
     Notes
     -----
-    The random walk of the observer takes a slow drift of the response, which is no change of a
-    parameter, and what is as slow in others.
+    The random walk of the observer absorbs slow drift of the response, which is not a change of a
+    parameter, and equally slow parts of the effects of parameters.
 
-    A model that is close to its device and not exact is watched with wider limits, by as much as
-    it leaves in the worst part of the records of the fit: they should be like those in service, of
-    every amplitude and rate. A change that moves the response by less than that is not found.
+    The limits for a model that is close to its device and not exact are wider, by the misfit in the
+    worst part of the records of the fit. These should resemble the records in service, with every
+    amplitude and rate. A change that moves the response by less than the misfit is not found.
 
     Examples
     --------
@@ -122,15 +124,15 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
-        """Fit the observer where it is not fitted, and learn what its innovations are like.
+        """Fit the observer where it is not fitted, and the filter, the misfit and the limits.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Column 0 is the drive; the index carries records and time. These are the records of the
-            fit: what they tell of the parameters is taken for what is known of them.
+            Column 0 is the drive; the index carries records and time. These should be the records
+            of the fit: their information on the parameters is taken for the certainty of the fit.
         y : array-like of shape (n_samples,)
-            What the sensor reads.
+            Reading of the sensor.
 
         Returns
         -------
@@ -139,8 +141,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If a parameter that is to be watched is none of the model's, or the records tell nothing
-            of any, or have no noise.
+            If a name in ``parameters`` is not a parameter of the model, the records are sensitive
+            to none of the parameters, or they have no noise.
         """
         read_data(self, X, y, reset=True, dt=getattr(self.observer.model, "dt", 1.0))
         self.observer_ = self.observer
@@ -157,20 +159,21 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
         steps = np.array([step for *_, step, _ in self._changed])
         size = np.sqrt(sum(rows[:, -1] @ rows[:, -1] for rows, *_ in read))
-        told = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
-        if not told[1:].any():
-            raise ValueError("The records tell nothing of a parameter that Monitor may watch.")
+        seen = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
+        if not seen[1:].any():
+            raise ValueError("The records are sensitive to no parameter that Monitor may watch.")
         if scales[0] == 0.0:
-            raise ValueError("The model leaves nothing of the records: Monitor needs their noise.")
+            raise ValueError("The residual of the model is zero: Monitor needs records with noise.")
         self._changed = [
-            own for own, is_told in zip(self._changed, told[1:], strict=True) if is_told
+            own for own, is_seen in zip(self._changed, seen[1:], strict=True) if is_seen
         ]
         self.parameters_ = [name for name, *_ in self._changed]
         dof, self._n_kept = max(len(white) - len(self._changed), 1), len(white)
         # innovations of unit variance, sensitivities of unit information
-        self._scales = scales[told] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
-        white = white[:, told] / self._scales
-        # the fit as the innovations see it, which have other weights than the residual
+        self._scales = scales[seen] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
+        white = white[:, seen] / self._scales
+        # The fit minimises the residual, not the innovations. This shift of the parameters makes
+        # the sum of all scores zero, as the tests suppose.
         self._shift = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
         size = min(self.block, len(white))
         sums = self._sums(white[: len(white) // size * size], size)
@@ -185,7 +188,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return self.reset()
 
     def reset(self) -> None:
-        """Forget all samples: the next one is the first of a device at rest."""
+        """Discard all samples: the next one is the first of a device at rest."""
         self._tests.reset()
         self._columns, self._rows = None, []
         self._detected = self._judged = False
@@ -193,17 +196,19 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return self
 
     def update(self, u, y):
-        """Take the drive and the reading at the next sample.
+        """Process the drive and the reading at the next sample.
 
         Parameters
         ----------
         u : float, or array-like of shape (n_inputs,)
+            Drive, and what else the model reads.
         y : float
+            Reading of the sensor.
 
         Raises
         ------
         ValueError
-            If a number is not finite; nothing has changed then.
+            If a number is not finite; the state is unchanged then.
         """
         check_is_fitted(self)
         row = np.append(u, y).astype(float)
@@ -222,19 +227,26 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             self._rows = []
 
     def alarms(self, X, y, return_judged=False) -> np.ndarray:
-        """Return the samples of records at which there is an alarm.
+        """Return at which samples of records there is an alarm.
+
+        Each record begins at rest; samples after its last complete block are not used.
+        ``suspect_`` is that of the last record.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
         y : array-like of shape (n_samples,)
-            What the sensor reads. Each record begins at rest; what is left of it behind its last
-            whole block is not used. ``suspect_`` is that of the last record.
+            Reading of the sensor.
+        return_judged : bool, default=False
+            Whether to return which samples are in blocks that were judged, too.
 
         Returns
         -------
-        ndarray of shape (n_samples,)
+        alarms : ndarray of shape (n_samples,)
             Of bool.
+        judged : ndarray of shape (n_samples,)
+            Of bool. Only with ``return_judged``.
         """
         check_is_fitted(self)
         found, n = [], max(_AT_ONCE // self.block, 1) * self.block
@@ -274,49 +286,53 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         # the information of the fit is that of scaled parameters, of a diagonal of ones
         scaled = directions * self._scales[1:] / self._scales[0]
         units = 1.0 / np.sqrt(np.einsum("mp,pq,mq->m", scaled, self._tests.known, scaled))
-        left, offset = self._left_by(directions)
-        least = [*least_left(left, units, values), offset]
+        squares, offset = self._squares_after(directions)
+        smallest = [*smallest_squares(squares, units, values), offset]
         blocks = len(self._evidence[2]) / self.block
-        found = likely(least, self._tests.misfit * blocks)
+        found = likely(smallest, self._tests.misfit * blocks)
         return tuple([*names, "offset"][i] for i in found)
 
-    def _left_by(self, directions):
-        """Return the sum of squares that changes along directions leave, and that of an offset."""
+    def _squares_after(self, directions):
+        """Return sums of squared innovations under changes of the model and of the reading.
+
+        These are a function ``squares(i, change)`` for a change along direction ``i``, and the
+        smallest sum for a step of the reading.
+        """
         state, dt, rows, judged = self._evidence
         columns = _Columns(self, dt, rows[0, :-1], state)
         white = columns.run(rows) / self._scales
         known = white[:, 1:] @ self._shift
         higher = rows + self._scales[0] * np.eye(rows.shape[1])[-1]
         step = _Columns(self, dt, rows[0, :-1], state).run(higher)[:, 0] / self._scales[0]
-        offset = left_by_step(white[:, 0] - known, step - white[:, 0], judged, self.block)
-        driven, beside = split_disturbances(self.observer_.model_.operator_)
+        offset = squares_after_step(white[:, 0] - known, step - white[:, 0], judged, self.block)
+        driven, disturbances = split_disturbances(self.observer_.model_.operator_)
         names = [name for name, _ in driven.entries()]
         places = [names.index(name) for name in self.parameters_]
 
-        def left(i, change):
+        def squares(i, change):
             values = driven.pack()
             values[places] += change * directions[i]
             try:
-                other = add_disturbances(driven.unpack(values), beside)
+                other = add_disturbances(driven.unpack(values), disturbances)
                 compiled_step = self.observer_.compiled_step(dt, columns.u0, other)
-            except ValueError:  # no such device
+            except ValueError:  # parameters that no device can have
                 return np.inf
             e = compiled_step.innovating(state.copy())(rows)
             white = lfilter(self.whitening_, 1.0, e) / self._scales[0] - known
             total = white[judged] @ white[judged]
             return total if np.isfinite(total) else np.inf
 
-        return left, offset
+        return squares, offset
 
     def _decide(self, columns, rows):
-        """Return whether there is an alarm at the end of each block, and whether it is judged."""
+        """Return whether each block (n_blocks,) ends with an alarm, and whether it is judged."""
         before = columns.states[0].copy()
         motion = columns.motion(rows)
         within = ((motion >= self._range[0]) & (motion <= self._range[1])).all(axis=1)
         judged = within.reshape(-1, self.block).all(axis=1)
         scores, information = self._sums(columns.run(rows) / self._scales, self.block)
         found = self._tests.decide(scores * judged[:, None], information * judged[:, None, None])
-        found &= judged  # of sums that end with what does not count
+        found &= judged  # no alarm of a longer sum whose last block is not judged
         counts = np.repeat(judged, self.block)
         if self._evidence is not None:
             state, dt, *own = self._evidence
@@ -335,19 +351,19 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         """Return the scores (n_blocks, p) and the information (n_blocks, p, p) of blocks."""
         white = white.reshape(-1, size, len(self._scales))
         psi = white[:, :, 1:]
-        left = white[:, :, :1] - psi @ self._shift[:, None]
-        return (psi.swapaxes(1, 2) @ left)[:, :, 0], psi.swapaxes(1, 2) @ psi
+        innovations = white[:, :, :1] - psi @ self._shift[:, None]
+        return (psi.swapaxes(1, 2) @ innovations)[:, :, 0], psi.swapaxes(1, 2) @ psi
 
     def _candidates(self):
-        """Return name, value, whether it is linear, step, and the operator a step off, of each."""
-        driven, beside = split_disturbances(self.observer_.model_.operator_)
+        """Return (name, value, is linear, step, operator a step off) of each watched parameter."""
+        driven, disturbances = split_disturbances(self.observer_.model_.operator_)
         values, entries = driven.pack(), driven.entries()
         held = self.observer_.model_.held_parameters()
-        taken = driven.gauge_mask() | np.array([name in held for name, _ in entries])
-        if self.observer_.disturbance is not None:  # it takes what is constant, too
-            taken = taken | driven.constant_mask()
+        excluded = driven.gauge_mask() | np.array([name in held for name, _ in entries])
+        if self.observer_.disturbance is not None:  # the random walk absorbs constants
+            excluded = excluded | driven.constant_mask()
         linear = driven.linear_mask() & ~driven.constant_mask()
-        wanted = [name for (name, _), own in zip(entries, taken, strict=True) if not own]
+        wanted = [name for (name, _), own in zip(entries, excluded, strict=True) if not own]
         if self.parameters is not None:
             unknown = set(self.parameters) - {name for name, _ in entries}
             if unknown:
@@ -363,7 +379,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                 step = -step if values[i] + step > spec.upper else step
                 moved = values.copy()
                 moved[i] += step
-                other = add_disturbances(driven.unpack(moved), beside)
+                other = add_disturbances(driven.unpack(moved), disturbances)
                 found.append((name, values[i], linear[i], moved[i] - values[i], other))
         return found
 
@@ -374,7 +390,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
 
 class _Columns:
-    """White innovations of a record and their sensitivities, as the samples come."""
+    """Whitened innovations of a record and their sensitivities, sample by sample."""
 
     def __init__(self, monitor, dt, u0, state=None):
         observer, operators = monitor.observer_, [None, *(own for *_, own in monitor._changed)]
@@ -397,7 +413,7 @@ class _Columns:
         return columns
 
     def motion(self, rows):
-        """Return the drives of the next rows and how fast they change (n_samples, 2 n_inputs)."""
+        """Return drives and absolute rates of the next rows, (n_samples, 2 n_inputs)."""
         drives = rows[:, :-1]
         rates = np.abs(np.diff(drives, axis=0, prepend=self.last)) / self.dt
         self.last = drives[-1:]
@@ -405,9 +421,9 @@ class _Columns:
 
 
 def _orders(motion, size):
-    """Return blocks of samples sorted by each part of their motion and by all of it."""
+    """Return the block indices, sorted by the energy of each drive, of each rate, and of all."""
     centre = motion.mean(axis=0)
-    centre[len(centre) // 2 :] = 0.0  # of the rates
+    centre[len(centre) // 2 :] = 0.0  # rates have no operating point
     energy = ((motion - centre) ** 2).reshape(-1, size, motion.shape[1]).mean(axis=1)
     mean = energy.mean(axis=0)
     energy = energy / np.where(mean > 0.0, mean, 1.0)

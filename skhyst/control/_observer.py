@@ -1,8 +1,8 @@
-"""What a device does, from its model and from what a sensor reads.
+"""Estimation of the response of a device, from its model and from the reading of a sensor.
 
-The hysteresis of a model is driven by the drive, which is known, so that its state is known too.
-What is uncertain is linear: motion of the linear stages behind it that the drive does not explain,
-and an output that drifts. A Kalman filter estimates them, see :mod:`skhyst.control._kalman`.
+The input of the hysteresis is the drive, which is known, so that its state is known too. The
+uncertain part is linear: motion of the linear stages after the hysteresis that the drive does not
+explain, and a drifting output. A Kalman filter estimates both, see :mod:`skhyst.control._kalman`.
 """
 
 from numbers import Real
@@ -43,40 +43,42 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     model : estimator
         A parametric model of skhyst or a cascade of them.
     disturbance : {"random_walk", None}, default="random_walk"
-        What stands beside the response of the model: a random walk that takes what drifts.
+        Additive disturbance of the response: a random walk, which follows slow drift.
     noise_std : float, default=None
-        Standard deviation of the sensor's noise, units of the response.
+        Standard deviation of the sensor's noise, units of the response. By default estimated.
     drift_std : float, default=None
-        Standard deviation of what the random walk goes in a second, units of the response.
+        Standard deviation of the displacement of the random walk in 1 s, units of the response. By
+        default estimated.
     process_std : float, default=None
-        Standard deviation of the motion of the linear stages behind the hysteresis that the drive
-        does not explain, units of the response.
-
+        Standard deviation of the motion of the linear stages after the hysteresis that the drive
+        does not explain, units of the response. By default estimated.
     method : {"auto", "linear", "unscented"}, default="auto"
-        The stationary Kalman filter, in which motion with hysteresis within it counts as the linear
-        mode that it is without; or the unscented one, which carries the uncertainty of that motion
-        through its own step: some 100 us a sample, and nothing that is written as C. By default
-        the latter where there is such a motion.
+        The stationary Kalman filter, in which a stage with hysteresis in its equation of motion is
+        replaced by its linear mode without hysteresis; or the unscented one, which propagates the
+        uncertainty through the step of that stage: some 100 us per sample, and no export to C. By
+        default the latter if there is such a stage.
 
     Attributes
     ----------
     model_ : estimator
         The fitted model.
     noise_std_, drift_std_, process_std_ : float
-        As given, or else those under which the residual of the records of the fit is most likely.
+        As given, or else the maximum-likelihood estimates from the residual of the records of the
+        fit.
     estimate, disturbance_estimate : float
-        Response at the last sample, without noise, and the part of it that has drifted.
+        Estimate of the response at the last sample, without noise, and of the random walk in it.
     innovation, innovation_std : float
-        Last reading less what was predicted of it, and how large that is usually.
+        Last reading minus its prediction, and the standard deviation of this difference.
     state : ndarray
-        All that is remembered: a copy, which may be kept and assigned again.
+        Complete state of observer and model: a copy, which may be stored and assigned again.
     n_features_in_ : int
 
     Notes
     -----
-    The hysteresis, and all in front of the last linear stages, follows the drive alone. What varies
-    less than ``n`` samples of a record can tell is not known: estimated variances are at least
-    that of the noise over ``n`` for the motion and over ``n**2`` for a sample's step of the walk.
+    The hysteresis, and all stages before the last linear ones, follow the drive alone. Variances
+    too small to be estimated from ``n`` samples have a lower bound: that of the motion the variance
+    of the noise over ``n``, that of the random walk's step per sample the variance of the noise
+    over ``n**2``.
 
     Examples
     --------
@@ -136,7 +138,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Column 0 is the drive; the index carries records and time.
         y : array-like of shape (n_samples,)
-            What the sensor reads.
+            Reading of the sensor.
 
         Returns
         -------
@@ -154,8 +156,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
                 "The 'model' parameter of Observer must be a parametric model of skhyst. "
                 f"Got {self.model!r} instead."
             )
-        left = response - self.model_.predict(X)
-        records = [(left[s.rows], s.dt) for s in slices]
+        residual = response - self.model_.predict(X)
+        records = [(residual[s.rows], s.dt) for s in slices]
         rounding = (np.finfo(float).eps * np.abs(response).max()) ** 2 or np.finfo(float).tiny
         tail = tail_of(self.model_.operator_)
         with one_thread():
@@ -170,8 +172,10 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
         y : array-like of shape (n_samples,)
-            What the sensor reads; that of a sample and all before it is used for its estimate.
+            Reading of the sensor. The estimate at a sample uses the readings up to and including
+            this sample.
 
         Returns
         -------
@@ -183,7 +187,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         )
 
     def innovations(self, X, y) -> np.ndarray:
-        """Return each reading less what was predicted of it, (n_samples,), units of the response.
+        """Return each reading minus its prediction, (n_samples,), units of the response.
 
         ``X`` and ``y`` are as for :meth:`filter`.
         """
@@ -203,19 +207,20 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         u0 : float or array-like of shape (n_inputs,), default=0.0
             Drive at which the device rests before.
         operator : Operator, default=None
-            One of the same structure in the place of that of the model.
+            Used instead of the model's operator, with the same structure and other parameters; the
+            filter stays that of the model.
 
         Returns
         -------
         CompiledStep
-            Its input is a row of the drive (and what else the model reads) and of the reading, its
-            output the estimate.
+            Its input is a row of the drive (and what else the model reads) and the reading, its
+            output is the estimate.
 
         Raises
         ------
         ValueError
-            If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
-            in theirs.
+            If a parameter is not as above, or ``dt`` is not given and the records of the fit have
+            several sampling intervals.
         """
         check_is_fitted(self)
         operator = self.model_.operator_ if operator is None else operator
@@ -238,19 +243,21 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return Stepper(self.compiled_step(dt, u0), self._interval(dt))
 
     def reset(self) -> None:
-        """Forget all readings: the next sample is the first one of a device at rest."""
+        """Discard all readings: the next sample is the first one of a device at rest."""
         self._stream = None
         return self
 
     def update(self, u, y) -> float:
-        """Take the drive and the reading at the next sample, and return the estimate.
+        """Process the drive and the reading at the next sample, and return the estimate.
 
         The first sample after the fit or a :meth:`reset` is that of a device at rest.
 
         Parameters
         ----------
         u : float, or array-like of shape (n_inputs,)
+            Drive, and what else the model reads.
         y : float
+            Reading of the sensor.
 
         Returns
         -------
@@ -260,8 +267,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If a number is not finite, or the records of the fit have several intervals; nothing has
-            changed then.
+            If a number is not finite, or the records of the fit have several sampling intervals;
+            the state is unchanged then.
         """
         check_is_fitted(self)
         compiled_step, stream = getattr(self, "_stream", None) or (None, None)
@@ -282,22 +289,22 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     @property
     def disturbance_estimate(self) -> float:
-        return self._told()[0]
+        return self._last()[0]
 
     @property
     def innovation(self) -> float:
-        return self._told()[1]
+        return self._last()[1]
 
     @property
     def innovation_std(self) -> float:
-        return self._told()[2]
+        return self._last()[2]
 
-    def _told(self):
+    def _last(self):
         compiled_step, stream = self._streaming()
         return [float(value) for value in compiled_step.read(stream.state)]
 
     def _rows(self, X, y):
-        """Yield rows of the drive and the reading, the drive, and the interval of each record.
+        """Yield (rows of drive and reading, drive, sampling interval in s) of each record.
 
         ``X`` and ``y`` are as for :meth:`filter`.
         """
@@ -317,8 +324,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return chosen_interval(self.model_.records_, dt, "Observer.compiled_step")
 
     def _compiled_step(self, dt, u0, operator):
-        driven, beside = split_disturbances(operator)
-        # the filter is that of the model, whatever operator it runs beside
+        driven, disturbances = split_disturbances(operator)
+        # the filter's gains belong to the model, also where another operator predicts the response
         tail, state = tail_of(self.model_.operator_), self.model_._free_run_state()
         variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
         in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
@@ -326,13 +333,14 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             law = stationary(tail, dt, *variances)
             model = operator.compiled_step(dt, operator.init(u0, state))
             return CompiledObserver((model, law.compiled_step()), law.variance)
+        # hysteresis within the motion: the uncertainty goes through the steps of the last stages
         whole = SeriesOperator(tuple("" for _ in stages_of(driven)), stages_of(driven))
         steps = [
             s.compiled_step(dt, own)
             for s, own in zip(whole.stages, whole.init(u0, state), strict=True)
         ]
         front, core = steps[: -len(tail)], steps[-len(tail) :]
-        others = SumOperator(tuple("" for _ in beside), beside)
+        others = SumOperator(tuple("" for _ in disturbances), disturbances)
         spread = self.process_std_ * driven_by_noise(tail, dt)[3]
         return Unscented(
             CompiledSeries(tuple(front)),

@@ -1,7 +1,8 @@
 """A feedback loop around a device, sample by sample.
 
 At a sample the response is read, the controller takes the reading and the reference, and its output
-drives the device until the next sample, whose response stands in the same row.
+drives the device until the next sample. A row holds the reading, the drive, and the response at the
+end of the interval that this drive holds for.
 """
 
 import math
@@ -29,7 +30,7 @@ _CONSTRAINTS = {
 
 
 class Loop(NamedTuple):
-    """What a loop did: arrays of shape (n_samples,), fewer where it has diverged."""
+    """Signals of a simulated loop: arrays of shape (n_samples,), shorter if it has diverged."""
 
     time: np.ndarray  # s
     reference: np.ndarray
@@ -50,15 +51,15 @@ def simulate_loop(
     delay=0,
     random_state=None,
 ) -> Loop:
-    """Close a loop around a device and run it along a reference.
+    """Simulate a feedback loop around a device, along a reference.
 
     Parameters
     ----------
     device : object
-        With ``step(u) -> y``, such as a :class:`~skhyst.operators.Stepper`; it goes on from the
-        state that it is in.
+        With ``step(u) -> y``, such as a :class:`~skhyst.operators.Stepper`; it continues from its
+        current state.
     controller : object
-        With ``controlling(reference, dt, u0)``, as :class:`FeedforwardPI` has.
+        With ``controlling(reference, dt, u0)`` as in :meth:`FeedforwardPI.controlling`.
     reference : array-like of shape (n_samples,)
         Units of the response.
     dt : float
@@ -69,17 +70,17 @@ def simulate_loop(
     noise : float, default=0.0
         Standard deviation of the sensor's noise, units of the response.
     resolution : float, default=0.0
-        Smallest step of the sensor, units of the response.
+        Quantization step of the sensor, units of the response. 0: none.
     delay : int, default=0
-        Samples by which a drive acts late; the first drive stands before.
+        Delay of the drive in samples; before, the first drive acts.
     random_state : int, RandomState or None, default=None
-        Of the noise.
+        Seed of the noise.
 
     Returns
     -------
     Loop
-        ``time``, ``reference``, ``drive``, ``response``, ``reading``. Finite always: of a loop that
-        diverges, the samples before the first at which the reading, the drive or the response is
+        ``time``, ``reference``, ``drive``, ``response``, ``reading``. Always finite: a loop that
+        diverges ends before the first sample at which the reading, the drive or the response is
         not.
 
     Raises
@@ -94,8 +95,8 @@ def simulate_loop(
 
     Examples
     --------
-    A gain of 3 around a device of gain 1 that is read a sample late: each deviation is three times
-    the one before.
+    A gain of 3 around a device of gain 1 that is read one sample late: each error is three times
+    the last one.
 
     >>> import warnings
     >>> from skhyst.control import FeedforwardPI, simulate_loop
@@ -113,7 +114,7 @@ def simulate_loop(
     caller, given = "simulate_loop", (device, controller, u0, noise, resolution, delay)
     named = dict(zip(_CONSTRAINTS, (*given, random_state), strict=True))
     validate_parameter_constraints(_CONSTRAINTS, named, caller)
-    wanted = "finite numbers, one a sample"
+    wanted = "finite numbers, one per sample"
     reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
     dt = chosen_interval((), dt, caller)
     n, control = len(reference), controller.controlling(reference, dt, u0)
@@ -121,7 +122,7 @@ def simulate_loop(
     drive, response, reading = np.empty((3, n))
     y = float(reference[0])
     for k in range(n):
-        # what is read now, the drive answers from now on
+        # the reading is the response to the drive until now; the new drive acts from now on
         seen = y + errors[k]
         steps = seen / resolution if resolution else math.inf
         reading[k] = resolution * round(steps) if math.isfinite(steps) else seen
@@ -138,7 +139,7 @@ def simulate_loop(
     if k < n:
         warnings.warn(
             f"The loop diverged: it left the range of floating point at {k * dt:.6g} s, sample "
-            f"{k}, and is returned as far as there.",
+            f"{k}, and only the samples before are returned.",
             DivergenceWarning,
             stacklevel=2,
         )

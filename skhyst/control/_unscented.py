@@ -1,15 +1,15 @@
-r"""The unscented Kalman filter of motion with hysteresis within it.
+r"""The unscented Kalman filter of a stage with hysteresis in its equation of motion.
 
-Where the hysteresis follows the motion, its state is as uncertain as the motion is. Mean and
-covariance of all that a step remembers are carried through the step itself, by points that have
-them: with the columns :math:`l_i` of a root of the covariance, of :math:`m` dimensions with that of
-the input,
+There the hysteresis follows the motion, so its state is as uncertain as the motion is. Mean and
+covariance of the state are propagated through the compiled step itself, by sigma points: with the
+columns :math:`l_i` of a square root of the covariance, of :math:`m` dimensions including the
+input,
 
 .. math:: \bar s, \quad \bar s \pm \sqrt{m + \kappa}\, l_i, \qquad \kappa = \max(3 - m, 0)
 
-of the weights :math:`\kappa / (m + \kappa)` and :math:`1 / 2 (m + \kappa)` (Julier and Uhlmann,
+with the weights :math:`\kappa / (m + \kappa)` and :math:`1 / 2 (m + \kappa)` (Julier and Uhlmann,
 *Proceedings of SPIE 3068*, 1997; they take :math:`3 - m` for normal variables: below zero it may
-make a variance negative). What has no variance stays as the step leaves it.
+make a variance negative). States without variance are those that the step gives.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ import numpy as np
 
 from ..operators import CompiledStep, as_constant
 
-_NOTHING = 1e-14  # of the largest variance: rounding
+_NOTHING = 1e-14  # fraction of the largest variance, below which a variance is rounding
 
 
 @dataclass(frozen=True)
@@ -28,18 +28,17 @@ class Unscented(CompiledStep):
 
     Parameters
     ----------
-    front, core, beside : CompiledStep
-        What the drive goes through before the motion; the motion and what is behind it; what stands
-        beside the response.
+    front, core, disturbances : CompiledStep
+        Stages before the motion; the motion and the stages after it; additive disturbances.
     spread : float
-        Standard deviation of what else drives the motion, units of its input.
+        Standard deviation of the noise that drives the motion, units of its input.
     walk, noise : float
-        Variances of a sample's step of the random walk and of the reading.
+        Variances of the random walk's step per sample and of the noise of the reading.
     """
 
     front: CompiledStep
     core: CompiledStep
-    beside: CompiledStep
+    disturbances: CompiledStep
     spread: float
     walk: float
     noise: float
@@ -51,20 +50,20 @@ class Unscented(CompiledStep):
 
     @cached_property
     def state(self):
-        """State of the parts and of the walk, covariance, innovation and its standard deviation."""
+        """State of the parts and of the walk, covariance, innovation, its standard deviation."""
         n = len(self.core.state) + 1
         others = np.zeros(1 + n * n + 2)
-        own = self.front.state, self.beside.state, self.core.state, others
+        own = self.front.state, self.disturbances.state, self.core.state, others
         return as_constant(np.concatenate(own))
 
     def read(self, s):
-        """Return the walk, the last innovation and its standard deviation out of a state."""
+        """Return the random walk, the last innovation and its standard deviation from a state."""
         n = len(self.core.state) + 1
         return s[-3 - n * n], s[-2], s[-1]
 
     def bound(self, s, binding):
         raise NotImplementedError(
-            "An unscented filter is no step in plain arithmetic: take method='linear'."
+            "An unscented filter has no compiled step in plain arithmetic: take method='linear'."
         )
 
     def stepping(self, s):
@@ -76,23 +75,24 @@ class Unscented(CompiledStep):
         return lambda rows: np.array([step(row)[0] for row in rows])
 
     def innovating(self, s):
-        """Return a function of the next rows that returns their innovations, and changes ``s``."""
+        """Return a function of the next rows that returns their innovations and updates ``s``."""
         step = self._stepping(s)
         return lambda rows: np.array([step(row)[1] for row in rows])
 
     def _stepping(self, s):
         n = len(self.core.state) + 1
-        ends = np.cumsum([len(self.front.state), len(self.beside.state), n, n * n])
-        front, beside, mean, covariance, last = np.split(s, ends)
+        ends = np.cumsum([len(self.front.state), len(self.disturbances.state), n, n * n])
+        front, disturbances, mean, covariance, last = np.split(s, ends)
         covariance = covariance.reshape(n, n)
-        front, beside = self.front.stepping(front), self.beside.stepping(beside)
+        front = self.front.stepping(front)
+        disturbances = self.disturbances.stepping(disturbances)
         rooms = np.zeros((2 * (n + 1) + 1, n - 1))
         cores = [self.core.stepping(room) for room in rooms]
         is_signal = self.front.n_inputs is None
 
         def step(row):
             drive = front(row[0] if is_signal else row)
-            offset = beside(drive)
+            offset = disturbances(drive)
             values, vectors = np.linalg.eigh(covariance)
             seen = values > _NOTHING * values[-1]
             m = int(seen.sum()) + 1

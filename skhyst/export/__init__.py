@@ -1,4 +1,4 @@
-"""Models as programs in other languages and systems of other packages."""
+"""Export of models: C programs, functional mock-up units, and systems of python-control."""
 
 from ._c import to_c
 from ._control import to_control

@@ -1,4 +1,4 @@
-"""Writes a model as C99, with a test program."""
+"""Write a model as a C99 program, with a test program."""
 
 import hashlib
 import re
@@ -23,7 +23,7 @@ DIALECTS = {
     "float64": Dialect("double", "", np.float64),
     "float32": Dialect("float", "f", np.float32),
 }
-TOLERANCES = {"float64": 1e-12, "float32": 1e-6}  # of the response's range
+TOLERANCES = {"float64": 1e-12, "float32": 1e-6}  # as fractions of the response's range
 _N_TEST = 200
 
 _HEADER = Template("""\
@@ -41,7 +41,7 @@ _HEADER = Template("""\
 
 #define ${name}_DT $dt /* sampling interval in s */
 #define ${name}_N_INPUTS $n_inputs
-/* SHA-256 of the program in double precision: of laws, constants and first state */
+/* SHA-256 of the program in double precision: of its laws, constants and initial state */
 #define ${name}_HASH "$digest"
 
 typedef struct {
@@ -54,7 +54,7 @@ void ${name}_init(${name}_state *state);
 /* One sample. $caution */
 $type ${name}_step(${name}_state *state, $input);
 
-${bits}/* Conditions of the last sample, bits that are set while they hold; 0 if there are none. */
+${bits}/* Conditions of the last sample: a bit is set for each that holds. */
 uint32_t ${name}_status(const ${name}_state *state);
 
 #endif
@@ -82,7 +82,7 @@ uint32_t ${name}_status(const ${name}_state *state)
 $conditions}
 """)
 _TEST = Template("""\
-/* Test of $name.c: returns 0 where it answers as the Python model did. */
+/* Test of $name.c: returns 0 if its outputs agree with those of the Python model. */
 #include <math.h>
 #include <stdio.h>
 
@@ -134,25 +134,25 @@ def to_c(
     input_unit=None,
     output_unit=None,
 ) -> list[Path]:
-    """Write what is stepped as a C99 program, which answers sample by sample as it does.
+    """Write a model, compensator, controller or operator as a C99 program, run sample by sample.
 
-    Three files are made: the header ``name.h`` with ``name_state``, ``name_init``, ``name_step``
+    Three files are written: the header ``name.h`` with ``name_state``, ``name_init``, ``name_step``
     and ``name_status``, the source ``name.c``, and the test program ``name_test.c``, which returns
-    0 where the answers to a drive are those of the model in Python. How to compile is said in the
-    header. The status of a sample has a bit for each condition that holds, as
-    :attr:`~skhyst.operators.Stepper.status` has names: ``name_LIMITED`` where limits have cut the
-    output of a compensator or controller.
+    0 if its responses to a drive agree with those of the Python model. The header says how to
+    compile. The status of a sample has a bit for each condition that holds, those named in
+    :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
+    compensator or controller.
 
     Parameters
     ----------
     model : object with ``stepper``, Stepper, Operator or CompiledStep
-        A fitted model, a compensator, a controller, ...; a stepper in its present state; or what
-        these are made of. ``stepper(dt, u0, initial_state=...)`` is called with what is given here,
-        of the last two with what is not the default.
+        A fitted model, a compensator, a controller, ...; a stepper in its present state; an
+        operator; or a compiled step. Of an object its ``stepper(dt, u0, initial_state=...)`` is
+        called, the last two arguments only if they are not the default.
     folder : str or Path
-        Made where it is missing.
+        Created if it is missing.
     name : str
-        Of the files, and how all names in C begin: letters, digits and underscores.
+        Name of the files and prefix of all names in C: letters, digits and underscores.
     dtype : {"float64", "float32", "int32"}, default="float64"
         Type of input and output. ``"float64"`` and ``"float32"`` compute in ``double`` and
         ``float``; ``"int32"`` in integers alone, for machines without floating point.
@@ -163,15 +163,16 @@ def to_c(
     u0 : float or array-like of shape (n_inputs,), default=0.0
         Input at which the device rests: a drive, or the reference of a compensator.
     drive : array-like of shape (n_samples,) or (n_samples, n_inputs), optional
-        Input of the test program, units of the drive; further columns are not used. By default two
-        sines that decay, of amplitude one about ``u0``. ``"int32"`` needs it: numbers are made to
-        hold 4096 times what this drive, and jumps between its ends, make of them. Input is held at
-        up to 16 times its largest, as far as numbers hold what jumps from there make. The test goes
-        on with these jumps, with rests and with input that is held, where answers do not hang on a
-        rounding, and says how many of the branches of the law it takes.
+        Input of the test program, units of the drive; further columns are not used. By default the
+        sum of a decaying and a steady sine, of amplitude one about ``u0``. ``"int32"`` needs it:
+        the fixed point of each number is chosen so that it can hold 4096 times the largest value
+        under this drive and under jumps between its ends. Input is limited to up to 16 times its
+        largest value, as far as numbers can hold the response to jumps from there. The test
+        continues with these jumps, with rests and with limited input, where responses do not depend
+        on rounding, and prints how many branches of the law it takes.
     input_unit, output_unit : float, optional
-        For ``"int32"``, the drive (the same for all inputs) and the response that the integer 1
-        stands for.
+        For ``"int32"``: the drive (the same for all inputs) and the response that correspond to the
+        integer 1.
 
     Returns
     -------
@@ -183,21 +184,21 @@ def to_c(
     NotImplementedError
         If the output depends on later input.
     TypeError
-        If nothing here can be stepped, or not by plain arithmetic.
+        If the model cannot be run sample by sample, or has no compiled step in plain arithmetic.
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
-        line; see :class:`~skhyst.operators.CompiledStep`. If there are no integers for it, or
-        single precision cannot hold it: if its error in the test is above what that allows.
+        line; see :class:`~skhyst.operators.CompiledStep`. If it cannot be written in integers, or
+        single precision is not sufficient: if its error in the test exceeds the tolerance.
 
     Notes
     -----
-    The test allows 1e-12 of the range of the response (zero included) in double and 1e-6 in single
-    precision, and one unit of output in integers; in floating point, twice what half a unit in the
-    last digit of the input makes of the Python model's answers, where that is more. It is much more
-    where the law jumps, or an inverse meets a flat part of its law.
+    The tolerance of the test is 1e-12 of the range of the response (zero included) in double and
+    1e-6 in single precision, and one unit of output in integers. In floating point it is at least
+    twice the change of the Python model's response to a change of the input by half a unit in the
+    last place. That is much more where the law jumps, or an inverse meets a flat part of its law.
 
-    Arithmetic in integers saturates: whatever the input, nothing overflows. What adds up without an
-    end, as a count of time, stays at about 4096 times what the test makes of it.
+    Integer arithmetic saturates: nothing overflows, for any input. A number that grows without
+    bound, such as a count of time, stays at about 4096 times its largest value in the test.
 
     Integers have no ``exp``, ``tanh``, ``cos``, ... and no powers but squares: laws that need
     them are refused by name.
@@ -260,7 +261,7 @@ def to_c(
 
 
 def _stepper(model, dt, initial_state, u0):
-    """Return a model as a stepper, and the sampling interval; None where nobody knows it."""
+    """Return a model as a stepper, and the sampling interval, None where it is not known."""
     dt = None if dt is None else chosen_interval((), dt, "to_c")
     finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
     if hasattr(model, "stepper"):
@@ -281,7 +282,7 @@ def _stepper(model, dt, initial_state, u0):
 
 
 def _status(name, flags):
-    """Return what header and source say of conditions that the state tells."""
+    """Return the parts of header and source for the status bits, which are read from the state."""
     bits = {flag: f"{name}_{flag.upper()}" for flag, _ in flags}
     lines = [
         f"    if (state->s[{at}] != 0) {{\n        status |= {bits[flag]};\n    }}\n"
@@ -307,7 +308,7 @@ def _units(drive, *units):
 
 
 def _program(step, state):
-    """Return all that is computed, whatever its name is."""
+    """Return the program in double precision without the prefix of its names, for the hash."""
     dialect = DIALECTS["float64"]
     printer = Printer("", dialect)
     printer.function(step)
@@ -320,13 +321,13 @@ def _listed(values, literal):
 
 
 def _answers(stepper, drive):
-    """Return the response of the Python model."""
+    """Return the response (n_samples,) of the Python model to a drive (n_samples, n_inputs)."""
     device, row = stepper.copy(), stepper.compiled_step.n_inputs
     return np.array([device.step(u if row else u[0]) for u in drive])
 
 
 def _texts(common, printer, inputs, outputs):
-    """Return the files."""
+    """Return the text of header, source and test program, by file name."""
     name, double = common["name"], DIALECTS["float64"]
     argument = "const {} *u" if not common["one"] else "{} u"
     common |= {
@@ -358,6 +359,7 @@ def _in_reals(step, stepper, common, drive, dtype):
     drive = drive.astype(dialect.number).astype(float)
     outputs = _answers(stepper, drive)
     span = np.ptp([0.0, *outputs]) or 1.0
+    # change of the response under rounding errors of the input: alternating, and of one sign
     rounding = 0.5 * np.finfo(dialect.number).eps * (1.0 - 2.0 * (np.arange(len(drive)) % 2))
     moved = max(
         np.abs(_answers(stepper, drive * (1.0 + each[:, None])) - outputs).max()
@@ -409,7 +411,7 @@ def _in_integers(stepper, common, drive, units):
 
 
 def _inputs(drive, n_inputs):
-    """Return a drive as rows of a program's inputs; further columns of X are not among them."""
+    """Return a drive as an array (n_samples, n_inputs), without further columns."""
     drive = np.asarray(drive, dtype=float)
     drive = drive[:, None] if drive.ndim == 1 else drive
     if drive.shape[1] < n_inputs:
@@ -421,7 +423,7 @@ def _inputs(drive, n_inputs):
 
 
 def _test_drive(u0, n_inputs):
-    """Return a drive that turns at many levels, and leaves ``u0`` smoothly."""
+    """Return a drive with turning points at many levels, which starts smoothly from ``u0``."""
     part = np.arange(_N_TEST) / _N_TEST
     swing = np.sin(2 * np.pi * 5 * part) * (1.0 - part) + 0.3 * np.sin(2 * np.pi * 17 * part)
     return np.zeros(n_inputs) + u0 + swing[:, None] / 1.3

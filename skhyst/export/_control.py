@@ -1,4 +1,4 @@
-"""Models as systems of python-control, in discrete time: the steps that are streamed."""
+"""Models as discrete-time systems of python-control, from their compiled steps."""
 
 from functools import reduce
 from operator import add, mul
@@ -8,33 +8,35 @@ import numpy as np
 from ..operators import FrozenOperator, SeriesOperator, Stepper, SumOperator, split_disturbances
 from ._c import _stepper
 
-_ROUNDING = 1e-9  # relative: by which a step that is linear may miss its matrices
-_CHANGE = 2.0**-10  # of a state and of the input: places in a memory, whole numbers, stay
+_ROUNDING = 1e-9  # largest relative error of the matrices of a linear step
+_CHANGE = 2.0**-10  # step of differences: so small that integers in the state, as indices, stay
 
 
 def to_control(model, dt=None, *, u0=0.0, initial_state=None):
     """Return a model as a system of python-control, in discrete time.
 
-    What is linear, a cascade of linear stages and delays too, becomes a ``control.StateSpace``:
-    from drive to response, both counted from their rest. All else becomes what ``control.nlsys``
-    makes of its step, in the units of the model. Systems of both kinds can be interconnected.
+    A linear model, such as a cascade of linear stages and delays, becomes a ``control.StateSpace``
+    from drive to response, both relative to their values at rest. Any other model becomes a
+    nonlinear system by ``control.nlsys``, in the units of the model. Systems of both kinds can be
+    interconnected.
 
     Parameters
     ----------
     model : estimator, Operator, CompiledStep or Stepper
-        A fitted model, or what it is made of; what has a ``stepper`` of its own.
+        A fitted model or any other object with ``stepper``; or an operator, a compiled step or a
+        stepper.
     dt : float, optional
         Sampling interval in s; that of the records of the fit by default. Needed for an operator.
     u0 : float or array-like of shape (n_inputs,), default=0.0
-        Input at which the device rests, in units of the drive, for what is not linear.
+        Input at which the device rests, in units of the drive, for nonlinear models.
     initial_state : {"rest", "zero"}, default=None
         State before the first sample; by default that of ``predict``, of an operator that of rest.
 
     Returns
     -------
     control.StateSpace or control.NonlinearIOSystem
-        Its state is that of the stepper less the one before the first sample, so that a simulation
-        that is given no state begins there.
+        The state of a nonlinear system is that of the stepper minus its initial state, so that a
+        simulation from the state zero begins there.
 
     Raises
     ------
@@ -43,13 +45,13 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
     ValueError
         If the interval is missing.
     NotImplementedError
-        If the model looks ahead.
+        If the output of the model depends on later input.
 
     Notes
     -----
-    Disturbances and intercepts are no part of a linear system. Its response to a sampled drive is
-    that of the model; :meth:`~skhyst.linear.TransferFunction.to_control` returns systems in
-    continuous time.
+    A linear system does not contain additive disturbances and intercepts. Its response to a sampled
+    drive is that of the model. Systems in continuous time are returned by
+    :meth:`~skhyst.linear.TransferFunction.to_control`.
 
     Examples
     --------
@@ -95,12 +97,16 @@ def _linear(operator, dt, control):
         return reduce(join, parts[::-1], control.ss([], [], [], [[none]], dt))
     if not hasattr(operator, "discrete"):
         return _by_its_step(operator, dt, control)
-    a, b0, b1, c, d = operator.discrete(dt)  # of x; that of x - b1 u needs the present input alone
+    # with the state x - b1 u instead of x, only the present input is needed
+    a, b0, b1, c, d = operator.discrete(dt)
     return control.ss(a, (b0 + a @ b1)[:, None], c[None], [[d + c @ b1]], dt)
 
 
 def _by_its_step(operator, dt, control):
-    """Return the state space that a step is, or its answer to a pulse where that ends; or None."""
+    """Return the state space of a step: by differences, or by a finite impulse response; or None.
+
+    None is returned if neither reproduces the step's response to noise.
+    """
     n_inputs = getattr(operator, "n_inputs", 1)
     compiled_step = operator.compiled_step(
         dt, operator.init(np.zeros(n_inputs) if n_inputs > 1 else 0.0)
@@ -120,15 +126,16 @@ def _by_its_step(operator, dt, control):
     changes = _CHANGE * np.eye(n + n_inputs)
     still = moved(0.0 * changes[0])
     matrix = np.stack([moved(change) - still for change in changes], axis=1) / _CHANGE
-    read = np.flatnonzero(np.any(matrix[:, :n], axis=0))  # all else is room
+    # columns of zeros are work space, not states
+    read = np.flatnonzero(np.any(matrix[:, :n], axis=0))
     inputs = np.arange(n, n + n_inputs)
     blocks = (matrix[np.ix_(i, j)] for i in (read, [n]) for j in (read, inputs))
     system, expected = control.ss(*blocks, dt), answer(u)
     found = control.forced_response(system, dt * np.arange(len(u)), u.T).outputs
     if np.allclose(found, expected, rtol=0.0, atol=_ROUNDING * np.ptp(expected)):
         return system
-    # Places in a memory are part of the state, so the step is linear in nothing but the input. At
-    # first a memory may have another rule, until it is full.
+    # A delay keeps the index into its buffer in the state, so its step is linear in the input only.
+    # The pulse comes after the buffer has filled, since until then the rule may be another.
     if compiled_step.n_inputs:
         return None
     pulse = answer(np.eye(1, 3 * n + 3, k=n + 1)[0])[n + 1 :]
@@ -139,7 +146,7 @@ def _by_its_step(operator, dt, control):
 
 
 def _stepped(stepper, dt, control):
-    """Return the nonlinear system that a step is."""
+    """Return a compiled step as a nonlinear system."""
     compiled_step, rest = stepper.compiled_step, stepper.state
     s = rest.copy()
     step = compiled_step.stepping(s)

@@ -1,7 +1,8 @@
-"""What a step is read into: expressions of numbers, arrays, and statements about them.
+"""Intermediate representation of a step: expressions of numbers, arrays, and statements.
 
 Every number has a kind: ``"bool"``, ``"int"`` or ``"real"``. Tuples are Python tuples of these
-values; they are taken apart when they are read, so that statements are about single numbers.
+values; they are split into their elements when they are read, so that statements are about single
+numbers.
 """
 
 import math
@@ -25,7 +26,7 @@ COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 
 
 class Outside(Exception):
-    """What stands there is outside the part of Python that can be written in C."""
+    """The source is outside the part of Python that can be written in C."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Expression:
 
 
 def constant(value):
-    """Return a number as an expression; expressions are as they are."""
+    """Return a number as an expression; an expression is returned unchanged."""
     if isinstance(value, Expression):
         return value
     if isinstance(value, bool):
@@ -110,15 +111,15 @@ def arithmetic(op, a, b):
 
 
 def _folded(op, a, b):
-    """Return what is known already, else None; sums of real numbers are left to the program."""
-    whole = a.kind == b.kind == "int" or op in COMPARISONS
-    if op in _FOLDED and whole and None not in (a.value, b.value):
+    """Return the constant result if it is known, else None; real arithmetic is not folded."""
+    exact = a.kind == b.kind == "int" or op in COMPARISONS
+    if op in _FOLDED and exact and None not in (a.value, b.value):
         return constant(_FOLDED[op](a.value, b.value))
-    if op in ("+", "-") and "real" in (a.kind, b.kind):  # whatever is added to infinity
-        endless = [x.value is not None and math.isinf(x.value) for x in (a, b)]
-        if endless == [True, False]:
+    if op in ("+", "-") and "real" in (a.kind, b.kind):  # infinity plus anything is infinity
+        infinite = [x.value is not None and math.isinf(x.value) for x in (a, b)]
+        if infinite == [True, False]:
             return a
-        if endless == [False, True]:
+        if infinite == [False, True]:
             return b if op == "+" else constant(-b.value)
     return None
 
@@ -133,16 +134,16 @@ ZERO = constant(0)
 
 @dataclass(frozen=True)
 class Array:
-    """Numbers in a row, or in rows.
+    """An array of numbers, in row-major order.
 
     Parameters
     ----------
     name : str
     shape : tuple of int
     values : tuple of numbers, optional
-        Those of a table, in rows; None for an argument.
+        Values of a constant table, in row-major order; None for an argument.
     offset : Expression
-        Place of the first number.
+        Index of the first number in the memory of the array.
     kind : str
     """
 
@@ -172,7 +173,7 @@ class Array:
         return Expression("load", (self, place), self.kind)
 
     def part(self, rows):
-        """Return some of the rows, which lie one behind the other."""
+        """Return a contiguous range of the rows."""
         start, stop, step = rows.indices(self.shape[0])
         if step != 1:
             raise Outside("a part of an array that leaves numbers out")
@@ -203,7 +204,7 @@ class Store:
 
 @dataclass(frozen=True)
 class Call:
-    """``outs = function(args)``; an output that nobody uses may be None."""
+    """``outs = function(args)``; an output that is not used may be None."""
 
     function: object
     args: tuple
@@ -212,7 +213,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Listed:
-    """An array of its own, of numbers that are known when the place is reached."""
+    """A local array, initialised with numbers."""
 
     array: Array
     values: tuple
@@ -270,12 +271,12 @@ class Function:
     ----------
     name : str
     params : tuple of Expression and Array
-        Arguments, tuples taken apart.
+        Arguments, with tuples split into their elements.
     body : tuple of statements
     result : Expression, or nested tuple of them
-        One of each number that is returned: only its kind counts.
+        One expression per number that is returned; only its kind matters.
     kinds : dict of str to str
-        Of the variables.
+        Kinds of the variables.
     writes : frozenset of str
         Arrays among the arguments that are written.
     """
@@ -303,7 +304,7 @@ def shape_of(value):
 
 
 def renamed(value, new):
-    """Return other numbers in the place of those of nested tuples."""
+    """Return nested tuples with each number replaced by ``new(number)``."""
     if isinstance(value, tuple):
         return tuple(renamed(part, new) for part in value)
     return new(value)

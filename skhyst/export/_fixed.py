@@ -1,8 +1,8 @@
-"""Prints what has been read in integers: numbers of 64 bits with a binary point.
+"""Print functions in fixed-point arithmetic: integers of 64 bits with a fixed binary point.
 
-Each number has ``f`` binary digits behind its point, which stays where it is: they are chosen so
-that the largest size that it takes under a drive has ``_MARGIN`` bits to spare, and about 50 are
-left. Products and quotients have 128 bits on their way.
+Each number has ``f`` binary digits after the point. They are chosen so that its largest value under
+a drive leaves ``MARGIN`` bits to spare, and about 50 significant bits remain. Intermediate products
+and quotients have 128 bits.
 """
 
 import math
@@ -16,32 +16,32 @@ from ._ranges import exponent
 from ._slice import called
 
 _BITS = 62  # of a number, its sign aside
-MARGIN = 12  # bits that a number may grow by beyond what was seen
-_EXACT = 52  # bits of a double, behind the first
-_MOST = 2**62  # stands for infinity
-_LONGEST = 126  # move of a product or quotient
+MARGIN = 12  # bits by which a number may exceed its largest value under the drive
+_EXACT = 52  # bits of the mantissa of a double after the first
+_MOST = 2**62  # represents infinity
+_LONGEST = 126  # largest shift of a product or quotient
 _OF_ONE = ("cos", "exp", "expm1", "log", "log1p", "sin", "tanh")
 
 
 @dataclass(frozen=True)
 class Fixed:
-    """The dialect of numbers with a fixed point."""
+    """The dialect of fixed-point numbers."""
 
     type: str = "int64_t"
 
 
 def digits(largest, bits=_BITS - MARGIN):
-    """Return the binary digits behind the point of numbers up to a size."""
+    """Return the number of binary digits after the point, for numbers up to a largest value."""
     return bits - exponent(largest)
 
 
 def is_within(value, f):
-    """Say whether a constant is among the numbers of ``f`` digits."""
+    """Whether a constant is in the range of numbers with ``f`` digits."""
     return math.isfinite(value) and (not value or math.frexp(value)[1] + f < _BITS)
 
 
 def scaled(value, f, is_limit=False):
-    """Return a constant as it is written; a limit may be beyond all numbers."""
+    """Return the literal of a constant; a limit may be out of range, and then is infinite."""
     if is_within(value, f):
         return str(round(math.ldexp(value, f)))
     if math.isnan(value) or not (is_limit or math.isinf(value)):
@@ -51,7 +51,7 @@ def scaled(value, f, is_limit=False):
 
 @dataclass
 class FixedPrinter(Printer):
-    """A printer of numbers with a fixed point.
+    """A printer of fixed-point arithmetic.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class FixedText(FunctionText):
     step : int or None
         The step of the model that it belongs to, see :class:`Ranges`.
     arrays : tuple of (int, bool)
-        Of the arrays among the arguments: digits, and whether one of their numbers may be infinite.
+        Digits of each array argument, and whether one of its numbers may be infinite.
     """
 
     def __init__(self, printer, part, step=None, arrays=()):
@@ -113,8 +113,8 @@ class FixedText(FunctionText):
         largest = self._printer.ranges.of(step, part or self._part, *key)
         if largest is None:
             raise ValueError(
-                f"The 'drive' must lead through all of '{self._part.function.name}', so that the "
-                "size of its numbers is seen. There is a part that it does not reach."
+                f"The 'drive' must lead through all branches of '{self._part.function.name}', so "
+                "that the size of their numbers is known. Got a drive that misses some."
             )
         return digits(largest)
 
@@ -135,7 +135,7 @@ class FixedText(FunctionText):
         return self._printer.ranges.may_be_infinite(self._step, part or self._part, *key)
 
     def _endless(self, x):
-        """Say whether a number may be infinite."""
+        """Whether a number may be infinite."""
         match x.op:
             case "name":
                 return self._may_be_infinite(*x.args)
@@ -146,7 +146,7 @@ class FixedText(FunctionText):
         return self._may_be_infinite(id(x))
 
     def _own(self, x):
-        """Return the digits that a number has by itself; None for constants, which fit to any."""
+        """Return the digits of a number; None for constants, which can have any."""
         if x.value is not None:
             return None
         match x.op:
@@ -159,7 +159,7 @@ class FixedText(FunctionText):
         return self._digits(id(x))
 
     def _common(self, *values):
-        """Return the digits in which numbers can be added and compared."""
+        """Return the digits at which numbers can be added and compared: the fewest of them."""
         own = [self._own(x) for x in values]
         return min((f for f in own if f is not None), default=digits(1.0))
 
@@ -215,7 +215,7 @@ class FixedText(FunctionText):
         return f"{self._printer.function(part, step, tuple(arrays))}({', '.join(texts)})"
 
     def _bound(self, x):
-        """Return the text of what is no real number, and how tightly it is bound."""
+        """Return the text of an integer or a condition, and its precedence."""
         if x.op in COMPARISONS and x.args[0].kind == "real":
             f = self._common(*x.args)
             symbol, binding = SYMBOLS[x.op]
@@ -230,7 +230,7 @@ class FixedText(FunctionText):
         return super()._bound(x)
 
     def _is_place(self, x):
-        """Say whether an integer is made of constants and of the variables of loops alone."""
+        """Whether an integer is computed from constants and loop variables only."""
         if x.op == "name":
             return x.args[0] in self._loops
         return x.op == "const" or (x.op in ("+", "-", "*") and all(map(self._is_place, x.args)))
@@ -255,7 +255,10 @@ class FixedText(FunctionText):
         return text if binding >= least else f"({text})"
 
     def _moved(self, text, binding, own, f, endless=False):
-        """Return a number of some digits with others; ``endless``: it may be infinite."""
+        """Return a number of ``own`` digits with ``f``, and its precedence.
+
+        ``endless`` is whether the number may be infinite.
+        """
         if endless and own != f:
             return self._helper("kept", text, own, f), ATOM
         if own > f:
@@ -265,7 +268,7 @@ class FixedText(FunctionText):
         return text, binding
 
     def _fitted(self, x, f, is_limit=False):
-        """Return the text of a real number with ``f`` digits, and how tightly it is bound."""
+        """Return the text of a real number with ``f`` digits, and its precedence."""
         if x.value is not None:
             return scaled(float(x.value), f, is_limit), UNARY
         op, args = x.op, x.args
@@ -321,7 +324,7 @@ class FixedText(FunctionText):
         return f"{self._tight(test, CHOICE + 1)} ? {a} : {b}", CHOICE
 
     def _decided(self, test):
-        """Return what a test gives that compares with what is beyond all numbers, else None."""
+        """Return the result of a comparison with a constant out of range, None for other tests."""
         if test.op in ("and", "or"):
             sides = [self._decided(side) for side in test.args]
             end = test.op == "or"
@@ -346,18 +349,18 @@ class FixedText(FunctionText):
         texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
         n = fa + fb - f if op == "*" else f - fa + fb
         text = self._helper("product" if op == "*" else "ratio", *texts, min(max(n, 0), _LONGEST))
-        left = n - min(max(n, 0), _LONGEST)  # moves that are left
-        return self._moved(text, ATOM, left if op == "*" else -left, 0)
+        remaining = n - min(max(n, 0), _LONGEST)  # shift that the helper cannot do
+        return self._moved(text, ATOM, remaining if op == "*" else -remaining, 0)
 
     def _power(self, a, b, f):
-        """Return a power of a number that is not negative."""
+        """Return a power of a non-negative number."""
         fa, fb = self._common(a), min(max(self._common(b), 0), _BITS)
         texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
         return self._helper("pow", *texts, fa, fb, f), ATOM
 
 
 def boundary(printer, model, stepper, ends, units):
-    """Return the body of the public step, and the first state.
+    """Return the body of the public step, and the initial state.
 
     Parameters
     ----------
@@ -365,9 +368,9 @@ def boundary(printer, model, stepper, ends, units):
     model : Slice
     stepper : Stepper
     ends : ndarray of shape (2, n_inputs)
-        Where the input is held, in its units.
+        Limits of the input, in its units.
     units : tuple of float
-        Drive and response that the integer 1 stands for.
+        Drive and response that correspond to the integer 1.
     """
     ranges, n_inputs = printer.ranges, stepper.compiled_step.n_inputs
     row, state = n_inputs is not None, stepper.state

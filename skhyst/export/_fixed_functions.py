@@ -1,11 +1,11 @@
-"""What numbers with a fixed point need a function for, in C.
+"""Functions of fixed-point arithmetic in C.
 
 ``{n}`` is the name of the function, ``{product}`` and such are those of others that it calls.
-Argument and result have ``fa`` and ``f`` binary digits behind the point, on the way there are 55 to
-60. Every loop ends after a number of turns that is known.
+Argument and result have ``fa`` and ``f`` binary digits after the point, intermediate numbers 55 to
+60. The number of iterations of every loop is bounded.
 
-Arithmetic saturates: arguments are from -2^62 to 2^62, and so are results; what is beyond stays at
-the end. No operation overflows, and no number below zero is shifted.
+Arithmetic saturates: arguments are from -2^62 to 2^62, and results are limited to the same range.
+No operation overflows, and no negative number is shifted.
 """
 
 # all with 60 binary digits: log2(e), ln(2), pi; with 62: 1 / (2 pi)
@@ -14,7 +14,7 @@ CONSTANTS = {
     "LN2": "799144290325165979",
     "PI": "3622009729038561421",
     "TURN": "733972625820500307",
-    "TERMS": "24",  # of a series, so that the last is below 2^-62
+    "TERMS": "24",  # number of terms of a series, so that the last is below 2^-62
 }
 
 FUNCTIONS = {
@@ -119,7 +119,7 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 }}
 """,
     "kept": """\
-/* as moved; what stands for infinity stays */
+/* as moved; a number that represents infinity is unchanged */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t most = (int64_t)1 << 62;
@@ -215,7 +215,7 @@ static int64_t {n}(int64_t a, int64_t b, int32_t fa, int32_t fb, int32_t f)
 }}
 """,
     "cos": """\
-/* a series, whole turns aside */
+/* a series, after reduction by full periods */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t one = (int64_t)1 << 58;

@@ -1,4 +1,4 @@
-"""Writes a model as a functional mock-up unit: co-simulation around its C99 program."""
+"""Write a model as a functional mock-up unit: co-simulation around its C99 program."""
 
 import platform
 import re
@@ -61,27 +61,26 @@ def to_fmu(
     input_unit=None,
     output_unit=None,
 ) -> Path:
-    """Write what is stepped as a functional mock-up unit (FMU) for co-simulation.
+    """Write a model, compensator or operator as a functional mock-up unit (FMU) for co-simulation.
 
-    The FMU holds the C99 program of :func:`to_c` in double precision, and, where there is a C
-    compiler, a library for the platform it is written on. Its state can be read, set and
-    serialized.
+    The FMU contains the C99 program of :func:`to_c` in double precision and, if a C compiler is
+    found, a library for the present platform. Its state can be read, set and serialized.
 
     Parameters
     ----------
     model : object with ``stepper``, Stepper, Operator or CompiledStep
         As for :func:`to_c`.
     path : str or Path
-        File to write, ``name.fmu``; its folder is made where it is missing. The name without the
-        ending is that of the model: letters, digits and underscores.
+        File to write, ``name.fmu``; its folder is created if it is missing. The name without the
+        suffix is that of the model: letters, digits and underscores.
     version : {"3.0", "2.0"}, default="3.0"
-        Of the Functional Mock-up Interface (FMI).
+        Version of the Functional Mock-up Interface (FMI).
     dt : float, optional
         Sampling interval in s; that of the records of the fit by default. Needed for an operator.
     initial_state : {"rest", "zero"}, default=None
         State before the first sample; by default that of ``predict``, of an operator that of rest.
     u0 : float or array-like of shape (n_inputs,), default=0.0
-        Input at which the device rests, in units of the drive, and with which the FMU begins.
+        Input at which the device rests, in units of the drive; the start value of the FMU's input.
     input_unit, output_unit : str, optional
         Names of the units of drive (the same for all inputs) and response, such as ``"V"``.
 
@@ -97,11 +96,11 @@ def to_fmu(
 
     Notes
     -----
-    Variables are ``time``, ``input`` (``input_1``, ``input_2``, ... where there are several) and
+    Variables are ``time``, ``input`` (``input_1``, ``input_2``, ... if there are several) and
     ``output``. A communication step is one sampling interval: the input set before it is one
-    sample, the output after it is the answer to that sample, which in the time of the simulation
-    thus stands one interval later. In a step of several intervals the input is held; steps of
-    other sizes, and input that is not finite, are refused with an error.
+    sample, the output after it is the response to that sample, so in simulation time it appears one
+    interval later. In a step of several intervals the input is held; steps of other sizes, and
+    input that is not finite, are refused with an error.
 
     Examples
     --------
@@ -146,7 +145,10 @@ def to_fmu(
         files |= _binary(name, version, folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as (part,), ZipFile(part, "w") as archive:
-        for file, content in files.items():  # without the date: equal models are equal files
+        for (
+            file,
+            content,
+        ) in files.items():  # without the date, so that equal models give equal files
             archive.writestr(ZipInfo(file), content, ZIP_DEFLATED)
     return path
 
@@ -204,7 +206,7 @@ def _description(name, version, what, said, first, units):
 
 
 def _binary(name, version, folder):
-    """Return the library for this platform; nothing without a compiler or a name for it."""
+    """Return a dict with the library for this platform; empty without a compiler or if unknown."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     system, ending = {
         "Linux": ("linux", ".so"),

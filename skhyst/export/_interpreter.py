@@ -1,4 +1,4 @@
-"""Runs what has been read, number by number."""
+"""Run a step in the intermediate representation, number by number."""
 
 import math
 import operator
@@ -43,35 +43,35 @@ class Interpreter:
     state : ndarray of shape (n_states,)
     """
 
-    _longest = None  # turns of a loop
+    _longest = None  # largest number of iterations of a loop
 
     def __init__(self, model, state):
         self._model, self._state = model, np.array(state, dtype=float)
         self._row = isinstance(model.function.params[0], Array)
 
     def answer(self, u):
-        """Return the answer to the next sample of a drive, (n_inputs,)."""
+        """Return the response to the next sample of a drive, (n_inputs,)."""
         self._note((None, "u"), *u)
         given = [u if self._row else float(u[0]), self._state]
         with np.errstate(all="ignore"):
             return self._call(self._model, self._model.args(given), None)[0]
 
-    # what a subclass does on the way
+    # hooks for subclasses
 
     def _note(self, key, *values):
-        """Take numbers that belong to a variable, an expression or a result."""
+        """Called with the values of a variable, an expression or a result."""
 
     def _try(self, work, env, place):
-        """Pass by what is not led to; ``work`` would do it, on a copy of ``env``."""
+        """Called for a branch that is not taken; ``work(copy of env)`` would run it."""
 
     def _lead(self, place):
-        """Take a place that a sample leads to."""
+        """Called for a branch that is taken."""
 
     def _computed(self, op, values, frame):
-        """Take an operation and its operands."""
+        """Called for an operation with its operands."""
 
     def _number(self, value, step, *key):
-        """Return a real number as it is kept in a step of the model; constants have no key."""
+        """Return a real number as it is stored, for instance rounded; constants have no key."""
         return value
 
     # the run
@@ -89,7 +89,7 @@ class Interpreter:
         return results
 
     def _block(self, body, env, frame):
-        """Run statements; return what they return, or the word of a jump."""
+        """Run statements; return a tuple of results, "break", "continue" or None."""
         for k, statement in enumerate(body):
             end = self._run(statement, env, frame, k, body[k + 1 :])
             if end is not None:
@@ -204,7 +204,7 @@ class Interpreter:
         return _OPERATORS[op](*values)
 
     def _either(self, x, which, env, frame, tried=False):
-        """Return an operand that counts, or try one that does not."""
+        """Return the value of an operand, or with ``tried`` only try one that is not evaluated."""
         place = (frame, id(x), which)
         if tried:
             return self._try(lambda copy: self._value(x.args[which], copy, frame), env, place)

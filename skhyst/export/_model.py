@@ -1,4 +1,4 @@
-"""Puts the steps of a compiled model together as one function."""
+"""Compose the steps of a compiled model into one function."""
 
 from ._expressions import Array, Call, Function, Return, constant, converted, leaves, variable
 from ._reader import read
@@ -18,8 +18,8 @@ def composed(compiled_step, with_numbers=False):
     """Return the step of a :class:`~skhyst.operators.CompiledStep` as a :class:`Function`.
 
     Its arguments are the input, a number or an array, and the state. Constants are arguments of
-    the functions of its parts, so that parts of one kind share them; under ``with_numbers`` each
-    part has its own, without what its constants rule out.
+    the functions of its parts, so that parts of one kind share a function; under ``with_numbers``
+    each part has its own, without the branches that its constants exclude.
     """
     n_inputs = compiled_step.n_inputs
     u = variable("u", "real") if n_inputs is None else Array("u", (n_inputs,))

@@ -1,4 +1,4 @@
-"""Prints what has been read as C99."""
+"""Print functions in the intermediate representation as C99."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ from ._expressions import (
 )
 from ._slice import called, needs, within
 
-SYMBOLS = {  # and how tightly they bind
+SYMBOLS = {  # with their precedence
     "or": ("||", 1),
     "and": ("&&", 2),
     "==": ("==", 3),
@@ -36,10 +36,10 @@ SYMBOLS = {  # and how tightly they bind
     "*": ("*", 6),
     "/": ("/", 6),
 }
-_CHANGES = ("+", "-", "*", "/")  # that may be written as +=
+_CHANGES = ("+", "-", "*", "/")  # that have an assignment form such as +=
 CHOICE, UNARY, ATOM = 0, 7, 8
 _PARTS = ("body", "orelse")  # of a statement
-# what Python does and C has no operator for
+# operations of Python that have no operator in C
 _HELPERS = {
     "min": "{t} {n}({t} a, {t} b)\n{{\n    return b < a ? b : a;\n}}",
     "max": "{t} {n}({t} a, {t} b)\n{{\n    return b > a ? b : a;\n}}",
@@ -57,13 +57,13 @@ _WORDS = {"%": "modulo", "//": "quotient", "powi": "power"}
 
 @dataclass(frozen=True)
 class Dialect:
-    """A type of the real numbers.
+    """The C type of real numbers.
 
     Parameters
     ----------
     type : str
     suffix : str
-        Of literals and functions of the library.
+        Suffix of literals and of functions of the math library.
     number : numpy scalar type
     """
 
@@ -72,7 +72,7 @@ class Dialect:
     number: type
 
     def literal(self, x):
-        """Return a number as it is written."""
+        """Return the C literal of a number."""
         if math.isnan(x):
             return "NAN"
         least = float(np.finfo(self.number).tiny)
@@ -94,7 +94,7 @@ class Printer:
     Parameters
     ----------
     prefix : str
-        Of all names outside functions.
+        Prefix of all global names.
     dialect : Dialect
     """
 
@@ -323,7 +323,7 @@ class FunctionText:
         if op in SYMBOLS:
             symbol, binding = SYMBOLS[op]
             left, right = self._bound(args[0]), self._bound(args[1])
-            # an operand that binds as tightly may stand on the left; conditions are set apart
+            # the left operand may have the same precedence; conditions are put in parentheses
             least = max(binding, 5)
             a = left[0] if left[1] >= least else f"({left[0]})"
             b = right[0] if right[1] > max(binding, 4) else f"({right[0]})"

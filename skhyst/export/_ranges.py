@@ -1,8 +1,7 @@
-"""Runs what has been read, to see how large its numbers become, and which branches are taken.
+"""Run a step to find the largest value of each number, and the branches that are taken.
 
-A branch that no sample leads to is tried, on a copy of what there is, wherever it is passed by: its
-numbers are taken for as large as they would be there. Such a trial may fail, and then the branch
-has no sizes.
+A branch that no sample takes is tried on a copy of the variables wherever it is passed by, so that
+the sizes of its numbers are known, too. If such a trial fails, the branch has no sizes.
 """
 
 import math
@@ -13,15 +12,15 @@ import numpy as np
 from ._expressions import COMPARISONS
 from ._interpreter import Interpreter
 
-# what is done with an infinite number, but for arithmetic
+# operations that are allowed on an infinite number
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
-_LONGEST_TRIAL = 1000  # turns of a loop, which may have no end where it would not begin
+_LONGEST_TRIAL = 1000  # iterations of a loop, which may not end in a branch that is only tried
 _FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
-_LONGEST_RUN = 1_000_000  # operations beyond the drive, some seconds
-_BITS = 44  # of numbers that are rounded: fewer than the 50 of a program
-_BEYOND = (16, 8, 4, 2)  # times the largest input of the drive, where input is held
-_PARTS = (1.0, 1 / 16, 1 / 256)  # of the drive's range
-# between the ends of a range: from one to the other each sample and each third, rests, ramps
+_LONGEST_RUN = 1_000_000  # operations after the drive, some seconds
+_BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
+_BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
+_PARTS = (1.0, 1 / 16, 1 / 256)  # fractions of the drive's range
+# relative levels: jumps between the ends every sample and every third sample, rests, ramps
 _JUMPS = [0, 1] * 4 + 2 * ([0] * 3 + [1] * 3) + [0.5] * 3 + [0, 0.2, 0.4, 0.6, 0.8, 1, 0.7, 0.4]
 
 
@@ -31,10 +30,10 @@ def exponent(largest):
 
 
 class Ranges(Interpreter):
-    """The largest size of each number, over a drive.
+    """The largest absolute value ("size") of each number over a drive.
 
-    Numbers are told apart by the step of the model that they belong to, ``step``, the place of its
-    call in the body of the whole model; None for the model itself.
+    Numbers are distinguished by the step of the model that they belong to: ``step`` is the index of
+    its call in the body of the model, None for the model itself.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ class Ranges(Interpreter):
         super().__init__(model, state)
         self.begin = model, state
         self._seen, self._tried, self._infinite = {}, {}, set()
-        self._led, self._passed = set(), set()  # places; the branches that are taken, and are not
+        self._led, self._passed = set(), set()  # branches that samples take, and do not take
         self._sizes, self._is_trial, self._left = self._seen, False, math.inf
         for u in drive:
             self.answer(u)
@@ -59,48 +58,48 @@ class Ranges(Interpreter):
         return _LONGEST_TRIAL if self._is_trial else None
 
     def of(self, step, *key):
-        """Return the largest size, None where no sample and no trial led there."""
+        """Return the largest size of a number, None if no sample and no trial computed it."""
         return self._seen.get((step, *key), self._tried.get((step, *key)))
 
     def may_be_infinite(self, step, *key):
-        """Say whether a number was seen that is."""
+        """Whether the number was infinite at a sample or in a trial."""
         return (step, *key) in self._infinite
 
     @property
     def is_cut(self):
-        """Whether there was no time for all that was to be run."""
+        """Whether the number of operations was exhausted before all samples were run."""
         return self._left <= 0
 
     @property
     def led(self):
-        """The branches that were taken."""
+        """Branches that samples have taken."""
         return set(self._led)
 
     @property
     def branches(self):
-        """How many branches the samples have taken, and how many there are."""
+        """Number of branches that samples have taken, and of all that are known."""
         return len(self._led), len(self._led | self._passed)
 
     @property
     def passed_by(self):
-        """How many branches no sample has taken, by the name of the function."""
+        """Number of branches that no sample has taken, by the name of the function."""
         return Counter(part.function.name for (_, part), *_ in self._passed - self._led)
 
     def go_on(self, drive, bits, grows):
-        """Go on with more samples, unless the law fails there, or numbers grow too large.
+        """Run more samples; undo them if the law fails there, or numbers grow too large.
 
         Parameters
         ----------
         drive : ndarray of shape (n_samples, n_inputs)
         bits : int
-            By which numbers may grow beyond what was seen.
+            Number of bits by which sizes may exceed those seen before.
         grows : bool
-            Whether sizes become what is seen; else only those of numbers that had none, or were 0.
+            Whether all sizes are updated; else only those of numbers that had none, or were 0.
 
         Returns
         -------
         bool
-            Whether these samples are among what was seen; else nothing is changed.
+            Whether the samples were accepted; else nothing has changed.
         """
         before = self._state.copy(), set(self._infinite), set(self._led), set(self._passed)
         known, tried = self._seen, self._tried
@@ -124,7 +123,7 @@ class Ranges(Interpreter):
         return fits
 
     def take_back(self, led):
-        """Count branches as not taken, but for those that had been."""
+        """Reset the branches that are taken to an earlier set; the others count as not taken."""
         self._passed |= self._led - led
         self._led = led
 
@@ -135,7 +134,7 @@ class Ranges(Interpreter):
         self._sizes[key] = max([self._sizes.get(key, 0.0), *sizes])
 
     def _try(self, work, env, place):
-        """Do some work on a copy, unless a sample has led to that place."""
+        """Do some work on a copy of the variables, unless a sample has taken that branch."""
         if place in self._led:
             return
         self._passed.add(place)
@@ -160,7 +159,7 @@ class Ranges(Interpreter):
 
 
 class _Rounded(Interpreter):
-    """Runs a model with numbers of few bits, for the sizes that they have, and saturates."""
+    """Run a model with saturating numbers of few bits, scaled to the sizes that were seen."""
 
     def __init__(self, ranges, spare):
         super().__init__(*ranges.begin)
@@ -174,7 +173,7 @@ class _Rounded(Interpreter):
         return math.ldexp(max(-most, min(round(math.ldexp(value, -last)), most)), last)
 
     def agrees(self, drive, outputs, allowed):
-        """Go on with a drive, and say whether the answers are these; else nothing is changed."""
+        """Run a drive and return whether the responses are these; if not, nothing has changed."""
         before = self._state.copy()
         try:
             agrees = all(
@@ -188,32 +187,32 @@ class _Rounded(Interpreter):
 
 
 def explore(ranges, counts, units, spare, answers):
-    """Go on beyond a drive: with jumps between its ends, and with input that is held.
+    """Extend a drive by jumps between its ends, and beyond them up to limits of the input.
 
-    What a law makes of a change, a lead or a rest is not seen in a slow drive. Jumps are through
-    its whole range, then through parts of it while there are branches that have not been taken.
-    They are for the test, too, but where an answer hangs on a rounding, as where a law jumps.
+    A slow drive does not show how large numbers become under jumps and rests. Jumps are over the
+    full range of the drive, then over fractions of it while some branches have not been taken. The
+    test uses them, too, except where a response depends on rounding, as where a law jumps.
 
     Parameters
     ----------
     ranges : Ranges
-        Has seen the drive.
+        After the drive has been run.
     counts : ndarray of shape (n_samples, n_inputs)
         The drive in units of the input, integers.
     units : tuple of float
-        Of input and output.
+        Units of input and output.
     spare : int
-        Bits by which numbers may grow beyond what the drive and its jumps make of them: where they
-        do by more, input is held nearer to the drive.
+        Bits by which numbers may exceed their sizes under the drive and its jumps; if they exceed
+        them by more, the limits of the input are set nearer to the drive.
     answers : callable
         Returns the response of the Python model to a drive.
 
     Returns
     -------
     counts : ndarray of shape (n_more, n_inputs)
-        The drive and what follows it in the test, where input to be held is at the ends of 32 bits.
+        The drive and its extension for the test, in which limited input is at the ends of 32 bits.
     ends : ndarray of shape (2, n_inputs)
-        Where input is held.
+        Limits of the input.
     """
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of what the test allows
     drive, rounded = unit * counts, _Rounded(ranges, spare)
@@ -222,7 +221,7 @@ def explore(ranges, counts, units, spare, answers):
     low, high = low - (low == high), high + (low == high)
 
     def follow(jumps, bits, grows):
-        """Go on, and say whether that is possible, and whether it is for the test."""
+        """Run jumps; return whether they are accepted, and whether the test can use them."""
         nonlocal drive
         led = ranges.led
         if not ranges.go_on(unit * jumps, bits, grows):
@@ -239,7 +238,8 @@ def explore(ranges, counts, units, spare, answers):
 
     for part in _PARTS:
         jumps = _jumps(low, high, part)
-        if follow(jumps, 2 * spare, True)[1]:  # as many again, which leaves 38
+        # sizes may grow by twice the spare bits, which leaves 38
+        if follow(jumps, 2 * spare, True)[1]:
             counts = np.append(counts, jumps, axis=0)
         taken, there_are = ranges.branches
         if taken == there_are:
@@ -261,7 +261,7 @@ def explore(ranges, counts, units, spare, answers):
 
 
 def _jumps(low, high, part=1.0):
-    """Return rows that jump, each column at times of its own."""
+    """Return rows of jumps between levels; each column jumps at other samples."""
     levels = np.transpose([np.roll(_JUMPS, 3 * k) for k in range(len(low))])
     levels = 0.5 + part * (levels - 0.5)
     return np.round(low + (high - low) * levels).astype(np.int64)

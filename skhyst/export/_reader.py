@@ -1,8 +1,8 @@
-"""Reads the source of a step into expressions and statements.
+"""Read the Python source of a step into expressions and statements.
 
-A function is read for each kind of arguments that it is called with: shapes are known then, so
-sizes are numbers and tuples fall apart into their elements. The source is read again until the
-kinds of its variables stay: what is an integer at first may be real later.
+A function is read once for each signature that it is called with: shapes are known then, so sizes
+are numbers and tuples are split into their elements. The source is read repeatedly until the kinds
+of its variables no longer change: a variable that is first an integer may be real later.
 """
 
 import ast
@@ -47,12 +47,12 @@ def read(function, *signatures, with_numbers=False):
     *signatures : str, or nested tuples
         Of the arguments, see :func:`signature`.
     with_numbers : bool, default=False
-        Functions within are read for the numbers that they are called with, where these are known.
+        Whether functions that are called are specialised for known values of their arguments.
 
     Raises
     ------
     ValueError
-        With file and line of what cannot be read.
+        With file and line of the source that cannot be written in C.
     """
     return _Reader(function, signatures, with_numbers).function
 
@@ -109,7 +109,7 @@ class _Reader(Values):
 
     @staticmethod
     def _elements(name, definition):
-        """Return what the elements of a tuple are called that is taken apart first of all."""
+        """Return the names of the elements of a tuple argument that the first statement unpacks."""
         first = definition.body[bool(ast.get_docstring(definition))]
         uses = [n for n in ast.walk(definition) if isinstance(n, ast.Name) and n.id == name]
         match first:
@@ -131,7 +131,7 @@ class _Reader(Values):
             except Outside as error:
                 self._refuse(str(error))
             if self._block and isinstance(self._block[-1], (Return, Jump)):
-                return  # nothing behind it is reached
+                return  # nothing after it is reached
 
     def _inner(self, statements):
         outer, self._block = self._block, []
@@ -159,10 +159,10 @@ class _Reader(Values):
         self._assign(target, arithmetic(self._symbol(node.op), *sides))
 
     def _assign(self, target, value):
-        """Bind names to values; numbers are assigned at once, as Python does."""
+        """Bind names to values; several numbers are assigned simultaneously, as Python does."""
         pairs = []
         self._pair(target, value, pairs)
-        for i, (place, x) in enumerate(pairs):  # what is overwritten before it is read
+        for i, (place, x) in enumerate(pairs):  # copy values that would be overwritten before use
             earlier = {p if isinstance(p, str) else "[]" for p, _ in pairs[:i]}
             if earlier & mentioned(x) and x.op != "const":
                 pairs[i] = place, self._kept(x)
@@ -218,12 +218,12 @@ class _Reader(Values):
                 self._refuse("this assignment")
 
     def _stands_for_itself(self, value):
-        """Say whether a value takes the place of a variable: sizes do, others keep their name."""
+        """Whether a variable is replaced by its value: known integers, and numbers on request."""
         known = isinstance(value, Expression) and value.value is not None
         return known and (value.kind != "real" or self._with_numbers)
 
     def _pair_name(self, name, path, value, pairs):
-        """Pair the numbers of a value with the variables that hold them."""
+        """Append pairs of the variables that hold a value, and its numbers."""
         if isinstance(value, tuple):
             for k, part in enumerate(value):
                 self._pair_name(name, (*path, k), part, pairs)
@@ -233,7 +233,7 @@ class _Reader(Values):
             pairs.append((c_name, value))
 
     def _bound(self, name, value, *path):
-        """Return what a name stands for from here on."""
+        """Return the value that a name has from here on."""
         before = self._env.get(name) if not path else None
         if isinstance(value, tuple):
             bound = tuple(self._bound(name, part, *path, k) for k, part in enumerate(value))
@@ -299,7 +299,7 @@ class _Reader(Values):
         self._env[name] = variable(c_name, "int")
         self._loops.add(name)
         body = self._inner(node.body)
-        del self._env[name]  # what it is behind the loop is not the same in C
+        del self._env[name]  # in C its value after the loop is another
         self._block.append(For(c_name, start, stop, step.value, body))
 
     def _read_While(self, node):

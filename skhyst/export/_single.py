@@ -1,7 +1,7 @@
-"""What single precision makes of a step: run with each number rounded, beside the model.
+"""Error of a step in single precision: it is run with each number rounded, and compared.
 
-Where a law forgets, the error of a rounding stays one. Where it does not, as in a recursion that
-grows or in differences of numbers that are nearly the same, it becomes as large as the answer.
+If a law has fading memory, rounding errors stay small. If it has not, as in an unstable recursion,
+or if nearly equal numbers are subtracted, they may become as large as the response.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ _FAILED = (ArithmeticError, ValueError, IndexError)
 
 
 class _Single(Interpreter):
-    """Runs a model in single precision, or one of its steps alone."""
+    """Run a model in single precision, or only one of its steps."""
 
     def __init__(self, model, state, only=None):
         super().__init__(model, state)
@@ -24,7 +24,7 @@ class _Single(Interpreter):
 
 
 def check_single(model, state, drive, outputs, span, tolerance):
-    """Refuse a model whose answers are not the model's in single precision.
+    """Raise a ValueError if the response of a model in single precision is not accurate enough.
 
     Parameters
     ----------
@@ -32,16 +32,16 @@ def check_single(model, state, drive, outputs, span, tolerance):
         See :func:`~skhyst.export._model.model_step`.
     state : ndarray of shape (n_states,)
     drive : ndarray of shape (n_samples, n_inputs)
-        Of numbers in single precision.
+        Numbers that single precision represents exactly.
     outputs : ndarray of shape (n_samples,)
-        Of the model in double precision.
+        Response of the model in double precision.
     span, tolerance : float
-        Range of the outputs, and the error that is allowed, relative to it.
+        Range of the outputs, and the largest error allowed, relative to it.
 
     Raises
     ------
     ValueError
-        With the step that loses the most, the error and the sample.
+        With the step that has the largest error by itself, the error and the sample.
     """
     error, n = _lost(_Single(model, state), drive, outputs, tolerance * span)
     if error <= tolerance * span:
@@ -51,20 +51,20 @@ def check_single(model, state, drive, outputs, span, tolerance):
     alone = {k: _lost(_Single(model, state, k), *until)[0] for k in steps}
     raise ValueError(
         f"Single precision cannot hold '{steps[max(alone, key=alone.get)]}': at sample {n} the "
-        f"answer is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
+        f"response is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
         "'dtype' must be 'float64'."
     )
 
 
 def _lost(single, drive, outputs, enough):
-    """Return the largest error so far, up to one that is beyond ``enough``, and the samples."""
+    """Return the largest error up to the first beyond ``enough``, and the number of samples run."""
     worst, n = 0.0, 0
     for n, (u, y) in enumerate(zip(drive, outputs, strict=True), 1):  # noqa: B007
         try:
             error = abs(single.answer(u) - y)
         except _FAILED:
             error = np.inf
-        worst = error if error > worst else worst if error <= worst else np.inf  # or no number
+        worst = error if error > worst else worst if error <= worst else np.inf  # NaN: infinite
         if worst > enough:
             break
     return worst, n

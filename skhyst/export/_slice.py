@@ -1,9 +1,9 @@
-"""Leaves of a function what its caller uses.
+"""Remove dead code: keep the statements of a function that its caller needs.
 
-A statement is left out where nothing that is returned, and no array, depends on it: the laws
-return their derivatives beside the response, and a caller that has no use for them should not
-compute them. What is live is followed backwards through the statements, through loops until
-nothing is added to it, and into the functions that are called.
+A statement is removed if no result that is used, and no array, depends on it. Laws return their
+derivatives with the response, and a caller that does not use them should not compute them. The live
+variables are followed backwards through the statements, through loops until their set no longer
+grows, and into the functions that are called.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from ._expressions import (
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """What is left of a function; there is one for each mask, so that it is equal to itself alone.
+    """A function without dead code; one per function and mask, compared by identity.
 
     Parameters
     ----------
@@ -83,9 +83,10 @@ def within(body):
 
 
 def _block(body, live, ends):
-    """Return what is left of statements and what is live before them.
+    """Return statements without dead code, and the variables that are live before them.
 
-    ``ends`` are the results that are used, and what is live at ``break`` and at ``continue``.
+    ``live`` are the variables live after them; ``ends`` are the mask of the results that are used,
+    and the variables that are live at ``break`` and at ``continue``.
     """
     kept = []
     for statement in reversed(body):

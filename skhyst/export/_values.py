@@ -1,4 +1,4 @@
-"""Reads the values in the source of a step: names, operators, elements and calls."""
+"""Read the expressions in the source of a step: names, operators, elements and calls."""
 
 import ast
 import math
@@ -50,7 +50,7 @@ _OPERATORS = {
     ast.Eq: "==",
     ast.NotEq: "!=",
 }
-# C's own words, and what the printed text uses
+# keywords of C, and names that the printed text uses
 _WORDS = frozenset(
     """
     auto bool break case char const continue default do double else enum extern false float for
@@ -62,9 +62,9 @@ TAKEN = _WORDS | MATH | ROUNDED | {f"{name}f" for name in MATH | ROUNDED}
 
 
 def signature(value, with_numbers=False):
-    """Return what a function is read for: kinds and shapes of an argument.
+    """Return the signature of an argument: its kind and shape, or its value.
 
-    A number that is known stands for itself under ``with_numbers``.
+    The value is kept only of a known number under ``with_numbers``.
     """
     if isinstance(value, tuple):
         return tuple(signature(part, with_numbers) for part in value)
@@ -87,14 +87,14 @@ class Values(ABC):
         self._kinds = {}
 
     def _begin(self):
-        """Forget what has been read, but for the kinds of variables."""
+        """Discard what has been read, except the kinds of variables."""
         self._env, self._c_names = {}, {}
         self._head, self._block, self._writes, self._conditional = [], [], set(), 0
         self._n_writing = 0  # calls so far that write to arrays
 
     @abstractmethod
     def _function(self, function, *signatures):
-        """Return another function, or what holds a composition, for such arguments."""
+        """Return another function, or the composed step of an object, for such arguments."""
 
     def _refuse(self, what):
         line = getattr(self._at, "lineno", "?")
@@ -129,13 +129,13 @@ class Values(ABC):
         return variable(name, kind)
 
     def _kept(self, x):
-        """Return a number as it is now, whatever is assigned later."""
+        """Return a copy of a number, which later assignments do not change."""
         kept = self._temporary(x.kind)
         self._block.append(Assign(kept.args[0], x))
         return kept
 
     def _latest(self, x):
-        """Return a variable, or a number, of the kind that is known by now."""
+        """Return a variable with its present kind; a constant is returned unchanged."""
         return x if x.op == "const" else variable(x.args[0], self._kinds[x.args[0]])
 
     def _known(self, name):
@@ -155,7 +155,7 @@ class Values(ABC):
         return value
 
     def _in_order(self, *nodes):
-        """Return values that Python finds one after the other."""
+        """Return the values of nodes that Python evaluates one after the other."""
         values = []
         for node in nodes:
             written = self._n_writing
@@ -240,7 +240,7 @@ class Values(ABC):
         return self._listed(value, node).at([index])
 
     def _listed(self, value, node):
-        """Return a tuple of numbers as an array, so that an element can be chosen in C."""
+        """Return a tuple of numbers as an array, so that C can index it by a variable."""
         numbers = [converted(self._as_number(x), "real") for x in value]
         name = node.value.id if isinstance(node.value, ast.Name) else "t"
         if all(x.value is not None for x in numbers):
@@ -255,7 +255,7 @@ class Values(ABC):
         return array
 
     def _test(self, node, strict=False):
-        """Return a condition; under ``strict`` numbers do not stand for one."""
+        """Return a condition; under ``strict`` a number is refused as one."""
         match node:
             case ast.BoolOp(operator, values):
                 tests = [self._test(values[0], strict)]
@@ -367,7 +367,7 @@ def _chosen(test, a, b):
 
 
 def _logical(word, tests):
-    """Return the conjunction or disjunction, without what is known."""
+    """Return the conjunction or disjunction, simplified by conditions whose value is known."""
     end = constant(word == "or")
     tests = [test for test in tests if test.value is None or test == end]
     if not tests:

@@ -55,7 +55,7 @@ typedef struct {
     char name[];
 } unit;
 
-/* Errors are told even where debug logging is off. */
+/* Errors are reported even if debug logging is off. */
 static int refused(const unit *it, const char *message)
 {
     if (it->log) {
@@ -68,7 +68,7 @@ static int refused(const unit *it, const char *message)
     return ERROR;
 }
 
-/* Before the first step the output is the answer of the first state to the first input. */
+/* Before the first step the output is the response to the start input in the initial state. */
 static void begin(unit *it)
 {
     static const double first[] = {$first};
@@ -197,7 +197,7 @@ static int released(void **state)
 #endif
 #define DONE { return OK; }
 #define ABSENT(f, ...) API int FMI(f)(__VA_ARGS__) { return ERROR; }
-/* Values of types that no variable has: only none of them can be read or written. */
+/* Access to values of types that no variable has: an error, unless it is to zero values. */
 #define NONE(f, ...) \
     API int FMI(f)(void *it, refs r, size_t n, __VA_ARGS__) { return n == 0 ? OK : ERROR; }
 

@@ -1,4 +1,4 @@
-"""Searches over many recordings, with one row for each in a table that can be gone on with."""
+"""Searches over many recordings, with one row per recording in a table that can be resumed."""
 
 import importlib.util
 import re
@@ -15,7 +15,8 @@ from ._workers import workers
 
 _TEXTS = ("file", "failure", "effects", "verdict", "options")
 _ERRORS = ("error_before", "error_after", "noise_floor")
-# A batch ends when its slowest recording does: of 8 for each worker, an eighth of it waits at most.
+# Recordings per worker and batch. Workers wait for the slowest recording of a batch: with 8 each,
+# about an eighth of the time.
 _BATCH = 8
 
 
@@ -29,38 +30,38 @@ def diagnose_files(
     files : sequence of str or Path
         Recordings, as :func:`skhyst.records.read_records` reads them.
     search : EffectSearchCV
-        Not fitted; a clone of it is fitted to each recording. Its own ``n_jobs`` counts where one
-        recording is searched at a time.
+        Not fitted; a clone of it is fitted to each recording. Its own ``n_jobs`` is used only if
+        one recording is searched at a time.
     reading : dict, default=None
         Options of :func:`skhyst.records.read_records`: ``drive``, ``response``, ``time`` and so on.
     summary : str or Path, default=None
-        Table to write, ``.parquet`` or ``.csv``; it is written while the searches go on. Recordings
-        that it has already are not searched again, so a run that was stopped goes on.
+        Table to write, ``.parquet`` or ``.csv``; it is updated after each batch. Recordings that it
+        contains are not searched again, so that an interrupted run can be resumed.
     force : bool, default=False
-        Whether to begin anew where the table is there already.
+        Whether to start again if the table exists.
     n_jobs : int, default=None
-        Recordings that are searched at a time, by joblib: its backends, and so clusters, are chosen
-        by :class:`joblib.parallel_config`.
+        Number of recordings searched in parallel, by joblib; its backend, a cluster included, is
+        chosen by :class:`joblib.parallel_config`.
     on_done : callable, default=None
-        Called with the rows, a frame, of the recordings searched since the last call.
+        Called after each batch with its rows, a DataFrame.
 
     Returns
     -------
     DataFrame
-        One row a recording, in the order of ``files``, those that the table had beside them last:
-        ``file``; ``failure``, what was wrong with a
-        recording that could not be searched, else ""; ``effects``, joined by ", "; ``verdict``;
-        ``error_before``, ``error_after`` and ``noise_floor``; ``options``, those of reading and of
-        the search; and for each parameter of the model that was found ``param NAME`` and
-        ``std NAME``, NaN where the recording's model has none of that name.
+        One row per recording, in the order of ``files``, followed by other rows that the table had:
+        ``file``; ``failure``, the error message of a recording that could not be searched, else "";
+        ``effects``, joined by ", "; ``verdict``; ``error_before``, ``error_after`` and
+        ``noise_floor``; ``options``, those of reading and of the search; and for each parameter of
+        the model that was found ``param NAME`` and ``std NAME``, NaN where the recording's model
+        has none of that name.
 
     Raises
     ------
     ImportError
         If the table is to be ``.parquet`` and pyarrow is not installed (extra ``io``).
     ValueError
-        If a recording is named twice, the table's name ends in something else, or the table that is
-        there was made with other options.
+        If a recording is named twice, the table's name has another suffix, or the existing table
+        was made with other options.
 
     Examples
     --------
@@ -122,7 +123,7 @@ def read_summary(path) -> pd.DataFrame:
     Raises
     ------
     ValueError
-        If the name ends in something else, or the file is no such table.
+        If the name has another suffix, or the file is not a table of :func:`diagnose_files`.
 
     Examples
     --------
@@ -137,7 +138,7 @@ def read_summary(path) -> pd.DataFrame:
     check_input(path)
     if parquet:
         table = pd.read_parquet(path)
-    else:  # numbers to the last digit, and "nan" is a text where a text is
+    else:  # as text: exact numbers, and "nan" stays text in columns of text
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
     if not set(_TEXTS) <= set(table.columns):
         raise ValueError(f"{path} is no table of diagnose_files.")
@@ -153,7 +154,7 @@ def _is_parquet(path):
 
 
 def _rows_there(path, files, options, force):
-    """Return the rows of the table that are there already, and can stay."""
+    """Return the rows of an existing table that was made with the same options."""
     if _is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         raise ImportError(
             f'{path} needs pyarrow. Install it with: python -m pip install "skhyst[io]"'
@@ -171,7 +172,7 @@ def _rows_there(path, files, options, force):
 
 
 def _options(search, reading):
-    """Return what the rows of a table depend on as text; where and how fast it ran is left out."""
+    """Return the options that the rows of a table depend on, as text; not those of parallelism."""
     same = clone(search).set_params(n_jobs=None, verbose=0)
     text = f"{same.__repr__(N_CHAR_MAX=100_000)} {sorted(reading.items())}"
     return re.sub(r" at 0x[0-9a-f]+", "", " ".join(text.split()))  # addresses change
@@ -182,7 +183,7 @@ def _row(file, search, reading, options):
     row = {"file": file, "failure": "", "effects": "", "verdict": "", "options": options}
     try:
         search.fit(*read_records(file, **reading))
-    except Exception as error:  # whatever is wrong with one recording is said beside the others
+    except Exception as error:  # an error of one recording must not stop the others
         return row | {"failure": f"{type(error).__name__}: {error}"}
     row |= {"effects": ", ".join(search.effects_), "verdict": search.verdict_}
     row |= {name: float(getattr(search, f"{name}_")) for name in _ERRORS}

@@ -1,4 +1,4 @@
-"""One fitted model for each device, or for whatever a level of the index tells apart."""
+"""One fitted model per device, or per label of any level of the index."""
 
 from typing import Self
 
@@ -16,36 +16,36 @@ from ._workers import workers
 
 
 class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
-    """One fitted model for each device.
+    """One fitted model per device.
 
-    The index of ``X`` says which rows are those of a device: one of its levels, or several that
-    together name it, such as device and day. What is left of the index, records and time, goes to
-    the model. A device whose data cannot be fitted takes no other with it.
+    The index of ``X`` identifies the rows of a device: by one of its levels, or by several
+    together, such as device and day. The remaining levels, record and time, are passed to the
+    model. A device whose data cannot be fitted does not affect the others.
 
     Parameters
     ----------
     estimator : estimator
         Any regressor; one clone of it is fitted for each device.
     level : str or list of str, default="record"
-        Levels of the index that name a device. Data without records are one device, 0.
+        Levels of the index that identify a device. Data without records are one device, 0.
     n_jobs : int, default=None
-        Devices that are fitted at a time, by joblib: its backends, and so clusters, are chosen by
-        :class:`joblib.parallel_config`.
+        Number of devices fitted in parallel, by joblib; its backend, a cluster included, is chosen
+        by :class:`joblib.parallel_config`.
 
     Attributes
     ----------
     labels_ : list
         Names of the devices; tuples where there are several levels.
     estimators_ : list of estimator
-        Fitted models, one a device; None where the fit failed.
+        Fitted models, one per device; None where the fit failed.
     failures_ : dict of label to str
-        What was wrong with the devices that could not be fitted.
+        Error messages of the devices that could not be fitted.
     n_features_in_ : int
         Number of columns of ``X``.
 
     See Also
     --------
-    skhyst.inspection.FleetDisplay : Which parameter moved on which device when.
+    skhyst.inspection.FleetDisplay : Picture of parameters over devices and time.
     diagnose_files : Searches each of many recordings for missing effects.
 
     Examples
@@ -81,12 +81,12 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     @fit_context(prefer_skip_nested_validation=False)
     @documented_like(ParametricModel.fit)
     def fit(self, X, y) -> Self:
-        """Fit one model a device.
+        """Fit one model per device.
 
         Raises
         ------
         ValueError
-            If the index lacks the level. Where no device can be fitted, the error of the first.
+            If the index lacks the level. If no device can be fitted, the error of the first.
         """
         validate_data(self, X, reset=True, dtype=None, ensure_all_finite=False)
         devices, X, y = self._devices(X), in_native_order(X), in_native_order(y)
@@ -101,13 +101,13 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             raise errors[0]
         self.labels_ = list(devices)
         self.estimators_ = [model for model, _ in fitted]
-        told = zip(devices, errors, strict=True)
-        self.failures_ = {label: f"{type(e).__name__}: {e}" for label, e in told if e}
+        labelled = zip(devices, errors, strict=True)
+        self.failures_ = {label: f"{type(e).__name__}: {e}" for label, e in labelled if e}
         return self
 
     @documented_like(ParametricModel.predict)
     def predict(self, X) -> np.ndarray:
-        """Return the response of each device by its own model; NaN where that could not be fitted.
+        """Return the response of each device by its own model, NaN where the fit has failed.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             If a device was not among those of the fit.
         """
         check_is_fitted(self)
-        # values that are not finite are the matter of the device that has them
+        # values that are not finite are refused by the model of their device, if at all
         array = validate_data(self, X, reset=False, dtype=None, ensure_all_finite=False)
         known = dict(zip(self.labels_, self.estimators_, strict=True))
         X = in_native_order(X)
@@ -129,7 +129,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @property
     def params_(self) -> pd.DataFrame:
-        """Parameters as a frame: one row a device, NaN where it could not be fitted."""
+        """Parameters as a frame: one row per device, NaN where the fit has failed."""
         return self._table("params_")
 
     @property
@@ -151,7 +151,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return [self.level] if isinstance(self.level, str) else self.level
 
     def _devices(self, X):
-        """Return the rows of each device, in the order in which the devices come."""
+        """Return the rows of each device by label, in order of first appearance."""
         index = getattr(X, "index", None)
         if not isinstance(index, pd.MultiIndex):
             if self.level != "record":
@@ -172,7 +172,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return {label: part.to_numpy() for label, part in groups}
 
     def _part(self, values, rows):
-        """Return the rows of a device, whose index says no longer which device it is."""
+        """Return the rows of a device, without the levels of the index that identify it."""
         if isinstance(rows, slice):
             return values
         part = take_rows(values, rows)
@@ -187,5 +187,5 @@ def _fitted(estimator, X, y):
     """Return a fitted model and no error, or no model and the error."""
     try:
         return estimator.fit(X, y), None
-    except Exception as error:  # whatever is wrong with one device is said beside the others
+    except Exception as error:  # an error of one device must not stop the others
         return None, error

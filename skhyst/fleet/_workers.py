@@ -1,4 +1,4 @@
-"""How the work on a fleet is divided: by device or recording, and not further."""
+"""Parallel work on a fleet: one device or recording per worker, not divided further."""
 
 from contextlib import contextmanager
 from functools import partial
@@ -8,10 +8,10 @@ from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 @contextmanager
 def workers(n_jobs):
-    """Give a function that maps a function over tuples of arguments, on workers that are kept.
+    """Provide a function that maps a function over tuples of arguments, on persistent workers.
 
-    Where several run at a time each is the work of one worker: what it would divide within itself
-    is small beside what sending it to the workers of a cluster takes.
+    With several workers each call runs sequentially on one: dividing it further would gain less
+    than sending its parts to the workers of a cluster costs.
     """
     single = effective_n_jobs(n_jobs) == 1
     with Parallel(n_jobs=n_jobs) as parallel:

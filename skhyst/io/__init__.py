@@ -1,6 +1,6 @@
-"""Files as named columns with units: readers of formats and layouts, and what a column is.
+"""Files as named columns with units: readers of formats and layouts, and recognition of columns.
 
-Nothing here knows of records in an index: :mod:`skhyst.records` puts them together.
+Nothing here uses an index of record and time: :mod:`skhyst.records` builds it from the columns.
 """
 
 from ._clock import JITTER as JITTER

@@ -1,4 +1,4 @@
-"""When the rows of a file were taken, and in which record each stands."""
+"""The time and the record of each row of a file."""
 
 import warnings
 
@@ -10,11 +10,12 @@ from ._column_names import SECONDS, time_unit_of
 from ._file_columns import coerced, numbers
 from ._formats import reading
 
-JITTER = 0.25  # deviation of one interval, in intervals: both ends rounded by a tenth, and a bit
+# Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
+JITTER = 0.25
 
 
 def evenly(path, columns, rows, sampling_rate):
-    """Return times in s by the rate that is given or the interval that the file says, or counts.
+    """Return even times in s from a given rate or the interval in the file, else row numbers.
 
     ``rows`` are the numbers of the rows within their records.
     """
@@ -31,7 +32,7 @@ def evenly(path, columns, rows, sampling_rate):
 
 
 def _seconds(path, name, values, unit):
-    """Return times in s, and ask where nobody has said their unit and it is hardly that."""
+    """Return times in s; warn if they have no unit, and steps of 1 or more make s unlikely."""
     if unit is None:
         try:
             unit = time_unit_of(name)
@@ -55,7 +56,7 @@ def _seconds(path, name, values, unit):
 
 
 def times(path, column, unit):
-    """Return s as floats, or datetimes or timedeltas as a pandas index."""
+    """Return times in s as floats, or datetimes or timedeltas as a pandas index."""
     name, values = column.name, column.values
     if values.dtype.kind in "biuf":
         return _seconds(path, name, values.astype(float), unit)
@@ -81,7 +82,7 @@ def times(path, column, unit):
 
 
 def record_labels(values):
-    """Return the labels of records, whole numbers as integers."""
+    """Return the labels of records; floats with integer values become integers."""
     if values.dtype.kind == "f" and (values[np.isfinite(values)] % 1.0 == 0.0).all():
         return pd.Index(values).astype("Int64") if np.isnan(values).any() else values.astype(int)
     return values
@@ -97,7 +98,7 @@ def positions(labels, n):
 
 
 def record_numbers(path, stamps, n):
-    """Return a label for each row: how often time has started again before it."""
+    """Return a record label for each row: the number of times that time stepped back before it."""
     if stamps is None:
         return np.zeros(n, dtype=int)
     still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1

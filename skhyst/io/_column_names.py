@@ -1,10 +1,10 @@
-"""The units that the names of columns carry."""
+"""Units in the names of columns."""
 
 import re
 
 _BRACKETED = re.compile(r"[(\[](?![\d\s:,.-]+[)\]])([^()\[\]]{1,12})[)\]]\s*$")
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
-_SPELLED = {  # what else they are called
+_SPELLED = {  # other spellings
     "s": ("sec", "secs", "second", "seconds"),
     "ms": ("msec", "millisecond", "milliseconds"),
     "us": ("µs", "μs", "usec", "microsecond", "microseconds"),
@@ -16,12 +16,12 @@ _TIMES = {word: unit for unit, words in _SPELLED.items() for word in (unit, *wor
 
 
 def unit_of(name) -> str:
-    """Return the unit that a column's name carries in brackets, or "".
+    """Return the unit in brackets at the end of a column's name, or "".
 
     Parameters
     ----------
     name : str
-        Of a column.
+        Name of a column.
 
     Returns
     -------
@@ -43,12 +43,12 @@ def without_unit(name):
 
 
 def time_unit_of(name):
-    """Return the unit of time that a column's name says, in brackets or as its last word, or "".
+    """Return the unit of time in a column's name, in brackets or as its last word, or "".
 
     Raises
     ------
     ValueError
-        If what stands in brackets is no unit of time.
+        If the unit in brackets is not a unit of time.
     """
     said = unit_of(name)
     if said and said.lower() not in _TIMES:

@@ -1,4 +1,4 @@
-"""What is understood of the columns of a file, and what is wrong with them."""
+"""Overview of the columns of a file, and their faults."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -10,23 +10,23 @@ from ._file_columns import as_columns, load_column, long_columns, numbers, recor
 from ._formats import opened
 from ._recognise import ROLES, find_roles
 
-_MOST = 100  # columns that are looked at
-_STANDS = 0.01  # of the rows at the largest or smallest value: clipped
-_OFTEN = 5  # times as often as the value beside it
-_FINE = 50  # different values, below which a signal is a series of steps
+_MOST = 100  # largest number of columns that are inspected
+_STANDS = 0.01  # fraction of rows at the largest or smallest value, above which it may be clipped
+_OFTEN = 5  # and so many times as many rows as at the next value
+_FINE = 50  # number of different values, below which a signal is a series of steps
 
 
 @dataclass(frozen=True)
 class ColumnOverview:
-    """What is known of a column.
+    """Overview of a column.
 
     Parameters
     ----------
     name : str
-        With its unit.
+        Name with its unit.
     role : {"drive", "response", "time", "record", ""}
     reason : str
-        What tells the role.
+        Why the column has the role.
     kind : str
         Type of the values in the file.
     low, high : float
@@ -46,24 +46,25 @@ class ColumnOverview:
 
 
 def inspect_columns(path, **reading):
-    """Return the name of a file, its columns, those with a role, and faults of the columns.
+    """Return the name of a file, its columns, a dict of columns by role, and a list of faults.
 
-    ``reading`` are options of :func:`skhyst.records.read_records`. The columns with a role are as
-    that function takes them, by role.
+    ``reading`` are options of :func:`skhyst.records.read_records`. The columns by role are names or
+    positions, as that function takes them.
     """
     layout = {name: reading.get(name) for name in ("delimiter", "decimal")}
     source, variables = opened(path, **layout)
     faults = []
     roles = _roles(source, variables, reading, faults)
     own = next(iter(record_groups(variables, [column for column, _ in roles.values()]).values()))
-    told = {
+    recognised = {
         load_column(source, own, column).name: (role, reason)
         for role, (column, reason) in roles.items()
     }
     columns, signals = [], {}
     for place in long_columns(own)[:_MOST]:
         values = load_column(source, own, place.position).values
-        role, reason = told.get(place.name) or told.get(place.full_name) or ("", "not used")
+        known = recognised.get(place.name) or recognised.get(place.full_name)
+        role, reason = known or ("", "not used")
         columns.append(_overview(source, place.name, role, reason, values))
         signals[place.name] = role, values
     faults += _faults_of_columns(source, signals)
@@ -72,7 +73,7 @@ def inspect_columns(path, **reading):
 
 
 def _roles(source, variables, reading, faults):
-    """Return (column, reason) by role; what nothing tells is added to the faults."""
+    """Return (column, reason) by role; an error of the recognition is added to the faults."""
     given = {name: reading.get(name) for name in ROLES}
     timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
     known = {role: (column, "as given") for role, column in given.items() if column is not None}
@@ -116,14 +117,14 @@ def _faults_of_columns(source, signals):
 
 
 def _clipped(name, values):
-    """Tell where a signal stands at an end of its range, far more often than beside it."""
+    """Yield a message for each end of the range at which a signal may be clipped."""
     levels, counts = np.unique(values, return_counts=True)
     if levels.size < _FINE:
         return
-    for word, end, beside in (("largest", -1, -2), ("smallest", 0, 1)):
-        if counts[end] > max(_STANDS * values.size, _OFTEN * counts[beside]):
-            share = 100.0 * counts[end] / values.size
+    for word, end, next_level in (("largest", -1, -2), ("smallest", 0, 1)):
+        if counts[end] > max(_STANDS * values.size, _OFTEN * counts[next_level]):
+            percent = 100.0 * counts[end] / values.size
             yield (
-                f"{name!r} stands at its {word} value, {levels[end]:g}, in {share:.2g} % of the "
+                f"{name!r} stands at its {word} value, {levels[end]:g}, in {percent:.2g} % of the "
                 "rows: is it clipped?"
             )

@@ -20,7 +20,7 @@ _SHOWN = 20  # variables that an error message lists
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a file: its name with its unit, its values, and the interval in s if said."""
+    """One column of a file: name with unit, values, and sampling interval in s (None: unknown)."""
 
     name: str
     values: np.ndarray
@@ -54,10 +54,10 @@ def load_column(path, variables, wanted):
 
 
 def record_groups(variables, wanted):
-    """Return the variables by group, where several groups have all columns that are wanted.
+    """Return the variables by group, if several groups have all columns that are wanted.
 
-    There they are called as in their group. Else all variables are one group, or the only one that
-    has them all.
+    Their names are then those within the group. If one group has them all, it is returned alone;
+    if none has, all variables are returned as one group, "".
     """
     groups = {}
     for variable in variables:
@@ -145,7 +145,7 @@ def _at_position(path, variables, position):
 
 @dataclass(frozen=True)
 class Place:
-    """Where a column stands: its position, and its address where it is one of several groups."""
+    """Location of a column: its position, and its address, a name if it is in several groups."""
 
     position: int
     address: str | int
@@ -154,9 +154,9 @@ class Place:
 
 
 def long_columns(variables):
-    """Return the places of the columns that are as long as the longest.
+    """Return the places of all columns that have the length of the longest column.
 
-    Of a name that several groups have the first is returned; its address is the name in them.
+    If several groups have a column of the same name, the first is returned, addressed by the name.
     """
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)
@@ -206,7 +206,7 @@ def _indexed(path, variable, wanted, text):
         symbols = {":": slice(None), "...": Ellipsis}
         index = [symbols.get(m[1]) or int(m[1]) for m in matches]
         if all(isinstance(part, int) for part in index):
-            index = [slice(None), *index]  # numbers alone count behind the axis of samples
+            index = [slice(None), *index]  # plain numbers index the axes after that of the samples
         try:
             column = values[tuple(index)]
         except IndexError:
@@ -244,7 +244,7 @@ def numbers(path, name, values):
 
 
 def coerced(path, name, column):
-    """Return a series as numbers, NaN where a cell is none."""
+    """Return a series as numbers, NaN where a cell is not a number."""
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError as error:

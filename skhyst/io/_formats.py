@@ -1,7 +1,7 @@
-"""What a file holds: one small function a format, each returns the file's variables.
+"""Readers of file formats: one small function per format returns the variables of a file.
 
-Nothing a file contains is ever executed: pickled objects, MATLAB objects and function handles are
-listed and refused, HDF5 data that lie in another file too.
+Nothing in a file is ever executed: pickled objects, MATLAB objects and function handles are listed
+and refused, and so are HDF5 data that are stored in another file.
 """
 
 import importlib
@@ -37,10 +37,10 @@ _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequenc
 class Variable:
     """One array of a file, loaded when it is asked for.
 
-    ``name`` is "" where the file holds one array without a name; ``refused`` says why it is not
-    read, "" where it is. ``unit`` is what the file says of it elsewhere than in the name, ""
-    where it does not; ``interval`` is the time from sample to sample in s, None where it is unsaid.
-    ``group`` is the beginning of the name that it shares with others: a group, struct or sheet.
+    ``name`` is "" where the file holds one array without a name; ``refused`` is the reason why it
+    is not read, "" where it is read. ``unit`` is the unit if the file gives it elsewhere than in
+    the name, else ""; ``interval`` is the sampling interval in s, None if the file does not give
+    it. ``group`` is the first part of the name: that of a group, struct or sheet.
     """
 
     name: str
@@ -88,16 +88,16 @@ def _file_variables(path, layout):
 
 @dataclass(frozen=True)
 class Table:
-    """A frame in place of a file: what errors call it."""
+    """A frame instead of a file: its name and suffix in error messages."""
 
     name: str = "the frame"
     suffix: str = ""
 
 
 def opened(source, **layout):
-    """Return what a file or a table is called, a path or a Table, and its variables.
+    """Return a path, or a Table for a frame, and the variables in it.
 
-    ``layout`` are options of a text, None where they are not given.
+    ``layout`` holds the options of delimited text, None where they are not given.
     """
     is_frame = hasattr(source, "columns")
     path = Table() if is_frame else Path(source).expanduser()
@@ -111,11 +111,11 @@ def opened(source, **layout):
 
 
 def _frame_variables(frame):
-    """List the columns of a frame or table, and the levels of an index that says much.
+    """List the columns of a frame or table, and the levels of its index unless it counts rows.
 
     Units are those of pint, or of a dict ``frame.attrs["units"]``.
     """
-    if hasattr(frame, "column_names"):  # of Arrow
+    if hasattr(frame, "column_names"):  # an Arrow table
         frame = frame.to_pandas()
     said = getattr(frame, "attrs", {}).get("units", {})
     if hasattr(frame, "iloc") and not isinstance(frame.index, pd.RangeIndex):
@@ -139,7 +139,7 @@ def reading(path):
         yield
     except (ImportError, PermissionError):
         raise
-    except Exception as error:  # parsers fail on broken files in every way there is
+    except Exception as error:  # on broken files parsers raise exceptions of any type
         reason = str(error) or type(error).__name__
         raise RecordError(
             f"{path.name} cannot be read: {_expected(path)} was expected, but {reason}."
@@ -160,10 +160,10 @@ def _optional(name, suffix):
 
 
 def _held(name, values):
-    """Return the variables of an array in memory: a struct or a cell has more than one."""
+    """Return the variables of an array in memory; a struct or a cell array has more than one."""
     refused = _refusal(values)
     if refused:
-        if values.dtype.names == _OPAQUE:  # scipy has no name for it, but the first field
+        if values.dtype.names == _OPAQUE:  # scipy keeps its name in the first field only
             name = matlab_text(values.flat[0]["s0"])
         return [Variable(name, getattr(values, "shape", ()), lambda: values, refused)]
     if values.dtype.names and values.dtype.hasobject:  # MATLAB struct
@@ -259,7 +259,7 @@ def _read_mat(path):
         head = file.read(520)
     if _HDF5 in (head[:8], head[512:]):
         return _read_hdf5(path, matlab=True)
-    data = path.read_bytes()  # what is looked over is what is read
+    data = path.read_bytes()  # once: what is checked here must be what the parser gets
     if matfile_version(io.BytesIO(data))[0] == 1:
         check_tags(data)
     with warnings.catch_warnings():
@@ -296,7 +296,7 @@ def _read_hdf5(path, matlab=False):
 
 
 def _hdf5_said(item):
-    """Return the unit of a dataset, and the interval that it, its groups or its file say."""
+    """Return the unit of a dataset, and the interval from its attributes or those of its groups."""
     own = {key.lower(): value for key, value in item.attrs.items()}
     unit = next((own[key] for key in ("unit", "units", "unit_string") if key in own), "")
     unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
@@ -320,13 +320,13 @@ def _hdf5_refusal(h5py, item):
         "a MATLAB function handle": kind == "function_handle",
         "MATLAB text or empty": kind == "char" or "MATLAB_empty" in item.attrs,
         matlab_object(kind): "MATLAB_object_decode" in item.attrs,
-        "data that lie in another file": item.external or item.is_virtual,
+        "data that are stored in another file": item.external or item.is_virtual,
         "empty": item.shape is None,
         "references or lists of different lengths": objects,
     }
     reason = next((reason for reason, holds in reasons.items() if holds), "")
     if not reason and item.nbytes > DENSEST * item.id.get_storage_size():
-        reason = "larger than what the file holds of it"
+        reason = "larger than the data stored in the file"
     return reason
 
 
@@ -335,14 +335,15 @@ def _hdf5_values(h5py, path, name, field, transpose):
         item = file[name]
         text = h5py.check_string_dtype(item.dtype) is not None
         values = item.asstr()[()] if text else item[()] if field is None else item[field]
-    return np.asarray(values).T if transpose else np.asarray(values)  # MATLAB stores columns first
+    # MATLAB stores arrays in column-major order
+    return np.asarray(values).T if transpose else np.asarray(values)
 
 
 def _read_json(path):
     content = json.loads(path.read_bytes())
     if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
         names = dict.fromkeys(name for row in content for name in row)
-        if len(names) * len(content) > path.stat().st_size:  # a reading takes a byte at least
+        if len(names) * len(content) > path.stat().st_size:  # a reading takes at least one byte
             raise RecordError(f"its {len(content)} rows share few of {len(names)} names")
         content = {name: [row.get(name) for row in content] for name in names}
     return _json_variables("", content)
@@ -387,7 +388,7 @@ def _parquet_values(parquet, path, name, occurrence):
 
 def _read_feather(path):
     ipc, arrow = (_optional(name, path.suffix) for name in ("pyarrow.ipc", "pyarrow"))
-    content = arrow.py_buffer(path.read_bytes())  # whose parts are not copied
+    content = arrow.py_buffer(path.read_bytes())  # columns are views of it, not copies
     with ipc.open_file(content) as file:
         names = file.schema.names
     with _feather_columns(ipc, content, [0]) as file:
@@ -404,7 +405,7 @@ def _feather_columns(ipc, content, columns):
 def _feather_values(ipc, content, column):
     with _feather_columns(ipc, content, [column]) as file:
         values = file.read_all().column(0)
-    values.validate(full=True)  # texts may point anywhere
+    values.validate(full=True)  # offsets of strings in a broken file may point outside the data
     return values.to_numpy()
 
 
@@ -424,7 +425,7 @@ def _read_tdms(path):
 
 
 def _tdms_said(properties):
-    """Return the unit and the interval of a channel; LabVIEW writes no interval as 0."""
+    """Return the unit and the interval of a channel; LabVIEW writes 0 for an unknown interval."""
     interval = float(properties.get("wf_increment", 0.0))
     return str(properties.get("unit_string", "")).strip(), interval if interval > 0.0 else None
 
@@ -438,9 +439,10 @@ def _read_wav(path):
     from scipy.io import wavfile
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of notes beside the samples
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks other than samples
         warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
-        rate, values = wavfile.read(io.BytesIO(path.read_bytes()))  # a file: as long as it says
+        # from memory, so that a length in the header beyond the file allocates nothing
+        rate, values = wavfile.read(io.BytesIO(path.read_bytes()))
     return [Variable("channel", values.shape, lambda: values, interval=1.0 / rate)]
 
 

@@ -1,9 +1,9 @@
-"""How a text is laid out: its delimiter, where its table begins and ends, and what its columns are.
+"""Layout of delimited text: its delimiter, first and last row of its table, types of its columns.
 
-Every delimiter is tried. Under it a line is a row of fields, each a number, a date or clock time,
-text, or blank; a table is the longest run of rows of one form, weighed by the share of columns that
-hold numbers or times. More than one delimiter may make a table: ``0,5`` is one number or two. Then
-the names of the columns decide, and where they do not, the text is refused: a wrong guess is worse.
+Every delimiter is tried. It splits a line into fields, each a number, a date or clock time, text,
+or blank; the table is the longest run of rows of one form, weighted by the fraction of columns with
+numbers or times. Several delimiters may give a table: ``0,5`` is one number or two. Then the names
+of the columns decide, and if they do not, the text is refused: a wrong guess would be worse.
 """
 
 import csv
@@ -15,7 +15,7 @@ from itertools import groupby
 from ..exceptions import RecordError
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
-_FORMS = 20  # forms of rows that are looked at, from the most frequent
+_FORMS = 20  # forms of rows that are tried, the most frequent ones
 _POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _INTEGER = re.compile(r"[+-]?\d+")
@@ -37,10 +37,10 @@ _SETTLE = (
 
 @dataclass(frozen=True)
 class Layout:
-    """A text under one delimiter: its lines as rows, and the table in them.
+    """A text split by one delimiter: its lines as rows, and the table in them.
 
-    ``form`` says of each column whether it holds numbers ("n"), times ("s"), text ("t") or nothing
-    ("b"); ``decimal`` is the sign that was asked for, None for any.
+    ``form`` has one letter per column: numbers ("n"), times ("s"), text ("t") or blank ("b");
+    ``decimal`` is the decimal sign that was given, None for any.
     """
 
     delimiter: str | None
@@ -53,7 +53,7 @@ class Layout:
 
     @property
     def table(self):
-        """Rows of the table, of those that were looked at."""
+        """Rows of the table, among those of the sample."""
         return self.rows[self.first : self.last + 1]
 
     @property
@@ -63,15 +63,15 @@ class Layout:
 
     @property
     def splits_numbers(self):
-        """Whether a field behind a comma is the fraction of a number: 05 in 1,05."""
+        """Whether a field after a comma is the fraction of a number, as 05 in 1,05."""
         table = self.table if self.delimiter == "," else []
         return any(_FRACTION.fullmatch(field) for row in table for field in row[1:])
 
     @property
     def head(self):
-        """Names and units of the columns, "" each where there is none.
+        """Names and units of the columns, "" where there is none.
 
-        Names are in the line above the table, or in the one above units.
+        Names are in the line above the table, or above the line of units.
         """
         fitting, width = [], len(self.form)
         for row in reversed(self.rows[max(self.first - 2, 0) : self.first]):
@@ -87,7 +87,7 @@ class Layout:
         return last, [""] * width
 
     def ends(self, rows):
-        """Return how many rows it is to the end of the table; what follows must be a footer."""
+        """Return the number of rows up to the end of the table; the rest must be a footer."""
         fitting = [
             i
             for i, row in enumerate(rows)
@@ -101,11 +101,11 @@ class Layout:
         return fitting[-1] + 1
 
     def _is_footer(self, row):
-        """Whether a row has words where the first number of the table would be, or nothing."""
+        """Whether a row is blank, or has text in the first column of numbers or times."""
         kinds = self.form_of(row)
         key = next(i for i, kind in enumerate(self.form) if kind in "ns")
-        told = kinds[key : key + 1] or kinds.replace("s", "n")
-        return set(kinds) == {"b"} or _names_value(row) or not set(told) & {"n", "s", "b"}
+        field = kinds[key : key + 1] or kinds.replace("s", "n")
+        return set(kinds) == {"b"} or _names_value(row) or not set(field) & {"n", "s", "b"}
 
     def form_of(self, row):
         """Return a letter for each field: a number, a time, text, blank, or "x": not split."""
@@ -113,11 +113,12 @@ class Layout:
 
 
 def find_layout(lines, delimiter, decimal):
-    """Return the layout of a text, of which ``lines`` are the first or all."""
+    """Return the layout of a text, from its first lines or all of them."""
     found = []
     for one in _DELIMITERS if delimiter is None else (delimiter,):
         layout = _under(lines, one, decimal)
-        split = one == decimal == "," and layout and not layout.commas  # none is within quotes
+        # a comma cannot be both, unless numbers with decimal commas are in quotes
+        split = one == decimal == "," and layout and not layout.commas
         if layout and (delimiter or not split):
             found.append(layout)
     if not found:
@@ -138,7 +139,7 @@ def find_layout(lines, delimiter, decimal):
 
 
 def fields(line, delimiter):
-    """Split a line."""
+    """Return the fields of a line."""
     if delimiter is None:
         return [line.strip().strip('"')]
     if delimiter == " ":
@@ -151,7 +152,7 @@ def fields(line, delimiter):
 
 
 def fits(form, kinds):
-    """Whether a row is one of a table."""
+    """Whether a row of the form ``kinds`` can be one of a table of the given form."""
     return (
         len(kinds) == len(form)
         and "x" not in kinds
@@ -166,7 +167,7 @@ def _names_value(row):
 
 
 def _under(lines, delimiter, decimal):
-    """Return the layout under a delimiter; None where it makes no table."""
+    """Return the layout under a delimiter, None if it gives no table."""
     rows = [fields(line, delimiter) for line in lines]
     forms = ["".join(_kind(field, decimal) for field in row) for row in rows]
     known = [
@@ -176,11 +177,11 @@ def _under(lines, delimiter, decimal):
     ]
     if not known:
         return None
-    form = max(known, key=lambda form: _longest(form, forms) * _share(form))
+    form = max(known, key=lambda form: _longest(form, forms) * _numeric_fraction(form))
     fitting = [i for i, kinds in enumerate(forms) if fits(form, kinds)]
     first = fitting[0]
     while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
-        first -= 1  # numbers too, of another width: refused with the others
+        first -= 1  # rows of numbers of another width are refused later, not taken for a header
     return Layout(delimiter, decimal, rows, form, first, fitting[-1], _longest(form, forms))
 
 
@@ -190,7 +191,7 @@ def _longest(form, forms):
     return max(len(list(run)) for fit, run in runs if fit)
 
 
-def _share(form):
+def _numeric_fraction(form):
     return sum(kind in "ns" for kind in form) / len(form)
 
 
@@ -247,7 +248,7 @@ def _is_named(layout):
 
 
 def _refuse_odd_rows(layout):
-    """Refuse rows of another width, and a first row that may number the columns."""
+    """Refuse rows of another width, and a first row that may be the numbers of the columns."""
     width, table = len(layout.form), layout.table
     odd = next((row for row in table if len(row) != width), None)
     if odd:
@@ -262,7 +263,7 @@ def _refuse_odd_rows(layout):
 
 
 def _refuse_commas(layout):
-    """Refuse commas that may be decimal signs, and those that may separate thousands."""
+    """Refuse commas that may be decimal signs, or thousands separators."""
     written = [f for row in layout.table for f in row if _kind(f, None) == "n"]
     integers = layout.delimiter == "," and all(map(_INTEGER.fullmatch, written))
     if integers and "nn" in layout.form and not _is_named(layout):

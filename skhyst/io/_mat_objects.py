@@ -1,10 +1,10 @@
-"""Objects of MATLAB, which are refused with the line that brings out their numbers.
+"""MATLAB objects, which are refused with a line of MATLAB that exports their numbers.
 
-Their format is not published. The package mat-io (1.0.2) reads tables, but a broken file ends the
-interpreter: one in fifty with a few bytes changed.
+Their format is not published. The package mat-io (1.0.2) reads tables, but broken files crash the
+interpreter: one in fifty of those with a few bytes changed.
 """
 
-_EXPORTS = {  # lines of MATLAB after which the numbers of x are in a file that is read
+_EXPORTS = {  # lines of MATLAB that write the numbers of x to a file that can be read
     "timetable": "writetimetable(x, 'x.csv')",
     "table": "writetable(x, 'x.csv')",
     "timeseries": "s = struct('t', x.Time, 'y', x.Data); save('x.mat', '-struct', 's')",
@@ -14,12 +14,12 @@ _EXPORTS = {  # lines of MATLAB after which the numbers of x are in a file that 
 
 
 def matlab_object(kind):
-    """Return what an object of a class is called, and the line that brings out its numbers."""
+    """Return the name of a MATLAB class, and the line of MATLAB that exports an object of it."""
     kind = matlab_text(kind) or "object"
     line = _EXPORTS.get(kind, "s = struct(x); save('x.mat', '-struct', 's')")
     return f"a MATLAB {kind} (in MATLAB, where it is called x: {line})"
 
 
 def matlab_text(value):
-    """Return a name that a file holds as bytes or as text."""
+    """Return a name, stored as bytes or as text, as text."""
     return value.decode("latin-1") if isinstance(value, bytes) else str(value)

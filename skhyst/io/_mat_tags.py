@@ -1,9 +1,9 @@
-"""Look over a MATLAB file of version 5 before a parser trusts it.
+"""Validate the structure of a MATLAB file of version 5 before it is parsed.
 
 Such a file is a header of 128 bytes and a sequence of variables. A variable, compressed or not, is
 a sequence of elements: a tag with a type code and a length, the data, and padding to 8 bytes; up to
-4 bytes of data fit into the tag itself. Cells and structs hold variables in turn. scipy (1.15 as
-1.17) looks type codes up without a check, so that a wrong one ends the interpreter.
+4 bytes of data fit into the tag itself. Cells and structs contain variables in turn. scipy (1.15
+and 1.17) looks type codes up without a check, so that a wrong one crashes the interpreter.
 
 Source: MathWorks, "MAT-File Format", version 5 and later; classes 16 and 17 as scipy reads them.
 """
@@ -17,8 +17,8 @@ from ..exceptions import RecordError
 
 _HEADER = 128  # bytes
 _LONGEST = 2**31  # bytes of one variable, the limit of the format
-_DEEPEST = 64  # variables inside one another
-_BLANK = 2**20  # elements that may stand for no data: blanks, structs without fields
+_DEEPEST = 64  # nesting of variables
+_BLANK = 2**20  # elements that may have no data in the file: blanks, structs without fields
 _INT32, _UINT32, _MATRIX, _COMPRESSED = 5, 6, 14, 15
 _INTEGERS = {_INT32, _UINT32}
 _NAMES = {1, 16}  # int8, UTF-8
@@ -28,7 +28,7 @@ _NUMERIC = range(6, 16)
 
 
 def check_tags(data):
-    """Refuse the bytes of a file of version 5 where an element is not what its place asks for."""
+    """Raise a RecordError unless every element of a file of version 5 is of the type expected."""
     order = "<" if data[126:128] == b"IM" else ">"
     file = _Elements(memoryview(data), order, _HEADER)
     while file.position < len(data):
@@ -80,7 +80,7 @@ class _Elements:
         return struct.unpack(self.order + layout, data)
 
     def part(self, codes):
-        """Return the data of an element that is no variable; its type must be in ``codes``."""
+        """Return the data of an element other than a variable; its type must be in ``codes``."""
         start = self.position
         tag = self.take(8)
         code, length = self.unpack("II", tag)
@@ -105,7 +105,7 @@ class _Elements:
         return values
 
     def variable(self, depth=0):
-        """Pass over the parts of a variable, without the tag of the variable."""
+        """Check the parts of a variable, after its tag."""
         if depth > _DEEPEST:
             raise RecordError(f"more than {_DEEPEST} variables lie inside one another")
         start = self.position
@@ -148,7 +148,7 @@ class _Elements:
         return len(names) // length
 
     def variables(self, count, depth):
-        """Pass over the variables in a cell or a struct."""
+        """Check so many variables of a cell or a struct."""
         for _ in range(count):
             start = self.position
             code, length = self.unpack("II", self.take(8))

@@ -1,4 +1,4 @@
-"""Missing values: find them, name them, refuse or drop their rows."""
+"""Missing values: find them, report them, refuse or drop their rows."""
 
 import re
 
@@ -8,14 +8,15 @@ import pandas as pd
 from ..exceptions import RecordError
 
 _LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
-_FAR = 5.0  # times as large as any other
+_FAR = 5.0  # a code is at least so many times as large as any other reading
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     """Mark missing values as NaN, in place, and return a mask of the rows to keep.
 
-    ``codes`` are readings that stand for lost ones, by column, NaN where there is none. The time
-    (``stamps``) and the labels of records, each None or (n_samples,), are not interpolated.
+    ``codes`` (n_columns,) are values that stand for missing readings, NaN where a column has none.
+    Rows without a time (``stamps``) or a record (``labels``), each None or (n_samples,), cannot be
+    interpolated: they are refused unless they are dropped.
     """
     values[~np.isfinite(values) | (values == codes)] = np.nan
     lost = dict(zip(names, np.isnan(values).T, strict=True))
@@ -44,7 +45,7 @@ def missing_rows(path, values, names, codes, stamps, labels, on_missing):
 
 
 def _alone(keep, stamps, labels):
-    """Mark the rows that lost their last neighbour of the same record to a missing value."""
+    """Return a mask of the rows whose neighbours in the same record are all dropped."""
     joined = np.ones(len(keep) - 1, dtype=bool)  # whether a row and the next are of one record
     if stamps is not None:
         joined &= ~(stamps[1:] < stamps[:-1])  # a row without a time may belong to either side
@@ -54,15 +55,15 @@ def _alone(keep, stamps, labels):
     before, after = np.append(False, joined), np.append(joined, False)
     lost_before, lost_after = np.append(False, ~keep[:-1]), np.append(~keep[1:], False)
     lost = before & lost_before | after & lost_after
-    left = before & ~lost_before | after & ~lost_after
-    return lost & ~left
+    kept = before & ~lost_before | after & ~lost_after
+    return lost & ~kept
 
 
 def likely_codes(path, values, names, on_missing):
-    """Return a code of lost readings for each column, NaN where it seems to have none.
+    """Return the probable code of missing readings of each column (n_columns,), NaN for none.
 
-    It stands far from all others and looks like one. It is refused where nobody has said what
-    happens to lost readings.
+    A code is a value such as -9999 or 1e30, far from all others. It is refused with
+    ``on_missing="raise"``.
     """
     codes = np.full(len(names), np.nan)
     for i, column in enumerate(values.T):
@@ -79,13 +80,13 @@ def likely_codes(path, values, names, on_missing):
                     f"The reading {code:.15g} of {names[i]!r} in {path.name}, "
                     f"{finite.size - others.size} of {len(column)} rows, lies far from all others "
                     f"({low:g} to {high:g}). Pass on_missing='interpolate' or on_missing='drop' "
-                    "if it marks lost ones, missing_code=nan if it is one like any other."
+                    "if it marks missing readings, missing_code=nan if it is a reading."
                 )
             codes[i] = code
     return codes
 
 
 def describe_rows(rows, most=5) -> str:
-    """Return ``"3 row(s) (4, 7, 9)"``, with the first few numbers."""
+    """Return the number of rows and the first few of them, as in ``"3 row(s) (4, 7, 9)"``."""
     shown = ", ".join(str(row) for row in rows[:most])
     return f"{len(rows)} row(s) ({shown}{', ...' if len(rows) > most else ''})"

@@ -1,4 +1,4 @@
-"""A file as columns of numbers, with their names and units, and when each row was taken."""
+"""A file as columns of numbers, with names and units, and the time of each row."""
 
 from dataclasses import dataclass
 from numbers import Real
@@ -19,7 +19,7 @@ _POLICIES = ("raise", "drop", "interpolate")
 
 @dataclass(frozen=True)
 class Columns:
-    """What was asked of a file: inputs and response, each row with its time and its record.
+    """Inputs and response that are read from a file, with the time and the record of each row.
 
     Parameters
     ----------
@@ -28,10 +28,10 @@ class Columns:
     values : ndarray of shape (n_samples, n_columns)
         Inputs, then the response if there is one; NaN where a reading is missing.
     names : list of str
-        Of the columns, with their units.
+        Names of the columns, with their units.
     n_inputs : int
     times : ndarray or index of shape (n_samples,)
-        In s, or datetimes or timedeltas; numbers of the samples where nothing says their interval.
+        In s, or datetimes or timedeltas; numbers of the samples where their interval is not known.
     records : ndarray of shape (n_samples,)
         Label of the record of each row.
     """
@@ -60,13 +60,13 @@ def read_columns(
     delimiter,
     decimal,
 ):
-    """Return what is asked of a file, as :func:`skhyst.records.read_records` is asked for it.
+    """Return the requested columns of a file; parameters as :func:`skhyst.records.read_records`.
 
     Returns
     -------
     dict of str to Columns
-        By the groups or sheets that have all columns; missing readings are marked, refused or
-        dropped, and not interpolated.
+        By the groups or sheets that have all columns. Missing readings are refused, dropped, or
+        left as NaN; they are not interpolated here.
     """
     _check_options(time, sampling_rate, on_missing, time_unit)
     _check_layout(delimiter, decimal)
@@ -92,7 +92,7 @@ def read_columns(
 
 @dataclass(frozen=True)
 class _Request:
-    """What is asked of a file: parameters of `read_columns`, with all inputs in one list."""
+    """Parameters of `read_columns`, with all inputs in one list."""
 
     inputs: list
     response: str | int | None
@@ -111,12 +111,12 @@ class _Request:
 
     @property
     def columns(self):
-        """All columns that are named."""
+        """All columns that are requested."""
         return [c for c in (*self.signals, self.time, self.record) if c is not None]
 
 
 def _read(path, variables, request):
-    """Return what is asked of one group of columns."""
+    """Return the requested columns of one group."""
     n_inputs, wanted = len(request.inputs), request.signals
     columns = [load_column(path, variables, item) for item in wanted]
     names = _with_units(wanted, [column.name for column in columns], request.units or {})
@@ -178,7 +178,7 @@ def _check_layout(delimiter, decimal):
 
 
 def _refuse_mismatch(path, names, columns):
-    """Refuse inputs that are one column, and columns of different lengths or none."""
+    """Refuse an input that is given twice, columns of different lengths, and empty columns."""
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise RecordError(
@@ -208,7 +208,7 @@ def _codes(missing_code, wanted, names):
 
 
 def _by_column(parameter, given, wanted, names, default):
-    """Return what a dict says of each column, by its name here or in the file."""
+    """Return the value of a dict for each column, by its name as requested or in the file."""
     unknown = [key for key in given if key not in wanted and key not in names]
     if unknown:
         raise ValueError(

@@ -1,10 +1,11 @@
-"""Which columns of a recording are its drive, its response, its time and its records.
+"""Recognition of the columns of a recording: drive, response, time and record.
 
-A name says what a column is by its words, else by its unit: `drive`, `input`, `command` come before
-`voltage`, and that before `V`. A column whose words contradict each other says nothing. Of the time
-the values must rise as a time does; a column without a telling name is the time where it alone
-rises evenly. The only other column that moves takes the role that is left. Where two columns may
-have a role, none is chosen: a wrong guess is worse than a question.
+The role of a column follows from the words of its name, else from its unit: `drive`, `input`,
+`command` have precedence over `voltage`, and that over `V`. A name whose words contradict each
+other gives no role. A time column must increase; without a name that shows it, a column is the time
+if it is the only one that increases by equal steps. The only remaining column that is not constant
+takes the remaining role. If two columns may have a role, none is chosen: a wrong guess would be
+worse than a question.
 """
 
 import re
@@ -33,29 +34,30 @@ _WORDS = (  # what a column does, and what quantity it is; the former comes firs
     },
 )
 _UNITS = {"drive": "[mk]?V|m?A", "response": "[munpµμ]?m|[muµμ]?rad|deg|°"}
-_NEITHER = (  # of a controller, of the room, of the book-keeping
+_NEITHER = (  # signals of a controller, of the environment, of book-keeping
     "reference|ref|target|setpoint|desired|error|velocity|speed|acceleration|temperature|temp|"
     "humidity|status|flag|mode|index|samples?|number|count|counter|id"
 )
-_FORCE = "force|torque|load|kraft|[mk]?N|Nm"  # it drives, or answers to a motion
+_FORCE = "force|torque|load|kraft|[mk]?N|Nm"  # either drives a motion or responds to one
 _TIME = "t|times?|timestamp|elapsed|zeit|temps"
 _RECORD = "record|run|recording|trial|segment"
-_MOST_RESTARTS = 0.1  # of the rows: a time that starts again, a label that changes
+_MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts, or a record label changes
 _SHOWN = 20  # candidates that an error message lists
 _NAMED, _LEFT = "by its name", "the only other column that moves"
 
 
 @dataclass(frozen=True)
 class RecognisedColumn:
-    """A column with a role: how it is addressed, how it is called, and what tells.
+    """A column with a role: its address, its name, and why it has the role.
 
     Parameters
     ----------
     column : str or int
-        As :func:`~skhyst.records.read_records` takes it.
+        Name or position, as :func:`~skhyst.records.read_records` takes it.
     name : str
-        With its unit.
+        Name with its unit.
     reason : str
+        Why the column has the role.
     """
 
     column: str | int
@@ -82,19 +84,19 @@ def recognise_columns(
     path : str, Path, or pandas or polars DataFrame
         Recording, as :func:`~skhyst.records.read_records` reads it.
     drive, response, time, record : str or int, optional
-        Columns that are known already.
+        Columns whose role is known; they are not looked for.
     auxiliary : sequence of str or int, default=()
         Columns that are auxiliary inputs.
     sampling_rate : float, optional
-        In Hz; where it is given no time is looked for.
+        In Hz; if it is given, no time column is looked for.
     delimiter, decimal : str, optional
         As in :func:`~skhyst.records.read_records`.
 
     Returns
     -------
     dict of str to RecognisedColumn
-        What was not given: ``"drive"`` and ``"response"``, ``"time"`` and ``"record"`` where the
-        file has them.
+        Roles that were not given: ``"drive"`` and ``"response"``; ``"time"`` and ``"record"`` if
+        the file has them.
 
     Raises
     ------
@@ -118,7 +120,7 @@ def recognise_columns(
 
 
 def find_roles(path, variables, roles, others=(), *, timed):
-    """Return a RecognisedColumn for each role that no column is given for, by its name."""
+    """Return a dict of a RecognisedColumn for each role without a given column."""
     given = [column for column in (*roles.values(), *others) if column is not None]
     own = next(iter(record_groups(variables, given).values()))
     taken = {load_column(path, own, column).name for column in given}
@@ -184,22 +186,22 @@ class _Candidate:
 
     @cached_property
     def role(self):
-        """What it is: drive, response, either or neither; empty where nothing tells."""
+        """Role by name and unit: drive, response, either or neither; "" if these do not show it."""
         if self.has(_NEITHER):
             return "neither"
         kinds = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
         kinds.append({role for role, units in _UNITS.items() if re.fullmatch(units, self.unit)})
-        telling = next((kind for kind in kinds if kind), {""})
-        return telling.pop() if len(telling) == 1 else "either"
+        first = next((kind for kind in kinds if kind), {""})
+        return first.pop() if len(first) == 1 else "either"
 
     @cached_property
     def is_force(self):
-        """Whether it is a force, which drives or answers to a motion."""
+        """Whether it is a force, which either drives a motion or responds to one."""
         return self.has(_FORCE) or bool(re.fullmatch(_FORCE, self.unit))
 
     @cached_property
     def rises(self):
-        """Whether it rises from row to row, but for a few restarts."""
+        """Whether it increases from row to row, except at a few restarts."""
         if self.values is None:
             return self.stored.dtype.kind in "Mm" or bool(re.match(r"\d+[:-]", str(self.stored[0])))
         steps = np.diff(self.values)
@@ -207,7 +209,7 @@ class _Candidate:
 
     @cached_property
     def rises_evenly(self):
-        """Whether it rises throughout by steps of one length, and does not count the rows."""
+        """Whether it increases by equal steps throughout, other than a count of the rows."""
         steps = np.empty(0) if self.values is None else np.diff(self.values)
         if not steps.size or not np.all(steps > 0.0) or np.all(steps == 1.0):
             return False
@@ -221,7 +223,7 @@ class _Candidate:
 
     @cached_property
     def moves(self):
-        """Whether it holds numbers that are not all the same, and do not count."""
+        """Whether it holds numbers that are neither constant nor increasing throughout."""
         values = np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
         return bool(values.size and np.ptp(values) > 0.0) and not self.rises
 
@@ -230,12 +232,12 @@ class _Candidate:
         """Whether the name is that of a time."""
         try:
             return bool(time_unit_of(self.name)) or self.has(_TIME)
-        except ValueError:  # the unit in brackets is none of time
+        except ValueError:  # the unit in brackets is not one of time
             return False
 
 
 def _time(path, free):
-    """Return the column of the time with what tells, None where there is none."""
+    """Return the time column and the reason, None if there is none."""
     named = [c for c in free if c.called_time and c.rises]
     if len(named) > 1:
         raise _undecided(path, "time", named)
@@ -246,7 +248,7 @@ def _time(path, free):
 
 
 def _named(path, role, signals):
-    """Return the signal whose name has the role, None where there is none."""
+    """Return the signal whose name has the role, and the reason, None if there is none."""
     alone = [c for c in signals if without_unit(c.name).lower() in _ALONE[role]]
     named = alone if len(alone) == 1 else [c for c in signals if c.role == role]
     if len(named) > 1:
@@ -255,7 +257,7 @@ def _named(path, role, signals):
 
 
 def _left_over(path, role, signals, found):
-    """Return the only other signal that moves, where no name is against it."""
+    """Return the only remaining signal that is not constant, if its name does not exclude it."""
     used = [choice[0] for choice in found.values() if choice]
     free = [c for c in signals if not any(c is one for one in used)]
     possible = [c for c in free if c.role in ("", "either") and c.moves]

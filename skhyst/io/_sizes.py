@@ -1,4 +1,4 @@
-"""What a file declares that it holds, against its size: looked at before anything is allocated."""
+"""Check of the sizes that a file declares against its own size, before anything is allocated."""
 
 import io
 from math import prod
@@ -7,28 +7,28 @@ import numpy as np
 
 from ..exceptions import RecordError
 
-# Bytes that one compressed byte stands for at the most in deflate, the only compression of .npz
-# and .mat files and the usual one of others: a match of 258 bytes takes two bits at least.
+# Largest number of bytes per compressed byte in deflate, the only compression of .npz and .mat
+# files and the usual one of others: a match of 258 bytes takes at least two bits.
 # Source: "zlib Technical Details", https://zlib.net/zlib_tech.html
 DENSEST = 1032
 _HEAD = 2**14  # bytes in which numpy finds a header of the longest size that it trusts
 
 
 def check_size(what, declared, held):
-    """Refuse data that declare more bytes than ``held`` bytes of a file can stand for."""
+    """Refuse data that declare more bytes than ``held`` bytes of a file can be expanded to."""
     if declared > DENSEST * held:
         raise RecordError(f"{what} declares {declared} bytes, of which the file holds {held}")
 
 
 def check_array(stream, size):
-    """Refuse an array of NumPy's format whose header declares more than is behind it.
+    """Refuse an array in NumPy's format whose header declares more bytes than follow it.
 
     Parameters
     ----------
     stream : binary file
         At the beginning of the array.
     size : int
-        Bytes of the array with its header.
+        Bytes of the array including its header.
     """
     head = io.BytesIO(stream.read(_HEAD))
     version = np.lib.format.read_magic(head)
@@ -47,7 +47,7 @@ def check_array(stream, size):
 
 
 class Finite(io.BufferedReader):
-    """A file that takes memory for what is there alone, however much is asked for at once."""
+    """A file whose ``read`` allocates no more than the file has left, for any requested size."""
 
     def __init__(self, path):
         super().__init__(io.FileIO(path))

@@ -1,4 +1,4 @@
-"""Delimited text: find how it is laid out, then read the columns."""
+"""Delimited text: find its layout, then read the columns."""
 
 import io
 import re
@@ -8,7 +8,7 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._layout import fields, find_layout
 
-_SAMPLE = 65_536  # characters at either end in which the layout is looked for
+_SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _LINE = re.compile(r"[^\r\n]+")
 _NOWHERE = "\x1f"  # a delimiter that no text has
@@ -17,9 +17,8 @@ _NOWHERE = "\x1f"  # a delimiter that no text has
 def read_table(path, delimiter=None, decimal=None):
     """Return the names, units and columns of a delimited text file, as floats or objects (text).
 
-    A line of names, a line of units below it, and a preamble of other lines above it may stand
-    before the numbers, and a footer of words below them; names are their positions, and units "",
-    where there is no such line.
+    The numbers may follow a preamble, a line of names and a line of units, and be followed by a
+    footer of text. Without a line of names, these are the positions; without units, they are "".
     """
     return parse_table(_decode(path.read_bytes()), delimiter, decimal)
 
@@ -45,7 +44,7 @@ def parse_table(text, delimiter=None, decimal=None):
 
 
 def _table(text, delimiter, decimal):
-    """Return the layout, and where in the text its table begins and ends."""
+    """Return the layout, and the first and last position of its table in the text."""
     lines = _lines(text, 0, _SAMPLE)
     if len(lines) > 1 and len(text) > _SAMPLE:
         lines.pop()  # the sample may cut it in two

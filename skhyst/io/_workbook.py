@@ -1,8 +1,8 @@
-"""Excel workbooks: the cells of each sheet, laid out as a text would be.
+"""Excel workbooks: the cells of each sheet, parsed as delimited text.
 
-A workbook is an archive of XML, which is read row by row. A row may stand anywhere among a million,
-a cell in any of 16,384 columns, whatever the size of the file: the rows and cells that are left
-blank in between count against the bytes of the archive.
+A workbook is an archive of XML, which is read row by row. A few bytes can place a cell in any of a
+million rows and 16,384 columns, so the blank rows and cells in between are counted, and must not
+exceed the bytes of the archive.
 """
 
 import re
@@ -13,8 +13,8 @@ from datetime import date, time
 from ..exceptions import RecordError
 from ._text import parse_table
 
-# An entry of a sound workbook is not compressed to less than a hundredth, as Apache POI has it
-# (ZipSecureFile.setMinInflateRatio), which lets the first 100 kB of an entry pass likewise.
+# An entry of a sound workbook is not compressed to less than 1 %: the limit of Apache POI
+# (ZipSecureFile.setMinInflateRatio), which exempts the first 100 kB of an entry, too.
 _DENSEST, _SPARED = 100, 100_000
 _NUMBER = re.compile(r"[-+.\d]")
 
@@ -22,12 +22,12 @@ _NUMBER = re.compile(r"[-+.\d]")
 def read_workbook(path, openpyxl):
     """Return (sheet, names, units, columns) of every sheet that holds a table.
 
-    Formulas count by the values that were saved with them.
+    Of formulas the saved values are read.
     """
     budget = _declared(path)
     found, reasons = [], ["it has no sheet"]
     with path.open("rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of styles, charts and the like
+        warnings.simplefilter("ignore", UserWarning)  # about styles, charts and the like
         book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             rows, budget = _cells(sheet, budget)
@@ -44,7 +44,7 @@ def read_workbook(path, openpyxl):
 
 
 def _declared(path):
-    """Return the bytes of all entries; refuse what is denser than a workbook is."""
+    """Return the uncompressed bytes of all entries; refuse entries compressed beyond the limit."""
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
     size = path.stat().st_size
@@ -60,8 +60,8 @@ def _declared(path):
 
 
 def _cells(sheet, budget):
-    """Return the rows of a sheet as texts of equal number, and what is left of the budget."""
-    sheet.reset_dimensions()  # what the sheet says of its size is not trusted
+    """Return the rows of a sheet as text fields of equal number, and the remaining budget."""
+    sheet.reset_dimensions()  # the declared size of the sheet may be wrong
     rows, width = [], 0
     for row in sheet.iter_rows(values_only=True):
         width = max(width, len(row))
@@ -84,7 +84,7 @@ def _cell(value):
 
 
 def _as_line(row):
-    """Return a row as a line; a text that stands alone is without the blank cells beside it."""
+    """Return a row as a tab-separated line; of a row with a single text, this text only."""
     (first, *more) = [cell for cell in row if cell] or [""]
     if not more and not _NUMBER.match(first):
         return first

@@ -1,9 +1,9 @@
 """Parametric models as JSON: names of public classes and plain values, by ``model.schema.json``.
 
-What JSON has no word for is an object with one name of its own: ``{"tuple": [...]}``,
-``{"array": ...}``. Reading looks classes up among what the public modules of skhyst list, calls
-their constructors with the parameters, and puts the fitted attributes beside: no name in a file
-is imported, and nothing in it is run.
+Values that JSON has no type for are objects with one key: ``{"tuple": [...]}``, ``{"array": ...}``.
+Reading looks classes up among those in ``__all__`` of the public modules of skhyst, calls their
+constructors with the parameters, and sets the fitted attributes: no name in a file is imported, and
+no code in it is executed.
 """
 
 import dataclasses
@@ -23,25 +23,25 @@ _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
 
 
 def to_json(model) -> str:
-    """Return a model, fitted or not, as JSON text; :func:`from_json` makes the same of it.
+    """Return a model, fitted or not, as JSON text, which :func:`from_json` reads.
 
     Parameters
     ----------
     model : estimator
         A parametric model of skhyst, a composition of them, a polynomial
-        (:class:`~skhyst.autoregressive.NARMAXRegressor`), or another estimator that is made of
-        public classes of skhyst, numbers and names alone.
+        (:class:`~skhyst.autoregressive.NARMAXRegressor`), or another estimator that consists of
+        public classes of skhyst, numbers and names only.
 
     Returns
     -------
     str
-        By the schema ``skhyst/persistence/model.schema.json``. Numbers keep every bit.
+        Valid under ``skhyst/persistence/model.schema.json``. Numbers are exact to the last bit.
 
     Raises
     ------
     TypeError
-        If a part is no public class of skhyst, such as an estimator of scikit-learn: skops takes
-        these, see :func:`save_model`.
+        If a part is not a public class of skhyst, such as an estimator of scikit-learn: skops can
+        save these, see :func:`save_model`.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def to_json(model) -> str:
 
 
 def from_json(text) -> BaseEstimator:
-    """Return the model in a text that :func:`to_json` has made.
+    """Return the model in a text that :func:`to_json` has written.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def from_json(text) -> BaseEstimator:
     Raises
     ------
     ValueError
-        If the text is no such model, is of a later format, or names what skhyst does not have.
+        If the text is not such a model, has a later format, or names a class that skhyst lacks.
     """
     try:
         content = json.loads(text)
@@ -88,7 +88,7 @@ def from_json(text) -> BaseEstimator:
         )
     try:
         return _object(content["model"])
-    except Exception as error:  # of a broken text anything may come
+    except Exception as error:  # a broken text may raise an exception of any type
         raise ValueError(
             f"The model, written by skhyst {written}, cannot be read by skhyst {_VERSION}: "
             f"{error!r}."
@@ -133,7 +133,7 @@ def _names():
 
 
 def _plain(value):
-    """Return what JSON has in place of a value."""
+    """Return the representation of a value in JSON."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):
@@ -181,7 +181,7 @@ def _plain_object(value):
 
 
 def _value(plain):
-    """Return the value that :func:`_plain` was given."""
+    """Return the value of a representation; the inverse of :func:`_plain`."""
     if isinstance(plain, list):
         return [_value(item) for item in plain]
     if not isinstance(plain, dict):
@@ -207,7 +207,7 @@ def _array(plain):
     values = [_value(item) for item in plain["array"]]
     if dtype == "complex128":
         return np.array(values, dtype=float).view(complex).reshape(plain["shape"])
-    if dtype == "object":  # item by item: NumPy would look into sequences
+    if dtype == "object":  # item by item: np.array would turn sequences into further dimensions
         array = np.empty(len(values), dtype=object)
         array[:] = values
         return array.reshape(plain["shape"])

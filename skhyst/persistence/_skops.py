@@ -1,10 +1,10 @@
-"""Fitted models in files: skops, which is read without running anything, or joblib, a pickle.
+"""Fitted models in files: skops, which is read without executing code, or joblib, a pickle.
 
-skops writes names of types and their fields; reading makes objects of those types alone that are
-trusted. Trusted are the classes of skhyst, whose construction sets fields and no more, and what
-skops trusts itself: the types of NumPy and the estimators of scikit-learn. Functions, methods and
-whatever else a file may name are refused. The version of skhyst that has written a skops file is
-a further member of it.
+skops writes names of types and their fields; reading creates objects of trusted types only. Trusted
+are the classes of skhyst, whose construction sets fields and does nothing else, and the types that
+skops trusts itself: those of NumPy and the estimators of scikit-learn. Functions, methods and all
+other names in a file are refused. The version of skhyst that has written a skops file is an
+additional member of it.
 """
 
 import warnings
@@ -27,14 +27,14 @@ _MEMBER = "skhyst.version"
 
 
 def save_model(model, path) -> None:
-    """Write a fitted estimator into a file, whole or not at all.
+    """Write a fitted estimator to a file, completely or not at all.
 
     Parameters
     ----------
     model : estimator
     path : path-like
-        skops where it ends in ``.skops``, which :func:`load_model` reads without running anything;
-        by joblib otherwise, a pickle.
+        By skops if it ends in ``.skops``, which :func:`load_model` reads without executing code;
+        otherwise by joblib, a pickle.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def save_model(model, path) -> None:
 
 
 def load_model(path, trust=False) -> BaseEstimator:
-    """Return the fitted estimator in a file; what can run code is refused unless it is trusted.
+    """Return the fitted estimator in a file; files that can run code are refused unless trusted.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def load_model(path, trust=False) -> BaseEstimator:
         If the file is broken, holds no fitted estimator, can run code and is not trusted, or was
         written by a version whose objects this one does not have.
     FileNotFoundError, OSError, ImportError
-        If there is no file, it is none, or skops is missing.
+        If there is no such file, it is not a file, or skops is missing.
 
     Warns
     -----
@@ -110,7 +110,7 @@ def load_model(path, trust=False) -> BaseEstimator:
         model = load(path, trust)
     except (ImportError, _Refused):
         raise
-    except Exception as error:  # of a broken file anything may come
+    except Exception as error:  # a broken file may raise an exception of any type
         by = f", written by skhyst {written}," if written else ""
         raise ValueError(
             f"{path}{by} is broken, or nothing that skhyst {_VERSION} can read ({error!r})."
@@ -128,7 +128,7 @@ def load_model(path, trust=False) -> BaseEstimator:
 
 
 def _writer(path):
-    """Return the version of skhyst that has written a skops file, where the file says it."""
+    """Return the version of skhyst that has written a skops file, None if the file lacks it."""
     with zipfile.ZipFile(path) as file:
         if _MEMBER not in file.namelist():
             return None
@@ -139,7 +139,7 @@ def _writer(path):
 def _is_fitted(model):
     try:
         check_is_fitted(model)
-    except (NotFittedError, TypeError):  # TypeError: no estimator, which is not fitted
+    except (NotFittedError, TypeError):  # TypeError: not an estimator, or one without fit
         return not hasattr(model, "fit")
     return True
 
@@ -157,7 +157,7 @@ def _load_skops(path, trust):
 
 
 def read_trusted(path, known=()):
-    """Return what a skops file holds, of classes of skhyst and types with known names alone."""
+    """Return the object in a skops file of classes of skhyst and of types in ``known`` only."""
     skops = skops_io(path)
     data = with_present_names(path)
     named = skops.get_untrusted_types(data=data)

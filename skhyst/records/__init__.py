@@ -1,4 +1,4 @@
-"""Records: what the index of X says of time, recordings in files, faults of a measurement."""
+"""Records: the index of record and time, recordings in files, resampling, measurement faults."""
 
 from ._channels import largest_noise as largest_noise
 from ._data_quality import data_quality

@@ -1,30 +1,31 @@
-r"""What drive and response say of each other, of how they were recorded.
+r"""Faults of a recording that show in the relation of drive and response.
 
 **Noise floor.** The difference of order p multiplies white noise by :math:`\sqrt{\binom{2p}{p}}`
 and a sine of period T by :math:`(2 \sin(\pi / T))^p`. Divided by the former, the scatter of
 differences falls from order to order where the signal is smooth, and stays where it is noise.
 
-**A noisy drive.** Above the band of a smooth drive its spectrum is that floor. Noise that came in
-by the recording shows twice. *The response does not follow it.* Where a device has seen it, the
-phase between both channels is the same in all stretches; the squared length of the mean of m random
-unit vectors, times m, is exponential (Rayleigh). Phases leave sizes aside, so that an edge of the
-drive counts as one stretch among others. *The response predicts the drive*, better than its own
-noisy past does, since it follows the true one (Granger's test [1]_). A device that is too slow to
-follow a rough drive predicts nothing.
+**A noisy drive.** Above the band of a smooth drive, the spectrum of its recording is that floor.
+Measurement noise on the drive is recognised by two properties. *The response does not follow it.*
+If the noise has driven the device, the phase between both channels is the same in all stretches;
+otherwise the squared length of the mean of m random unit vectors, times m, is exponential
+(Rayleigh). Phases do not depend on amplitudes, so an edge of the drive counts as one stretch among
+others. *The response predicts the drive*, better than its own noisy past does, since the response
+follows the true drive (Granger's test [1]_). A device too slow to follow a rough drive predicts
+nothing.
 
-**A drive that reacts to the response.** The noise of a response says nothing of a drive that does
-not know it: what a fitted model leaves, without what its own past predicts, is regressed on later
-innovations of the drive (Sims [2]_). It is white and independent of the drive if so, and the test
-holds whatever the drive is. The response itself would not do: a bent function of the drive's past
-predicts the drive.
+**Closed loop.** Without feedback, the noise of the response is independent of later values of the
+drive: the innovations of a model's residual are regressed on later innovations of the drive
+(Sims [2]_). Without feedback they are white and independent of the drive, so the test holds for
+any drive. The response itself instead of the residual would not do: a nonlinear function of the
+drive's past predicts the drive.
 
-**Exchanged channels.** A reading has noise and a command has none, and the response lags: the
-area :math:`\sum y_{t-1} u_t - y_t u_{t-1}` about the means has the sign of their covariance if so,
-and the other one if it leads. White noise on either channel adds nothing to it on average.
+**Exchanged channels.** A reading has noise and a command has none, and the response lags. The area
+:math:`\sum y_{t-1} u_t - y_t u_{t-1}` about the means has the sign of their covariance if y lags,
+and the opposite sign if it leads. White noise on either channel has no effect on its mean.
 
-**Lost samples.** Both sides of a row lie on one cubic once those behind it are moved by what
-was lost, and as they stand they do not. What the fits leave is compared with what they leave of the
-stretches before and behind, by Fisher's law.
+**Lost samples.** The samples on both sides of a row lie on one cubic if those after it are shifted
+by the number of lost samples, and do not without this shift. The residuals of the cubics are
+compared with those of the stretches before and after, by an F test.
 
 References
 ----------
@@ -40,16 +41,16 @@ from scipy.stats import f as fisher
 
 from .._block_test import block_p_value
 
-_ENOUGH = 10_000  # samples at once: windows of 2 sqrt(n) lags of them take 16 MB
+_ENOUGH = 10_000  # samples used at once: windows of 2 sqrt(n) lags of them take 16 MB
 
 
 def noise_floor(signal):
     """Return the standard deviation of white noise on a smooth signal, 0 where none is seen."""
-    order, n = 10, len(signal)  # leaves 1e-6 of a sine of 30 samples
+    order, n = 10, len(signal)  # reduces a sine of 30 samples per period to 1e-6
     if n < 8 * order:
         return 0.0
     before, last = _scatter(signal, order), _scatter(signal, order + 1)
-    # of simulated noise, the ratio is 1 with a standard deviation of 0.57 / sqrt(n)
+    # for simulated noise, last / before is 1 with a standard deviation of 0.57 / sqrt(n)
     grid = np.min(np.diff(np.unique(signal)), initial=np.inf)
     rounding = n * np.finfo(float).eps * np.abs(signal).max()
     least = max((1.0 - 2.0 / np.sqrt(n)) * before, grid, rounding)
@@ -57,18 +58,18 @@ def noise_floor(signal):
 
 
 def largest_noise(signal):
-    """Return the standard deviation that white noise on a signal has at the most."""
+    """Return an upper bound of the standard deviation of white noise on a signal."""
     return float(min(_scatter(signal, p) for p in range(1, min(len(signal), 12))))
 
 
 def _scatter(signal, order):
-    """Return that of the differences, over what they make of white noise of unit variance."""
+    """Return the robust standard deviation of differences, relative to that of white noise."""
     size = np.median(np.abs(np.diff(signal, order))) / norm.ppf(0.75)
     return size / np.sqrt(comb(2 * order, order))
 
 
 def noise_on_drive(u, y, alpha=0.001):
-    """Return the standard deviation of noise that is on the drive's recording alone, 0 for none."""
+    """Return the standard deviation of noise that only the recording of the drive has, else 0."""
     u, y = u[:_ENOUGH], y[:_ENOUGH]
     floor = noise_floor(u)
     if not (floor > 0.0 and np.ptp(y) > 0.0) or _is_followed(u, y, floor):
@@ -77,12 +78,13 @@ def noise_on_drive(u, y, alpha=0.001):
 
 
 def _is_followed(u, y, floor, alpha=0.01):
-    """Whether the response follows the drive's noise in an octave, or that would not show."""
+    """Whether the response follows the drive's noise in an octave, or this could not be seen."""
     length = int(np.sqrt(len(u)))
     omega = 2.0 * np.pi * np.arange((length + 1) // 2) / length
     window = np.hanning(length + 1)[:-1]
     a, b = (_spectra(signal, window)[:, : len(omega)] for signal in (u / floor, y / np.ptp(y)))
-    # the median of an exponential variable is log(2) times its mean; at most half is signal
+    # noise floor of the spectrum: the median of an exponential variable is log(2) times its mean;
+    # above the last bin of twice the floor, the drive is noise
     noise = np.log(2.0) * (window @ window) * (2.0 * np.sin(0.5 * omega)) ** 4
     signal = np.flatnonzero(np.median(np.abs(a) ** 2, axis=0) > 2.0 * noise)
     first, stop = signal.max(initial=0) + 1, len(omega)
@@ -98,25 +100,25 @@ def _is_followed(u, y, floor, alpha=0.01):
         if m * abs(mean) ** 2 > -np.log(alpha):
             return True
         powers = [np.median(np.abs(part[:, own]) ** 2) for part in (a, b)]
-        # for a coherence c, the mean phase is sqrt(pi c) / 2 long, and 1 at the most
+        # for a coherence c, the mean unit vector has the length sqrt(pi c) / 2, at most 1
         coherence = min(1.0, slope**2 * powers[0] / max(powers[1], np.finfo(float).tiny))
         shown = np.sqrt(0.25 * np.pi * m * coherence)
     return shown < np.sqrt(-np.log(alpha)) + norm.isf(alpha) * np.sqrt(0.5)
 
 
 def _spectra(signal, window):
-    """Return spectra of stretches, bent so that what is slow does not leak."""
-    bent = np.diff(signal, 2)
-    count = len(bent) // len(window)
-    return np.fft.rfft(bent[: count * len(window)].reshape(count, -1) * window, axis=1)
+    """Return spectra of the second differences of stretches; slow parts do not leak into them."""
+    differences = np.diff(signal, 2)
+    count = len(differences) // len(window)
+    return np.fft.rfft(differences[: count * len(window)].reshape(count, -1) * window, axis=1)
 
 
 def _predicted(u, y):
-    """Return the p-value that the response's past says nothing of the drive beyond its own past."""
+    """Return the p-value of Granger's test that the response's past does not predict the drive."""
     lags = int(np.sqrt(len(u)))
     own, basis = _innovations(u, 2 * lags)
     past = sliding_window_view(y / np.ptp(y), lags + 1)[lags:, :-1]
-    return _p_value(own, _beside(basis, past), 2 * lags + 1)
+    return _p_value(own, _orthogonal(basis, past), 2 * lags + 1)
 
 
 def reaction_p_value(u, noise):
@@ -126,25 +128,30 @@ def reaction_p_value(u, noise):
     if len(u) < 8 * lags or not (np.ptp(u) > 0.0 and np.ptp(noise) > 0.0):
         return 1.0
     drive, noise = _innovations(u, 2 * lags)[0], _innovations(noise, lags)[0][lags:]
-    # which one is predicted makes no difference; the noise is white, whatever the drive is
+    # the test is symmetric in both; the noise is the target since it is white for any drive
     return _p_value(noise[:-lags], sliding_window_view(drive[1:], lags), 1)
 
 
 def _innovations(signal, lags):
-    """Return what a signal's past leaves of it, the past's basis beside; an edge is cut down."""
+    """Return a signal's innovations, clipped at three sigma, and an orthonormal basis of its past.
+
+    The innovations are the residual of a regression on so many lags; clipping keeps an edge of the
+    signal from dominating.
+    """
     windows = sliding_window_view((signal - signal.mean()) / np.ptp(signal), lags + 1)
     past = np.linalg.qr(np.column_stack([windows[:, :-1], np.ones(len(windows))]))[0]
-    left = _beside(past, windows[:, -1])
-    most = 3.0 * np.median(np.abs(left)) / norm.ppf(0.75)
-    return _beside(past, np.clip(left, -most, most)), past
+    residual = _orthogonal(past, windows[:, -1])
+    most = 3.0 * np.median(np.abs(residual)) / norm.ppf(0.75)
+    return _orthogonal(past, np.clip(residual, -most, most)), past
 
 
-def _beside(basis, values):
+def _orthogonal(basis, values):
+    """Return the part of values orthogonal to an orthonormal basis."""
     return values - basis @ (basis.T @ values)
 
 
 def _p_value(target, columns, used):
-    """Return the p-value of Fisher's test that columns explain nothing of a target."""
+    """Return the p-value of the F test that columns explain nothing of a target."""
     basis = np.linalg.qr(columns - columns.mean(axis=0))[0]
     gain, count = np.sum((basis.T @ target) ** 2), columns.shape[1]
     freedom = len(target) - count - used
@@ -153,7 +160,7 @@ def _p_value(target, columns, used):
 
 
 def are_exchanged(u, y, alpha=0.01):
-    """Whether the response is a command that runs ahead of a drive with noise of its own."""
+    """Whether the response is a command without noise that leads a noisy drive."""
     if noise_floor(y) > 0.0:
         return False
     u, y = ((signal - signal.mean()) / np.ptp(signal) for signal in (u, y))
@@ -162,7 +169,7 @@ def are_exchanged(u, y, alpha=0.01):
 
 
 def lost_samples(u, y, alpha=0.001):
-    """Return before which rows how many samples are missing, as pairs of (rows, number)."""
+    """Return pairs (rows, number): before each of these rows so many samples are missing."""
     side, n = 8, len(u)
     if n < 4 * side or not (np.ptp(u) > 0.0 and np.ptp(y) > 0.0):
         return []
@@ -170,20 +177,22 @@ def lost_samples(u, y, alpha=0.001):
     freedom = 2 * side - 4
     rows = np.arange(2 * side, n - 2 * side + 1)
     bound = fisher.isf(alpha / n, freedom, freedom)
-    rows = rows[drive.left(rows, 0) > bound * drive.beside(rows)]
+    rows = rows[drive.residual(rows, 0) > bound * drive.residual_around(rows)]
     rows = rows[(rows >= 4 * side) & (rows <= n - 4 * side)]
     if not rows.size:
         return []
     ratios = np.array([drive.ratio(rows, lost) for lost in range(2 * side + 1)])
     number, best = np.argmin(ratios, axis=0), np.min(ratios, axis=0)
-    likely = fisher.isf(alpha, freedom, freedom)
-    found = (number % (2 * side) > 0) & (best < likely)  # a kink is like the longest loss
+    limit = fisher.isf(alpha, freedom, freedom)
+    # none and the longest loss are left out: a kink of the drive looks like the latter
+    found = (number % (2 * side) > 0) & (best < limit)
     for lost in np.unique(number[found]):
         own = np.flatnonzero(found & (number == lost))
-        gain = response.left(rows[own], 0) - response.left(rows[own], lost)
-        found[own] = response.ratio(rows[own], lost) < likely
-        found[own] &= drive.left(rows[own], lost) < bound * drive.beside(rows[own])
-        found[own] &= gain > chi2.isf(alpha, 1) / freedom * response.beside(rows[own])
+        # the response must agree: it too lies on a cubic with the loss, and better than without
+        gain = response.residual(rows[own], 0) - response.residual(rows[own], lost)
+        found[own] = response.ratio(rows[own], lost) < limit
+        found[own] &= drive.residual(rows[own], lost) < bound * drive.residual_around(rows[own])
+        found[own] &= gain > chi2.isf(alpha, 1) / freedom * response.residual_around(rows[own])
     rows, number, best = rows[found], number[found], best[found]
     near = np.abs(rows[:, None] - rows) < side
     first = best == np.min(np.where(near, best, np.inf), axis=1, initial=np.inf)
@@ -191,31 +200,38 @@ def lost_samples(u, y, alpha=0.001):
 
 
 class _Stretches:
-    """What cubics leave of a signal on both sides of rows."""
+    """Residuals of cubics that are fitted to a signal on both sides of rows."""
 
     def __init__(self, signal, side):
         self.signal = (signal - signal.mean()) / np.ptp(signal)
         self.side = side
         self.rounding = len(signal) * np.finfo(float).eps ** 2 * np.ptp(signal)
 
-    def left(self, rows, lost, gap=0):
-        """Return the sum of squares if so many are lost; a gap leaves out some that are not."""
+    def residual(self, rows, lost, gap=0):
+        """Return the residual sum of squares (n_rows,) supposing so many lost samples.
+
+        A ``gap`` leaves out so many samples of the signal at the row.
+        """
         after = np.arange(2 * self.side) >= self.side
         around = np.arange(-self.side, self.side)
         basis = np.linalg.qr(np.vander((around + lost * after) / self.side, 4))[0]
-        left = np.empty(len(rows))
-        for start in range(0, len(rows), _ENOUGH):  # a long record has no room for all windows
+        squares = np.empty(len(rows))
+        for start in range(0, len(rows), _ENOUGH):  # all windows of a long record exceed memory
             own = slice(start, start + _ENOUGH)
             windows = self.signal[rows[own, None] + around + gap * after]
-            left[own] = np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
-        return left
+            squares[own] = np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
+        return squares
 
-    def beside(self, rows):
-        """Return the larger one of what is left of the stretches before and behind."""
-        stretches = [self.left(rows + way, 0) for way in (-self.side, self.side)]
+    def residual_around(self, rows):
+        """Return the larger residual of the stretches before and after each row, (n_rows,)."""
+        stretches = [self.residual(rows + shift, 0) for shift in (-self.side, self.side)]
         return np.maximum(*stretches) + self.rounding
 
     def ratio(self, rows, lost):
-        """Return what is left to what is of stretches beside, if there as many are left out."""
-        stretches = [self.left(rows + way, lost, lost) for way in (-self.side - lost, self.side)]
-        return self.left(rows, lost) / (np.minimum(*stretches) + self.rounding)
+        """Return the ratio of the residual with lost samples to that of neighbouring stretches.
+
+        From these as many samples are left out, so that their cubics span the same time.
+        """
+        shifts = (-self.side - lost, self.side)
+        stretches = [self.residual(rows + shift, lost, lost) for shift in shifts]
+        return self.residual(rows, lost) / (np.minimum(*stretches) + self.rounding)

@@ -1,10 +1,10 @@
-"""Faults of the measurement, kept apart from physics: what no model should be fitted to.
+"""Faults of the measurement, as distinguished from physical effects.
 
-A physical effect acts before the noise of the sensor; a fault of the converter or of the recorder
-acts behind it, and leaves readings that are equal to the last digit. That tells clipping at the
-converter's range from a saturation of the device, and a stuck sensor from a rest.
+A physical effect acts before the noise of the sensor is added; a fault of the converter or of the
+recorder acts after it, and leaves readings that are equal to the last digit. This distinguishes
+clipping at the converter's range from a saturation of the device, and a stuck sensor from a rest.
 
-What drive and response say of each other, see ``_channels``.
+For faults that show in the relation of drive and response see ``_channels``.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ _ADVICE = {
     "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
     "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
-    "wrapped_reading": "put the turns together again, as np.unwrap(y, period=value) does",
+    "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
     "swapped_channels": "check the columns: the drive reads like a response, and lags",
@@ -32,7 +32,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     Parameters
     ----------
     X : DataFrame or array-like of shape (n_samples, n_inputs)
-        Column 0 is the drive; a time index tells the jitter of the clock.
+        Column 0 is the drive; the jitter of the clock is found from a time index.
     y : ndarray of shape (n_samples,)
         Response.
     records : sequence of RecordSlice
@@ -40,17 +40,17 @@ def data_quality(X, y, records) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row a fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
+        One row per fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
         ``lost_samples``, ``swapped_channels``, ``noisy_drive``), ``record``, ``n_samples``,
-        ``rows`` (the first few), ``value`` (reading at which it stuck or was clipped or lost; the
-        way of a turn; relative standard deviation of the interval; number of samples lost before
-        each row; standard deviation of the drive's noise; NaN for others), ``advice``.
+        ``rows`` (the first few), ``value`` (reading at which it was stuck, clipped or lost; jump
+        of a wrapped reading; relative standard deviation of the interval; number of samples lost
+        before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
 
     Notes
     -----
-    Whether the drive reacts to the noise of the response shows in what a model leaves alone:
-    ``data_quality_`` of a search that leaves noise has ``closed_loop`` too, with the p-value.
+    Whether the drive reacts to the noise of the response shows in the residual of a model only:
+    ``data_quality_`` of a search whose residual is noise has ``closed_loop`` too, with the p-value.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
         if _noisy(runs[1]):
             step = np.min(np.diff(np.unique(own)), initial=np.inf)
             faults += _clipped(own, *runs, codes, step)
-            # below a step of the converter a rest of the device gives one reading, too
+            # where noise is below a step of the converter, a resting device repeats a reading, too
             if _scatter(own) > step:
                 faults += _stuck(u, own, *runs)
         for fault, rows, value in faults:
@@ -95,9 +95,9 @@ def data_quality(X, y, records) -> pd.DataFrame:
 
 
 def with_reactions(table, drive, residuals, records):
-    """Return the table with the records whose drive reacts to what a model leaves as noise.
+    """Return the table with ``closed_loop`` added for records whose drive reacts to the residual.
 
-    Noise on the drive is in the residual too: of such records nothing is said.
+    Records with noise on the drive are left out, since this noise is in the residual, too.
     """
     found = []
     others = set(table["record"][table["fault"].isin(["noisy_drive", "swapped_channels"])])
@@ -120,7 +120,7 @@ def _table(found):
 
 
 def lost_readings(drive, y, records):
-    """Return, for each record, whether a sample is a lost reading or one off its neighbours."""
+    """Return masks (n_record,), one per record, of samples that are lost readings or outliers."""
     found = []
     for record in records:
         own = y[record.rows]
@@ -138,10 +138,10 @@ def _runs(y):
 
 
 def _spikes(u, y, starts, lengths):
-    """Yield readings off both neighbours, to one side: one value again and again is a code."""
+    """Yield readings far above or below both neighbours; repeated values are codes."""
     if len(y) < 5 or not np.ptp(y) > 0.0:
         return
-    # of the second difference, and 2 % of the range
+    # smallest height: 12 sigma of the second difference, and 2 % of the range
     least = max(12.0 * _scatter(y), 0.02 * np.ptp(y))
     inner = slice(1, -1)
     before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
@@ -149,11 +149,12 @@ def _spikes(u, y, starts, lengths):
     height = np.minimum(np.abs(into), np.abs(back))
     off = (into * back > 0.0) & (height > least) & (lengths[inner] <= 20)
     off &= np.abs(after - before) < 0.5 * height
-    # a drive that jumps there and back explains it
+    # not where the drive jumps there and back
     first, last = starts[inner], (starts + lengths)[inner]
     moved = np.minimum(np.abs(u[first] - u[first - 1]), np.abs(u[last] - u[last - 1]))
     off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
-    if not off.any() or lengths[inner][off].sum() > 0.02 * len(y):  # the signal is so
+    # many spikes belong to the signal
+    if not off.any() or lengths[inner][off].sum() > 0.02 * len(y):
         return
     at = np.concatenate([np.arange(a, b) for a, b in zip(first[off], last[off], strict=True)])
     rows = {code: at[y[at] == code] for code in np.unique(value[off])}
@@ -166,15 +167,15 @@ def _spikes(u, y, starts, lengths):
 
 
 def _scatter(y):
-    """Return the robust standard deviation of the distance from the middle of the neighbours."""
-    bend = y[1:-1] - 0.5 * (y[:-2] + y[2:])
-    return 1.4826 * np.median(np.abs(bend - np.median(bend))) if bend.size else 0.0
+    """Return the robust standard deviation (MAD) of the distance from the mean of neighbours."""
+    distance = y[1:-1] - 0.5 * (y[:-2] + y[2:])
+    return 1.4826 * np.median(np.abs(distance - np.median(distance))) if distance.size else 0.0
 
 
 def _wrapped(u, y):
-    """Yield where readings jump by nearly their range and go on smoothly, and the drive does not.
+    """Yield jumps of one size, over half the range, of a smooth signal whose drive does not jump.
 
-    A counter that overflows does: its jumps are all of one size.
+    A counter that overflows, or an angle that wraps, makes such jumps.
     """
     jumps, size = np.diff(y), np.ptp(y)
     at = np.flatnonzero(np.abs(jumps) > 0.5 * size)
@@ -188,7 +189,7 @@ def _wrapped(u, y):
 
 
 def _noisy(lengths):
-    """Whether readings hardly ever repeat, so that repetitions mean something."""
+    """Whether readings hardly ever repeat, so that runs of equal readings are a fault."""
     return np.median(lengths) == 1.0 and np.mean(lengths == 1) > 0.5
 
 
@@ -203,10 +204,10 @@ def _stuck(u, y, starts, lengths):
 
 
 def _clipped(y, starts, lengths, codes, step):
-    """Yield the readings at the largest or smallest value that is no code, if there are runs.
+    """Yield the readings at the largest or smallest value, codes aside, if there are runs of it.
 
-    A converter of this step gives runs at the top of any wave. In the last step below the top of a
-    parabola it stays 1 / (sqrt(2) - 1) times as long as in the one before, at the most.
+    Quantization alone gives runs at the top of any wave: at the top of a parabola, the last step of
+    the converter lasts at most 1 / (sqrt(2) - 1) times as long as the one before.
     """
     if not np.ptp(y) > 0.0:
         return
@@ -214,8 +215,9 @@ def _clipped(y, starts, lengths, codes, step):
     for end in (real.min(), real.max()):
         long = (y[starts] == end) & (lengths >= 3)
         rows = np.flatnonzero(y == end)
-        beside = np.count_nonzero(np.abs(np.abs(y - end) - step) < 0.5 * step)
-        usual = (1.0 + np.sqrt(2.0)) * (beside + 2.0 * np.sqrt(beside))  # and twice the chance
+        before = np.count_nonzero(np.abs(np.abs(y - end) - step) < 0.5 * step)
+        # 1 / (sqrt(2) - 1) of the count one step below, plus two standard deviations of it
+        usual = (1.0 + np.sqrt(2.0)) * (before + 2.0 * np.sqrt(before))
         if long.any() and len(rows) >= max(5, usual):
             yield "clipped_range", rows, end
 
@@ -227,7 +229,7 @@ def _jitter(X, record):
     if times.dtype.kind not in "fmM":
         return 0.0
     if getattr(times, "tz", None) is not None:
-        times = times.tz_convert(None)  # with a zone they would be objects
+        times = times.tz_convert(None)  # to_numpy of times with a zone gives objects
     steps = np.diff(times[record.rows].to_numpy())
     steps = steps / np.timedelta64(1, "s") if steps.dtype.kind == "m" else steps
     return float(steps.std() / steps.mean()) if len(steps) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""Put records together and take them apart."""
+"""Stack records into one frame, and iterate over the records of a frame."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, overload
@@ -25,7 +25,7 @@ def iter_records(X, y=None, *, dt=1.0) -> Iterator[tuple]:
     Yields
     ------
     label : hashable
-        Label of the record; the pieces on both sides of a hole share it.
+        Label of the record; the pieces on both sides of a gap share it.
     X_part : of the type of ``X``, shape (n_record, n_inputs)
         Rows of the record.
     y_part : of the type of ``y``, shape (n_record,), or None
@@ -60,7 +60,7 @@ def _take(values, rows):
 
 
 def refuse_lengths(X, y, caller):
-    """Refuse X and y of different lengths."""
+    """Raise a RecordError if X and y have different lengths."""
     if y is not None and X.shape[0] != y.shape[0]:
         raise RecordError(
             f"X and y of {caller} must have equally many rows. Got {X.shape[0]} and {y.shape[0]} "
@@ -75,7 +75,7 @@ def stack_records(
 @overload
 def stack_records(records, labels=None, *, dt=None) -> pd.DataFrame: ...
 def stack_records(records, labels=None, *, dt=None):
-    """Put records together into one frame and one series that know where each record ends.
+    """Stack records into one frame and one series, whose index has the levels record and time.
 
     Parameters
     ----------
@@ -85,10 +85,10 @@ def stack_records(records, labels=None, *, dt=None):
         (n_samples,). Time indexes are kept. Frames that have a record level already may be
         stacked again and keep their labels.
     labels : sequence of hashable, optional
-        One label a record; by default the labels that the records have, or 0, 1, ...
+        One label per record; by default the labels that the records have, or 0, 1, ...
     dt : float, optional
         Sampling interval in s of the records without times. By default their time level counts
-        samples, and the ``dt`` of a model says how long these are.
+        samples, whose interval is then the ``dt`` of the model.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def stack_records(records, labels=None, *, dt=None):
         labels = list(labels)
         if len(labels) != len(records):
             raise RecordError(
-                f"The 'labels' parameter of stack_records must hold one label a record, "
+                f"The 'labels' parameter of stack_records must hold one label per record, "
                 f"{len(records)} in all. Got {len(labels)} instead."
             )
     if dt is not None:
@@ -169,12 +169,12 @@ def _is_pair(record):
 
 
 def as_frame(x):
-    """Return a frame as it is, and an array of one or two dimensions, or what is one, as one."""
+    """Return a frame unchanged, and a series, a table or an array (1-D or 2-D) as a frame."""
     if isinstance(x, pd.DataFrame):
         return x
     if isinstance(x, pd.Series):
         return x.to_frame("drive" if x.name is None else x.name)
-    # of a table of Arrow or a polars frame
+    # names of an Arrow table or of a polars frame
     columns = getattr(x, "column_names", getattr(x, "columns", None))
     x = np.asarray(x)
     if x.ndim == 1:
@@ -189,7 +189,7 @@ def as_frame(x):
 
 
 def as_series(y):
-    """Return a response as a series with a name."""
+    """Return a response as a series, named "response" if it has no name."""
     if not isinstance(y, pd.Series):
         y = np.asarray(y)
         if y.ndim == 2 and y.shape[1] == 1:
@@ -201,7 +201,7 @@ def as_series(y):
 
 
 def _stacked_index(frame, label, relabel, dt):
-    """Return the index of record and time that a single record gets."""
+    """Return the index (record, time) of one frame in the stack."""
     times, labels = frame.index, [label] * len(frame)
     if isinstance(times, pd.MultiIndex):
         time_stamps(times)  # refuses rows without a label or a time

@@ -3,10 +3,10 @@
 The rows of ``X`` are cut in two passes. First into *runs*: a run ends where the record level
 changes or time steps back (a single time index that restarts is a concatenation of recordings).
 Then each run is cut at its *gaps*, the intervals longer than 1.5 times the run's median interval.
-What is left must be sampled evenly, and at one interval throughout ``X``.
+Each piece must be sampled evenly, and all of ``X`` at one interval.
 
-A shuffled index steps back at about every second row, which leaves runs of a single row; that is
-how shuffling is told from concatenation. A random subset in the right order (``KFold`` with
+A shuffled index steps back at about every second row, which leaves runs of a single row; this
+distinguishes shuffling from concatenation. A random subset in the right order (``KFold`` with
 ``shuffle=True``) leaves single rows between gaps, or no common interval at all.
 """
 
@@ -24,10 +24,9 @@ from ..io import JITTER, describe_rows
 
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-LONGEST = (
-    1e25  # interval in s; beyond, or below its inverse, squares of second derivatives overflow
-)
-DRIFT = 1e-3  # deviation of the clock from a straight line, in parts of the record's duration
+# Longest interval in s; beyond it, or below its inverse, squares of second derivatives overflow.
+LONGEST = 1e25
+DRIFT = 1e-3  # deviation of the clock from a straight line, as a fraction of the record's duration
 MISMATCH = 0.01  # relative difference between the intervals of two records
 
 SPLITTERS = (
@@ -39,7 +38,7 @@ SPLITTERS = (
 
 @dataclasses.dataclass(frozen=True)
 class RecordSlice:
-    """Where one record lies in ``X`` and how it is sampled.
+    """Rows of one record in ``X``, and how it is sampled.
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ class RecordSlice:
     n_samples : int
         Number of rows.
     time_unit : {"s", "sample"}, default="s"
-        "sample" where neither the index nor ``dt`` says how long a sample is, and it counts as 1.
+        "sample" where neither the index nor ``dt`` gives the interval; it is then taken as 1.
     """
 
     label: Hashable
@@ -72,7 +71,7 @@ class RecordSlice:
 
 
 def refuse_interval(dt, caller):
-    """Refuse a sampling interval that is no number of seconds with which one can calculate."""
+    """Raise a RecordError unless ``dt`` is a number of s, within ``LONGEST`` and its inverse."""
     if not (isinstance(dt, Real) and 1.0 / LONGEST <= dt <= LONGEST):
         raise RecordError(
             f"The 'dt' parameter of {caller} must be a positive number of seconds, between "
@@ -85,7 +84,7 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
 
     A new record starts where the record level changes, where time steps back, or after a gap of
     more than 1.5 sampling intervals. Time stamps that are rounded by up to a tenth of an interval,
-    and clocks that stray from a straight line by less than 0.1 % of the duration, count as even.
+    and clocks that deviate from a straight line by less than 0.1 % of the duration, count as even.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
         or a single index of seconds (float), datetimes or timedeltas. Integers count samples, and
         a hole in them starts a new record; an array is one record without holes.
     y : array-like or Series of shape (n_samples,), optional
-        Response. Its index must not say more than that of ``X``.
+        Response. Its index must not have records or times that the index of ``X`` lacks.
     dt : float, default=1.0
         Sampling interval in s where the index counts samples or is absent.
     one_interval : bool, default=True
@@ -143,7 +142,8 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
 
 
 def _counted_in(dt):
-    """Return the unit of time of counted samples; of an interval of 1, either is true."""
+    """Return the unit of time of counted samples."""
+    # an interval of 1, the default, counts as not given
     return "sample" if dt == 1.0 else "s"
 
 
@@ -181,17 +181,17 @@ def sampling_interval(X, *, dt=1.0) -> float:
 
 
 def by_interval(records) -> dict[float, list[int]]:
-    """Return which records are sampled alike.
+    """Return which records have the same sampling interval.
 
     Parameters
     ----------
     records : sequence of RecordSlice
-        Or of anything else with ``dt``, the sampling interval in s.
+        Or any other objects with ``dt``, the sampling interval in s.
 
     Returns
     -------
     dict of float to list of int
-        The numbers of the records of each interval, the shortest interval first.
+        Indices of the records by interval, the shortest interval first.
 
     Examples
     --------
@@ -211,11 +211,11 @@ def chosen_interval(records, dt, caller) -> float:
     Parameters
     ----------
     records : sequence of RecordSlice
-        Of the fit; none where nothing is fitted, and the interval must be given.
+        Records of the fit; empty where nothing is fitted, and the interval must be given.
     dt : float or None
         Interval in s where one is given.
     caller : str
-        Whose parameter ``dt`` is; an error names it.
+        Function whose parameter ``dt`` is, for error messages.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def chosen_interval(records, dt, caller) -> float:
     Raises
     ------
     ValueError
-        If the interval that is given is none, or none is given and the records differ in theirs.
+        If ``dt`` is not a valid interval, or it is not given and the records have several.
 
     Examples
     --------
@@ -248,9 +248,9 @@ def chosen_interval(records, dt, caller) -> float:
 
 
 def refuse_lost_index(X, y):
-    """Refuse a response whose index says more than that of the input, or something else."""
+    """Raise a RecordError if the index of y has records or times that the index of X lacks."""
     own, index = getattr(X, "index", None), getattr(y, "index", None)
-    if not isinstance(index, pd.Index) or _says_less(index):
+    if not isinstance(index, pd.Index) or _has_no_time(index):
         return
     if isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex):
         if len(own) == len(index) and not own.equals(index):
@@ -267,8 +267,8 @@ def refuse_lost_index(X, y):
         )
 
 
-def _says_less(index):
-    """Whether an index knows no records: consecutive integers, or labels that are no time."""
+def _has_no_time(index):
+    """Whether an index has neither records nor times: consecutive integers, or other labels."""
     if isinstance(index, pd.MultiIndex):
         return False
     if isinstance(index, pd.RangeIndex):
@@ -294,8 +294,8 @@ def _pieces(stamps):
             "EffectSearchCV does with resample='auto'."
         )
         raise RecordError(
-            f"A record must have at least two samples. Got {describe_rows(single)} that stand(s) "
-            f"alone instead, without a neighbour one sampling interval away. {SPLITTERS}.{counts}"
+            f"A record must have at least two samples. Got {describe_rows(single)} instead, "
+            f"without a neighbour one sampling interval away. {SPLITTERS}.{counts}"
         )
     return pieces
 
@@ -315,23 +315,24 @@ def _sampling_intervals(stamps, pieces, one_interval):
         )
     for (run, a, b), mean, span in zip(pieces, means, spans, strict=True):
         times = stamps.values[a:b] - stamps.values[a]
-        stray = np.abs(times - mean * np.arange(b - a)).max()
+        drift = np.abs(times - mean * np.arange(b - a)).max()
         jitter = np.abs(np.diff(times) - mean).max()
-        if jitter > JITTER * mean or stray > max(JITTER * mean, DRIFT * span):
+        if jitter > JITTER * mean or drift > max(JITTER * mean, DRIFT * span):
             raise RecordError(
                 f"The sampling must be even. Got record {stamps.label(a, run)!r}, rows {a} to "
                 f"{b - 1}, with a mean interval of {mean * stamps.unit:.6g} s from which single "
                 f"intervals deviate by up to {jitter * stamps.unit:.3g} s and the clock by up to "
-                f"{stray * stamps.unit:.3g} s instead; call skhyst.records.resample_records, which "
+                f"{drift * stamps.unit:.3g} s instead; call skhyst.records.resample_records, which "
                 f"EffectSearchCV does with resample='auto'. If the rows are a random subset: "
                 f"{SPLITTERS}."
             )
+    # the longest piece has the most exact interval: it takes all that agree with it, and so on
     allowed = MISMATCH + JITTER / intervals
     found = np.zeros(len(pieces))
     while not found.all():
-        left = found == 0.0
-        reference = means[np.argmax(np.where(left, intervals, 0))]
-        same = left & (np.abs(means - reference) <= allowed * reference)
+        remaining = found == 0.0
+        reference = means[np.argmax(np.where(remaining, intervals, 0))]
+        same = remaining & (np.abs(means - reference) <= allowed * reference)
         differs = np.flatnonzero(~same)
         if one_interval and differs.size:
             run, a, _ = pieces[differs[0]]
@@ -348,11 +349,11 @@ def _sampling_intervals(stamps, pieces, one_interval):
 
 @dataclasses.dataclass(frozen=True)
 class TimeStamps:
-    """An index taken apart: numbers for time, and the record that each row belongs to.
+    """The content of an index: time as numbers, and the record of each row.
 
     ``values * unit`` are seconds. ``codes`` is None for an index without a record level, else
     ``labels[codes]`` are the labels of the rows. ``dtype`` is that of the time labels, and
-    ``counts`` marks integers that count samples.
+    ``counts`` is True for integers that count samples.
     """
 
     values: np.ndarray
@@ -400,7 +401,7 @@ class TimeStamps:
         return label.item() if isinstance(label, np.generic) else label
 
     def cuts(self, start, stop, longest=None) -> list[int]:
-        """Return the bounds of the pieces of a run; ``longest`` is the longest interval, in s."""
+        """Return the bounds of the pieces of a run, cut at intervals longer than ``longest`` s."""
         steps = np.diff(self.values[start:stop])
         if steps.size == 0:
             return [start, stop]
@@ -409,7 +410,7 @@ class TimeStamps:
         elif self.counts:
             longest = GAP
         elif steps.max() * steps.size <= GAP * steps.sum():
-            return [start, stop]  # the longest is near the mean, and so it is near the median
+            return [start, stop]  # quick: the longest interval is near the mean, so near the median
         else:
             longest = GAP * float(np.median(steps))
         gaps = np.flatnonzero(steps > longest) + start + 1
@@ -417,7 +418,7 @@ class TimeStamps:
 
 
 def time_stamps(index, dt=1.0) -> TimeStamps:
-    """Take an index apart; integers count samples of interval ``dt``."""
+    """Return the :class:`TimeStamps` of an index; integers count samples of interval ``dt``."""
     if not isinstance(index, pd.MultiIndex):
         return _numbers(index, dt)
     level = time_level(index)

@@ -1,4 +1,4 @@
-"""The front door to recordings in files."""
+"""Read recordings from files and tables."""
 
 from itertools import pairwise
 from typing import overload
@@ -40,17 +40,17 @@ def read_records(
     delimiter=None,
     decimal=None,
 ):
-    r"""Read recordings from a file or a table into a frame and a series that carry record and time.
+    r"""Read recordings from files or tables into a frame and a series indexed by record and time.
 
     Parameters
     ----------
     path : str, Path, pandas or polars DataFrame, table of Arrow, or list of these
-        A table, or a file whose suffix tells the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
+        A table, or a file whose suffix gives the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
         (delimited text; the delimiter, a decimal comma and the header are found), ``.xlsx``,
         ``.mat`` (all versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict
         of columns), ``.h5``, ``.hdf5``, ``.parquet``, ``.feather``, ``.tdms`` and ``.wav``.
         Version 7.3 of ``.mat``, and ``.xlsx``, ``.h5``, ``.parquet``, ``.feather`` and ``.tdms``
-        need ``skhyst[io]``. Of a list each is a record, labelled by the name of its file.
+        need ``skhyst[io]``. Each entry of a list is a record, labelled by the name of its file.
     drive : str or int, optional
         Column of the drive. A column is named as in the file; by its position, counted from 0; as
         ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
@@ -64,58 +64,59 @@ def read_records(
         Column of the time: numbers, ISO 8601 dates (in UTC where they carry an offset) or clock
         times ``hh:mm:ss``.
     record : str or int, optional
-        Column that labels the records. Without it, time that starts again starts a new one.
+        Column that labels the records. Without it, a new record starts where time steps back.
     auxiliary : sequence of str or int, default=()
         Columns of auxiliary inputs.
     sampling_rate : float, optional
-        In Hz, instead of ``time``. Without either the interval is what the file says: the
+        In Hz, instead of ``time``. Without either, the interval is taken from the file: the
         ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 such as ``dt`` or ``fs``.
-        Without that too the time level numbers the samples, and the interval is that of the model
-        (``dt``).
+        If the file has none, the time level numbers the samples, and the interval is that of the
+        model (``dt``).
     on_missing : {"raise", "drop", "interpolate"}, default="raise"
-        What happens to rows in which a value is missing, not finite or equal to
-        ``missing_code``. Dropped rows leave a gap in time, which starts a new record where it is
-        longer than 1.5 intervals; a row that is left without a neighbour is dropped too.
+        Treatment of rows in which a value is missing, not finite or equal to ``missing_code``.
+        Dropped rows leave a gap in time, which starts a new record where it is longer than 1.5
+        intervals; a single row between two gaps is dropped too.
         Interpolation is linear in time and within a record; rows before the first and after the
         last reading of a record are dropped.
     missing_code : float or dict of column to float, optional
-        Reading that stands for a lost one, in all columns or by column. None: one such as -9999
-        or 1e30 that lies far from all others is lost, so that ``on_missing`` has to say what
-        happens to it. NaN: it is a reading like any other.
+        Value that stands for a missing reading, in all columns or by column. None: a value such as
+        -9999 or 1e30 that lies far from all others counts as missing, and ``on_missing`` decides
+        its treatment. NaN: there is no such value.
     time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
-        Unit of a time column of numbers. None: what the file says, in the column's name
-        (``t [ms]``, ``time_ms``), a line of units or an attribute, and s where it says nothing.
+        Unit of a time column of numbers. None: the unit given in the file, in the column's name
+        (``t [ms]``, ``time_ms``), a line of units or an attribute, and s if there is none.
     units : dict of column to str, optional
-        Units of drive, response and auxiliary inputs, in place of what the file says.
+        Units of drive, response and auxiliary inputs, instead of those in the file.
     delimiter : str, optional
-        Of a text: the character between columns, ``" "`` for any white space. By default it is
-        found, and a text that can be read in more than one way is refused.
+        Of delimited text: the character between columns, ``" "`` for any white space. By default it
+        is detected, and a text that can be read in more than one way is refused.
     decimal : {".", ","}, optional
-        Of a text: the decimal sign; found by default.
+        Of delimited text: the decimal sign; detected by default.
 
     Returns
     -------
     X : DataFrame of shape (n_samples, n_inputs)
-        Drive, then auxiliary inputs, named as in the file; the unit that a line of units, a TDMS
-        ``unit_string``, an HDF5 attribute, ``frame.attrs["units"]`` or a column of pint says stands
-        in brackets behind the name. Its index has the levels ``record`` and ``time`` (s, datetimes
-        or timedeltas).
+        Drive, then auxiliary inputs, named as in the file, with the unit in brackets after the name
+        if a line of units, a TDMS ``unit_string``, an HDF5 attribute, ``frame.attrs["units"]`` or a
+        column of pint gives it. Its index has the levels ``record`` and ``time`` (s, datetimes or
+        timedeltas).
     y : Series of shape (n_samples,), or None
+        Response; None if no response is read.
 
     Raises
     ------
     RecordError
-        If the file is empty or broken, can be read in more than one way, has no such column, its
-        columns do not tell which is the drive, values are missing or look like codes of missing
-        ones, or files of a list differ in their columns. Rows are counted from 0, without the
-        header.
+        If the file is empty or broken, can be read in more than one way, or has no such column; if
+        the drive is not given and cannot be recognised; if values are missing or look like codes of
+        missing ones; or if files of a list differ in their columns. Rows are counted from 0,
+        without the header.
     ImportError
         If the format needs a package that is not installed.
 
     Warns
     -----
     TimeUnitWarning
-        If the time has no unit, and counts by whole numbers or steps of seconds.
+        If the time column has no unit, and its values are integers or have steps of seconds.
 
     Notes
     -----

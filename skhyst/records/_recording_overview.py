@@ -1,4 +1,4 @@
-"""What is understood of a recording, and what is wrong with it, before any model is fitted."""
+"""Overview of a recording and its faults, before any model is fitted."""
 
 from dataclasses import dataclass
 
@@ -9,24 +9,24 @@ from ..io import inspect_columns
 from ._index import record_slices
 from ._read_records import read_records
 
-_MOST = 100  # records that are shown
+_MOST = 100  # largest number of records that are printed
 
 
 @dataclass(frozen=True, repr=False)
 class RecordingOverview:
-    """What is understood of a recording. Printing it tells all.
+    """Columns, records and faults of a recording; printing it lists them.
 
     Parameters
     ----------
     name : str
-        Of the file.
+        Name of the file.
     columns : tuple of ColumnOverview
     records : tuple of RecordSlice
-        Empty where it is not known how the rows were sampled.
+        Empty where the sampling of the rows is not known.
     faults : tuple of str
-        What has to be settled, and what is suspicious, a sentence each.
+        What has to be resolved before reading, and what is suspicious, one sentence each.
     X, y : DataFrame and Series, or None
-        As :func:`read_records` returns them, lost readings interpolated; None where drive or
+        As :func:`read_records` returns them, with lost readings interpolated; None where drive or
         response are not known.
     """
 
@@ -49,7 +49,7 @@ class RecordingOverview:
 
 
 def inspect_recording(path, **reading):
-    """Tell what is understood of a recording: its columns, records, intervals and faults.
+    """Return an overview of a recording: its columns, records, sampling intervals and faults.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def inspect_recording(path, **reading):
     Returns
     -------
     RecordingOverview
-        Faults are readings that are missing, or look like codes of missing ones; signals that do
-        not move, stand at their largest or smallest value, or are the same; text where numbers
-        are expected; gaps, uneven or coarse times; and what nothing tells.
+        Faults are readings that are missing, or look like codes of missing ones; signals that are
+        constant, stay at their largest or smallest value, or are identical; text where numbers are
+        expected; gaps, uneven or coarse times; and what cannot be determined from the file.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _records(X, y, faults):
 
 
 def _read(path, options, faults):
-    """Return X and y; what has to be settled before is added to the faults, and passed over."""
+    """Return X and y, interpolated where readings are lost; errors are added to the faults."""
     try:
         return read_records(path, **options)
     except RecordError as error:

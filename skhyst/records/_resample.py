@@ -1,4 +1,4 @@
-"""Bring records to an even sampling."""
+"""Resample records onto an even grid, and the error that this makes."""
 
 from itertools import pairwise
 from numbers import Real
@@ -20,7 +20,7 @@ from ._index import (
 )
 
 FILTER_ORDER = 8
-PASSED = 0.8  # part of the new Nyquist frequency that the anti-alias filter passes
+PASSED = 0.8  # cut-off of the anti-alias filter as a fraction of the new Nyquist frequency
 BRIDGED = 5.0  # uneven records are interpolated over at most this many median intervals
 
 
@@ -31,12 +31,12 @@ def resample_records(
     X, y: Any, *, dt, max_gap=None, anti_alias=True
 ) -> tuple[pd.DataFrame, pd.Series]: ...
 def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
-    """Bring records to an even grid by linear interpolation.
+    """Resample records onto an even grid by linear interpolation.
 
-    Every record starts its grid at its own first sample. Before a coarser grid, a Butterworth
-    low-pass at 0.8 of the new Nyquist frequency runs forwards and backwards over every column, so
-    that nothing folds back and no phase is lost. :func:`resampling_error` tells what straight lines
-    between readings do to a response.
+    The grid of each record starts at its first sample. Before resampling to a coarser grid, a
+    Butterworth low-pass at 0.8 of the new Nyquist frequency is run forwards and backwards over
+    every column, which prevents aliasing and has zero phase. :func:`resampling_error` estimates the
+    error that linear interpolation makes in a response.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     y : array-like or Series of shape (n_samples,), optional
         Response.
     dt : float or "auto"
-        New sampling interval in s. "auto" gives each record the largest that is not above its own
-        median interval, among the smallest of these medians and 2, 4, 8, ... times that: records
-        that are sampled alike share an interval, and no filter is needed. Where all records are
+        New sampling interval in s. "auto" takes the smallest median interval of all records, times
+        the largest power of 2 (1, 2, 4, ...) that stays within the record's own median interval:
+        records with similar sampling share an interval, and no filter is needed. If all records are
         even already, nothing is changed.
     max_gap : float, optional
         Longer gaps, in s, start a new record and are not filled. By default five median intervals
         of the record, and never less than 1.5 ``dt``.
     anti_alias : bool, default=True
-        Whether to filter before a coarser grid.
+        Whether to filter before resampling to a coarser grid.
 
     Returns
     -------
@@ -67,8 +67,8 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     ------
     RecordError
         If a value is NaN or infinite, rows are shuffled or repeated, a record is shorter than two
-        samples of either sampling, ``y`` has an index with records that ``X`` lacks, or integers
-        that count samples are to find an interval by themselves.
+        samples of the old or the new interval, ``y`` has an index with records that ``X`` lacks, or
+        ``dt`` is "auto" and the index consists of integers that count samples.
 
     Examples
     --------
@@ -124,42 +124,43 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
 
 
 def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
-    r"""Return what :func:`resample_records` changes in a response, as far as its readings tell.
+    r"""Return an estimate of the error that :func:`resample_records` makes in a response.
 
-    A straight line between two readings, at the distances a and b from a point between them, is
-    off by :math:`\tfrac12 y'' a b`. So is the line over a reading that is left out, which is there
-    to compare with. With lines between the next neighbours (m = 1), and between the next to one
-    side and the next but one to the other (m = 2), the mean squares
+    Linear interpolation between two readings, at the distances a and b from a point between them,
+    has the error :math:`\tfrac12 y'' a b`. So has interpolation across a reading that is left out,
+    where the error is known. With lines between the two neighbours of a reading (m = 1), and
+    between the neighbour on one side and the second neighbour on the other (m = 2), the mean
+    squares
 
     .. math:: \overline{d_m^2} = \tfrac14 \overline{{y''}^2}\;\overline{a_m^2 b_m^2}
        + \sigma^2\, \overline{1 + (a_m^2 + b_m^2) / (a_m + b_m)^2}
 
-    give the mean square of the bend :math:`y''` and that of white noise :math:`\sigma`, and the
-    bend gives the error at the points of the grid. Noise has no part in it.
+    give the mean squares of the second derivative :math:`y''` and of white noise :math:`\sigma`;
+    the former gives the error at the points of the grid, without the noise.
 
     Parameters
     ----------
     X : array-like or DataFrame of shape (n_samples, n_inputs)
-        As before resampling; its index says when the readings were taken.
+        Input before resampling; its index has the times of the readings.
     y : array-like or Series of shape (n_samples,)
         Response.
     dt : float or "auto", default="auto"
-        As of :func:`resample_records`. No filter before a coarser grid is accounted for.
+        As for :func:`resample_records`. The effect of its anti-alias filter is not included.
     max_gap : float, optional
-        The same.
+        As for :func:`resample_records`.
 
     Returns
     -------
     float
-        Root mean square over the grid, units of the response; 0 where all its points are readings.
+        Root mean square error over the grid, units of the response; 0 if all its points are
+        readings.
 
     Notes
     -----
-    It is as good as the readings follow the response, and rather too small: with few readings a
-    period, and more so where the response has kinks or jumps between readings; what is over by the
-    next reading is not seen at all. The bend counts as independent of the spacing: where the
-    response was read more often because it bent, the error is smaller. Slow noise counts as
-    response.
+    The estimate tends to be too small where there are few readings per period, and more so where
+    the response has kinks or jumps between readings; what ends before the next reading is not seen
+    at all. The second derivative is taken as independent of the spacing: if the response was read
+    more often where it is more curved, the true error is smaller. Slow noise counts as response.
 
     Examples
     --------
@@ -181,16 +182,16 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
         seconds = (stamps.values[start:stop] - stamps.values[start]) * stamps.unit
         grid = _grid(seconds, own)
         at = np.clip(np.searchsorted(seconds, grid) - 1, 0, len(seconds) - 2)
-        apart = np.maximum((grid - seconds[at]) * (seconds[at + 1] - grid), 0.0)
-        # a part of 1e-6 of an interval is rounding of the times
-        apart[apart < 1e-6 * own * own] = 0.0
-        total += 0.25 * _bend(seconds, values[start:stop]) * np.sum(apart**2)
+        products = np.maximum((grid - seconds[at]) * (seconds[at + 1] - grid), 0.0)  # a b
+        # distances of 1e-6 of an interval are rounding of the times
+        products[products < 1e-6 * own * own] = 0.0
+        total += 0.25 * _curvature(seconds, values[start:stop]) * np.sum(products**2)
         count += len(grid)
     return float(np.sqrt(total / count))
 
 
 def _is_even(frame, stamps):
-    """Whether records need no other grid; refuse those that say nothing of time."""
+    """Whether all records are even; raise a RecordError if the index only counts samples."""
     try:
         record_slices(frame, one_interval=False)
     except RecordError:
@@ -203,13 +204,13 @@ def _is_even(frame, stamps):
     return True
 
 
-def _bend(seconds, values):
-    """Return the mean square of the second derivative of what has been read."""
+def _curvature(seconds, values):
+    """Return the mean square of the second derivative of a signal with white noise."""
     if len(seconds) < 4:
         return 0.0
     rows = []
-    for reaches in (((1, 1),), ((1, 2), (2, 1))):
-        parts = [_left_out(seconds, values, *own) for own in reaches]
+    for neighbours in (((1, 1),), ((1, 2), (2, 1))):
+        parts = [_left_out(seconds, values, *own) for own in neighbours]
         rows.append([np.mean(np.concatenate(own)) for own in zip(*parts, strict=True)])
     (m1, k1, d1), (m2, k2, d2) = rows
     noisy = (d2 * k1 - d1 * k2) / (m2 * k1 - m1 * k2)
@@ -217,9 +218,10 @@ def _bend(seconds, values):
 
 
 def _left_out(seconds, values, back, ahead):
-    """Return what a bend and what noise do to the square of what a line misses, and that square.
+    """Return the coefficients of the mean squares of y'' and noise, and the squared error itself.
 
-    The line goes from the neighbour so many readings before to the one so many behind.
+    The error is that of a line from the reading ``back`` before to the one ``ahead`` after, at a
+    reading between them.
     """
     places = np.arange(back, len(seconds) - ahead)
     a, b = seconds[places] - seconds[places - back], seconds[places + ahead] - seconds[places]
@@ -229,19 +231,19 @@ def _left_out(seconds, values, back, ahead):
 
 
 def resample_like(y, X) -> np.ndarray:
-    """Read a series on its grid at the instants of other rows, by linear interpolation.
+    """Interpolate a resampled series back onto the times of the original rows.
 
     Parameters
     ----------
     y : Series of shape (n_new,)
-        With the index that :func:`resample_records` gave.
+        With the index that :func:`resample_records` returned.
     X : DataFrame of shape (n_samples, n_inputs)
-        The rows from which it made the grid.
+        The original rows, before resampling.
 
     Returns
     -------
     ndarray of shape (n_samples,)
-        Beyond the ends of a record's grid the value at the end stands.
+        Beyond the ends of a record's grid, the value at its end.
 
     Examples
     --------
@@ -261,7 +263,7 @@ def resample_like(y, X) -> np.ndarray:
 
 
 def _resampled_pieces(stamps, dt, max_gap):
-    """Yield label, first and last row, and new interval of what is interpolated as one."""
+    """Yield (label, start, stop, new interval in s) of each piece that is interpolated as one."""
     runs = list(pairwise(stamps.runs()))
     for run, (start, stop) in enumerate(runs):
         if stop - start < 2:
@@ -278,13 +280,13 @@ def _resampled_pieces(stamps, dt, max_gap):
             longest = BRIDGED * medians[run]
         for a, b in pairwise(stamps.cuts(start, stop, max(longest, GAP * own))):
             span = (stamps.values[b - 1] - stamps.values[a]) * stamps.unit
-            # a single row between two gaps holds no interval to interpolate in
+            # between the readings of a single row there is nothing to interpolate
             if b - a > 1 and not (dt == "auto" and span < own):
                 yield stamps.label(a, run), a, b, own
 
 
 def _regrid(seconds, table, dt, anti_alias):
-    """Interpolate onto multiples of ``dt``, and filter before that if they are the coarser ones."""
+    """Interpolate onto multiples of ``dt``, after the anti-alias filter if these are coarser."""
     interval = float(np.median(np.diff(seconds)))
     if anti_alias and dt > (1 + 1e-6) * interval:
         even = np.linspace(0.0, seconds[-1], max(round(seconds[-1] / interval), 1) + 1)

@@ -10,7 +10,10 @@ from ._frames import stack_records
 
 
 def labelled(sources):
-    """Return files by their names without suffix, or by their paths where those repeat."""
+    """Return a dict of the sources by file name without suffix, or by path where names repeat.
+
+    Tables without a name are labelled by their number.
+    """
     if not sources:
         raise RecordError("The 'path' parameter of read_records must name a file. Got [] instead.")
     is_frame = [hasattr(source, "columns") for source in sources]
@@ -26,7 +29,7 @@ def labelled(sources):
 
 
 def together(parts):
-    """Return the records of all parts, a dict by label of (X, y), labelled by their parts."""
+    """Return X and y of all parts, a dict of (X, y) by label, with the labels in the index."""
     if len(parts) == 1:
         return next(iter(parts.values()))
     first, columns = None, None
@@ -45,7 +48,7 @@ def together(parts):
 
 
 def _relabelled(label, X, y):
-    """Put the label of a part in front of those of its records, or in the place of the only one."""
+    """Return X and y with the label of a part: ``label/record``, or ``label`` for one record."""
     own, times = (X.index.get_level_values(level) for level in ("record", "time"))
     labels = [label] * len(X) if own.nunique() == 1 else [f"{label}/{one}" for one in own]
     index = pd.MultiIndex.from_arrays([labels, times], names=X.index.names)

@@ -1,9 +1,9 @@
-"""Units of drive, response and time, in words."""
+"""Units of drive, response and time, as text."""
 
 import re
 from dataclasses import dataclass
 
-_PER_SAMPLE = (  # where nobody has said how long a sample is
+_PER_SAMPLE = (  # where the sampling interval is not known
     (re.compile(r"√Hz\b"), "√(cycles/sample)"),
     (re.compile(r"\bHz\b"), "cycles/sample"),
     (re.compile(r"(?<=/)s\b"), "sample"),
@@ -18,9 +18,9 @@ class Units:
     Parameters
     ----------
     drive, response : str, default=""
-        "" where nobody has said what they are.
+        "" where they are not known.
     time : {"s", "sample"}, default="s"
-        "sample" where there is no time: frequencies are then in cycles/sample.
+        "sample" where the sampling interval is not known: frequencies are then in cycles/sample.
 
     Examples
     --------
@@ -36,13 +36,13 @@ class Units:
     time: str = "s"
 
     def in_time(self, text) -> str:
-        """Return a text with its s and Hz in the unit of time."""
+        """Return a text with "s" and "Hz" replaced if time counts samples."""
         for pattern, words in _PER_SAMPLE if self.time == "sample" else ():
             text = pattern.sub(words, text)
         return text
 
     def of(self, unit) -> str:
-        """Return a unit that is written in terms of drive, response, s and Hz; "" for a ratio."""
+        """Return a unit written in terms of drive, response, s and Hz; "" if it cancels."""
         words = {"drive": self.drive, "response": self.response}
         unit = re.sub(
             r"\b(drive|response)\b", lambda w: words[w.group()] or w.group(), self.in_time(unit)
@@ -50,5 +50,5 @@ class Units:
         return re.sub(r"^(\S+)/\1$", "", unit)
 
     def label(self, text) -> str:
-        """Return an axis's label with what stands in brackets at its end in these units."""
+        """Return an axis label with the unit in brackets at its end in these units."""
         return re.sub(r"\(([^()]+)\)$", lambda found: f"({self.of(found.group(1))})", text)

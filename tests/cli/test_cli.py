@@ -357,7 +357,7 @@ def test_without_a_time_it_is_said(recording, tmp_path, capsys):
     at = without.index("--time")
     del without[at : at + 2]
     assert main(without) == 0
-    assert "no time is known: give --time or --sampling-rate" in capsys.readouterr().out
+    assert "sampling interval unknown: give --time or --sampling-rate" in capsys.readouterr().out
 
 
 def test_a_questionable_time_is_told_in_a_line(recording, tmp_path, capsys):

@@ -249,7 +249,7 @@ def test_a_mass_with_friction_is_not_thrown_about():
     assert np.abs(np.diff(drive)).max() <= np.abs(np.diff(u)).max() * (1.0 + 1e-9)
 
 
-def test_a_start_that_is_missed_is_told():
+def test_a_start_that_is_missed_is_reported():
     """A response that begins the wrong way for 50 ms cannot follow what moves at once."""
     slow = TransferFunctionOperator(
         np.empty(0), np.array([300.0]), np.array([0.1]), np.array([-0.05])
@@ -264,7 +264,7 @@ def test_a_model_that_does_not_know_its_drive_is_told():
     del found.model_.drive_range_, found.model_.drive_rate_
     older = InverseCompensator(found.model_).fit(np.zeros((4, 1)), np.arange(4.0))
     for use in (lambda: older.predict(smooth(2.0)[:, None]), lambda: older.stepper(DT)):
-        with pytest.warns(ReachWarning, match="an earlier version, does not know it"):
+        with pytest.warns(ReachWarning, match="saved by an earlier version, without it"):
             use()
     older.set_params(drive_limits=(-9.0, 9.0), rate_limit=None).predict(smooth(2.0)[:, None])
 
@@ -325,9 +325,9 @@ def test_an_inverse_can_be_learned():
         lambda X: found.refine(X, np.ravel),
     )
     for method in refused:
-        with pytest.raises(ValueError, match="was learned"):
+        with pytest.raises(ValueError, match="learned inverse"):
             method([[2.0]])
-    with pytest.raises(NotImplementedError, match="was learned"):
+    with pytest.raises(NotImplementedError, match="learned inverse"):
         found.stepper(DT)
 
 
@@ -456,11 +456,11 @@ def test_the_error_falls_exponentially_with_the_preview():
     for ahead in (4, 8):
         drive = found.stepper(DT, preview=ahead).run(reference)[ahead:]
         errors.append(np.abs(drive - whole[:-ahead]).max())
-    # by decades of what is left out: seven samples for four, at the least
+    # per decade of the error that is left: seven samples for four decades, at least
     assert errors[1] < errors[0] * 3.73**-3
     drive = found.stepper(DT, preview=200).run(reference)[200:]
     np.testing.assert_allclose(drive[:-200], whole[:-400], atol=1e-9 * np.ptp(whole))
-    with pytest.raises(ValueError, match=r"'preview' .* must be \d samples at the least"):
+    with pytest.raises(ValueError, match=r"'preview' .* must be at least \d samples"):
         compensator(DEVICES["a delay within"]).stepper(DT, preview=2)
 
 

@@ -355,5 +355,5 @@ def test_parameters_to_watch(monitor):
     assert some.parameters_ == names
     with pytest.raises(ValueError, match=r"'parameters' parameter of Monitor .* Got \['gain'\]"):
         Monitor(monitor.observer_, parameters=["gain"]).fit(u[:, None], y)
-    with pytest.raises(ValueError, match="tell nothing"):
+    with pytest.raises(ValueError, match="sensitive to no parameter"):
         Monitor(monitor.observer_, parameters=names).fit(0.0 * u[:, None], y)

@@ -383,7 +383,7 @@ def of_infinity(u, c, s):
     ("law", "message"),
     [
         (of_angles, "'atan' in 'of_angles'"),
-        (of_secrets, "lead through all of 'of_secrets'"),
+        (of_secrets, "lead through all branches of 'of_secrets'"),
         (of_infinity, "'of_infinity' computes with an infinite number"),
     ],
 )

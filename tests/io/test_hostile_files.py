@@ -144,7 +144,7 @@ def test_datasets_without_readings_are_refused_before_memory_is_taken(tmp_path, 
     with h5py.File(path, "w") as file:
         file.create_dataset("u", (3 * 10**9,), "f8", chunks=(1000,))
         file["y"] = np.arange(5.0)
-    assert "larger than what the file holds" in refused(path, "u")
+    assert "larger than the data stored in the file" in refused(path, "u")
     assert len(read_records(path, drive="y")[0]) == 5
 
 

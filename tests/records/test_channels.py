@@ -11,7 +11,7 @@ SIDE = 8
 
 def test_rounding_leaves_something_beside_a_straight_line():
     rows = np.arange(50, 150)
-    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).beside(rows) > 0.0).all()
+    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).residual_around(rows) > 0.0).all()
 
 
 @pytest.mark.parametrize("lost", [0, 1, 5, 2 * SIDE])

@@ -74,7 +74,7 @@ def test_times_and_columns_of_frames_are_kept():
     ("records", "options", "message"),
     [
         ([], {}, "at least one record"),
-        ([np.zeros(3)] * 2, {"labels": ["a"]}, "one label a record, 2 in all. Got 1"),
+        ([np.zeros(3)] * 2, {"labels": ["a"]}, "one label per record, 2 in all. Got 1"),
         ([np.zeros(3)] * 2, {"labels": ["a", "a"]}, "must differ"),
         ([np.zeros(3), (np.zeros(3), np.zeros(3))], {}, "mixture"),
         ([(np.zeros(3),)], {}, "mixture"),
