@@ -90,7 +90,7 @@ for name, model in models.items():
 
 
 class BlackBox(RegressorMixin, BaseEstimator):
-    """One hidden layer of 35 neurons; each row of ``w`` has one value per neuron."""
+    """One hidden layer of 35 neurons; a row of ``w`` has the input and output weights of one."""
 
     def _run(self, w, X):
         signals = np.column_stack([X, np.ones(len(X))])
