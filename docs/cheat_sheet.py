@@ -23,7 +23,7 @@ data_quality(X, y, record_slices(X))""",
     effects="all", n_jobs=2, random_state=0)
 search.fit(X, y)
 search.effects_          # names, [] if none
-search.verdict_          # is what is left noise?
+search.verdict_          # is the residual noise?
 search.error_before_     # held out, units of y
 search.error_after_, search.noise_floor_
 search.history_          # p-values, ambiguous_with
@@ -54,9 +54,9 @@ NARXRegressor(...)  SCNRegressor()""",
             "Compose",
             """Cascade([("loop", PrandtlIshlinskii()),
          ("mode", TransferFunction(2))])   # series
-Sum([("stage", stage), ("drift", Drift())])  # beside
+Sum([("stage", stage), ("drift", Drift())])  # parallel
 ScheduledParameters(model, by="current")
-FrozenEstimator(fitted)     # hold a step""",
+FrozenEstimator(fitted)     # fix a step""",
         ),
         (
             "Use",
@@ -75,7 +75,7 @@ FrequencyResponseDisplay.from_recording(X, y)""",
     ],
     [
         (
-            "Keep, invert, export",
+            "Save, invert, export",
             """save_model(model, "m.skops"); load_model("m.skops")
 from_json(to_json(model))
 inverse = InverseCompensator(model).fit(X, y)
@@ -106,11 +106,11 @@ forces         friction cubic_stiffness end_stops
 at the sensor  static_nonlinearity output_saturation
                rectification
 parameters     amplitude_dependence auxiliary_input
-beside         offset drift periodic_disturbance""",
+additive       offset drift periodic_disturbance""",
         ),
     ],
 ]
-DATE = {"pdf": "CreationDate", "svg": "Date"}  # left out, so that a page is the same each time
+DATE = {"pdf": "CreationDate", "svg": "Date"}  # left out, so that the files are reproducible
 SIZE = 11.69, 8.27  # inches
 LINE, TITLE, GAP = 0.0224, 0.034, 0.04  # of the page's height
 TEXT = {"family": "monospace", "fontsize": 7.6, "linespacing": 1.75, "parse_math": False}
@@ -121,7 +121,7 @@ def draw_cheat_sheet(path):
     with plt.rc_context(STYLE):
         figure = plt.figure(figsize=SIZE)
         figure.text(0.03, 0.955, "skhyst", fontsize=20, fontweight="bold", color=BOTH, va="center")
-        line = "declare a model, look at the residual, name what is missing"
+        line = "declare a model, analyse the residual, name what is missing"
         figure.text(0.125, 0.952, line, fontsize=11, color=UP, va="center")
         for number, column in enumerate(COLUMNS):
             left, top = 0.03 + 0.325 * number, 0.91

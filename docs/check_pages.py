@@ -1,7 +1,7 @@
 """Check built pages: `python docs/check_pages.py docs/_build/html`.
 
-They must need no network when they are read, lead nowhere that is not there, and show no equation
-as it was typed. Prints what is wrong, a line each, and fails if there is anything.
+They must need no network when they are read, have no broken link, and show no equation as LaTeX
+source. Prints one line per fault, and fails if there is any.
 """
 
 import re
@@ -23,7 +23,7 @@ _VERBATIM = {"pre", "code", "script", "style", "annotation"}
 
 
 class _Page(HTMLParser):
-    """What a page fetches, what it links to, the anchors that it has, and the text it shows."""
+    """What a page fetches, its links, its anchors, and LaTeX source in its visible text."""
 
     def __init__(self, text):
         super().__init__()
@@ -58,17 +58,17 @@ def _is_elsewhere(target):
 
 
 def faults(folder):
-    """Find what is wrong with the pages of a folder.
+    """Find the faults of the pages in a folder.
 
     Parameters
     ----------
     folder : path-like
-        Of built pages, with all that they need.
+        Folder of the built pages, with all files that they need.
 
     Returns
     -------
     list of str
-        One line a fault; empty where all is well.
+        One line per fault; empty if there is none.
     """
     folder = Path(folder).resolve()
     pages = {

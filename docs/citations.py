@@ -1,9 +1,9 @@
 """How skhyst cites: ``Author and Author, *Journal*, year``, looked up in ``references.bib``.
 
-Three authors are named at the most, of more the first one "et al."; in asterisks stands the
-journal or the proceedings, and of what is a book of its own the title up to a colon. A text that
-names a work again says "Author (year)". So a docstring is readable in a terminal, and these pages
-add the way to the full entry.
+At most three authors are named, of more the first one with "et al."; in asterisks is the journal
+or the proceedings, for a book the title up to a colon. A text that cites a work again says
+"Author (year)". So a docstring is readable in a terminal, and these pages add the link to the full
+entry.
 """
 
 import re
@@ -16,7 +16,7 @@ _FIELD = re.compile(r"^  (\w+) = \{(.*)\},$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Reference:
-    """What a text says of an entry of the bibliography."""
+    """The citation of an entry of the bibliography."""
 
     key: str
     authors: str
@@ -25,7 +25,7 @@ class Reference:
 
     @property
     def citation(self):
-        """The text that cites it."""
+        """The citation as text."""
         return f"{self.authors}, *{self.container}*, {self.year}"
 
     @property
@@ -35,7 +35,7 @@ class Reference:
 
 
 def read_references(path=Path(__file__).parent / "references.bib"):
-    """Return the entries of the bibliography, one field a line, by their keys."""
+    """Return the entries of the bibliography, one field per line, by their keys."""
     found = {}
     for key, body in _ENTRY.findall(Path(path).read_text(encoding="utf-8")):
         fields = {name: re.sub(r"[{}]", "", value) for name, value in _FIELD.findall(body)}
@@ -46,7 +46,7 @@ def read_references(path=Path(__file__).parent / "references.bib"):
 
 
 def _authors(names):
-    """Return the family names of authors, as a text says them."""
+    """Return the family names of authors as cited in a text."""
     family = [name.split(",")[0] for name in names.split(" and ")]
     if len(family) > 3 or "others" in family:
         return f"{family[0]} et al."
@@ -54,7 +54,7 @@ def _authors(names):
 
 
 def add_keys(text, references):
-    """Return a text with the keys of the bibliography behind its citations."""
+    """Return a text with the keys of the bibliography after its citations."""
     for reference in references.values():
         text = re.sub(f"({reference.pattern})", rf"\1 :cite:`{reference.key}`", text)
     return text

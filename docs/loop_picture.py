@@ -1,7 +1,7 @@
 """Draw the loop of the landing page: `python docs/loop_picture.py FILE.svg`.
 
-A simulated plant with hysteresis and creep, which shares nothing with the models, and a search that
-is told the recording and the declared model. The building of the pages calls :func:`draw_loop`.
+A simulated plant with hysteresis and creep, which shares no code with the models, and a search that
+is given the recording and the declared model. The build of the pages calls :func:`draw_loop`.
 """
 
 import sys
@@ -42,7 +42,7 @@ def _recording():
 
 
 def draw_loop(path):
-    """Search a simulated recording and draw each station of the loop into a file."""
+    """Search a simulated recording and draw each step of the loop into a file."""
     X, y = _recording()
     search = EffectSearchCV(PrandtlIshlinskii(), effects=CANDIDATES, random_state=0).fit(X, y)
     (effect,) = search.effects_

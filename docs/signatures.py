@@ -1,8 +1,8 @@
 """Draw how each effect shows in the residual: `python docs/signatures.py FOLDER`.
 
 Each picture is simulated: one plant with the effect, the same plant without it as the declared
-model, with the gain and the offset that fit best. The left panel has what is left over time, the
-right one over the quantity that tells the effect from others. The building of the pages calls
+model, with the gain and the offset that fit best. The left panel shows the residual over time, the
+right one over the quantity that distinguishes the effect from others. The build of the pages calls
 :func:`draw_signatures`.
 """
 

@@ -2,15 +2,15 @@
 From a recording to a controller in C
 =====================================
 
-A positioning stage has hysteresis and creep. A model is fitted, turned round, written as C,
-compiled, and called in a closed loop, in double and single precision and in integers: what is lost
-on the way to the controller, and how long does a sample take?
+A positioning stage has hysteresis and creep. A model is fitted, inverted, exported as C, compiled,
+and called in a closed loop, in double and single precision and in integers: how much accuracy is
+lost, and how long does a sample take?
 """
 
 # %%
 # A recording
 # -----------
-# The stage is written out here and shares nothing with the package: sixty plays, and creep by seven
+# The stage is simulated here and shares no code with the package: sixty plays, and creep by seven
 # relaxations with time constants from 10 ms to 10 s. It is sampled at 500 Hz; its sensor has a
 # noise of 2 nm.
 
@@ -60,16 +60,15 @@ position = np.array([stage.step(u) for u in drive]) + NOISE * rng.normal(size=le
 
 model = Cascade([("plays", PrandtlIshlinskii(30)), ("creep", LogCreep())], dt=DT)
 model.fit(drive[:, None], position)
-left = np.std(model.predict(drive[:, None]) - position)
-print(f"the model leaves {1e3 * left:.1f} nm of a range of {np.ptp(position):.1f} um")
+residual = np.std(model.predict(drive[:, None]) - position)
+print(f"residual {1e3 * residual:.1f} nm of a range of {np.ptp(position):.1f} um")
 
 # %%
 # The programs
 # ------------
-# The compensator is the model backwards: creep by the root of each sample, plays in closed form. In
-# C it is a structure with its state and a function for a sample. Integers count the steps of
-# converters of 20 bits. Where there is no C compiler, the example
-# ends here.
+# The compensator is the inverse model: creep is inverted by root finding at each sample, plays in
+# closed form. In C it is a structure with its state and a function for one sample. Integers are in
+# units of the resolution of 20-bit converters. Without a C compiler, the example ends here.
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 if COMPILER is None:
@@ -90,7 +89,7 @@ void run(inverse_state *state, const TYPE *u, TYPE *y, int n)
 
 
 class Program:
-    """A compensator as C, compiled; it is stepped as a stepper is."""
+    """A compensator as compiled C, with the `step` of a stepper."""
 
     def __init__(self, compensator, dtype, folder):
         self.type, self.units = TYPES[dtype], (1.0, 1.0)
@@ -110,13 +109,13 @@ class Program:
         self.library.inverse_init(self.state)
 
     def step(self, value):
-        """Return the answer to one sample."""
+        """Return the output for one sample."""
         value = value / self.units[0]
         value = round(value) if self.type is ctypes.c_int32 else value
         return self.units[1] * self.library.inverse_step(self.state, value)
 
     def seconds(self, values):
-        """Return the time that a sample takes, in a loop in C."""
+        """Return the time per sample (s) of a loop in C."""
         values = np.round(values / self.units[0]) if self.type is ctypes.c_int32 else values
         values = np.ascontiguousarray(values, dtype=np.dtype(self.type))
         pointer = ctypes.POINTER(self.type)
@@ -142,9 +141,9 @@ compensator = InverseCompensator(model, drive_limits=(-80.0, 80.0)).fit(drive[:,
 # %%
 # The loop
 # --------
-# The reference is a triangle, then steps. On this day the stage moves by 2 % less than when it was
-# recorded. With the gain alone it is several per cent off; the compensator takes away hysteresis
-# and creep, and feedback what the model does not know.
+# The reference is a triangle, then steps. The gain of the stage is now 2 % lower than when it was
+# recorded. With a constant gain alone the error is several per cent; the compensator removes
+# hysteresis and creep, and feedback removes the remaining error.
 
 clock = DT * np.arange(3000)
 triangle = 3.0 * np.abs((2.0 * clock + 1.0) % 4.0 - 2.0) - 3.0
@@ -153,23 +152,23 @@ gain = np.polyfit(drive, position, 1)[0]
 
 
 def loop(compensator, ki=0.0):
-    """Return what the stage does, with the drive of a compensator and integral feedback."""
+    """Return the loop of the stage with a compensator and integral feedback."""
     controller = FeedforwardPI(0.0, ki, compensator=compensator)
     return simulate_loop(Stage(0.98), controller, reference, DT, noise=NOISE, random_state=1)
 
 
-ways = {
+variants = {
     "the gain alone": loop(Streamed(lambda r: r / gain)),
     "compensator": loop(Streamed(compensator.stepper().step)),
     "compensator and feedback": loop(Streamed(compensator.stepper().step), ki=200.0),
 }
-for way, found in ways.items():
+for name, found in variants.items():
     error = np.std(found.response - reference)
-    print(f"{way}: {1e3 * error:.0f} nm ({100 * error / np.ptp(reference):.2g} % of the range)")
+    print(f"{name}: {1e3 * error:.0f} nm ({100 * error / np.ptp(reference):.2g} % of the range)")
 
 # %%
-# The same loop with each program in the place of the compensator in Python. Double precision gives
-# the same numbers; what single precision and integers change is far below what the sensor can see.
+# The same loop with each program instead of the compensator in Python. Double precision gives the
+# same numbers; the changes by single precision and integers are far below the noise of the sensor.
 # Integers are for machines without floating point: on this one they take the longest.
 
 changes = {}
@@ -177,33 +176,33 @@ stepper = compensator.stepper()
 begun = time.perf_counter()
 for value in reference:
     stepper.step(value)
-print(f"Python: {1e9 * (time.perf_counter() - begun) / len(reference):.0f} ns a sample")
+print(f"Python: {1e9 * (time.perf_counter() - begun) / len(reference):.0f} ns per sample")
 with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
     for dtype in TYPES:
         program = Program(compensator, dtype, folder)
         found = loop(Streamed(program.step), ki=200.0)
-        changes[dtype] = np.abs(found.response - ways["compensator and feedback"].response)
+        changes[dtype] = np.abs(found.response - variants["compensator and feedback"].response)
         print(
             f"{dtype}: the position changes by {1e3 * changes[dtype].max():.2g} nm at most; "
-            f"{1e9 * program.seconds(reference):.0f} ns a sample"
+            f"{1e9 * program.seconds(reference):.0f} ns per sample"
         )
 
-colours = dict(zip(ways, ("tab:blue", "tab:orange", "tab:green"), strict=True))
-beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False}
+colours = dict(zip(variants, ("tab:blue", "tab:orange", "tab:green"), strict=True))
+legend = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False}
 fig, axes = plt.subplots(3, sharex=True, figsize=(9, 7), layout="constrained")
-for way, found in ways.items():
-    axes[0].plot(clock, found.response, color=colours[way], label=way)
+for name, found in variants.items():
+    axes[0].plot(clock, found.response, color=colours[name], label=name)
     error = 1e3 * np.abs(found.response - reference)
-    axes[1].plot(clock, error, color=colours[way], label=way)
+    axes[1].plot(clock, error, color=colours[name], label=name)
 axes[0].plot(clock, reference, "k--", lw=1, label="reference")
 axes[0].set(ylabel="position (um)")
 axes[1].set(yscale="log", ylabel="error (nm)", ylim=(0.1, None))
 for dtype, colour in (("int32", "tab:red"), ("float32", "tab:purple")):
     axes[2].plot(clock, 1e3 * changes[dtype], color=colour, lw=0.8, label=f"C, {dtype}")
-axes[2].plot([], [], " ", label="C, float64: nothing")
+axes[2].plot([], [], " ", label="C, float64: none")
 axes[2].set(yscale="log", ylabel="change by the type (nm)", xlabel="time (s)", ylim=(1e-6, 10.0))
 for ax in axes[1:]:
     ax.axhline(1e3 * NOISE, color="k", ls=":", label="noise of the sensor")
 for ax in axes:
-    ax.legend(**beside)
+    ax.legend(**legend)
 plt.show()

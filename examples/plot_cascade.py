@@ -2,8 +2,9 @@
 Hysteresis and resonance, fitted jointly
 ========================================
 
-A fast stage bends and rings at once. Fitted one after the other, the hysteresis takes a part of
-what the resonance does; a :class:`~skhyst.compose.Cascade` fits both at once.
+A fast stage has hysteresis and a resonance. If the two are fitted one after the other, the
+hysteresis model absorbs a part of the resonance; a :class:`~skhyst.compose.Cascade` fits both
+jointly.
 """
 
 # %%
@@ -11,7 +12,7 @@ what the resonance does; a :class:`~skhyst.compose.Cascade` fits both at once.
 # -----------
 # A stage with hysteresis and a mode at 180 Hz with 2 % damping, recorded at 5 kHz: a sweep, random
 # levels held for a while, and a multisine. The mode is integrated here, by classical Runge-Kutta
-# steps, four a sample.
+# steps, four per sample.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -21,7 +22,7 @@ from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import TransferFunction
 from skhyst.records import stack_records
 
-DT, N, FINE = 2e-4, 3000, 4  # s, samples a record, steps a sample
+DT, N, FINE = 2e-4, 3000, 4  # s, samples per record, steps per sample
 FREQUENCY, DAMPING = 2 * np.pi * 180.0, 0.02
 rng = np.random.default_rng(1)
 time = DT * np.arange(N)
@@ -76,8 +77,8 @@ train = X.index.get_level_values("record") != "multisine"
 # %%
 # Joint fit
 # ---------
-# The index carries the sampling interval. The gain belongs to the hysteresis, so the dynamics have
-# a static gain of one.
+# The index carries the sampling interval. The hysteresis has the static gain; that of the dynamics
+# is one.
 
 joint = Cascade([("hysteresis", PrandtlIshlinskii()), ("dynamics", TransferFunction(n_poles=2))])
 joint.fit(X[train], y[train])
@@ -90,7 +91,7 @@ for name in ("natural_frequencies[0]", "damping_ratios[0]"):
 # %%
 # One after the other
 # -------------------
-# The same two models, each fitted to what the other leaves.
+# The same two models; the dynamics are fitted with the prediction of the hysteresis as drive.
 
 hysteresis = PrandtlIshlinskii().fit(X[train], y[train])
 dynamics = TransferFunction(n_poles=2)
@@ -108,7 +109,7 @@ for name, prediction in predictions.items():
     print(f"  {name:20s} {error / noise:6.2f}")
 
 # %%
-# What each predicts for a step, and what it leaves of the multisine.
+# The prediction of each for a step, and its residual for the multisine.
 
 styles = {"hysteresis alone": "C0:", "one after the other": "C1", "jointly": "C2"}
 figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.8), layout="constrained")

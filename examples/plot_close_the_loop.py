@@ -3,15 +3,15 @@ Close the loop: find the effect that the model lacks
 ====================================================
 
 A plant with hysteresis and one more effect, a declared model with hysteresis only, and a search
-that is told nothing but the recording and the declared model.
+that is given only the recording and the declared model.
 """
 
 # %%
 # The plant
 # ---------
-# It is written out here and shares nothing with the package: eighty plays, then a Kelvin-Voigt unit
-# that goes on relaxing with a time constant of half a second, advanced in twenty steps a sample.
-# The sensor noise is 0.2 % of the range.
+# It is simulated here and shares no code with the package: eighty plays, then a Kelvin-Voigt unit
+# that relaxes with a time constant of half a second, integrated with twenty steps per sample. The
+# sensor noise is 0.2 % of the range.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -26,7 +26,7 @@ from skhyst.inspection import (
 )
 from skhyst.records import stack_records
 
-DT, N, FINE = 5e-3, 1500, 20  # s, samples a record, steps a sample
+DT, N, FINE = 5e-3, 1500, 20  # s, samples per record, steps per sample
 TIME_CONSTANT, COMPLIANCE = 0.5, 0.15
 rng = np.random.default_rng(2)
 time = DT * np.arange(N)
@@ -74,7 +74,7 @@ X, y = X.set_axis(["drive (V)"], axis=1), y.rename("response (µm)")
 
 search = EffectSearchCV(PrandtlIshlinskii(), random_state=0).fit(X, y)
 print("missing:     ", search.effects_)
-print("what is left:", search.verdict_)
+print("residual:    ", search.verdict_)
 for name, error in (
     ("declared model", search.error_before_),
     ("with the effect", search.error_after_),
@@ -83,13 +83,14 @@ for name, error in (
     print(f"{name:16s} {1e3 * error:6.1f} nm, {error / noise:5.2f} x the sensor noise")
 
 # %%
-# Every candidate of the first round: what it would explain, and the held-out error with it.
+# Every candidate of the first round: the fraction of the residual that it would explain, and the
+# held-out error with it.
 
 EffectRankingDisplay.from_search(search)
 plt.show()
 
 # %%
-# What the claim rests on.
+# The evidence for the claim.
 
 evidence = search.evidence_[search.effects_[0]]
 print(evidence.statement)
@@ -99,7 +100,7 @@ EvidenceDisplay.from_search(search, effect=search.effects_[0])
 plt.show()
 
 # %%
-# Before and after, each sample predicted by a model that has not seen it.
+# Before and after; each sample is predicted by a model that was not fitted to it.
 
 HysteresisLoopDisplay.from_search(search, subtract_line=True)
 ResidualDisplay.from_search(search)

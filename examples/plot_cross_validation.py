@@ -28,7 +28,7 @@ rng = np.random.default_rng(3)
 
 
 def actuator(drive):
-    """Return the response to a drive, by 200 plays that are virgin at its first sample."""
+    """Return the response to a drive, by 200 plays with zero initial states."""
     thresholds = np.linspace(0.0, 1.0, 200)
     plays, response = np.zeros(200), np.empty(len(drive))
     for k, u in enumerate(drive):
@@ -38,7 +38,7 @@ def actuator(drive):
 
 
 def record():
-    """Return drive and response of a record; what happened before it is cut off."""
+    """Return drive and response of a record; its first quarter is cut off."""
     turns = np.r_[0.0, rng.uniform(0.2, 1.0, 14) * (-1.0) ** np.arange(14)]
     drive = np.interp(np.linspace(0, 14, 1400), np.arange(15), turns)
     response = actuator(drive) + 0.002 * rng.normal(size=1400)
@@ -86,7 +86,7 @@ for name, scoring in (
 
 # %%
 # The records of the fit begin in an unknown state as well. With `initial_state="estimate"` the
-# drive at which the device had rested before each of them is estimated along with the weights.
+# drive before each of them is estimated along with the weights.
 
 model.set_params(initial_state="estimate")
 errors = -cross_val_score(model, X, y, cv=RecordKFold(4), scoring=scorer)

@@ -2,15 +2,15 @@
 From a CSV file to a named effect
 =================================
 
-A stage was recorded with its voltage and its position. The model believed in is a hysteresis. What
-does it lack?
+Voltage and position of a stage were recorded. The declared model is a hysteresis. What does it
+lack?
 """
 
 # %%
 # The file
 # --------
-# It is made here, of a stage that nothing below knows: forty plays, then a mass on a spring that
-# rings at 60 Hz. In your laboratory it is there already.
+# It is generated here, from a simulated stage that is unknown to everything below: forty plays,
+# then a mass on a spring that rings at 60 Hz. In your laboratory the file already exists.
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -61,7 +61,8 @@ print(f"{search.error_before_:.3f} um -> {search.error_after_:.3f} um, held out"
 print(search.evidence_["resonance"].statement)
 
 # %%
-# What comes between the declared model and the response: a peak, and half a turn of phase.
+# The frequency response from the declared model to the response: a peak, and a phase of 180
+# degrees.
 
 EvidenceDisplay.from_search(search, effect="resonance")
 PredictionDisplay.from_search(search)

@@ -3,7 +3,8 @@ A file with milliseconds, decimal commas and lost readings
 ==========================================================
 
 A logger wrote a preamble, semicolons, decimal commas, a time in milliseconds, and -9999 where it
-had no reading. Frequencies and time constants are right only if all of that is understood.
+had no reading. Frequencies and time constants are right only if all of that is interpreted
+correctly.
 """
 
 # %%
@@ -41,10 +42,10 @@ path.write_text("\n".join([*head, *rows]), encoding="latin-1")
 print("\n".join(path.read_text(encoding="latin-1").splitlines()[:6]))
 
 # %%
-# What is understood, and what has to be settled
-# ----------------------------------------------
-# The layout, the time's unit and the roles are found. A code of a lost reading is no reading: it is
-# pointed out, and what becomes of it is yours to say.
+# What is recognised, and what has to be specified
+# -------------------------------------------------
+# The layout, the unit of the time and the roles of the columns are recognised. The code of a lost
+# reading is reported, and you choose what happens to such rows.
 
 print(inspect_recording(path))
 try:

@@ -3,13 +3,13 @@ Several files are several records
 =================================
 
 Each run of an experiment has a file of its own. Together they are one `X` and one `y`, whose index
-knows which file a row came from, so that whole files can be held out.
+says which file a row came from, so that whole files can be held out.
 """
 
 # %%
 # The files
 # ---------
-# Four runs of one actuator, each at an amplitude of its own.
+# Four runs of one actuator, each at a different amplitude.
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -50,7 +50,7 @@ print(X.groupby(level="record").size())
 # A file is held out as a whole
 # -----------------------------
 # Every splitter and scorer of scikit-learn works: a model always knows where a record ends. The
-# curve behind the hysteresis is worth its parameters at amplitudes that it has not seen.
+# static curve after the hysteresis reduces the error at amplitudes that were not in the fit.
 
 for model in (PrandtlIshlinskii(), ModifiedPrandtlIshlinskii()):
     scores = -cross_val_score(model, X, y, cv=RecordKFold(4), scoring="neg_root_mean_squared_error")

@@ -2,14 +2,14 @@
 Fit a Prandtl-Ishlinskii model and compensate the hysteresis
 ============================================================
 
-The weights come out of one non-negative least-squares problem, without starting values. The fitted
-model has an exact inverse: the drive that makes the response follow a target.
+The weights are the solution of one non-negative least-squares problem, without starting values. The
+fitted model has an exact inverse: the drive that makes the response follow a target.
 """
 
 # %%
 # A recording
 # -----------
-# The actuator is written out here: a continuous density of plays, which a model with a few
+# The actuator is simulated here: a nearly continuous density of plays, which a model with a few
 # thresholds can only approximate, and sensor noise of 0.1 % of the range.
 
 import matplotlib.pyplot as plt
@@ -60,8 +60,8 @@ plt.show()
 # %%
 # Compensate
 # ----------
-# Ask the inverse for the drive that gives a target, and apply it to the actuator. For comparison:
-# the drive by the straight line that fits the recording best.
+# The inverse model gives the drive for a target response, which is applied to the actuator. For
+# comparison: the drive from the straight line that fits the recording best.
 
 target = 4.0 * np.sin(2 * np.pi * 0.7 * time) + 2.0 * np.sin(2 * np.pi * 1.9 * time)  # um
 compensated = actuator(model.inverse_predict(target[:, None]))

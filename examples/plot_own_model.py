@@ -2,9 +2,9 @@ r"""
 Write a model of your own
 =========================
 
-An operator knows its law and its derivatives, an estimator where to start. Records, fitting,
-cascades and the search come with that. This one is a derivative action,
-:math:`y = u + \tau \dot u`.
+An operator implements the law and its derivatives, an estimator the starting values. Records,
+fitting, cascades and the search follow from these. This example is a derivative action, :math:`y =
+u + \tau \dot u`.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,8 @@ class Derivative(ParametricModel):
 
 
 # %%
-# A wrong derivative is an error that names it. Then the model serves like any other.
+# `check_operator` raises an error that names a wrong derivative. Then the model can be used like
+# any other.
 dt, rng = 1e-3, np.random.default_rng(0)
 check_operator(DerivativeOperator(0.004), rng.normal(size=50), dt)
 time = dt * np.arange(4000)

@@ -9,7 +9,7 @@ slack is used up. A weighted sum of plays is the Prandtl-Ishlinskii model.
 # %%
 # One play
 # --------
-# The output stands still after each reversal until the drive has gone through the slack, twice the
+# The output stands still after each reversal until the drive has changed by the slack, twice the
 # threshold.
 
 import matplotlib.pyplot as plt
@@ -36,8 +36,8 @@ plt.show()
 # %%
 # Many plays
 # ----------
-# Each threshold begins to move at another distance from the reversal, so the sum bends smoothly. A
-# sum with positive weights opens a loop whose area is the work lost in a cycle.
+# Each play begins to move at a different distance from the reversal, so the sum is a smooth curve.
+# With positive weights it is a loop whose area is the energy dissipated per cycle.
 
 thresholds = np.linspace(0.0, 4.5, 10)
 model = PrandtlIshlinskiiOperator(thresholds, weights=np.r_[0.4, np.full(9, 0.08)])
@@ -51,8 +51,8 @@ plt.show()
 # %%
 # Two properties of its memory
 # ----------------------------
-# **Rate independence**: the same path at another speed gives the same loop. **Wiping-out**: once
-# the drive passes an old turning point, the model forgets the small loop within.
+# **Rate independence**: the same drive at a different rate gives the same loop. **Wiping-out**:
+# once the drive passes an old turning point, the model forgets the minor loop inside.
 
 slow, _ = model.run(np.interp(np.linspace(0, 3, 6001), time, drive), dt)
 print(f"largest difference at a quarter of the speed: {np.abs(slow[::4] - response).max():.1e}")
@@ -62,8 +62,8 @@ without, _ = model.run([0.0, 4.0, -2.0], dt)
 print(f"after the inner loop is wiped out:            {abs(with_inner_loop[-1] - without[-1]):.1e}")
 
 # %%
-# What it remembers is therefore short: the nested turning points. That is the operator's state, and
-# a run can stop and go on anywhere.
+# So its memory consists of the nested turning points only. They are the operator's state, and a run
+# can be interrupted and continued at any sample.
 
 first, state = model.run(drive[:700], dt)
 second, _ = model.run(drive[700:], dt, state)

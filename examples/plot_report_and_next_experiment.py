@@ -2,14 +2,15 @@
 A report, and what to record next
 =================================
 
-A recording may not tell two effects apart. The report says so, and the next experiment is the drive
-that tells them apart, as a file for the signal generator.
+A recording may not distinguish two effects. The report says so, and the next experiment is the
+drive that distinguishes them, as a file for the signal generator.
 """
 
 # %%
 # A recording at one frequency
 # ----------------------------
-# The response is late by three samples. At one frequency a delay and a lag are much the same.
+# The response is delayed by three samples. At one frequency a delay and a lag are nearly
+# equivalent.
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -48,7 +49,7 @@ search = EffectSearchCV(Gain(), effects=tried, random_state=0).fit(X, y)
 report = search.report()
 print(report.sentence)
 page = report.to_html(Path(folder.name, "report.html"))
-print(f"report.html: {len(page) / 1e6:.2f} MB, nothing from a network")
+print(f"report.html: {len(page) / 1e6:.2f} MB, self-contained")
 
 # %%
 # What to record next
@@ -64,9 +65,9 @@ axes.set(xlabel="time (s)", ylabel="drive (V)")
 plt.show()
 
 # %%
-# It is recorded
-# --------------
-# Both recordings together: the name is the only one.
+# Record it
+# ---------
+# A search of both recordings together: the name is now unambiguous.
 
 drive = experiment.drive.to_numpy()
 columns = {"time [s]": dt * np.arange(len(drive)), "voltage [V]": drive}
@@ -74,5 +75,5 @@ second = Path(folder.name, "second.csv")
 pd.DataFrame(columns | {"position [um]": device(drive, rng)}).to_csv(second, index=False)
 X, y = read_records([path, second])
 search.fit(X, y)
-print(search.effects_, "not told from", search.history_["ambiguous_with"][0] or "nothing")
+print(search.effects_, "ambiguous with", search.history_["ambiguous_with"][0] or "nothing")
 folder.cleanup()

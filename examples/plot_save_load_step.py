@@ -2,8 +2,8 @@
 A model that is saved, loaded and stepped
 =========================================
 
-A model is fitted once, in the laboratory, and used sample by sample elsewhere. Its file is loaded
-without running anything that is in it.
+A model is fitted once, in the laboratory, and used sample by sample elsewhere. Loading its file
+does not execute anything in it.
 """
 
 # %%
@@ -45,27 +45,28 @@ print(f"{file.name}: {file.stat().st_size / 1024:.0f} kB")
 # %%
 # Load and step
 # -------------
-# `stepper` gives a device of software: one call a sample, its memory in `state`. It begins at rest
-# at the first drive. A copy that is made on the way goes another way from there.
+# `stepper` returns the model for use sample by sample: one call per sample, with its memory in
+# `state`. It begins at rest at the first drive. A copy made during the run is independent from then
+# on.
 
 device = load_model(file).stepper(dt=dt)
-way = triangle(20.0, 1.0, n_cycles=2, dt=dt)["drive"].to_numpy()
-half = len(way) // 2
-first = [device.step(u) for u in way[:half]]
+new_drive = triangle(20.0, 1.0, n_cycles=2, dt=dt)["drive"].to_numpy()
+half = len(new_drive) // 2
+first = [device.step(u) for u in new_drive[:half]]
 other = device.copy()
-second = [device.step(u) for u in way[half:]]
-held = [other.step(way[half]) for _ in way[half:]]
+second = [device.step(u) for u in new_drive[half:]]
+held = [other.step(new_drive[half]) for _ in new_drive[half:]]
 
 # %%
-# Step by step is the same as all at once.
+# Sample by sample gives the same result as one run.
 
-whole = model.stepper(dt=dt).run(way)
+whole = model.stepper(dt=dt).run(new_drive)
 print(f"largest difference to the whole run: {np.max(np.abs(whole - [*first, *second])):.1e} um")
 
 figure, axes = plt.subplots(figsize=(7.0, 3.2), layout="constrained")
-time = dt * np.arange(len(way))
+time = dt * np.arange(len(new_drive))
 axes.plot(time, whole, label="as driven")
-axes.plot(time[half:], held, label="a copy, held at the half")
+axes.plot(time[half:], held, label="a copy, at constant drive")
 axes.set(xlabel="time (s)", ylabel="position (um)")
 axes.legend()
 plt.show()

@@ -2,17 +2,18 @@
 A triangle on a scanning stage
 ==============================
 
-Scanners draw triangles. A stage does not follow them: its hysteresis bends the lines, its creep
-moves them, and its dynamics make it late and round the corners. Here a stage is identified, its
-model turned round, and what is left learned on the stage itself, or left to feedback.
+Scanners follow triangles. A stage does not follow them exactly: its hysteresis bends the lines, its
+creep shifts them, and its dynamics delay the motion and round the corners. Here a stage is
+identified, its model is inverted, and the remaining error is reduced by iterative learning on the
+stage itself, or by feedback.
 """
 
 # %%
 # The stage and its model
 # -----------------------
-# The stage is simulated with published parameters and shares nothing with the models. Recorded are
-# four triangles of 1 Hz to 1 kHz, and white noise that is too small for hysteresis and gives the
-# vibration. The sensor has 0.5 nm of noise.
+# The stage is simulated with published parameters and shares no code with the models. The
+# recordings are four triangles of 1 Hz to 1 kHz, and the response to white noise that is too small
+# for hysteresis, which identifies the vibration. The sensor has 0.5 nm of noise.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -39,13 +40,13 @@ model = Cascade(
         ("vibration", FrozenEstimator(vibration)),
     ]
 ).fit(X, y)
-print(f"what the model leaves: {1e3 * model.fit_error_:.2f} nm")
+print(f"residual of the model: {1e3 * model.fit_error_:.2f} nm")
 
 # %%
 # The reference
 # -------------
-# Two micrometres at 500 Hz. No stage with mass turns at once, so the turns are rounded off: a
-# parabola over a twentieth of the period in place of each corner. It begins and ends at rest.
+# Two micrometres at 500 Hz. No stage with mass can reverse abruptly, so each corner is replaced by
+# a parabola over a twentieth of the period. The reference begins and ends at rest.
 
 FREQUENCY, STROKE, PERIODS = 500.0, 2.0, 5
 n = round(1.0 / (FREQUENCY * DT))
@@ -59,10 +60,10 @@ lines = np.abs(slope) > 0.999 * slope.max()  # where a scanner records
 # %%
 # Open loop
 # ---------
-# Without a model there is one number: the gain of the slowest triangle. The compensator gives the
-# drive under which the model follows. The stage of today is not quite that of the recordings: glue
-# has become soft and adds a creep of 5 % within milliseconds, of which the model knows nothing. So
-# the stage itself is asked: ``refine`` corrects the drive by the error of each trial.
+# Without a model only a constant gain is used, that of the slowest triangle. The compensator gives
+# the drive under which the model follows the reference. The stage has changed since the recordings:
+# softened glue adds a creep of 5 % within milliseconds, which is not in the model. So the drive is
+# learned on the stage itself: ``refine`` corrects the drive by the error of each trial.
 
 slow = X.loc["1 Hz", "drive"].to_numpy(), y.loc["1 Hz"].to_numpy()
 gain = np.polyfit(*slow, 1)[0]
@@ -88,9 +89,9 @@ print("errors of the trials kept (nm):", np.round(1e3 * np.array(compensator.err
 # %%
 # Closed loop
 # -----------
-# Feedback needs no trial to see what the model does not know. But it sees it late, and alone it is
-# worse at 500 Hz than no feedback at all. Behind the compensator little is left for it to do. The
-# gains are modest: the loop's gain is one near 1.3 kHz, and a quarter at the first resonance.
+# Feedback corrects model errors without trials, but with a delay: alone, it is worse at 500 Hz than
+# no feedback at all. With the compensator it only has to correct a small error. The gains are
+# moderate: the loop gain is one near 1.3 kHz, and a quarter at the first resonance.
 
 kp, ki = 0.1 / gain, 2.0 * np.pi * 1500.0 / gain
 for name, own in {"PI": None, "compensated + PI": compensator}.items():
@@ -111,8 +112,8 @@ for name, response in responses.items():
     print(f"{name:20s} {np.sqrt(np.mean(error**2)):8.2f} {np.abs(error).max():8.2f}")
 
 # %%
-# The responses, and what is left of the error on two scales. With the gain alone the stage is late,
-# by more than a tenth of the stroke, and so it is under feedback alone.
+# The responses, and the error on two scales. With the gain alone the response is delayed, with an
+# error of more than a tenth of the stroke, and so it is under feedback alone.
 
 colors = {name: f"C{k}" for k, name in enumerate(responses)}
 figure, axes = plt.subplots(2, 2, figsize=(10.0, 6.0), layout="constrained", sharex=True)
@@ -129,20 +130,20 @@ for name in ("compensated", "compensated + PI", "learned, 6 trials"):
     axes[1, 1].plot(
         time, 1e3 * (responses[name] - reference), color=colors[name], lw=0.8, label=name
     )
-axes[1, 1].set(title="error, looked at closely", ylabel="nm", xlabel="time (ms)")
+axes[1, 1].set(title="error, enlarged", ylabel="nm", xlabel="time (ms)")
 axes[1, 1].set(xlim=(time[n // 2], time[-n // 2]))
 for axis in (axes[0, 0], axes[0, 1], axes[1, 1]):
     axis.legend(loc="lower left", fontsize="small")
 plt.show()
 
 # %%
-# As lines over the sample, one period there and back: the distance between the two ways is what a
-# scanner shows as a shadow of every edge.
+# Displacement over reference for one period, forth and back: the distance between the two lines
+# appears in a scanner as a shadow of every edge.
 
 figure, axis = plt.subplots(figsize=(6.0, 4.0), layout="constrained")
 period = slice(3 * n - n // 4, 4 * n - n // 4)
 for name in ("gain alone", "PI", "compensated"):
     axis.plot(reference[period], responses[name][period], color=colors[name], label=name)
-axis.set(xlabel="reference (µm)", ylabel="displacement (µm)", title="one period, there and back")
+axis.set(xlabel="reference (µm)", ylabel="displacement (µm)", title="one period, forth and back")
 axis.legend()
 plt.show()

@@ -3,21 +3,20 @@ A gray-box network for a nano-stage
 ===================================
 
 In Ahmed and Yan, *IEEE Access*, 2021, a network whose weights are physical parameters is trained,
-and set against a particle swarm and against black-box networks. Here the three are trained on the
-same simulated records and asked for one that they have not seen.
+and compared with a particle swarm and with black-box networks. Here the three are trained on the
+same simulated records and evaluated on a held-out one.
 
-The example is shortened to a few seconds. The whole table, with the paper's budgets, is printed by
-`python benchmarks/gray_box.py`.
+The example is shortened to a few seconds. `python benchmarks/gray_box.py` prints the whole table,
+with the paper's budgets.
 """
 
 # %%
 # The stage
 # ---------
 # Quasi-static hysteresis, equations (15) to (17) in closed form from turning point to turning
-# point, drives a mode at 512 Hz; an encoder of 1.2 nm reads the position. The published values of
-# delta_d, gamma and V_c give these equations a loop of less than half a percent of the stroke, so
-# the loop here is that of an ordinary actuator. The plant shares no code with the
-# models.
+# point, drives a mode at 512 Hz; an encoder of 1.2 nm reads the position. With the published values
+# of delta_d, gamma and V_c the loop is narrower than half a percent of the stroke, so the loop here
+# is that of an ordinary actuator. The plant shares no code with the models.
 
 import time
 from functools import partial
@@ -46,7 +45,7 @@ plant = Plant({"core": (curves,), "motion": (mode,)})
 
 
 def stage(u):
-    """Return what the encoder reads, nm."""
+    """Return the reading of the encoder (nm)."""
     y = plant.respond(u, substeps=16, dt=DT)
     return 1.2 * np.round((y + rng.normal(size=len(y))) / 1.2)
 
@@ -72,10 +71,10 @@ X_test, y_test = stack_records([record(beats, 0.8)], dt=DT)
 # %%
 # Training
 # --------
-# The gray box is trained in the paper's two stages, the quasi-static half from the slowest record,
-# then all of it together. The swarm searches the same weights. The black box sees drive and
-# generalised gradient, the extended input space of the paper; its 35 neurons are trained by
-# Levenberg-Marquardt too, over the paper's 578 epochs.
+# The gray box is trained in the paper's two stages, the quasi-static part from the slowest record,
+# then all weights jointly. The swarm searches the same weights. The inputs of the black box are
+# drive and generalised gradient, the extended input space of the paper; its 35 neurons are trained
+# by Levenberg-Marquardt too, over the paper's 578 epochs.
 
 swarm = ParticleSwarm(population=20, max_iterations=100, project=False, polish=False)
 models = {
@@ -91,7 +90,7 @@ for name, model in models.items():
 
 
 class BlackBox(RegressorMixin, BaseEstimator):
-    """One hidden layer of 35 neurons; a value for each is one row of ``w``."""
+    """One hidden layer of 35 neurons; a row of ``w`` has the input and output weights of one."""
 
     def _run(self, w, X):
         signals = np.column_stack([X, np.ones(len(X))])
@@ -126,7 +125,7 @@ black_box.fit(signals[::2], y[::2])  # a static map needs no neighbours
 predictions["black box"] = tuple(black_box.predict(scaled.transform(part)) for part in (X, X_test))
 
 # %%
-# The errors, in nm, at the encoder's resolution for the gray box alone:
+# The errors in nm; only those of the gray box are at the encoder's resolution:
 
 table = pd.DataFrame(
     {
@@ -152,8 +151,8 @@ print(f"mode at {np.abs(poles) / 2 / np.pi:.1f} Hz, damping {-poles.real / np.ab
 print("epochs:", gray.n_epochs_)
 
 # %%
-# The held-out drive has loops within loops. Drive and gradient do not say on which one the stage
-# is, so the black box is off by more than a tenth of the stroke
+# The held-out drive has nested minor loops. Drive and gradient do not determine on which one the
+# stage is, so the error of the black box exceeds a tenth of the stroke
 # (:ref:`sphx_glr_auto_examples_papers_plot_theorem1_counter_example.py`).
 
 figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained")

@@ -4,17 +4,18 @@ An inchworm motor, identified through its hysteresis
 
 In Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
 undated, the authors identify the first mode of a motor, 138.8 Hz, from a swept sine, after a
-compensator has undone the hysteresis. Here the motor is simulated, and three ways to its mode are
-compared: without the compensator, with it, and with hysteresis and mode identified together.
+compensator has cancelled the hysteresis. Here the motor is simulated, and three methods to identify
+its mode are compared: without the compensator, with it, and with hysteresis and mode identified
+jointly.
 """
 
 # %%
 # The motor
 # ---------
 # :func:`~skhyst.datasets.make_inchworm_motor` integrates the paper's equations (1) to (4) with the
-# parameters of (15). Its hysteresis is a Bouc-Wen law, so no model below is exactly its own. Two
-# pairs of benders take turns at carrying the runner; the identification keeps one pair clamped and
-# drives it with the decaying sine (12).
+# parameters of (15). Its hysteresis is a Bouc-Wen law, so no model below is exact. Two pairs of
+# benders carry the runner alternately; the identification keeps one pair clamped and drives it with
+# the decaying sine (12).
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -30,7 +31,7 @@ _, walk, walking = make_inchworm_motor(walking_drive(12), random_state=0)
 mode = truth.parameters["frequency"]
 travel = (walk.iloc[-1] - walk.iloc[0]) / 12
 print(
-    f"first mode {mode:.2f} Hz, {walking.noise_std * 1e3:.2f} nm of noise; {travel:.3f} um a step"
+    f"first mode {mode:.2f} Hz, {walking.noise_std * 1e3:.2f} nm of noise; {travel:.3f} um per step"
 )
 
 figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
@@ -49,8 +50,8 @@ plt.show()
 # %%
 # The compensator
 # ---------------
-# A Prandtl-Ishlinskii model of the slow record has an exact inverse. The drive that it asks for a
-# response of :math:`c_1 u` takes the place of the drive :math:`u`.
+# A Prandtl-Ishlinskii model of the slow record has an exact inverse. Its drive for a response of
+# :math:`c_1 u` replaces the drive :math:`u`.
 
 plays = PrandtlIshlinskii(20).fit(X_slow.iloc[::2], y_slow.iloc[::2])
 stroke = np.ptp(y_slow)
@@ -65,10 +66,10 @@ def compensate(X):
 # %%
 # What a sweep shows
 # ------------------
-# The swept sine (14): 5 V, 0.1 to 800 Hz. At the paper's 1 kHz it would be above the Nyquist
-# frequency; 10 kHz here. Where the mode is, the inverse of the response is
-# :math:`(k - m \omega^2 + j \omega b) / (c_1 k)`: its real part is a straight line over the
-# frequency's square, and crosses zero at the mode.
+# The swept sine (14): 5 V, 0.1 to 800 Hz. At the paper's 1 kHz it would exceed the Nyquist
+# frequency; 10 kHz here. Near the mode, the inverse of the frequency response is :math:`(k - m
+# \omega^2 + j \omega b) / (c_1 k)`: its real part is a straight line over the square of the
+# frequency, and crosses zero at the mode.
 
 sweep = swept_sine(0.1, 800.0, duration=10.0, amplitude=5.0, phase=0.5 * np.pi, dt=DT)
 
@@ -79,9 +80,9 @@ def crossing(response, low=120.0, high=160.0):
     return np.sqrt(-level / slope)
 
 
-ways = {"no compensator": sweep, "compensator": compensate(sweep)}
+drives = {"no compensator": sweep, "compensator": compensate(sweep)}
 spectra, found, error = {}, {}, {}
-for name, drive in ways.items():
+for name, drive in drives.items():
     _, y, _ = make_inchworm_motor(drive, random_state=1)
     spectra[name] = frequency_response(sweep, y, method="h1", segment_length=10_000)
     found[f"sweep, {name}"] = crossing(spectra[name])
@@ -90,10 +91,10 @@ for name, drive in ways.items():
     error[f"transfer function, {name}"] = linear.fit_error_
 
 # %%
-# Both at once
-# ------------
-# A cascade has no need of a compensator, nor of a slow record: plays and mode are identified
-# together, from the sweep as it was recorded without compensation.
+# Joint identification
+# --------------------
+# A cascade needs neither a compensator nor a slow record: plays and mode are identified jointly,
+# from the sweep that was recorded without compensation.
 
 X, y, _ = make_inchworm_motor(sweep, random_state=1)
 cascade = Cascade([("plays", PrandtlIshlinskii(8)), ("mode", TransferFunction(2, n_zeros=1))])
@@ -106,15 +107,15 @@ for name, value in found.items():
     print(f"{name:34s} {value:8.3f} Hz, off by {100 * (value / mode - 1):+8.4f} %  {rms}")
 
 # %%
-# All find the mode to much better than half a percent: a resonance hardly moves for hysteresis
-# before it. What the hysteresis spoils is the rest. The residual of the linear model is the loop,
-# six times larger without the compensator; and the static gain is that of the play at small
-# strokes, a sixth too low.
+# All find the mode with an error far below half a percent: hysteresis before a mode hardly changes
+# its frequency. It affects the rest. The residual of the linear model is the loop, six times larger
+# without the compensator; and the static gain is that of the plays at small strokes, a sixth too
+# low.
 #
 # Distortion
 # ----------
-# Multisines of random phases tell noise from distortion: periods of one realisation differ by
-# noise, realisations by what is not linear.
+# Random-phase multisines separate noise from distortion: periods of one realisation differ by
+# noise, realisations by nonlinear distortion.
 
 X = multisine(
     10_000, band=(1.0, 400.0), rms=1.3, n_periods=3, n_realizations=6, dt=DT, random_state=2
@@ -132,9 +133,9 @@ for name, drive in {"no compensator": X, "compensator": compensate(X)}.items():
     )
 
 # %%
-# The compensator lifts the static gain to that of the bender. It was identified from nested loops
-# of a single frequency: the sweep loses nine tenths of its incoherent part, the multisines, whose
-# loops are of another kind, half of their distortion. The noise is far below both.
+# The compensator raises the static gain to that of the bender. It was identified from nested loops
+# of a single frequency: it removes nine tenths of the incoherent part of the sweep, and half of the
+# distortion of the multisines, whose loops are different. The noise is far below both.
 
 figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.8), layout="constrained")
 colors = {"no compensator": "C3", "compensator": "C0"}

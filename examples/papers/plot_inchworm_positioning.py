@@ -3,17 +3,17 @@ The inchworm motor in closed loop
 =================================
 
 The paper on the inchworm motor, Han et al., *An Identification Method for Dynamic Systems with SCNs
-Hysteresis Compensator*, undated, ends with positions: under a learned hysteresis compensator and
+Hysteresis Compensator*, undated, ends with positioning: with a learned hysteresis compensator and
 proportional-integral control the motor settles within 1 nm of targets 1 um and 2 mm away. Here the
-motor is simulated. It walks until one foot can reach the target, and that foot goes there under
-control.
+motor is simulated. It walks until one foot can reach the target, and that foot moves there in
+closed loop.
 """
 
 # %%
 # A recording and a model
 # -----------------------
-# One pair of benders is clamped: a voltage that dies away, for the hysteresis, and a sweep, for the
-# mode. The sensor has 0.1 nm of noise and a resolution of 0.1 nm.
+# One pair of benders is clamped and driven by a decaying voltage, for the hysteresis, and by a
+# sweep, for the mode. The sensor has 0.1 nm of noise and a resolution of 0.1 nm.
 
 from itertools import pairwise
 
@@ -57,24 +57,24 @@ w, ratio = mode.natural_frequency, mode.damping_ratio
 gain = np.polyfit(slow[0]["drive"], slow[1], 1)[0]
 print(
     f"mode at {w / (2.0 * np.pi):.1f} Hz, damping ratio {ratio:.4f}; {1e3 * gain:.1f} nm/V; "
-    f"the model leaves {1e3 * model.fit_error_:.1f} nm"
+    f"residual {1e3 * model.fit_error_:.1f} nm"
 )
 
 # %%
 # Two feed-forwards
 # -----------------
-# One is the model, inverted. The other is the paper's: a stochastic configuration network of three
-# inputs, (8), learned from response to voltage, with no model at all. As in
-# :ref:`sphx_glr_auto_examples_papers_plot_inchworm_scn.py` it runs over the path of the signal in
-# the place of time, so that its errors do not add up. Any regressor can be the inverse.
+# One is the inverted model. The other is that of the paper: a stochastic configuration network of
+# three inputs, (8), trained to map response to voltage, without any model. As in
+# :ref:`sphx_glr_auto_examples_papers_plot_inchworm_scn.py` it runs over the path length of the
+# signal instead of time, so that its errors do not add up. Any regressor can be the inverse.
 
 
 def by_path(signal, step):
-    """Return a signal's path, and a grid on it: all turning points, and at most this step."""
+    """Return the path length of a signal, and a grid with all turning points and this step."""
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(signal)))])
-    way = np.sign(np.diff(signal))
-    moves = np.flatnonzero(way)
-    turns = moves[1:][way[moves[1:]] != way[moves[:-1]]]
+    direction = np.sign(np.diff(signal))
+    moves = np.flatnonzero(direction)
+    turns = moves[1:][direction[moves[1:]] != direction[moves[:-1]]]
     corners = np.unique(path[np.r_[0, turns, len(path) - 1]])
     parts = [np.linspace(a, b, 1 + int(np.ceil((b - a) / step)))[1:] for a, b in pairwise(corners)]
     return path, np.concatenate([[0.0], *parts])
@@ -107,20 +107,20 @@ inverse = InverseCompensator(model, bandwidth=500.0, rate_limit=2e3).fit(*slow)
 # %%
 # Walking
 # -------
-# Half a period of the four voltages is a step of some 0.7 um. Behind the last one the foot that is
-# next stands clamped at its lowest voltage, and can carry the runner on by as much.
+# Half a period of the four voltages is a step of about 0.7 um. After the last one the next foot is
+# clamped at its lowest voltage, and can move the runner by another 0.7 um.
 
 AMPLITUDE, TARGET = 4.0, 20.0  # V, um
 
 
 def smooth(n):
-    """Return n numbers from 0 to 1 that begin and end at rest."""
+    """Return n values from 0 to 1, with zero slope at both ends."""
     t = np.arange(n) / (n - 1)
     return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
 
 
 def voltages(bend, clamp, pair):
-    """Return those of both pairs of benders; those of the other are opposite."""
+    """Return the voltages of both pairs of benders, those of the other pair with opposite sign."""
     own, other = np.column_stack([bend, clamp]), -np.column_stack([bend, clamp])
     return np.hstack([other, own] if pair else [own, other])
 
@@ -134,18 +134,19 @@ while TARGET - travel[-1] > 0.7:
 clamp = AMPLITUDE * np.append(smooth(500), np.ones(2500))
 travel += motor.run(voltages(np.full(3000, -AMPLITUDE), clamp, pair)).tolist()
 start = travel[-1]
-print(f"{TARGET - start:.3f} um are left for the foot")
+print(f"remaining displacement {TARGET - start:.3f} um")
 
 # %%
 # The last half of a micrometre
 # -----------------------------
-# The mode rings: behind one integrator, its peak keeps a gain margin of 2 up to
-# :math:`k_i = \zeta \omega / g`, a loop of 1.5 Hz. Integral resonant control damps it, and ten
-# times that is safe. A compensator has to know what the foot has been through: it has come to its
-# lowest voltage by walking.
+# The mode is lightly damped: with an integral controller, its peak limits the gain to :math:`k_i =
+# \zeta \omega / g` for a gain margin of 2, a bandwidth of 1.5 Hz. Integral resonant control damps
+# the mode, so that ten times this gain is safe. A compensator has to know the history of the foot:
+# it has reached its lowest voltage by walking.
 #
-# The paper has :math:`k_p = 10` and :math:`k_i = 145.836`, and no units. As V/um and V/(um s), on
-# the published motor (15), such a loop diverges at slow rates and rings on at fast ones:
+# The paper has :math:`k_p = 10` and :math:`k_i = 145.836`, without units. As V/um and V/(um s), on
+# the published motor (15), such a loop is unstable at low sampling rates and hardly damped at high
+# ones:
 
 for rate in (1e3, 1e4, 5e4, 1e5):
     moved, past, _ = cont2discrete(([6.664, 0.2657e6], [3.04, 58.0, 2.312e6]), 1.0 / rate)
@@ -157,7 +158,7 @@ for rate in (1e3, 1e4, 5e4, 1e5):
 
 
 class Foot:
-    """The foot that stands, as a device of one voltage."""
+    """The foot in contact, as a device with one voltage as drive."""
 
     def __init__(self):
         self.motor = motor.copy()
@@ -167,7 +168,7 @@ class Foot:
 
 
 class Walked:
-    """A compensator for a foot at its lowest voltage."""
+    """A compensator for a foot that starts at its lowest voltage."""
 
     def __init__(self, compensator):
         self.compensator = compensator
@@ -201,12 +202,12 @@ for name, loop in loops.items():
     print(f"{name:22s} {error.max():13.2f} {rest:13.2f} {settled:15.0f} ms")
 
 # %%
-# Left the walk, and the last part of it; right the largest error within one period of the mode.
-# Feedback alone, slow as it must be, takes 0.6 s, and damped 0.3 s. Feed-forward is there within
-# nanometres when the reference is, and then rings on for as long as the mode does. Damped, nothing
-# rings. What is left there is the work of the sensor's noise: feedback makes a drive of it, and a
-# Bouc-Wen law, unlike plays, slowly gives way to small motions. Without noise, or with plays in the
-# motor, this loop is within 0.1 nm after 0.1 s.
+# Left: the walk and the final approach. Right: the largest error within one period of the mode.
+# Feedback alone, which has to be slow, takes 0.6 s, and 0.3 s with damping. With feed-forward the
+# error is within nanometres at the end of the reference, and then rings as long as the mode does.
+# With damping there is no ringing. The remaining error is caused by the sensor's noise: feedback
+# converts it into a drive, and a Bouc-Wen law, unlike plays, slowly yields under small motions.
+# Without noise, or with plays in the motor, the error is below 0.1 nm after 0.1 s.
 
 figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
 axes[0].plot(1e3 * DT * np.arange(len(travel)), travel, "0.6", label="walk")
@@ -219,6 +220,6 @@ for name, loop in loops.items():
     error = maximum_filter1d(1e3 * np.abs(loop.response - reference), round(6.28 / w / DT))
     axes[1].semilogy(1e3 * loop.time, error, lw=1, label=name)
 axes[1].axhline(1.0, color="k", ls="--", lw=0.8)
-axes[1].set(xlabel="time (ms)", ylabel="error (nm)", ylim=(2e-2, 1e3), title="the last part")
+axes[1].set(xlabel="time (ms)", ylabel="error (nm)", ylim=(2e-2, 1e3), title="final approach")
 axes[1].legend(loc="upper right", fontsize="small")
 plt.show()

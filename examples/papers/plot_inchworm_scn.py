@@ -4,18 +4,18 @@ Stochastic configuration networks as hysteresis model and compensator
 
 In Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
 undated, the authors model hysteresis by a stochastic configuration network of three inputs, (8):
-the voltage, the voltage before, and the hysteresis before. The error is said to stay within 2 nm.
-Here the motor is simulated, the network is judged in the free run, in which it sees its own past
-and no measurement, and so is the compensator that is made of it.
+the voltage, the previous voltage, and the previous hysteresis. The reported error is within 2 nm.
+Here the motor is simulated, and the network is evaluated in the free run, in which it uses its own
+past output and no measurement; so is the compensator based on it.
 """
 
 # %%
 # The recording
 # -------------
-# The voltage (12) dies away over 3.5 s, at 0.1 ms a sample. The sensor has 0.1 nm of noise and a
-# resolution of 0.1 nm, as the paper's interferometer. What the network learns is not measured: by
-# (4) the hysteresis is what the linear equation of motion, known from (15), leaves of the
-# displacement.
+# The voltage (12) decays over 3.5 s, sampled at 0.1 ms. The sensor has 0.1 nm of noise and a
+# resolution of 0.1 nm, as the paper's interferometer. The target of the network is not measured: by
+# (4) the hysteresis is computed from the displacement by the linear equation of motion, known from
+# (15).
 
 from itertools import pairwise
 
@@ -58,7 +58,7 @@ def moved(foot):
 
 
 def foot_of(x):
-    """Return the foot that has moved the runner so: (3) the other way, from smoothed slopes."""
+    """Return the foot's displacement for that of the runner: (3) inverted, by smoothed slopes."""
     slopes = [savgol_filter(x, 41, 4, deriv=order, delta=DT) for order in range(3)]
     force = mass * slopes[2] + damping * slopes[1] + stiffness * slopes[0]
     _, foot, _ = lsim([[1.0], [damping, stiffness]], force, DT * np.arange(len(x)))
@@ -69,22 +69,22 @@ u, x, _, h_true, _ = record(decaying_sine(), 0)
 foot = foot_of(x)
 h = C1 * u - foot
 error = 1e3 * np.abs(h - h_true)
-print(f"hysteresis found to {np.sqrt(np.mean(error**2)):.2f} nm rms, {error.max():.2f} nm at most")
+print(f"hysteresis error {np.sqrt(np.mean(error**2)):.2f} nm rms, {error.max():.2f} nm at most")
 
 # %%
 # As printed
 # ----------
-# One step ahead (8) is excellent, and would be for any model: in 0.1 ms the hysteresis changes by
-# less than a nanometre. In the free run the same network drifts off: what decides is the
+# One step ahead (8) is very accurate, as any model would be: in 0.1 ms the hysteresis changes by
+# less than a nanometre. In the free run the same network drifts: its output depends on the
 # difference of two neighbouring voltages, a thousandth of either, and the errors of 35,000 steps
-# add up. Whitening (``scaling="whiten"``) brings out the difference, but the steps remain. With the
-# output weights fitted to the free run (``objective="simulation"``) the printed inputs, at the
-# printed step, follow the recording (12) within a nanometre.
+# add up. Whitening (``scaling="whiten"``) amplifies the difference, but the number of steps
+# remains. With the output weights fitted to the free run (``objective="simulation"``) a network
+# with the printed inputs and the printed step follows the recording (12) within a nanometre.
 #
-# That is this recording. At 1 and 10 Hz the voltage takes steps that it does not take at these
-# voltages in (12), and the same network is far off: a model of these inputs may follow (12) and
-# know nothing of other rates, so that (12) alone cannot tell what it does there. What is
-# missing is not a better fit but the knowledge that the motor's hysteresis has no rate.
+# This holds for this recording only. At 1 and 10 Hz the voltage has increments that do not occur at
+# these voltages in (12), and the error of the same network is large: a model with these inputs may
+# fit (12) and be wrong at other rates, which (12) alone cannot show. What is missing is not a
+# better fit but the knowledge that the motor's hysteresis is rate independent.
 
 
 def free_run(model, drive, target=None):
@@ -112,16 +112,16 @@ for scaling, objective in (
     print(f"{scaling:9s}{objective:11s}{ahead:8.2f}" + "".join(f"{e:8.1f}" for e in errors))
 
 # %%
-# The path in place of time
-# -------------------------
-# Hysteresis that does not depend on rate knows no time: a record may be sampled in even steps of
-# the voltage's path, with every turning point among the samples. The step is then as large as we
-# like, and a record of 1 Hz is the same as one of 10 Hz. Three grids of the same record, three
-# records to learn from, keep the network from learning one of them by heart.
+# Path length instead of time
+# ---------------------------
+# Rate-independent hysteresis does not depend on time: a record may be sampled in equal steps of the
+# path length of the voltage, with every turning point among the samples. The step can then be
+# chosen freely, and a record of 1 Hz is the same as one of 10 Hz. Three grids of the same record
+# give three training records, which prevents overfitting to one of them.
 
 
 def by_path(signal, step):
-    """Return a signal's path, and a grid on it: all turning points, and at most this step."""
+    """Return the path length of a signal, and a grid with all turning points and this step."""
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(signal)))])
     direction = np.sign(np.diff(signal))
     turns = 1 + np.flatnonzero(direction[1:] != direction[:-1])
@@ -136,7 +136,7 @@ def sampled(path, grid, signal):
 
 
 def run_by_path(model, signal, step):
-    """Return the free run over the path of a signal, at the signal's own samples."""
+    """Return the free run over the path length of a signal, at the signal's own samples."""
     path, grid = by_path(signal, step)
     return np.interp(path, grid, model.predict(stack_records([sampled(path, grid, signal)])))
 
@@ -157,9 +157,10 @@ ahead = 1e3 * (models[0].predict_one_step(X_path, H_path) - H_path).abs().max()
 print(f"{len(H_path)} samples by path, largest error one step ahead {ahead:.2f} nm")
 
 # %%
-# Held out are sinusoids of 1 and 10 Hz, of 3 V, as in the training, and of 3.5 V, which it never
-# reached. A static map of play states is the other way to a memory: it needs no feedback of the
-# output and cannot diverge. It misses Bouc-Wen hysteresis, which does not forget as plays do.
+# Held out are sinusoids of 1 and 10 Hz, of 3 V, within the range of the training, and of 3.5 V,
+# outside it. A static map of play states is another model with memory: it needs no feedback of the
+# output and cannot diverge. It does not represent Bouc-Wen hysteresis exactly, whose memory is not
+# erased like that of plays.
 
 plays = make_pipeline(PlayOperators(12), Ridge(1e-6)).fit(u[::10, None], h[::10])
 plays_scn = make_pipeline(
@@ -178,13 +179,13 @@ for name, (drive, clean) in tests.items():
     found = [moved(C1 * drive - run_by_path(model, drive, 0.2)) for model in models]
     found += [moved(C1 * drive - p.predict(drive[:, None])) for p in (plays_scn, plays)]
     worst = [1e3 * np.abs(run - clean).max() for run in found]
-    runs[name], share = found[0], 0.1 * max(worst[:3]) / np.ptp(clean)
+    runs[name], percent = found[0], 0.1 * max(worst[:3]) / np.ptp(clean)
     paths = "".join(f"{value:7.2f}" for value in worst[:3])
-    print(f"{name:18s} {paths} {share:11.2f} % {worst[3]:11.1f} {worst[4]:13.1f}")
+    print(f"{name:18s} {paths} {percent:11.2f} % {worst[3]:11.1f} {worst[4]:13.1f}")
 
 # %%
-# Within the voltages of the training all three networks stay within 2 nm, a quarter of a percent
-# of the stroke, in the free run over three seconds.
+# Within the voltages of the training the errors of all three networks stay within 2 nm, a quarter
+# of a percent of the stroke, in the free run over three seconds.
 
 figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.8), layout="constrained")
 time = DT * np.arange(len(u))
@@ -207,9 +208,9 @@ plt.show()
 # %%
 # How many nodes
 # --------------
-# The three algorithms draw nodes in the same way and differ in their output weights: of the new
-# node alone (SC-I), of the last ten (SC-II), of all (SC-III). SC-I stalls: the weights of its first
-# nodes are never revised.
+# The three algorithms draw nodes in the same way and differ in the output weights that they solve
+# for: that of the new node alone (SC-I), those of the last ten (SC-II), all (SC-III). SC-I
+# stagnates: the weights of its first nodes are never revised.
 
 signals = np.vstack([np.c_[a[1:], a[:-1], b[:-1]] for a, b in zip(U, H, strict=True)])
 target = np.concatenate([b[1:] for b in H])
@@ -232,8 +233,9 @@ plt.show()
 # %%
 # The compensator
 # ---------------
-# The inverse (13) is the same network with foot and voltage swapped: it maps where the foot should
-# be, where it was, and the voltage before, to the voltage. It is trained on the same samples.
+# The inverse (13) is the same network with foot and voltage swapped: it maps the desired
+# displacement of the foot, its previous displacement, and the previous voltage to the voltage. It
+# is trained on the same samples.
 
 inverse = network_of([C1 * a - b for a, b in zip(U, H, strict=True)], U)
 sweep = swept_sine(0.1, 800.0, duration=10.0, amplitude=0.2, dt=DT)  # um
@@ -271,5 +273,6 @@ axes[0].legend()
 plt.show()
 
 # %%
-# Without compensator the loop shows as a lag that no linear dynamics have at low frequency, and the
-# gain is that of one amplitude. With it the sweep sees the mode (15), and little else.
+# Without compensator the loop appears as a phase lag at low frequency, which linear dynamics cannot
+# have, and the gain holds for one amplitude only. With it the sweep shows the mode (15), and little
+# else.

@@ -5,8 +5,8 @@ A stage with LuGre friction, identified as itself and as a restoring force
 In Amor, Kaddouri and Abdessemed, *International Journal of Power Electronics and Drive Systems*,
 2023, the authors simulate a stage with LuGre friction, equations (1) to (4), and identify it as a
 polynomial restoring force with bilinear hysteresis, (6) to (8). Here both models are identified
-from the same simulated records and asked for a record that they have not seen, and so are
-polynomial NARMAX models (5), whose terms the data choose.
+from the same simulated records and evaluated on a held-out record, and so are polynomial NARMAX
+models (5), whose terms are selected from the data.
 """
 
 # %%
@@ -58,8 +58,8 @@ def stage(force):
 
 
 # %%
-# The records: a sweep from 4 to 40 Hz on a slow sinusoid to identify from, and a sinusoid, as in
-# the paper, to be judged by. The sensor has 5 nm of noise.
+# The records: a sweep from 4 to 40 Hz on a slow sinusoid for identification, and a sinusoid, as in
+# the paper, for evaluation. The sensor has 5 nm of noise.
 
 rng = np.random.default_rng(0)
 time = DT * np.arange(3000)
@@ -79,7 +79,7 @@ train, test = record(sweep), record(sinusoid)
 # %%
 # Identification
 # --------------
-# Both models find their starting values in the data. The linear mode is what is left without
+# Both models take their starting values from the data. The linear mode is the model without
 # hysteresis.
 
 models = {
@@ -99,8 +99,8 @@ for name, model in models.items():
 
 # %%
 # The paper reports an absolute error of 458.6 nm between its two models; that of the restoring
-# force here is of the same order. The friction stage is at the noise of the sensor, and with the
-# mass known its parameters are those of the simulation.
+# force here is of the same order. The error of the friction stage is the noise of the sensor, and
+# with the mass known its parameters are those of the simulation.
 
 true = {
     "stiffness": STIFFNESS,
@@ -117,9 +117,9 @@ for name, value in true.items():
 print(f"slip level of the restoring force {models['restoring force'].physical_['z_s']:.2f} N")
 
 # %%
-# The restoring force knows one level of friction, between the two of the stage, and reaches it
-# along a straight line: its error is largest where the stage breaks away, and changes its sign with
-# the direction of sliding.
+# The restoring force has one level of friction, between the two of the stage, and reaches it along
+# a straight line: its error is largest at breakaway, and changes its sign with the direction of
+# sliding.
 
 figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
 last = slice(1000, None)
@@ -142,9 +142,9 @@ plt.show()
 # NARMAX models
 # -------------
 # Equation (5) is a polynomial of past forces and displacements. The paper prints neither its lags
-# nor its coefficients, so that there is no table to reproduce: here the terms are chosen out of all
-# candidates, for the error of the free run. Friction remembers the turning points of the motion,
-# and a polynomial of a few past samples cannot. Play operators of the force can.
+# nor its coefficients, so there is no table to reproduce: here the terms are selected from all
+# candidates by the error of the free run. Friction remembers the turning points of the motion,
+# which a polynomial of a few past samples cannot. Play operators of the force can.
 
 plays = PlayOperators(thresholds=[0.5, 1.0, 2.0, 3.0, 4.0])  # N
 narmax = {
@@ -162,11 +162,11 @@ for name, model in narmax.items():
     print(f"{name:24s}" + "".join(f"{1e9 * number:18.0f}" for number in numbers))
 
 # %%
-# The paper identifies and compares on the one sinusoid. Judged that way both look good: they stay
-# below the paper's 458.6 nm. The record that was not seen tells them apart. The sign of the rate
-# stands for the memory of one steady loop and is wrong in the next one; the plays carry over, and
-# their error is largest in the first milliseconds, where the force sets in abruptly. In the root
-# mean square it lies below that of the restoring force.
+# The paper identifies and compares on the same sinusoid. By this measure both look good: their
+# errors stay below the paper's 458.6 nm. The held-out record distinguishes them. The sign of the
+# rate represents the memory of one steady loop and is wrong in another one; the plays generalise,
+# and their error is largest in the first milliseconds, where the force starts abruptly. Its root
+# mean square is below that of the restoring force.
 
 rms = {name: 1e9 * np.sqrt(np.mean(error**2)) for name, error in errors.items()}
 for name in ("restoring force", *narmax):

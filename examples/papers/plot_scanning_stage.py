@@ -4,9 +4,9 @@ A cascade for a high-speed scanning stage
 
 A thesis, Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed
 Piezo Scanning Stages*, 2020, describes a stage by three models in series: rate-independent
-hysteresis (Prandtl-Ishlinskii), a spring-damper model for what moves slowly, and the vibration of
-the stage. The vibration is measured first, at a small voltage at which there is hardly any
-hysteresis, and held; the rest is identified by differential evolution.
+hysteresis (Prandtl-Ishlinskii), a spring-damper model of creep, and the vibration of the stage. The
+vibration is measured first, at a small voltage at which there is hardly any hysteresis, and fixed;
+the rest is identified by differential evolution.
 
 Here the stage is simulated with the parameters that the thesis prints, and identified again.
 """
@@ -55,7 +55,7 @@ plt.show()
 # %%
 # Vibration first
 # ---------------
-# White noise of 2 V peak to peak moves no play but that of threshold zero. The response of the
+# White noise of 2 V peak to peak moves only the play of threshold zero. The response of the
 # vibrometer's displacement to it is fitted by a transfer function of nine poles: the eight of
 # (4.1), and the fastest spring-damper unit, which lies in the measured band too.
 
@@ -84,10 +84,10 @@ axes[1].set(xlabel="frequency (Hz)", ylabel="phase (°)", xlim=(300, 60e3))
 plt.show()
 
 # %%
-# Then the rest, around it
+# Then the remaining steps
 # ------------------------
-# A fitted step in a :class:`~sklearn.frozen.FrozenEstimator` is held. The weights of the plays are
-# solved exactly for each candidate of the spring-dampers, so there is little left to search.
+# A fitted step in a :class:`~sklearn.frozen.FrozenEstimator` is fixed. The weights of the plays are
+# solved exactly for given spring-dampers, so only few parameters have to be searched.
 
 steps = [
     ("hysteresis", PrandtlIshlinskii(5, fit_intercept=False)),
@@ -98,8 +98,9 @@ model = Cascade(steps).fit(X, y)
 print(f"{model.n_evaluations_} simulations, residual {1e3 * model.fit_error_:.3f} nm")
 
 # %%
-# With a warm start everything may be set free: now the triangles speak about the vibration, and the
-# white noise about the spring-dampers, and the residual is the noise of the sensor.
+# With a warm start all parameters can be identified jointly: now the triangles also contribute to
+# the vibration, and the white noise to the spring-dampers, and the residual is the noise of the
+# sensor.
 
 small = noise[0].iloc[:20_000], noise[1].iloc[:20_000]
 free = Cascade(steps).fit(X, y)
@@ -108,8 +109,8 @@ free.fit(pd.concat([X, small[0]]), pd.concat([y, small[1]]))
 print(f"{free.n_evaluations_} simulations, residual {1e3 * free.fit_error_:.3f} nm")
 
 # %%
-# Six experiments that the model has not seen
-# -------------------------------------------
+# Six held-out experiments
+# ------------------------
 # Loops at other frequencies, amplitudes that vary, frequencies that vary (chapter 5). The thesis
 # reports errors below 1 % of the stroke, and slightly above it for one experiment, where its
 # spring-dampers cause a false offset.
@@ -145,9 +146,9 @@ plt.show()
 # %%
 # Differential evolution
 # ----------------------
-# The thesis takes 25 candidates and 600 iterations, and searches all parameters. Here it may take
-# 100 iterations; `benchmarks/thesis_cascade.py` takes them all, some 15,000 simulations, and then
-# arrives where the cascade above is after 41.
+# The thesis uses 25 candidates and 600 iterations, and searches all parameters. Here the limit is
+# 100 iterations; `benchmarks/thesis_cascade.py` runs all of them, about 15,000 simulations, and
+# then reaches the result of the cascade above after 41.
 
 evaluations, errors = [], []
 
@@ -183,12 +184,12 @@ ax.legend()
 plt.show()
 
 # %%
-# What the records do not say
-# ---------------------------
-# Triangles at 100 and 1000 Hz alone are over before the slowest spring-damper, of 0.16 s, has moved
-# much. The fit is as good, but nothing tells how far it would go on creeping, or for how long: the
+# What the records do not determine
+# ---------------------------------
+# Records of triangles at 100 and 1000 Hz end before the slowest spring-damper, of 0.16 s, has moved
+# much. The fit is as good, but the data do not determine the size or the duration of its creep: the
 # model names its parameters as undetermined, and a slower drive shows the error, as the offset in
-# the thesis does. It takes a slow record, or a step with a rest behind it.
+# the thesis does. A slow record is needed, or a step followed by a rest.
 
 for chosen in (names, ["100 Hz", "1000 Hz"]):
     with warnings.catch_warnings():

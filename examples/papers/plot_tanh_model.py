@@ -1,15 +1,15 @@
 """
-The hyperbolic tangent model and its cuckoos
-============================================
+The hyperbolic tangent model and its cuckoo search
+==================================================
 
 In Xie et al., *Smart Materials and Structures*, 2023, the authors identify a model of a piezo
 actuator,
 
 .. math:: z = k_0 u + \\alpha \\dot u + \\beta \\tanh(\\gamma u)
 
-with a modified cuckoo search, and make its parameters straight lines of the voltage. Here its
-tables are computed again, its search stands beside others on the same objective, and its model
-beside others on a plant that has hysteresis.
+with a modified cuckoo search, and make its parameters linear functions of the voltage. Here its
+tables are recomputed, its search is compared with others on the same objective, and its model with
+others on a plant with hysteresis.
 """
 
 # %%
@@ -48,7 +48,7 @@ print(pd.DataFrame({"constant": constants, "slope": slopes}, index=means.columns
 # ---------------------------------
 # The published parameters at 40 V and 20 Hz generate one cycle; noise of 1 nm is added. All four
 # parameters are searched within wide bounds by 50 candidates over 300 iterations, as in the paper.
-# Beside them stands the default, which solves the three linear parameters exactly.
+# For comparison, the default solves the three linear parameters exactly.
 
 X, y = make_tanh_recording(40, 20.0, n_cycles=1, noise=1e-3, random_state=0)
 record = RecordData(X["drive"].to_numpy(), y.to_numpy(), 0.000128)
@@ -85,8 +85,8 @@ ax.legend()
 # %%
 # A plant with hysteresis
 # -----------------------
-# Sixty plays and a creeping part, integrated here, driven as in the paper: 20, 40 and 60 V at 10 to
-# 80 Hz. The last of three cycles is what the models are fitted to and judged by, as in the paper.
+# Sixty plays and creep, integrated here, driven as in the paper: 20, 40 and 60 V at 10 to 80 Hz.
+# The models are fitted to three cycles and evaluated on the last one.
 
 
 def stage(u, interval):

@@ -4,12 +4,12 @@ Drive and gradient do not determine hysteresis: a counter-example
 
 Theorem 1 of Ahmed and Yan, *IEEE Access*, 2021, says that the drive and its generalised gradient
 determine the response of a hysteresis, so that a static network of the two can learn it. That is
-true for one steady loop. Here are two loops for which it is not.
+true for one steady loop. Here are two loops for which it is false.
 """
 
 # %%
-# The drive goes to the same minor loop between 0.25 and 0.75 V from above and from below, always at
-# the same speed. The plant is a sum of five plays, computed without skhyst.
+# The drive reaches the same minor loop between 0.25 and 0.75 V from above and from below, always at
+# the same rate. The plant is a sum of five plays, computed without skhyst.
 
 from itertools import pairwise
 
@@ -21,7 +21,7 @@ from sklearn.pipeline import make_pipeline, make_union
 from skhyst.neural import SCNRegressor
 from skhyst.preprocessing import GeneralizedInputGradient, PlayOperators
 
-SPEED = 1 / 128  # V a sample
+SPEED = 1 / 128  # V per sample
 
 
 def path(corners):
@@ -50,8 +50,8 @@ y = sum(w * play(u, r) for r, w in weights.items())
 X = u.reshape(-1, 1)
 
 # %%
-# In the last descent of both loops drive and gradient are equal to the last bit, the responses are
-# not. Whatever a static map of the two returns there, it misses one of them by half the difference.
+# In the last descent of both loops drive and gradient are equal to the last bit, but the responses
+# differ. Any static map of the two has an error of at least half the difference for one of them.
 
 n = round(0.5 / SPEED)
 first, second = slice(len(above) - n, len(above)), slice(len(u) - n, len(u))
@@ -63,8 +63,8 @@ print(f"responses differ by {gap:.3f} um, {100 * gap / span:.1f} % of the range"
 print(f"so the error of any static map is at least {0.5 * gap:.3f} um")
 
 # %%
-# A network of drive and gradient cannot do better. Play operators beside the two are states that
-# remember which way the loop was reached, and then even a linear map is exact.
+# A network of drive and gradient cannot do better. Play operators as further inputs are states that
+# remember from which side the loop was reached, and then even a linear map is exact.
 
 gradient = GeneralizedInputGradient()
 states = make_union(GeneralizedInputGradient(), PlayOperators(thresholds=list(weights)))

@@ -1,4 +1,4 @@
-"""Cases of `benchmarks/measured_recordings.py`, and how the examples tell of them."""
+"""Load the cases of `benchmarks/measured_recordings.py` and print and draw their results."""
 
 import sys
 from copy import copy
@@ -19,7 +19,7 @@ __all__ = ["fitted_models", "load_case", "print_errors", "print_findings", "show
 
 
 def load_case(name, columns, response):
-    """Return a case, and its recording in its unit, under names; end where it is absent.
+    """Return a case and its recording, with named columns; exit if the recording is missing.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def load_case(name, columns, response):
     columns : list of str
         Names of the columns of X, with units.
     response : str
-        Name of y, without.
+        Name of y, without a unit.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def load_case(name, columns, response):
 
 
 def fitted_models(search):
-    """Return the models of a search by name: as declared, and with what was found, if anything."""
+    """Return the models of a search by name: as declared, and with the effects found, if any."""
     models = {"declared model": search.declared_estimator_}
     if search.effects_:
         models["with " + ", ".join(search.effects_)] = search.best_estimator_
@@ -63,17 +63,17 @@ def fitted_models(search):
 
 
 def print_findings(search):
-    """Print the verdict of a search, and what each claim rests on."""
+    """Print the verdict of a search, and the evidence of each claim."""
     report = search.report()
     print(f"{report.headline}\n{report.sentence}")
     for claim in search.history_.itertuples():
         print(f"\n{claim.effect}, p = {claim.p_value:.1g}: {claim.evidence.statement}")
         if claim.ambiguous_with:
-            print(f"These data do not tell it from {', '.join(claim.ambiguous_with)}.")
+            print(f"These data do not distinguish it from {', '.join(claim.ambiguous_with)}.")
 
 
 def print_errors(case, search, X_test, y_test):
-    """Print errors of the part that is held out, beside the figures of others."""
+    """Print errors of the held-out part, and published figures."""
     scorer = copy(search)
     if case.lead is not None:
         scorer.set_params(washout=case.lead)
@@ -81,7 +81,7 @@ def print_errors(case, search, X_test, y_test):
         error = scorer.held_out_error(X_test, y_test, declared=number == 0)
         part = error / np.ptp(y_test)
         print(f"held out, {name}: {error:.4g} {case.unit}, {part:.2%} of the range")
-    print(f"figures of others: {case.reference or 'none'}")
+    print(f"published figures: {case.reference or 'none'}")
 
 
 def show_evidence(search):

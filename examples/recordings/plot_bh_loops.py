@@ -5,17 +5,17 @@ A ferrite core: saturation of a magnetisation loop
 Quasi-static loops of the flux density over the field in a core of manganese-zinc ferrite, one
 closed loop at each of four amplitudes. The third amplitude is held out.
 
-Data of romanszewczyk/JAmodel on GitHub, MIT licence. There is no time base; a sample is counted as
-a second.
+Data of romanszewczyk/JAmodel on GitHub, MIT licence. There is no time base; the sampling interval
+is set to 1 s.
 """
 
 # %%
 # What is declared
 # ----------------
-# A Prandtl-Ishlinskii model. Its loops go on rising with the field; a magnet has no more to give
-# when all its domains point one way.
+# A Prandtl-Ishlinskii model. Its loops go on rising with the field; the magnetisation saturates
+# when all domains are aligned.
 #
-# Each loop is gone through twice. The first turn brings the memory into the loop and is not scored.
+# Each loop is run twice. The first cycle sets the memory and is not scored.
 
 import matplotlib.pyplot as plt
 from _cases import fitted_models, load_case, print_errors, print_findings, show_evidence
@@ -39,7 +39,7 @@ print()
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The loop that is held out. The last turn is the one that counts.
+# The held-out loop. Only the last cycle is scored.
 
 models = fitted_models(search)
 predictions = {name: model.predict(X_test)[case.washout :] for name, model in models.items()}
@@ -52,15 +52,15 @@ plt.show()
 show_evidence(search)
 
 # %%
-# Candidates of the first round. A curve at the drive and a curve at the response both end the rise
-# of the loops; what tells them apart is the width of the loop beyond the knee.
+# Candidates of the first round. A curve at the drive and a curve at the response both limit the
+# loops; they differ in the width of the loop beyond the knee.
 
 EffectRankingDisplay.from_search(search)
 plt.show()
 
 # %%
-# What is left, and what to measure next
-# --------------------------------------
+# Verdict, and what to measure next
+# ---------------------------------
 
-print(f"what is left is {search.verdict_}")
+print(f"verdict: {search.verdict_}")
 print(*search.report().next_steps, sep="\n")

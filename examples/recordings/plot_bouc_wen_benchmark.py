@@ -2,11 +2,11 @@
 An oscillator with hysteresis in its equation of motion
 =======================================================
 
-A mass on a spring, and beside the spring an element with a memory: the Bouc-Wen oscillator, whose
-resonance shifts and broadens with the force. This recording is *simulated*, 750 samples a second,
-by the program of the benchmark of Noël and Schoukens, *Workshop on Nonlinear System Identification
-Benchmarks*, 2016, with noise in the part that is searched. Many have tried it, so there are figures
-to compare with.
+A mass on a spring, and in parallel with the spring a hysteretic element: the Bouc-Wen oscillator,
+whose resonance shifts and broadens with the force. This recording is *simulated*, at 750 Hz, by the
+program of the benchmark of Noël and Schoukens, *Workshop on Nonlinear System Identification
+Benchmarks*, 2016, with noise in the part that is searched. There are many published figures to
+compare with.
 
 Data of forgi86/dynonet on GitHub, MIT licence.
 """
@@ -14,8 +14,8 @@ Data of forgi86/dynonet on GitHub, MIT licence.
 # %%
 # What is declared
 # ----------------
-# A second-order mode from force to displacement. A hysteresis in front of it or behind it would not
-# do: the force with the memory acts on the mass and depends on its displacement, so the mode's
+# A second-order mode from force to displacement. A hysteresis in series before or after it is not
+# the right structure: the hysteretic force acts on the mass and depends on its displacement, so the
 # equation of motion itself has to change.
 #
 # The training record has five equal periods, which begin at rest. Two periods are searched here, so
@@ -43,8 +43,8 @@ print()
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The evidence: what mass, damper and spring leave of the force, against the displacement, by
-# direction of the motion.
+# The evidence: the residual force of mass, damper and spring over the displacement, by direction of
+# the motion.
 
 show_evidence(search)
 
@@ -66,12 +66,12 @@ ResidualDisplay.from_predictions(X_test, y_test, predictions, ax=axes[1], kind="
 plt.show()
 
 # %%
-# What is left
-# ------------
-# The model has the equation of the simulated plant, so its parameters mean something.
+# The result
+# ----------
+# The model has the equation of the simulated plant, so its parameters have a physical meaning.
 
 for name, value in search.best_estimator_.params_.items():
     std = search.best_estimator_.params_std_[name]
     print(f"{name:24s} {value:12.5g} +- {std:.2g}")
-print(f"\nwhat is left is {search.verdict_}")
+print(f"\nverdict: {search.verdict_}")
 print(*search.report().next_steps, sep="\n")

@@ -3,8 +3,8 @@ Two tanks: outflow, overflow and a sensor at its end
 ====================================================
 
 A pump fills the upper of two tanks, which empties into the lower one. The level of the lower tank
-is recorded every 4 s, 1024 samples for the search and 1024 that are held out. Water leaves a tank
-faster the fuller it is, but not in proportion, and both tanks overflow in the larger peaks.
+is recorded every 4 s, 1024 samples for the search and 1024 that are held out. The outflow of a tank
+increases with its level, but not in proportion, and both tanks overflow at the larger peaks.
 
 Data of Schoukens and Noël, *IFAC-PapersOnLine*, 2017; free to use with that citation.
 """
@@ -12,8 +12,8 @@ Data of Schoukens and Noël, *IFAC-PapersOnLine*, 2017; free to use with that ci
 # %%
 # What is declared
 # ----------------
-# Two lags in series, as a linear model of two tanks has it. Levels at the start are unknown, so
-# they are estimated too.
+# Two lags in series, the linear model of two tanks. Levels at the start are unknown, so they are
+# estimated too.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -32,7 +32,7 @@ search.fit(X, y)
 print_findings(search)
 
 # %%
-# What the sensor does at the end of its range is found before any search, see
+# The saturation of the sensor at the end of its range is found before any search, see
 # :func:`~skhyst.records.data_quality`.
 
 for fault in search.data_quality_.itertuples():
@@ -40,7 +40,7 @@ for fault in search.data_quality_.itertuples():
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The record that is held out. A linear model takes what overflows for water that still comes.
+# The held-out record. A linear model does not know that the overflowing water is lost.
 
 time = X_test.index.get_level_values("time") - 4.0 * case.lead
 figure, axes = plt.subplots(3, 1, figsize=(9.0, 7.0), layout="constrained", sharex=True)
@@ -63,7 +63,7 @@ plt.show()
 show_evidence(search)
 
 # %%
-# What is left, and what to measure next
-# --------------------------------------
+# Verdict, and what to measure next
+# ---------------------------------
 
 print(*search.report().next_steps, sep="\n")

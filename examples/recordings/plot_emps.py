@@ -3,9 +3,9 @@ A robot's linear drive: friction
 ================================
 
 The electro-mechanical positioning system is a carriage on a ball screw, a joint of many robots and
-machine tools. It was recorded twice along the same path, in closed loop at 1 kHz; force pulses
-disturb the second run, which is held out. Position and motor force are known: the model is to
-predict the force that a motion takes.
+machine tools. It was recorded twice along the same trajectory, in closed loop at 1 kHz; force
+pulses disturb the second run, which is held out. Position and motor force are known: the model has
+to predict the force that a motion requires.
 
 Data of Janot, Gautier and Brunot, *Workshop on Nonlinear System Identification Benchmarks*, 2019;
 free to use with that citation.
@@ -14,8 +14,8 @@ free to use with that citation.
 # %%
 # What is declared
 # ----------------
-# A mass and a viscous damper, which is what a textbook says of a carriage. Ball screws and guides
-# slide: a dry friction is known to be missing, and it need not be the same in both directions.
+# A mass and a viscous damper, the textbook model of a carriage. Ball screws and guides slide: dry
+# friction is known to be missing, and it may differ between the two directions.
 
 import matplotlib.pyplot as plt
 from _cases import fitted_models, load_case, print_errors, print_findings, show_evidence
@@ -35,20 +35,20 @@ search.fit(X, y)
 print_findings(search)
 
 # %%
-# On the run that is held out, pulses and all:
+# On the held-out run, including the pulses:
 
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The evidence for friction is what mass and damper leave of the force, against the velocity. A
-# viscous damper would be a straight line through zero; the jump at zero is dry friction. Where the
-# points of a picture do not lie on its curve, the name stands in for something else: what is
-# missing does not depend on the input of that stage alone.
+# The evidence for friction is the residual force of mass and damper over the velocity. A viscous
+# damper would be a straight line through zero; the jump at zero is dry friction. Where the points
+# of a picture do not lie on its curve, the name stands in for a different effect: what is missing
+# does not depend on the input of that stage alone.
 
 show_evidence(search)
 
 # %%
-# The first strokes of the held-out run. The declared model is wrong by steps, wherever the velocity
+# The first strokes of the held-out run. The error of the declared model jumps whenever the velocity
 # changes; the narrow spikes, cut off here, are the force pulses.
 
 shown = slice(0, 10_000)

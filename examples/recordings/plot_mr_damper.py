@@ -3,8 +3,8 @@ A magnetorheological damper: friction, hysteresis and a current
 ===============================================================
 
 The fluid of this damper thickens in a magnetic field, so that a current sets its force. A press
-moved it in sines; 5 mm at 3 Hz are used here, at 1 kHz, with 0, 0.5 and 1 A. The second half of
-each record is held out.
+moved it sinusoidally; records of 5 mm at 3 Hz with 0, 0.5 and 1 A, sampled at 1 kHz, are used here.
+The second half of each record is held out.
 
 Data of DanielMaurelE/vRTHS_AMBC_MRdamper on GitHub, MIT licence.
 """
@@ -12,8 +12,8 @@ Data of DanielMaurelE/vRTHS_AMBC_MRdamper on GitHub, MIT licence.
 # %%
 # What is declared
 # ----------------
-# A viscous damper. Such a fluid has to yield before it flows, which acts like dry friction, and
-# what gives before it yields makes a loop of the force against the velocity. The record of 0.5 A
+# A viscous damper. Such a fluid has to yield before it flows, which acts like dry friction, and the
+# elastic deformation before it yields makes the force over the velocity a loop. The record of 0.5 A
 # comes first.
 
 import matplotlib.pyplot as plt
@@ -35,22 +35,21 @@ print()
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The evidence of each claim. Forces that are large at one displacement are large at one velocity
-# too as long as there is a single sine, so that the share of each is known less well than their
-# sum.
+# The evidence of each claim. With a single sine, forces that depend on displacement and forces that
+# depend on velocity are correlated, so each of them is known less well than their sum.
 
 show_evidence(search)
 
 
 # %%
-# Force against velocity in the part that is held out, but for the first instants, in which the
-# memory of the models is not yet that of the damper.
+# Force over velocity in the held-out part, except for the first samples, where the memory of the
+# models is not yet that of the damper.
 
 LEAD = 50  # samples
 
 
 def draw(ax, search, X, y):
-    """Draw force against velocity: measured, declared, and with what was found."""
+    """Draw force over velocity: measured, declared, and with the effects found."""
     values = {"measured": y.to_numpy()}
     values |= {name: model.predict(X) for name, model in fitted_models(search).items()}
     styles = {"color": "0.6", "lw": 2.5}, {"color": "tab:orange"}, {"color": "tab:blue"}
@@ -72,8 +71,8 @@ plt.show()
 # %%
 # Three currents
 # --------------
-# Now all three records, and the current as a further column of `X`, of which the declared model
-# knows nothing.
+# Now all three records, and the current as a further column of `X`, which the declared model does
+# not use.
 
 columns = ["displacement (mm)", "current (A)"]
 case, X, y, X_test, y_test = load_case("mr_damper_currents", columns, "force")
@@ -83,7 +82,7 @@ print()
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The evidence, and the loops of the part that is held out, one for each current.
+# The evidence, and the loops of the held-out part, one for each current.
 
 show_evidence(search)
 figure, axes = plt.subplots(figsize=(6.5, 4.6), layout="constrained")

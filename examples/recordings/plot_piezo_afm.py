@@ -1,10 +1,11 @@
 """
-The scanner of a force microscope: a curve behind the hysteresis
+The scanner of a force microscope: a curve after the hysteresis
 ================================================================
 
-A piezo tube moves the sample of an atomic force microscope. Its makers drove it with slow triangles
-and sines of growing size, 0 to 150 V, about one sample a second, and read a strain gauge in counts
-of its converter. The first 60 % of the x axis are searched, the rest is held out.
+A piezo tube moves the sample of an atomic force microscope. The authors drove it with slow
+triangles and sines of increasing amplitude, 0 to 150 V, at about one sample per second, and read a
+strain gauge in counts of its converter. The first 60 % of the x axis are searched, the rest is held
+out.
 
 Data of the repository angelut2012/TFAFM_mcu_gui on GitHub, which states no licence.
 """
@@ -12,9 +13,9 @@ Data of the repository angelut2012/TFAFM_mcu_gui on GitHub, which states no lice
 # %%
 # What is declared
 # ----------------
-# A Prandtl-Ishlinskii model: a sum of plays, whose loops look the same turned upside down. Those of
-# a piezo that is driven by voltages above zero do not, and fits by hand with an asymmetric part
-# were three times better than without it.
+# A Prandtl-Ishlinskii model: a sum of plays, whose loops have point symmetry. Those of a piezo that
+# is driven by positive voltages do not, and manual fits with an asymmetric part were three times
+# better than without it.
 
 import matplotlib.pyplot as plt
 from _cases import fitted_models, load_case, print_errors, print_findings, show_evidence
@@ -34,9 +35,9 @@ search.fit(X, y)
 print_findings(search)
 
 # %%
-# At one sample a second there are no dynamics that would part a curve of the material from a curve
-# of the strain gauge, so a list of names that fit alike is the honest answer. All say that the
-# loops are bent to one side. Every candidate of the first round, with its held-out error:
+# At one sample per second there are no dynamics that would distinguish a curve of the material from
+# a curve of the strain gauge, so the result is a list of names that fit equally well. All mean that
+# the loops are bent to one side. Every candidate of the first round, with its held-out error:
 
 EffectRankingDisplay.from_search(search)
 plt.show()
@@ -47,7 +48,7 @@ plt.show()
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The loops of that part less a straight line, before and after.
+# The loops of that part minus a straight line, before and after.
 
 models = fitted_models(search)
 predictions = {name: model.predict(X_test) for name, model in models.items()}
@@ -55,7 +56,7 @@ HysteresisLoopDisplay.from_predictions(X_test, y_test, predictions, subtract_lin
 plt.show()
 
 # %%
-# The evidence: what the added stage does to the signal that comes into it, measured and identified.
+# The evidence: the contribution of the added stage over its input, measured and identified.
 
 show_evidence(search)
 

@@ -4,7 +4,8 @@ A steering mirror: what a linear model of one level lacks at another
 
 Three piezo stacks tilt the fine steering mirror of the CubeSpec satellite. Their voltages and the
 three displacements were recorded at 6400 Hz under random-phase multisines of 100, 200 and 300 mV,
-in steady state. The resonances move with the level of excitation, by the hysteresis of the stacks.
+in steady state. The resonance frequencies change with the level of excitation, because of the
+hysteresis of the stacks.
 
 Data of the benchmark of M. Floren and J.-P. Noel (merijnfloren/fsm-benchmark-data on GitHub,
 nonlinearbenchmark.org), CC BY 4.0.
@@ -13,12 +14,12 @@ nonlinearbenchmark.org), CC BY 4.0.
 # %%
 # What is declared
 # ----------------
-# A linear model of 28 states is fitted to the level of 100 mV and held: its free run is the drive
+# A linear model of 28 states is fitted to the level of 100 mV and fixed: its free run is the drive
 # of the search, and the declared model is a gain. The response is the first displacement at 100 and
 # at 200 mV; other realisations at 200 mV are held out.
 #
-# So that the run is short, the search sees every third realisation, of each the end, and stops
-# after one claim. The first part of each record leads into the steady state and is not scored.
+# To keep the run short, the search uses the end of every third realisation, and stops after one
+# claim. The first part of each record, before the steady state, is not scored.
 
 import matplotlib.pyplot as plt
 from _cases import fitted_models, load_case, print_errors, print_findings, show_evidence
@@ -41,7 +42,7 @@ search.fit(X, y)
 print_findings(search)
 
 # %%
-# The figures of others are for all three displacements.
+# The published figures are for all three displacements.
 
 print_errors(case, search, X_test, y_test)
 
@@ -52,8 +53,8 @@ EffectRankingDisplay.from_search(search)
 show_evidence(search)
 
 # %%
-# The residual in the part that is held out, before and after, in the steady state. What the linear
-# model lacks is largest at the resonances.
+# The residual in the held-out part, before and after, in the steady state. The error of the linear
+# model is largest at the resonances.
 
 models = fitted_models(search)
 label = y_test.index.unique("record")[0]
@@ -65,9 +66,9 @@ for ax, kind in zip(axes, ("time", "spectrum"), strict=True):
 plt.show()
 
 # %%
-# What is left
-# ------------
-# Whether it is noise or structure, and where it stands:
+# The verdict
+# -----------
+# Whether the residual is noise or structure, and where it is largest:
 
-print(f"what is left is {search.verdict_}")
+print(f"verdict: {search.verdict_}")
 print(*search.report().next_steps, sep="\n")

@@ -12,8 +12,9 @@ Data of Wigren and Schoukens, *European Control Conference*, 2013; free to use w
 # %%
 # What is declared
 # ----------------
-# A linear second-order mode. It lacks the cubic part of the spring, which moves the resonance up as
-# the oscillation grows. All nine tenths take some minutes; a fifth of them tells as much.
+# A linear second-order mode. It lacks the cubic part of the spring, which raises the resonance
+# frequency with the amplitude. All nine tenths take some minutes; a fifth of them gives the same
+# result.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -38,7 +39,7 @@ print()
 print_errors(case, search, X_test, y_test)
 
 # %%
-# The evidence: what mass, damper and linear spring leave of the force, against the displacement.
+# The evidence: the residual force of mass, damper and linear spring over the displacement.
 
 for evidence in search.evidence_.values():
     for name, (value, std, unit) in evidence.numbers.items():
@@ -46,14 +47,14 @@ for evidence in search.evidence_.values():
 show_evidence(search)
 
 # %%
-# Candidates of the first round. Curves in front of the mode or behind it bend forces or readings,
-# but do not move a resonance.
+# Candidates of the first round. Static curves before or after the mode distort forces or readings,
+# but do not change a resonance frequency.
 
 EffectRankingDisplay.from_search(search)
 plt.show()
 
 # %%
-# The residual in the part that is held out, before and after, once the start has died out.
+# The residual in the held-out part, before and after, once the initial transient has decayed.
 
 predictions = {name: model.predict(X_test)[LEAD:] for name, model in fitted_models(search).items()}
 figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
@@ -65,5 +66,5 @@ plt.show()
 # What to measure next
 # --------------------
 
-print(f"what is left is {search.verdict_}")
+print(f"verdict: {search.verdict_}")
 print(*search.report().next_steps, sep="\n")
