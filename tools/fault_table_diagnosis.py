@@ -105,7 +105,7 @@ DIAGNOSIS = [
     ),
     (
         "lost samples: what moved sides leave need not be what stretches beside leave",
-        "found[own] &= drive.left(rows[own], lost) < bound * drive.beside(rows[own])",
+        "found[own] &= drive.residual(rows[own], lost) < bound * drive.residual_around(rows[own])",
         "found[own] &= True",
         "tests/records/test_data_quality.py -k rough",
     ),
