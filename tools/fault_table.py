@@ -102,14 +102,14 @@ _MODELS = [
     ),
     (
         "Dahl: the tangent of the length on the way back",
-        "by_x_c = -sign * slope * way / x_c",
-        "by_x_c = -slope * way / x_c",
+        "by_x_c = -sign * slope * path / x_c",
+        "by_x_c = -slope * path / x_c",
         _TANGENTS("Dahl"),
     ),
     (
         "Dahl: the gap decays with the length of a sample, not of the way",
-        "way = min(abs(change) / x_c, _LONGEST)",
-        "way = min(change * change / x_c, _LONGEST)",
+        "path = min(abs(change) / x_c, _LONGEST)",
+        "path = min(change * change / x_c, _LONGEST)",
         "tests/**/test_dahl*.py -k 'closed_form or exact or rate_independent'",
     ),
     (

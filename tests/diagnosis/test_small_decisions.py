@@ -70,7 +70,7 @@ def test_what_a_column_adds_starts_from_that_column():
     u, *columns = np.linalg.qr(rng.normal(size=(500, 3)))[0].T * 20.0  # none is seen in another
     y = u + 2.0 * columns[0] - 3.0 * columns[1]
     records = [RecordData(u, y, 0.1, auxiliary=np.stack(columns, axis=1))]
-    tree = Tree(Gain(), GainOperator(1.0))
+    tree = Tree.of(Gain(), GainOperator(1.0))
     found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
     edits = [edit for variant in found for one in variant for _, edit in one.edits]
     gains = {(e.column, round(e.operator.gain, 1)) for e in edits if type(e) is Drive}

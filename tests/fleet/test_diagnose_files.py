@@ -144,4 +144,4 @@ def test_a_worker_that_dies_is_told(files, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("skhyst.cli._diagnose.diagnose_files", killed)
     command = ["diagnose", str(files[0]), "--drive", "u", "--response", "y", "--summary"]
     assert main([*command, str(tmp_path / "summary.csv")]) == 1
-    assert "the same command goes on from there" in capsys.readouterr().err
+    assert "the same command resumes from there" in capsys.readouterr().err

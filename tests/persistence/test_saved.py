@@ -30,7 +30,7 @@ def data():
 
 
 @pytest.mark.parametrize(("files", "written_on"), list(archives()))
-@pytest.mark.filterwarnings("ignore:.* was written by skhyst", "ignore:.*of an earlier version")
+@pytest.mark.filterwarnings("ignore:.* was written by skhyst", "ignore:.*by an earlier version")
 def test_what_was_saved_is_read(files, written_on, data, tmp_path):
     X, y = data
     expected = np.load(io.BytesIO(files["npy"]))
