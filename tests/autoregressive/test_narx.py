@@ -119,7 +119,9 @@ class Halved(LinearRegression):
         KNeighborsRegressor(3),
         SVR(C=10.0),
         Halved(),
-        make_pipeline(PolynomialFeatures(2), KNeighborsRegressor(2)),
+        pytest.param(
+            make_pipeline(PolynomialFeatures(2), KNeighborsRegressor(2)), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_any_regressor_runs_in_lock_step(estimator, data):
@@ -320,6 +322,7 @@ MEMORY = {
 }
 
 
+@pytest.mark.slow
 @parametrize_with_checks(
     [NARXRegressor(KNeighborsRegressor(1)), NARXRegressor(objective="simulation")],
     expected_failed_checks=lambda estimator: MEMORY,

@@ -86,6 +86,7 @@ def test_what_begins_at_rest_has_none():
     assert found.effects_ == []
 
 
+@pytest.mark.slow
 def test_it_is_estimated_anew_beside_what_is_found_later():
     """A lag is missing too: what came before has to be found behind both."""
     stages = [PLAYS, SecondOrderModeOperator(25.0, 1.5)]

@@ -75,6 +75,7 @@ def search(kind, every, **options):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "truth"),
     [

@@ -52,7 +52,10 @@ def answers_of_all(folder, names):
 
 
 @NEEDS_COMPILER
-@pytest.mark.parametrize("dtype", ["float64", "float32", "int32"])
+SLOW = [pytest.param(dtype, marks=pytest.mark.slow) for dtype in ("float32", "int32")]
+
+
+@pytest.mark.parametrize("dtype", ["float64", *SLOW])
 def test_every_operator_answers_as_in_python(tmp_path, dtype):
     u, written = make_drive(), {}
     for k, (case, operator) in enumerate(OPERATORS.items()):

@@ -38,6 +38,7 @@ def test_every_area_has_its_faults():
     assert min(map(areas.count, set(areas))) >= 10
 
 
+@pytest.mark.slow
 def test_what_tests_notice_is_killed(tmp_path):
     root, copy = tmp_path / "checkout", tmp_path / "folder"
     for name in ("skhyst", "tests", "benchmarks", "tools", "docs"):
