@@ -52,10 +52,14 @@ def answers_of_all(folder, names):
 
 
 @NEEDS_COMPILER
-SLOW = [pytest.param(dtype, marks=pytest.mark.slow) for dtype in ("float32", "int32")]
-
-
-@pytest.mark.parametrize("dtype", ["float64", *SLOW])
+@pytest.mark.parametrize(
+    "dtype",
+    [
+        "float64",
+        pytest.param("float32", marks=pytest.mark.slow),
+        pytest.param("int32", marks=pytest.mark.slow),
+    ],
+)
 def test_every_operator_answers_as_in_python(tmp_path, dtype):
     u, written = make_drive(), {}
     for k, (case, operator) in enumerate(OPERATORS.items()):
