@@ -12,7 +12,7 @@ response :math:`y` to the drive :math:`u`,
 
 whose fixed point is a drive under which the response is the reference :math:`r`, whatever the
 inverse (iterative learning: Arimoto, Kawamura and Miyazaki, *Journal of Robotic Systems*, 1984).
-The trials so far are combined to speed it up (Anderson acceleration, *Journal of the ACM*, 1965).
+The trials so far are combined to speed it up (Anderson, *Journal of the ACM*, 1965).
 Each step starts from the best trial; where it has made the error larger, half of it is tried. On
 the model the compensation becomes as exact as the model is, and on the device as exact as its
 sensor.

@@ -6,7 +6,7 @@ difference, than the mean of the largest such signal below it and the smallest a
 
 .. math:: \tfrac12 \min_j (u_j + c |k - j|) + \tfrac12 \max_j (u_j - c |k - j|),
 
-with the largest change ``c`` from sample to sample (E. J. McShane, *Bulletin of the American
+with the largest change ``c`` from sample to sample (McShane, *Bulletin of the American
 Mathematical Society*, 1934).
 """
 
