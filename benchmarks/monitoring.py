@@ -13,7 +13,7 @@ be told from others is named together with them: both counts are printed.
 Then devices that no model of the class is exact for: plays at other thresholds, alone and in front
 of a mode, a Preisach device and one of Bouc and Wen, each under plays at thresholds of their own.
 The drive of the fit has every amplitude, those in service have one each. Of the stages and of these
-devices it is told what the smallest change of the gain is that is found within ten periods.
+devices the smallest change of the gain that is found within ten periods is reported.
 """
 
 import argparse

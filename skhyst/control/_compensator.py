@@ -298,7 +298,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         for s in slices:
             own, size = references[s.rows], float(np.abs(residual[s.rows]).max())
             scale = np.ptp(own) or np.abs(own).max() or np.abs(references).max()
-            if not scale:  # a rest at zero: what the fit has left of the response is no miss
+            if not scale:  # a rest at zero: an error as small as that of the fit is no miss
                 scale = np.inf if size <= getattr(self.model_, "fit_error_", 0.0) else size
             found.append((size / scale, size, s.label if len(slices) > 1 else None))
         return max(found, key=lambda miss: miss[0])

@@ -63,7 +63,7 @@ class Tree:
     Attributes
     ----------
     root : Operator
-        The tree of operators, with what stands beside.
+        The tree of operators, with additive disturbances.
     columns : estimator
         A model that knows the columns of X.
     declared : Tree or None
@@ -85,7 +85,7 @@ class Tree:
 
     @classmethod
     def of(cls, model, operator, disturbances=(), input_history=()):
-        """Return the tree of a declared model, and its operator without what stands beside it."""
+        """Return the tree of a declared model, and its operator without additive disturbances."""
         return cls(model.tree((operator, disturbances)), model, input_history=input_history)
 
     @classmethod
@@ -110,12 +110,12 @@ class Tree:
 
     @property
     def operator(self):
-        """The operator, without what stands beside it."""
+        """The operator, without additive disturbances."""
         return self._parts[0]
 
     @property
     def disturbances(self):
-        """What stands beside."""
+        """The additive disturbances."""
         return self._parts[1]
 
     @cached_property
@@ -250,7 +250,7 @@ class Tree:
         return replace(self, name=whole.name, root=whole.operator)
 
     def with_operators(self, operator, disturbances):
-        """Return the tree with other values of the operator and of what stands beside."""
+        """Return the tree with other values of the operator and of its disturbances."""
         both = operator, tuple(disturbances)
         return replace(self, root=self.model.tree(both) if self.disturbances else operator)
 

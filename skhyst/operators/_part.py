@@ -154,12 +154,12 @@ class Part:
     # ------------------------------------------------------------------ its parts
 
     def split(self):
-        """Return what is driven, and a tuple of the disturbances that stand beside."""
+        """Return what is driven, and a tuple of the additive disturbances."""
         return (None, (self,)) if self.is_disturbance else (self, ())
 
     @property
     def disturbance_names(self) -> tuple[str, ...]:
-        """Names of the disturbances that stand beside."""
+        """Names of the additive disturbances."""
         return ()
 
     def inner(self, name=None):
