@@ -1,6 +1,6 @@
 """What a search has finished, in a file from which a search of the same goes on.
 
-The file is written by skops as a whole after each claim. Reading it makes objects of those types
+The file is written by skops as a whole after each step. Reading it makes objects of those types
 alone that the new search consists of itself, and of skhyst: nothing is run. A search is decided by
 its data, its parameters and the version of the package; a digest of these has to be the same.
 """
@@ -34,8 +34,13 @@ class Checkpoint:
         own = {k: v for k, v in search.get_params().items() if k not in _NOT_DECISIVE}
         self._key = joblib.hash((version("skhyst"), own, data))
 
-    def load(self, state):
-        """Return the state that is kept, or ``state`` where there is none yet.
+    def load(self, example):
+        """Return the steps that are kept, none where there is no file yet.
+
+        Parameters
+        ----------
+        example : object
+            What the steps consist of, whose types are trusted.
 
         Raises
         ------
@@ -43,9 +48,9 @@ class Checkpoint:
             If the file is no checkpoint, or one of other data, parameters, or another version.
         """
         if not self.path.exists():
-            return state
+            return {}
         check_input(self.path)
-        known = self._skops.get_untrusted_types(data=self._skops.dumps(state))
+        known = self._skops.get_untrusted_types(data=self._skops.dumps(example))
         try:
             kept = read_trusted(self.path, known)
         except ImportError:
@@ -57,13 +62,13 @@ class Checkpoint:
                 f"{self.path} is the checkpoint of another search: data, parameters or the version "
                 "of skhyst differ. Name another file, or remove it."
             )
-        return kept
+        return kept["steps"]
 
-    def save(self, state):
-        """Keep a state; a file that cannot be written does not end the search."""
+    def save(self, steps):
+        """Keep the steps; a file that cannot be written does not end the search."""
         try:
             with replacing(self.path) as (part,):
-                self._skops.dump({"key": self._key, **state}, part)
+                self._skops.dump({"key": self._key, "steps": steps}, part)
         except Exception as error:  # a full disk, or an estimator that skops does not know
             warnings.warn(
                 f"The checkpoint cannot be written: {error}", RuntimeWarning, stacklevel=2

@@ -51,15 +51,13 @@ on average, and p is 1 where the second is not positive, since Z then shows noth
 :math:`\Delta`. That is the test with the least-squares projection of :math:`\Delta` on Z: its
 factor cancels in T, and so needs no cross-fit.
 
-**The family.** Half of `alpha` is for effects alone, half for pairs: the p-value is multiplied by
-twice the number of candidates of its kind (Bonferroni with weights), all possible pairs among them.
-So a claim is false with probability `alpha` at most, however the candidates depend on each other,
-and an effect alone does not pay for the pairs that are tried where none was found. The tail makes
-it cheap: of a hundred blocks, two hundred candidates ask for T = 4.1 instead of 2.4.
+**The family.** The p-value is multiplied by the number of all that was screened in the search, not
+of what was grown (Bonferroni), and by that of all possible pairs where pairs were tried. So a claim
+is false with probability `alpha` at most, however the candidates depend on each other. The tail
+makes it cheap: of a hundred blocks, two hundred candidates ask for T = 4.1 instead of 2.4.
 
 **The size.** A difference that can be shown need not matter. The rival is *better* where the
-p-value is below `alpha` and the error falls by `min_improvement` at least, held out and in the fit:
-a model that only predicts badly from some fold is not one that lacks something.
+p-value is below `alpha` and the held-out error falls by `min_improvement` at least.
 
 References
 ----------
@@ -85,30 +83,20 @@ class Criterion:
     alpha : float
         Probability of a false claim.
     min_improvement : float
-        Part of the error, held out and of the fit, that a better model removes.
+        Fraction of the held-out error that a better model removes.
     """
 
     alpha: float
     min_improvement: float
 
     def matters(self, worse, better):
-        """Whether the error falls by enough, held out and in the fit."""
-        factor = 1.0 - self.min_improvement
-        lower = better.error < factor * worse.error
-        return bool(lower and better.cost < factor**2 * worse.cost)
+        """Whether the held-out error falls by enough."""
+        return bool(better.error < (1.0 - self.min_improvement) * worse.error)
 
     def is_better(self, worse, better, n_tried=1):
         """Whether one contestant is better than another; see :meth:`p_value`."""
         matters = self.matters(worse, better)
         return matters and self.p_value(worse, better, n_tried) < self.alpha
-
-    def predicts_better(self, worse, better, n_tried=1):
-        """Whether one contestant is better than another held out, whatever their fits are.
-
-        That an effect shows in the fit was asked when it was claimed.
-        """
-        lower = better.error < (1.0 - self.min_improvement) * worse.error
-        return bool(lower) and self.p_value(worse, better, n_tried) < self.alpha
 
     def p_value(self, worse, better, n_tried=1):
         """Return the p-value against a contestant that predicts better, among so many tried."""

@@ -29,6 +29,7 @@ from ._candidates import Candidate, extrapolated, fitted, held_out, knows_less
 from ._checkpoint import Checkpoint
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
+from ._contest import Contest
 from ._criterion import Criterion
 from ._effects import EFFECTS, chosen_effects
 from ._evidence import gather_evidence
@@ -47,8 +48,7 @@ from ._noise_model import NoiseModel
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
-from ._rounds import Rounds
-from ._tables import HISTORY, RANKING, WithTables, cv_results
+from ._tables import HISTORY, RANKING, SUSPECTS, WithTables, cv_results
 
 
 class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -76,8 +76,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         ``RecordKFold()`` for whole records; or an iterable of (train, test) row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
-    max_effects : int, default=3
-        Number of effects after which the search ends.
+    max_effects : int, default=5
+        Most effects in a model.
     min_improvement : float, default=0.05
         Part of the error that an effect must remove to be worth a claim, of that held out as of
         that of the fit.
@@ -241,7 +241,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         effects="all",
         cv=5,
         alpha=0.01,
-        max_effects=3,
+        max_effects=5,
         min_improvement=0.05,
         loss="squared",
         washout=None,
@@ -347,7 +347,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.declared_estimator_ = declared.fitted(result)
         tell(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
-        rounds = Rounds(
+        contest = Contest(
             declared.effects(effects),
             records,
             folds,
@@ -357,28 +357,37 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             NEGLIGIBLE * np.ptp(self.response_),
             tell,
             declared.renew,
-            lambda base: self._judged(declared.measured(rounds.records), base, rounds),
+            lambda base: self._judged(declared.measured(contest.records), base, contest).structured,
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
-        for _ in range(REWEIGHTED if rounds.lost else 0):
-            base = first = rounds.weighed(base)
+        for _ in range(REWEIGHTED if contest.lost else 0):
+            base = first = contest.weighed(base)
         if self.checkpoint is not None:
             kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
-            rounds.keep = kept.save
-            base = rounds.resumed(kept.load(rounds.state(base)))
-            tell(f"{len(rounds.history)} claims are in {self.checkpoint}")
-        base = rounds.run(base)
-        self.seconds_ |= rounds.seconds
+            contest.steps, contest.keep = kept.load(base), kept.save
+            tell(f"{len(contest.steps)} steps are in {self.checkpoint}")
+        while True:
+            ends = [contest.prune(end) for end in contest.grow(base)]
+            found, _ = contest.named(min(ends, key=lambda c: c.error))
+            if not contest.criterion.matters(base, found):
+                break
+            base = contest.weighed(found)
+        base, ambiguous = contest.named(base)
+        history = contest.claims(base, ambiguous)
+        if history:
+            history[0]["error_before"] = first.error
+        self.suspects_ = pd.DataFrame(contest.suspects(base), columns=SUSPECTS)
+        self.seconds_ |= contest.seconds
         self._declared_structure = structure
-        self._conclude(declared, slices, rounds, first, base)
+        self._conclude(declared, slices, contest, first, base, history)
 
-    def _conclude(self, declared, slices, rounds, first: Candidate, base: Candidate):
+    def _conclude(self, declared, slices, contest, first: Candidate, base: Candidate, history):
         """Store what was found between the first and the last candidate."""
-        records, history = rounds.records, rounds.history
+        records = contest.records_of(base)
         begin = time.perf_counter()
         self.error_before_, self.error_after_ = first.error, base.error
         self.effects_: list[str] = [row["effect"] for row in history]
-        self.dropped_ = [n for n in dict.fromkeys(rounds.dropped) if n not in self.effects_]
+        self.dropped_ = [n for n in dict.fromkeys(contest.dropped) if n not in self.effects_]
         self.residual_before_: np.ndarray = np.concatenate(first.residuals)
         self.residual_after_: np.ndarray = np.concatenate(base.residuals)
         self.prediction_before_: np.ndarray = np.concatenate(first.predictions)
@@ -387,7 +396,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
         *_, left = fitted(base, records, (first_row(self, s) for s in slices))
-        self._judge(declared.measured(records), base, rounds, left)
+        self._judge(declared.measured(records), base, contest, left)
         if self.verdict_ == "noise" and self._reference is None:
             self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
@@ -404,22 +413,23 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             effect = EFFECTS[row["effect"]]
             own = base.structure, result, tuple(records), tuple(columns), self.units_
             row["evidence"] = gather_evidence(Claim(effect, *own), first.error, base.error)
-            row["provisional"] = self._leaves_most(row["error_before"])
+            row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=HISTORY)
-        self.ranking_ = pd.DataFrame(rounds.ranking, columns=RANKING)
-        self.cv_results_ = cv_results(rounds.ranking, len(rounds.folds))
-        self.failed_ = pd.DataFrame(rounds.failed, columns=["round", "effect", "error"])
+        ranking = [row | {"claimed": row["effect"] in self.effects_} for row in contest.ranking]
+        self.ranking_ = pd.DataFrame(ranking, columns=RANKING)
+        self.cv_results_ = cv_results(ranking, len(contest.folds))
+        self.failed_ = pd.DataFrame(contest.failed, columns=["round", "effect", "error"])
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
-    def _judge(self, measured, base, rounds, left):
+    def _judge(self, measured, base, contest, left):
         """Set the noise floor and its model, and the verdict, from what the fit leaves too."""
-        if base.error <= rounds.negligible:
+        if base.error <= contest.negligible:
             floor = repeatability(measured)
             self.noise_floor_ = base.error if floor is None else floor
             self.verdict_, self.noise_model_ = "noise", NoiseModel("white", self.noise_floor_)
             return
-        judgement = rounds.judgement or self._judged(measured, base, rounds)
+        judgement = self._judged(measured, base, contest)
         self.noise_floor_, self.verdict_ = judgement.error, "noise"
         self.noise_model_ = judgement.noise
         if judgement.structured:
@@ -432,12 +442,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         floor = judgement.error if judgement.repeated else np.inf
         return base.error > min(3.0 * floor, 0.5 * np.ptp(self.response_))
 
-    def _leaves_most(self, before):
-        """Whether more than half of the structure in an error is left in the end."""
-        left, power = (error**2 - self.noise_floor_**2 for error in (self.error_after_, before))
-        return self.verdict_ == "unexplained" and left > 0.5 * power
-
-    def _judged(self, measured, base, rounds):
+    def _judged(self, measured, base, contest):
         """Return the judgement of what a candidate leaves, fitted to everything.
 
         A held-out record that goes further than the others shows what they do not determine, which
@@ -445,14 +450,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         """
         in_loop = self._reference is not None
         starts = [first_row(self, s) for s in self.records_]
-        predictions, residuals = fitted(base, rounds.records, starts)
+        predictions, residuals = fitted(base, contest.records_of(base), starts)
         if in_loop:
-            predictions, _ = fitted(base, rounds.records, starts, by_reference=True)
+            predictions, _ = fitted(base, contest.records_of(base), starts, by_reference=True)
             measured = self._reference.in_place(measured)
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        return judge_residual(*seen, rng, rounds.criterion, in_loop=in_loop)
+        return judge_residual(*seen, rng, contest.criterion, in_loop=in_loop)
 
     def predict(self, X) -> np.ndarray:
         """Return the free run of the augmented model, shape (n_samples,).

@@ -6,8 +6,9 @@ from scipy.stats import rankdata
 
 HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 HISTORY += ["provisional", "experiment", "evidence"]
-RANKING = ["round", "effect", "screen", "error_before", "error_after", "p_value"]
+RANKING = ["round", "beside", "effect", "screen", "error_before", "error_after", "p_value"]
 RANKING += ["n_parameters", "claimed"]
+SUSPECTS = ["effect", "error_before", "error_after", "folds_better", "p_value"]
 _FRAME = "frame of columns"
 
 

@@ -1,0 +1,560 @@
+"""The steps of a search: effects are put into a model, taken out of it, and contested.
+
+**Grow.** Every effect is put into the model so far, at data-driven starting values; candidates are
+halved and held out (``_candidates``). Whichever lowers the held-out error most is kept, without a
+test, and a second path goes on with the simplest that the data cannot tell from it. Effects that
+respond to the drive come first; functions of time alone follow where none of these helps, and only
+where the noise's own course does not make them (``_course``). Where no effect helps but structure
+is left, the three that fit best are tried with every other one beside them.
+
+**Prune.** With everything in the model, each effect is taken out once: the full model against the
+model without it, so that chance is what the full model leaves. Of those that are not needed by the
+criterion (``_criterion``), the one whose loss costs least goes; and again.
+
+**Name.** Each effect that is needed is contested by all others in its place. The name is that of
+the least held-out error. A simpler one replaces it where it is nested in it, as far as the
+recording shows, and not rejected.
+
+A step is done once for a set of effects: what it finds is kept, and is what a checkpoint holds.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import comb
+from typing import Any
+
+import numpy as np
+from joblib import delayed
+
+from ..optimize import variable_projection
+from ._candidates import (
+    completed,
+    fold_errors,
+    halve,
+    held_out,
+    level_folds,
+    refitted,
+    screened,
+)
+from ._constants import FACTOR, TOLERANCE
+from ._course import course_p_values
+from ._effects import EFFECTS
+from ._jobs import side_by_side
+from ._plausibility import has_its_name, is_plausible
+from ._robust import huber_weights
+from ._shortened import are_long, shortened, suffices
+
+
+@dataclass
+class Contest:
+    """The steps of one search.
+
+    Attributes
+    ----------
+    effects : list of Effect
+        To try.
+    records, folds
+        Of the contest, see :func:`held_out`.
+    criterion : Criterion
+    max_effects, n_jobs
+        As of the search.
+    negligible : float
+        Held-out error below which nothing is sought.
+    tell : callable
+        Takes a line about progress or "", and the round, what is tried, how many of the step are
+        done and how many there are.
+    renew : callable or None
+        Fits a declared black box again, see ``BlackBox.renew``.
+    is_structured : callable
+        Tells of a candidate whether structure is left.
+    lost : list of ndarray of bool or None
+        Lost readings of each record where the loss is Huber's; None where it is the square.
+    keep : callable or None
+        Takes the steps after each one.
+    steps : dict of str to dict
+        What each finished step has found: ``candidates``, and ``rows`` of the ranking, ``failed``
+        candidates, and the number of contestants ``n_tried``.
+    dropped : list of str
+        Effects that were in the model for a time.
+    seconds : dict of str to float
+    """
+
+    effects: list
+    records: list
+    folds: list
+    criterion: Any
+    max_effects: int
+    n_jobs: int | None
+    negligible: float
+    tell: Callable
+    renew: Callable | None
+    is_structured: Callable
+    lost: list | None = None
+    keep: Callable | None = None
+    steps: dict = field(default_factory=dict)
+    dropped: list = field(default_factory=list)
+    seconds: dict = field(default_factory=dict)
+    _failures: list = field(default_factory=list)
+    _weighings: int = 0
+
+    # ------------------------------------------------------------------ the family, and what it was
+
+    @property
+    def n_tried(self):
+        """Number of contestants that were screened in a model, and of pairs that were possible."""
+        singles = [step["n_tried"] for step in self.steps.values() if not step["in_pairs"]]
+        pairs = [step["n_tried"] for step in self.steps.values() if step["in_pairs"]]
+        return max(singles, default=1) + max(pairs, default=0)
+
+    @property
+    def ranking(self):
+        """A row for each effect and round, with the p-value for all that was tried."""
+        rows = [row for step in self.steps.values() for row in step["rows"]]
+        return [row | {"p_value": min(1.0, self.n_tried * row["p_value"])} for row in rows]
+
+    @property
+    def failed(self):
+        """A row for each candidate that raised an error."""
+        return [row for step in self.steps.values() for row in step["failed"]]
+
+    # ------------------------------------------------------------------ grow
+
+    def grow(self, base):
+        """Add what lowers the held-out error until nothing does; return the ends of the paths."""
+        paths, ends = [base], []
+        while paths:
+            further = []
+            for path in paths:
+                better = self._better(path)
+                if not better:
+                    ends.append(path)
+                further += better
+            paths = [self._refreshed(c) for c in self._few(further)]
+            for c in paths:
+                self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
+        return ends
+
+    def _better(self, path):
+        """Return the candidates with more effects that predict better than a path's end."""
+        room = self.max_effects - len(path.structure.effects)
+        if room <= 0 or path.error <= self.negligible:
+            return []
+        driven = self.extended(path)
+        found = [c for c in driven if self.criterion.matters(path, c)]
+        if not found:
+            added = self.extended(path, additive=True)
+            found = [c for c in added if self.criterion.matters(path, c) and self._has_course(c)]
+        if not found and room > 1 and self.is_structured(path):
+            found = [c for c in self._pairs(path, driven) if self.criterion.matters(path, c)]
+        return found
+
+    def _few(self, candidates):
+        """Return the candidate of least error, and the simplest that is not told from it."""
+        least = {}
+        for c in sorted(candidates, key=lambda c: c.error):
+            least.setdefault(frozenset(c.structure.effects), c)
+        if not least:
+            return []
+        best, *others = least.values()
+        same = [c for c in others if not self.criterion.is_better(c, best)]
+        simplest = min([best, *same], key=lambda c: (c.n_parameters, c.error))
+        return [best] if simplest is best else [best, simplest]
+
+    def _refreshed(self, base):
+        """Return a candidate identified anew from nothing, where that predicts better."""
+        records = self.records_of(base)
+        if self.renew is not None:
+            return self.renew(base, base, records, thorough=True)
+        if are_long(records):
+            return base
+        trees = [base.structure.identified(records)]
+        if base.structure.input_history:
+            anew = [replace(t, input_history=()) for t in (base.structure, *trees)]
+            trees = [t.with_input_history(records) for t in anew]
+        anew = min((refitted(base, tree, records) for tree in trees), key=lambda c: c.cost)
+        if anew.cost >= base.cost:
+            return base
+        anew = held_out(anew, records, self.folds)
+        return anew if anew.error < base.error else base
+
+    def _has_course(self, candidate):
+        """Whether what is added to the response is more than the noise's own course."""
+        # what a black box leaves has a course of the box's own
+        if self.renew is not None or not candidate.structure.disturbances:
+            return True
+        p_values = course_p_values(candidate.structure, self.records_of(candidate))
+        own = [p for name, p in p_values.items() if name in candidate.effects]
+        return self.n_tried * max(own, default=0.0) < self.criterion.alpha
+
+    # ------------------------------------------------------------------ prune
+
+    def prune(self, base):
+        """Take out what is not needed, least first; return what is left."""
+        while base.structure.effects:
+            reduced = {name: self.without(base, name) for name in base.structure.effects}
+            needless = {n: c for n, c in reduced.items() if not self._is_needed(base, n, c)}
+            if not needless:
+                break
+            name = min(needless, key=lambda n: needless[n].error)
+            base = self._dropped(base, name, needless[name])
+        return base
+
+    def _is_needed(self, base, name, reduced):
+        own = replace(base, effects=(name,))
+        return self.criterion.is_better(reduced, base, self.n_tried) and self._has_course(own)
+
+    def _dropped(self, base, name, reduced):
+        self.dropped += [n for n in base.structure.effects if n not in reduced.structure.effects]
+        self._say(f"{name} is not needed: held-out error {reduced.error:.4g}")
+        return reduced
+
+    def without(self, base, name):
+        """Return a candidate without one of its effects, held out."""
+        key = f"{self._set(base)} without {name}"
+        if key not in self.steps:
+            records = self.records_of(base)
+            reduced = refitted(base, base.structure.without(name), records)
+            if self.renew is None:
+                reduced = held_out(reduced, records, self.folds)
+            else:
+                reduced = self.renew(reduced, base, records)
+            self._keep(key, [reduced])
+        return self.steps[key]["candidates"][0]
+
+    # ------------------------------------------------------------------ name
+
+    def named(self, base):
+        """Return a candidate with the best name at each place, and what is ambiguous with it."""
+        seen, ambiguous = set(), {}
+        while frozenset(base.structure.effects) not in seen:
+            seen.add(frozenset(base.structure.effects))
+            ambiguous = {}
+            for name in base.structure.effects:
+                chosen, same = self._contested(base, name)
+                if chosen is None or chosen.structure is not base.structure:
+                    base = self.prune(self.without(base, name) if chosen is None else chosen)
+                    break
+                ambiguous[name] = same
+        return base, ambiguous
+
+    def _contested(self, base, name):
+        """Return the best of an effect and its rivals, and the names of those not told from it.
+
+        None where the effect is not what its name says, and no rival is.
+        """
+        reduced = self.without(base, name)
+        tree = base.structure
+        # a rival begins where the others are, which make up for nothing yet
+        start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
+        rivals = self.extended(start, place=name)
+        if EFFECTS[name].beside:
+            added = self.extended(start, additive=True, place=name)
+            rivals = rivals + [c for c in added if self._has_course(c)]
+        family = self.n_tried
+        rivals = [
+            c
+            for c in rivals
+            if c.effects != (name,) and self.criterion.is_better(reduced, c, family)
+        ]
+        own = replace(base, effects=(name,))
+        margin, alpha = EFFECTS[name].plausible, self.criterion.alpha
+        if has_its_name(name, margin, tree, self.records_of(base), alpha):
+            rivals.append(own)
+        if not rivals:
+            return None, []
+        chosen = min(rivals, key=lambda c: c.error)
+        same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
+        simpler = [
+            c
+            for c in same
+            if c.n_parameters < chosen.n_parameters and self._contains(chosen, c)
+        ]
+        chosen = min(simpler, key=lambda c: (c.n_parameters, c.error), default=chosen)
+        same = [c for c in same if c is not chosen and c.effects != chosen.effects]
+        names = [c.effects[0] for c in sorted(same, key=lambda c: c.error)]
+        return base if chosen is own else chosen, tuple(dict.fromkeys(names))
+
+    def _contains(self, large, small):
+        """Whether one candidate can do what another does, as far as the noise lets it show.
+
+        It is fitted to the prediction of the other. If that were the truth, its own error would
+        be larger by the noise that its parameters follow, and by the misfit that is left here:
+        nested are those whose misfit is not the larger part.
+        """
+        records = self.records_of(large)
+        problem = small.structure.problem(self.records_of(small))
+        every = np.ones(len(problem.segment_record), dtype=bool)
+        predictions = problem.predictions(problem.x0, every)
+        seen = [replace(r, y=own) for r, own in zip(records, predictions, strict=True)]
+        follower = large.structure.problem(seen)
+        solution = variable_projection(
+            follower, follower.x0, tolerance=TOLERANCE, max_evaluations=FACTOR**3
+        )
+        variance = large.cost / follower.segment_weight.sum()
+        return bool(solution.cost < large.n_parameters * variance)
+
+    # ------------------------------------------------------------------ what was found
+
+    def claims(self, base, ambiguous):
+        """Return a row for each effect of a candidate, what removes most of the error first.
+
+        The errors are those of the models that are left when the effect that matters least is taken
+        out, and again; the p-value is of the whole model against that without the effect.
+        """
+        rows, last = [], base
+        while last.structure.effects:
+            reduced = [self.without(last, name) for name in last.structure.effects]
+            less = min(reduced, key=lambda c: c.error)
+            for name in last.structure.effects:
+                if name in less.structure.effects:
+                    continue
+                others = ambiguous.get(name, ())
+                rows.append(
+                    {
+                        "effect": name,
+                        "error_before": less.error,
+                        "error_after": last.error,
+                        "p_value": self.criterion.p_value(
+                            self.without(base, name), base, self.n_tried
+                        ),
+                        "ambiguous_with": others,
+                        "experiment": EFFECTS[name].experiment if others else "",
+                    }
+                )
+            last = less
+        return rows[::-1]
+
+    def suspects(self, base):
+        """Return what would lower the error of a candidate but is not in it, best first."""
+        found = [c for c in self.extended(base) if self.criterion.matters(base, c)]
+        errors = fold_errors(base, self.records_of(base), self.folds)
+        rows = []
+        for c in sorted(found, key=lambda c: c.error):
+            own = fold_errors(c, self.records_of(c), self.folds)
+            rows.append(
+                {
+                    "effect": c.effects[0],
+                    "error_before": base.error,
+                    "error_after": c.error,
+                    "folds_better": sum(a < b for a, b in zip(own, errors, strict=True)),
+                    "p_value": self.criterion.p_value(base, c, self.n_tried),
+                }
+            )
+        return rows
+
+    def extended(self, base, *, additive=False, place=None):
+        """Return the candidates with one more effect, held out.
+
+        Parameters
+        ----------
+        base : Candidate
+        additive : bool, default=False
+            Whether effects are tried that are functions of time alone, or those that are not.
+        place : str, optional
+            The effect whose place is contested, which is not in ``base``.
+        """
+        key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
+        if place is not None and base.structure.effects:
+            key += f" for {place}"
+        if key in self.steps:
+            return self.steps[key]["candidates"]
+        taken = base.structure.effects
+        effects = [e for e in self.effects if e.beside == additive and e.name not in taken]
+        begin = time.perf_counter()
+        variants = self._screened(base, [(effect, base) for effect in effects])
+        self._add_time("screening", begin)
+        begin = time.perf_counter()
+        found = self._held_out(base, self._fitted([base] * len(effects), variants))
+        self._add_time("contest", begin)
+        rows = self._ranked(base, effects, variants, found)
+        self._keep(key, found, rows, sum(map(len, variants[0])))
+        return found
+
+    def _pairs(self, base, singles):
+        """Return the candidates that fit best, each with every other effect too, held out."""
+        key = f"{self._set(base)} and a pair"
+        if key not in self.steps:
+            begin = time.perf_counter()
+            effects = [e for e in self.effects if e.name not in base.structure.effects]
+            best = sorted(singles, key=lambda c: c.cost)[:FACTOR]
+            pairs = [(e, c) for c in best for e in effects if e.name not in c.effects]
+            fitted = self._fitted([c for _, c in pairs], self._screened(base, pairs))
+            names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
+            fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
+            found = self._held_out(base, fitted)
+            self._add_time("pairs", begin)
+            self._keep(key, found, n_tried=comb(len(effects), 2), in_pairs=True)
+        return self.steps[key]["candidates"]
+
+    def _keep(self, key, candidates, rows=(), n_tried=0, in_pairs=False):
+        self.steps[key] = {
+            "candidates": candidates,
+            "rows": list(rows),
+            "n_tried": n_tried,
+            "in_pairs": in_pairs,
+            "failed": [
+                {"round": self._number, "effect": e, "error": why} for e, why in self._failures
+            ],
+        }
+        self._failures.clear()
+        if self.keep is not None:
+            self.keep(self.steps)
+
+    @property
+    def _number(self):
+        """Number of the next round."""
+        return 1 + sum(bool(step["rows"]) for step in self.steps.values())
+
+    def _parallel(self, jobs):
+        """Return what jobs return, None of one that fails: it costs its candidate."""
+        done, failures = side_by_side(jobs, self.n_jobs, partial(self.tell, "", self._number))
+        self._failures += failures
+        return done
+
+    def _done(self, jobs):
+        """Return what jobs return that do not fail."""
+        return [own for own in self._parallel(jobs) if own is not None]
+
+    def _screened(self, base, pairs):
+        """Return what halving leaves of effects and what they are put into, and what was screened.
+
+        Of long records the first parts are screened.
+
+        Returns
+        -------
+        variants : list of list of Candidate
+            Of each pair, best first.
+        kept : list of int
+            The numbers of the pairs that stay.
+        seen : list of (list of RecordData, float)
+            Of each pair the records, and the sum of squares of what the effect is put into.
+        """
+        records = self.records_of(base)
+        parts, seen = shortened(records, base.residuals), []
+        costs = {id(c): refitted(c, c.structure, parts).cost for _, c in pairs} if parts else {}
+        for effect, c in pairs:
+            short = parts and suffices(effect, c.structure, records, parts)
+            seen.append((parts, costs[id(c)]) if short else (records, c.cost))
+        starts = self._parallel(
+            delayed(screened)(effect, c.structure, own)
+            for (effect, c), (own, _) in zip(pairs, seen, strict=True)
+        )
+        groups = [(own or [], *what) for own, what in zip(starts, seen, strict=True)]
+        return *halve(groups, self._parallel), seen
+
+    def _fitted(self, bases, screened):
+        """Return the best variant of each effect that stays, refitted to all samples.
+
+        A variant that follows the residual where it was fitted may predict badly: of those that
+        are plausible the simplest that predicts as well as the best is taken: its error is hardly
+        larger, and not told apart. ``bases`` are what the effects were put into.
+        """
+        variants, kept, seen = screened
+        most = (1.0 - self.criterion.min_improvement) ** 2
+        jobs = [
+            (i, c)
+            for i in kept
+            for c in variants[i]
+            if c.predicted_cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
+        ]
+        tried = self._parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
+        tried = [(i, c) for (i, _), c in zip(jobs, tried, strict=True) if c is not None]
+        own = {i: [c for j, c in tried if j == i] for i, _ in tried}
+        best = [(i, self._variant(found)) for i, found in own.items()]
+        # of long records, what fits their first parts is near the solution
+        done = self._parallel(
+            delayed(completed)(c, records, FACTOR if are_long(records) else FACTOR**3)
+            for i, c in best
+            for records in [self.records_of(bases[i])]
+        )
+        return [c for c in done if c is not None]
+
+    def _is_plausible(self, candidate, base, records):
+        margin = EFFECTS[candidate.effects[-1]].plausible
+        named = is_plausible(margin, candidate, base, records, self.criterion.alpha)
+        return named and self._predicts_levels(candidate, base, records)
+
+    def _predicts_levels(self, candidate, base, records):
+        """Whether parameters that follow a number of the record suit records at other numbers.
+
+        Blocks of every record do not tell. Each record between others is held out.
+        """
+        if base.structure.lines or not candidate.structure.lines:
+            return True
+        folds = level_folds(candidate.structure.read(records))
+        if not folds:
+            return True
+        new, old = (held_out(c, records, folds) for c in (candidate, base))
+        return new.error < old.error
+
+    def _variant(self, variants):
+        """Return the simplest variant that predicts as well as the best."""
+        best = min(variants, key=lambda c: c.error)
+        near = [
+            c for c in variants if (1.0 - self.criterion.min_improvement) * c.error <= best.error
+        ]
+        same = [c for c in near if self.criterion.p_value(c, best) >= self.criterion.alpha]
+        return min(same or [best], key=lambda c: (c.n_parameters, c.error))
+
+    def _held_out(self, base, candidates):
+        """Return the candidates held out."""
+        if self.renew is None:
+            records = self.records_of(base)
+            return self._done(delayed(held_out)(c, records, self.folds) for c in candidates)
+        own = self.records_of(base)
+        rough = self._done(delayed(self.renew)(c, base, own) for c in candidates)
+        rough.sort(key=lambda c: c.error)
+        best = rough[: -(-len(rough) // FACTOR)]
+        fine = self._done(
+            delayed(self.renew)(c, c, self.records_of(c), thorough=True) for c in best
+        )
+        return fine + rough[len(best) :]
+
+    def _ranked(self, base, effects, screened, tested):
+        """Yield a row for each effect that was tried in a candidate."""
+        tested = {c.effects[0]: c for c in tested}
+        variants, _, seen = screened
+        for effect, own, (_, cost) in zip(effects, variants, seen, strict=True):
+            c = tested.get(effect.name)
+            fit = own[0] if own else None
+            added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
+            yield {
+                "round": self._number,
+                "beside": base.structure.effects,
+                "effect": effect.name,
+                "screen": round(max(1.0 - fit.cost / cost, 0.0), 9) if fit else 0.0,
+                "error_before": base.error,
+                "error_after": c.error if c else float("nan"),
+                "p_value": self.criterion.p_value(base, c) if c else float("nan"),
+                "n_parameters": max(added, 0),
+                "fold_errors": fold_errors(c, self.records_of(c), self.folds) if c else None,
+            }
+
+    # ------------------------------------------------------------------ records
+
+    def records_of(self, candidate):
+        """Return the records as a candidate sees them."""
+        return self.records if candidate.box is None else list(candidate.box.records)
+
+    def weighed(self, base):
+        """Return a candidate refitted with the weights that its residual asks for."""
+        if self.lost is None:
+            return base
+        weights = huber_weights(base.residuals, lost=self.lost)
+        self.records = [replace(r, weights=w) for r, w in zip(self.records, weights, strict=True)]
+        self._weighings += 1  # which all steps have to be done for anew
+        base = refitted(base, base.structure, self.records)
+        return held_out(base, self.records, self.folds)
+
+    def _say(self, text):
+        self.tell(f"round {self._number}: {text}", self._number)
+
+    def _add_time(self, stage, begin):
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+    def _set(self, candidate):
+        """Return the names of a candidate's effects, whatever their order."""
+        own = " + ".join(sorted(candidate.structure.effects)) or "nothing"
+        return f"{own}, weighed {self._weighings} times" if self._weighings else own
