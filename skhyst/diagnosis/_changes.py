@@ -18,7 +18,7 @@ from ..hysteresis import (
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import SumOperator
 from ..optimize import identify
-from ._constants import ENOUGH, FACTOR, FEW_TURNS, FULL, KNEE, NOTICEABLE, TANKS
+from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS
 from ._edits import (
     AddForce,
     Begin,
@@ -31,24 +31,9 @@ from ._edits import (
     Schedule,
     both_models,
 )
-from ._periods import visible_turns
 from ._shortened import first_part
-from ._starts import Scene, beside, driven_starts, inserted
+from ._starts import Scene, driven_starts, inserted
 from ._tree import BRIEFLY
-
-
-@dataclass(frozen=True)
-class SlowerThanDrive:
-    """A drift, unless all records are of a loop or two, in which it could mimic anything."""
-
-    model: object
-
-    def trees(self, name, scene):
-        moving = [r.drive for r in scene.records if np.ptp(r.drive) > 0.0]
-        few = min(self.model.degree, FEW_TURNS)
-        if moving and all(visible_turns(u) <= few for u in moving):
-            return []
-        return beside(name, self.model, scene)
 
 
 @dataclass(frozen=True)

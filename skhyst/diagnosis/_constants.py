@@ -21,7 +21,6 @@ REWEIGHTED = 2  # fits before the first round: the first weights are of a fit wi
 FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
 HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
 REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
-FEW_TURNS = 4  # of the drive, in a record of a loop or two
 TANKS = 3  # in a row, at the most
 KNEE = 0.6  # of the largest response: levels of a knee start at least a tenth above it
 FULL = 0.98  # of the level of a knee, up to which its inverse is well conditioned

@@ -182,7 +182,8 @@ class Contest:
     def _has_course(self, candidate):
         """Whether what is added to the response is more than the noise's own course."""
         # what a black box leaves has a course of the box's own
-        if self.renew is not None or not candidate.structure.disturbances:
+        additive = EFFECTS[candidate.effects[-1]].beside
+        if self.renew is not None or not additive:
             return True
         p_values = course_p_values(candidate.structure, self.records_of(candidate))
         own = [p for name, p in p_values.items() if name in candidate.effects]
@@ -249,14 +250,14 @@ class Contest:
         # a rival begins where the others are, which make up for nothing yet
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, place=name)
-        if EFFECTS[name].beside:
-            added = self.extended(start, additive=True, place=name)
-            rivals = rivals + [c for c in added if self._has_course(c)]
+        rivals = rivals + self.extended(start, additive=True, place=name)
         family = self.n_tried
         rivals = [
             c
             for c in rivals
-            if c.effects != (name,) and self.criterion.is_better(reduced, c, family)
+            if c.effects != (name,)
+            and self.criterion.is_better(reduced, c, family)
+            and self._has_course(c)
         ]
         own = replace(base, effects=(name,))
         margin, alpha = EFFECTS[name].plausible, self.criterion.alpha

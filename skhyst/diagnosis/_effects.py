@@ -50,7 +50,6 @@ from ._changes import (
     PerRecord,
     RateDependence,
     Scaled,
-    SlowerThanDrive,
     UnderWay,
 )
 from ._plausibility import (
@@ -138,6 +137,7 @@ _BUILT_IN = (
             BesideForce(BoucWen(fit_gain=False, fit_intercept=False)),
             BesideForce(MaxwellSlip(10)),
             FirstHysteresis(PrandtlIshlinskii(10)),
+            FirstHysteresis(PrandtlIshlinskii(10, form="stop")),
         ],
         "The response depends on where the drive, or the motion, has turned round before.",
         "Sweep slowly up and down with several turning points: the branches stay apart, however "
@@ -357,7 +357,7 @@ _BUILT_IN = (
     ),
     Effect(
         "drift",
-        lambda: [SlowerThanDrive(Drift(degree)) for degree in (1, 3, 8)],
+        lambda: [Drift(degree) for degree in (1, 3, 8)],
         "The response moves slowly with time, whatever the drive does.",
         "Rest at a constant drive for as long as a record takes.",
         beside=True,

@@ -22,11 +22,6 @@ def turns(u):
     return 1 + moving[:-1][rising[1:] != rising[:-1]]
 
 
-def visible_turns(u):
-    """Return how often a signal turns round by more than a twentieth of its range."""
-    return len(turns(u))
-
-
 def drive_period(u):
     """Return the shortest period of a moving signal in samples, or 0."""
     n = len(u)

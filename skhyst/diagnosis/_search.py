@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from numbers import Integral, Real
 from os import PathLike
 from typing import Self
@@ -15,9 +16,10 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
-from ..model_selection import by_content, segment_folds
+from ..model_selection import RecordKFold, by_content, segment_folds
 from ..records import (
     data_quality,
+    first_of_equals,
     lost_readings,
     resample_like,
     resample_records,
@@ -124,9 +126,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         not predict each other.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
-        of the response, samples counted by ``weights_``. Constants that belong to a record (offset,
-        drift, phase) are taken from one half of a held-out record's segments to predict the other
-        half.
+        of the response, samples counted by ``weights_``: on whole records where there are several,
+        so that it holds for a new one, and on blocks of a single one, or as ``cv`` says. (A search
+        decides by ``cv``, and ``history_`` has those errors.) Constants that belong to a record
+        (offset, drift, phase) are taken from one half of a held-out record's segments to predict
+        the other half.
     weights_ : ndarray of shape (n_samples,)
         How much each held-out sample counts: the weights of Huber's loss where that is asked for,
         ones otherwise.
@@ -307,6 +311,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         self.folds_ = scoring_folds(slices, segments, folds)
+        self._whole = self._folds_of_records(slices, X, response)
         refuse_no_experiment(every, response, slices)
         self.data_quality_ = data_quality(X, response, slices)
         reference = self._reference = reference_of(self, every, slices)
@@ -328,6 +333,24 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             return X, y
         found = resample_records(X, y, dt=self.resample)
         return (found, None) if y is None else found
+
+    def _folds_of_records(self, slices, X, y):
+        """Return segments and folds in which whole records are held out; None of a single one."""
+        distinct = np.unique(first_of_equals(slices, X, y))
+        count = len({slices[i].label for i in distinct})
+        if not isinstance(self.cv, Integral) or count < 2:
+            return None
+        folds = RecordKFold(min(self.cv, count))
+        return segment_folds(slices, folds, X, y, washout=self.washout)
+
+    def _by_records(self, slices, records, *candidates):
+        """Return candidates held out in whole records, where there are several."""
+        if self._whole is None or candidates[0].box is not None:
+            return candidates
+        segments, folds = self._whole
+        self.folds_ = scoring_folds(slices, segments, folds)
+        records = [replace(r, segments=own) for r, own in zip(records, segments, strict=True)]
+        return tuple(held_out(c, records, folds) for c in candidates)
 
     def _search(self, declared, slices, effects, segments, folds, tell):
         begin = time.perf_counter()
@@ -385,6 +408,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         """Store what was found between the first and the last candidate."""
         records = contest.records_of(base)
         begin = time.perf_counter()
+        decided, (first, base) = base, self._by_records(slices, records, first, base)
         self.error_before_, self.error_after_ = first.error, base.error
         self.effects_: list[str] = [row["effect"] for row in history]
         self.dropped_ = [n for n in dict.fromkeys(contest.dropped) if n not in self.effects_]
@@ -396,13 +420,13 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
         *_, left = fitted(base, records, (first_row(self, s) for s in slices))
-        self._judge(declared.measured(records), base, contest, left)
+        self._judge(declared.measured(records), decided, contest, left)
         if self.verdict_ == "noise" and self._reference is None:
             self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
-        del self._inputs, self._reference
+        del self._inputs, self._reference, self._whole
         self._structure, self._records = base.structure, tuple(records)
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()

@@ -9,6 +9,8 @@ from numbers import Integral
 
 import numpy as np
 
+from ..records import first_of_equals
+
 _WASHOUT = 0.05  # of a block of a single record
 
 
@@ -197,7 +199,10 @@ def _even_folds(records, cv, X, y, shortest):
     """Return masks (n_folds, n_samples) of a block of every record, or of all of a short one."""
     check_integer("cv", cv, 2, "segment_folds")
     fold_of = []
-    for record, place in zip(records, np.argsort(by_content(records, X, y)), strict=True):
+    places = np.argsort(by_content(records, X, y))
+    if X is not None and y is not None:  # what is recorded once is never on both sides of a fold
+        places = places[first_of_equals(records, X, y)]
+    for record, place in zip(records, places, strict=True):
         n, block = record.n_samples, np.zeros(record.n_samples, dtype=int)
         if n >= (cv + 1) * shortest or len(records) == 1:
             block = (np.arange(1, n + 1) * (cv + 1) - 1) // n - 1

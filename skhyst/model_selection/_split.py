@@ -14,7 +14,7 @@ from sklearn.model_selection import BaseCrossValidator, KFold
 from sklearn.utils import indexable
 
 from ..exceptions import RecordError
-from ..records import record_slices
+from ..records import first_of_equals, record_slices
 from ._folds import by_content, check_integer, runs
 
 
@@ -144,6 +144,8 @@ class RecordKFold(_RecordSplitter):
 
     def _folds(self, records, labelled, X, y):
         keys = [record.label if labelled else i for i, record in enumerate(records)]
+        if X is not None and y is not None:  # what is recorded once is never on both sides
+            keys = [keys[first] for first in first_of_equals(records, X, y)]
         numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         if len(numbers) < self.n_splits:
             raise ValueError(

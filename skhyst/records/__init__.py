@@ -6,6 +6,7 @@ from ._data_quality import lost_readings as lost_readings
 from ._data_quality import with_reactions as with_reactions
 from ._frames import iter_records, stack_records
 from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
+from ._index import first_of_equals as first_of_equals
 from ._read_records import read_records
 from ._recording_overview import RecordingOverview, inspect_recording
 from ._resample import resample_like, resample_records, resampling_error

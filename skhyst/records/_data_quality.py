@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ._channels import are_exchanged, lost_samples, noise_on_drive, reaction_p_value
+from ._index import first_of_equals
 
 _ADVICE = {
     "outlier": "take the rows out as missing readings, or use a robust loss",
@@ -20,6 +21,7 @@ _ADVICE = {
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
+    "repeated_record": "leave it out: it is equal to an earlier one to the last bit",
     "swapped_channels": "check the columns: the drive reads like a response, and lags",
     "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
     "closed_loop": "record what the controller follows, and search with it as the reference",
@@ -42,9 +44,9 @@ def data_quality(X, y, records) -> pd.DataFrame:
     DataFrame
         One row per fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
-        ``lost_samples``, ``swapped_channels``, ``noisy_drive``), ``record``, ``n_samples``,
-        ``rows`` (the first few), ``value`` (reading at which it was stuck, clipped or lost; jump
-        of a wrapped reading; relative standard deviation of the interval; number of samples lost
+        ``lost_samples``, ``swapped_channels``, ``noisy_drive``, ``repeated_record``), ``record``,
+        ``n_samples``, ``rows`` (the first few), ``value`` (reading at which it was stuck, clipped
+        or lost; jump of a wrapped reading; relative standard deviation of the interval; number of samples lost
         before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
 
     Notes
@@ -65,9 +67,12 @@ def data_quality(X, y, records) -> pd.DataFrame:
     """
     drive = np.asarray(X, dtype=float)[:, 0]
     y = np.asarray(y, dtype=float)
-    found = []
-    for record in records:
+    found, firsts = [], first_of_equals(records, X, y)
+    for number, record in enumerate(records):
         u, own = drive[record.rows], y[record.rows]
+        whole = np.arange(record.rows.start, record.rows.stop)
+        if firsts[number] < number:
+            found.append(("repeated_record", record.label, whole, np.nan))
         runs = _runs(own)
         faults = list(_spikes(u, own, *runs))
         codes = [value for fault, _, value in faults if fault == "lost_reading"]
@@ -83,7 +88,6 @@ def data_quality(X, y, records) -> pd.DataFrame:
         jitter = _jitter(X, record)
         if jitter > 0.05:  # rounding of the interval by a tenth gives 0.04
             found.append(("clock_jitter", record.label, np.arange(record.n_samples), jitter))
-        whole = np.arange(record.rows.start, record.rows.stop)
         noise = noise_on_drive(u, own)
         if noise > 0.0 and are_exchanged(u, own):
             found.append(("swapped_channels", record.label, whole, np.nan))

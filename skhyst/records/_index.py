@@ -472,3 +472,24 @@ def _numbers(times, dt, codes=None):
             f"drop these rows."
         )
     return TimeStamps(values, unit, dtype, counts)
+
+
+def first_of_equals(records, *signals) -> np.ndarray:
+    """Return for each record the number of the first one that is equal to the last bit.
+
+    No two recordings of a device are: such records were stored twice.
+
+    Parameters
+    ----------
+    records : sequence of RecordSlice
+    *signals : array-like of shape (n_samples, ...)
+        Drive and response.
+
+    Returns
+    -------
+    ndarray of int of shape (n_records,)
+    """
+    first: dict[tuple, int] = {}
+    values = [np.asarray(own, dtype=float) for own in signals]
+    contents = [tuple(own[r.rows].tobytes() for own in values) for r in records]
+    return np.array([first.setdefault(own, i) for i, own in enumerate(contents)])
