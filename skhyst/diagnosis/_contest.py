@@ -115,6 +115,13 @@ class Contest:
         return [row | {"p_value": min(1.0, self.n_tried * row["p_value"])} for row in rows]
 
     @property
+    def _helpful(self):
+        """Names of the effects that have lowered the held-out error of some model by enough."""
+        factor = 1.0 - self.criterion.min_improvement
+        rows = [row for step in self.steps.values() for row in step["rows"]]
+        return {r["effect"] for r in rows if r["error_after"] < factor * r["error_before"]}
+
+    @property
     def failed(self):
         """A row for each candidate that raised an error."""
         return [row for step in self.steps.values() for row in step["failed"]]
@@ -126,8 +133,8 @@ class Contest:
         paths, ends = [base], []
         while paths:
             further = []
-            for path in paths:
-                better = self._better(path)
+            for number, path in enumerate(paths):
+                better = self._better(path, fully=number == 0)
                 if not better:
                     ends.append(path)
                 further += better
@@ -136,12 +143,15 @@ class Contest:
                 self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
         return ends
 
-    def _better(self, path):
-        """Return the candidates with more effects that predict better than a path's end."""
+    def _better(self, path, fully):
+        """Return the candidates with more effects that predict better than a path's end.
+
+        Of all effects, or of those that have helped some model of the search before.
+        """
         room = self.max_effects - len(path.structure.effects)
         if room <= 0 or path.error <= self.negligible:
             return []
-        driven = self.extended(path)
+        driven = self.extended(path, fully=fully)
         found = [c for c in driven if self.criterion.matters(path, c)]
         if not found:
             added = self.extended(path, additive=True)
@@ -249,8 +259,7 @@ class Contest:
         tree = base.structure
         # a rival begins where the others are, which make up for nothing yet
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
-        rivals = self.extended(start, place=name)
-        rivals = rivals + self.extended(start, additive=True, place=name)
+        rivals = self.extended(start, fully=False) + self.extended(start, additive=True, fully=False)
         family = self.n_tried
         rivals = [
             c
@@ -345,7 +354,7 @@ class Contest:
             )
         return rows
 
-    def extended(self, base, *, additive=False, place=None):
+    def extended(self, base, *, additive=False, fully=True):
         """Return the candidates with one more effect, held out.
 
         Parameters
@@ -353,16 +362,19 @@ class Contest:
         base : Candidate
         additive : bool, default=False
             Whether effects are tried that are functions of time alone, or those that are not.
-        place : str, optional
-            The effect whose place is contested, which is not in ``base``.
+        fully : bool, default=True
+            Whether all are tried, or those that have helped some model of the search before.
         """
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
-        if place is not None and base.structure.effects:
-            key += f" for {place}"
         if key in self.steps:
             return self.steps[key]["candidates"]
-        taken = base.structure.effects
-        effects = [e for e in self.effects if e.beside == additive and e.name not in taken]
+        effects = [e for e in self.effects if e.beside == additive]
+        effects = [e for e in effects if e.name not in base.structure.effects]
+        if not fully:
+            key += " that has helped"
+            if key in self.steps:
+                return self.steps[key]["candidates"]
+            effects = [e for e in effects if e.name in self._helpful]
         begin = time.perf_counter()
         variants = self._screened(base, [(effect, base) for effect in effects])
         self._add_time("screening", begin)
