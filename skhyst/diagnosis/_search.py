@@ -78,7 +78,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         ``RecordKFold()`` for whole records; or an iterable of (train, test) row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
-    max_effects : int, default=5
+    max_effects : int, default=3
         Most effects in a model.
     min_improvement : float, default=0.05
         Part of the error that an effect must remove to be worth a claim, of that held out as of
@@ -245,7 +245,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         effects="all",
         cv=5,
         alpha=0.01,
-        max_effects=5,
+        max_effects=3,
         min_improvement=0.05,
         loss="squared",
         washout=None,
