@@ -14,7 +14,7 @@ from ..base import ParametricModel, informed, with_params
 from ..operators import (
     FrozenOperator,
     Operator,
-    SeriesOperator,
+    Series,
     add_disturbances,
     split_disturbances,
 )
@@ -242,7 +242,7 @@ class Cascade(Composition):
 
     Attributes
     ----------
-    operator_ : SeriesOperator
+    operator_ : Series
 
     Raises
     ------
@@ -300,12 +300,12 @@ class Cascade(Composition):
         return [hold if i <= first else "foh" for i in range(len(has_one))]
 
     def _compose(self, names, stages):
-        return SeriesOperator(tuple(names), tuple(stages)).normalized()
+        return Series(tuple(names), tuple(stages)).normalized()
 
     def _tree(self, driven, disturbances):
         models = zip(self._models(), driven.stages, strict=True)
         parts = tuple(model._tree(stage, disturbances) for model, stage in models)
-        held, stages = SeriesOperator(driven.names, parts).gauge_mask(), []
+        held, stages = Series(driven.names, parts).gauge_mask(), []
         for stage in parts:
             own, held = np.split(held, [stage.n_parameters])
             stages.append(_to_unit_gain(stage) if own.any() else stage)
@@ -340,7 +340,7 @@ class Cascade(Composition):
         """
         found, records = [], data
         for stage, model in zip(stages, self._models(), strict=True):
-            if isinstance(model, Cascade) and isinstance(stage, SeriesOperator):
+            if isinstance(model, Cascade) and isinstance(stage, Series):
                 stage = model._resume(stage.stages, records)
             elif isinstance(model, HeldStep):
                 [stage] = model.starting_values(records)

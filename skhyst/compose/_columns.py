@@ -8,7 +8,7 @@ import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, informed, with_params
-from ..operators import ColumnOperator, ModulatedOperator, add_disturbances, split_disturbances
+from ..operators import OnColumnOperator, Scaled, add_disturbances, split_disturbances
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 
@@ -129,7 +129,7 @@ class OnColumn(_ColumnModel):
 
     Attributes
     ----------
-    operator_ : ColumnOperator
+    operator_ : OnColumnOperator
 
     Examples
     --------
@@ -163,7 +163,7 @@ class OnColumn(_ColumnModel):
         own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records]
         starts = map(split_disturbances, self.estimator.starting_values(own))
         return [
-            add_disturbances(ColumnOperator(driven, self.column, reference), beside)
+            add_disturbances(OnColumnOperator(driven, self.column, reference), beside)
             for driven, beside in starts
         ]
 
@@ -198,7 +198,7 @@ class Modulated(_ColumnModel):
 
     Attributes
     ----------
-    operator_ : ModulatedOperator
+    operator_ : Scaled
         ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`.
 
     Examples
@@ -227,7 +227,7 @@ class Modulated(_ColumnModel):
         column = -1 if self.column == "amplitude" else self.column
         reference = _mean(records, column)
         return [
-            add_disturbances(ModulatedOperator(driven, column, reference), beside)
+            add_disturbances(Scaled(driven, column, reference), beside)
             for driven, beside in map(split_disturbances, self._driven().starting_values(records))
         ]
 

@@ -10,7 +10,7 @@ from sklearn.base import clone
 from .._sklearn import Interval
 from ..base import informed, with_params
 from ..exceptions import RecordError
-from ..operators import ScheduledOperator
+from ..operators import Scheduled
 from ..optimize import RecordData, VariableProjection
 from ._columns import AroundModel, amplitude, is_constant
 
@@ -43,7 +43,7 @@ class ScheduledParameters(AroundModel):
 
     Attributes
     ----------
-    operator_ : ScheduledOperator
+    operator_ : Scheduled
     polynomials_ : dict of str to ndarray of shape (degree + 1,)
         Coefficients by powers of the schedule, lowest first.
     schedule_ : ndarray of shape (n_records,)
@@ -151,7 +151,7 @@ class ScheduledParameters(AroundModel):
                 "record's own already."
             )
         values = [r.schedule for r in records]
-        scheduled = ScheduledOperator.constant(
+        scheduled = Scheduled.constant(
             result.operator, self._degrees(result), min(values), max(values)
         )
         return [scheduled, _from_each_record(scheduled, records, plain, model)]

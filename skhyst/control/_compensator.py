@@ -53,7 +53,7 @@ from ..exceptions import ReachWarning
 from ..linear import DelayOperator, GainOperator
 from ..operators import (
     CompiledSeries,
-    SeriesOperator,
+    Series,
     Stepper,
     add_disturbances,
     inverse_of,
@@ -638,7 +638,7 @@ class _InvertiblePlant:
     def __init__(self, operator, dt, limits):
         self.driven, self.disturbances = split_disturbances(operator)
         self.dt, self.limits = dt, limits
-        series = isinstance(self.driven, SeriesOperator)
+        series = isinstance(self.driven, Series)
         self.names = self.driven.names if series else (type(self.driven).__name__,)
         self.stages = self.driven.stages if series else (self.driven,)
         self.missed = self.held = None

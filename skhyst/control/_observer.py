@@ -17,7 +17,7 @@ from ..base import ParametricModel, one_thread, read_data
 from ..operators import (
     CompiledSeries,
     CompiledStep,
-    SeriesOperator,
+    Series,
     Stepper,
     SumOperator,
     split_disturbances,
@@ -334,7 +334,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             model = operator.compiled_step(dt, operator.init(u0, state))
             return CompiledObserver((model, law.compiled_step()), law.variance)
         # hysteresis within the motion: the uncertainty goes through the steps of the last stages
-        whole = SeriesOperator(tuple("" for _ in stages_of(driven)), stages_of(driven))
+        whole = Series(tuple("" for _ in stages_of(driven)), stages_of(driven))
         steps = [
             s.compiled_step(dt, own)
             for s, own in zip(whole.stages, whole.init(u0, state), strict=True)

@@ -10,7 +10,7 @@ from sklearn.base import clone
 from ..base import informed
 from ..compose import constant_entries
 from ..operators import (
-    SeriesOperator,
+    Series,
     Stage,
     series_stages,
     split_disturbances,
@@ -187,7 +187,7 @@ class Tree:
 
     def series(self):
         """Return the stages as one operator."""
-        return SeriesOperator(self.names, self.operators).normalized()
+        return Series(self.names, self.operators).normalized()
 
     def position(self, order):
         """Return where in the series a stage of this order goes: behind what biases the drive."""
@@ -268,7 +268,7 @@ class Tree:
 
     def cut(self, *names):
         """Return the tree without stages; others take over their gain, where all are linear."""
-        series = SeriesOperator(self.names, self.operators)
+        series = Series(self.names, self.operators)
         for name in names:
             series = series.without(name)
         return self.with_stages(series.series())

@@ -32,7 +32,7 @@ from ..operators import (
     CompiledLaw,
     CompiledSeries,
     CompiledSum,
-    SeriesOperator,
+    Series,
     parameter,
     run_records,
     state_space_step,
@@ -455,9 +455,7 @@ def _behind_delay(operator, delays):
     """Return the operator of a single input after its delay, if it has one."""
     if not np.size(delays):
         return operator
-    return SeriesOperator(
-        ("delay", "transfer_function"), (DelayOperator(float(delays[0])), operator)
-    )
+    return Series(("delay", "transfer_function"), (DelayOperator(float(delays[0])), operator))
 
 
 def _several(parts, n_zeros, n_inputs, delays, hold):

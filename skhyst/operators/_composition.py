@@ -48,7 +48,7 @@ class WrappedOperator(_ByEntries):
 
     signal_linear = property(attrgetter("_like.signal_linear"))
     owns_gain = property(attrgetter("_like.owns_gain"))
-    rank = property(attrgetter("_like.stage_order"))
+    stage_order = property(attrgetter("_like.stage_order"))
     n_poles = property(attrgetter("_like.n_poles"))
     memoryless = property(attrgetter("_like.memoryless"))
     causal = property(attrgetter("_like.causal"))
@@ -174,7 +174,7 @@ class FrozenOperator(WrappedOperator):
 
 
 @dataclass(frozen=True)
-class ColumnOperator(WrappedOperator):
+class OnColumnOperator(WrappedOperator):
     """An operator that one column of the input drives.
 
     Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
@@ -190,8 +190,8 @@ class ColumnOperator(WrappedOperator):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import GainOperator
-    >>> from skhyst.operators import ColumnOperator
-    >>> ColumnOperator(GainOperator(3.0), 1).run(np.array([[0.0, 1.0], [0.0, 2.0]]), 0.1)[0]
+    >>> from skhyst.operators import OnColumnOperator
+    >>> OnColumnOperator(GainOperator(3.0), 1).run(np.array([[0.0, 1.0], [0.0, 2.0]]), 0.1)[0]
     array([3., 6.])
     """
 
@@ -243,7 +243,7 @@ class ColumnOperator(WrappedOperator):
 
 
 @dataclass(frozen=True)
-class ModulatedOperator(WrappedOperator):
+class Scaled(WrappedOperator):
     r"""An operator whose output is scaled by a column of the input.
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
@@ -266,9 +266,9 @@ class ModulatedOperator(WrappedOperator):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import GainOperator
-    >>> from skhyst.operators import ColumnOperator, ModulatedOperator
-    >>> gain = ColumnOperator(GainOperator(3.0), 0)
-    >>> warm = ModulatedOperator(gain, 1, reference=20.0, sensitivity=0.1)
+    >>> from skhyst.operators import OnColumnOperator, Scaled
+    >>> gain = OnColumnOperator(GainOperator(3.0), 0)
+    >>> warm = Scaled(gain, 1, reference=20.0, sensitivity=0.1)
     >>> warm.run(np.array([[1.0, 20.0], [1.0, 25.0]]), 0.1)[0]
     array([3. , 4.5])
     """
@@ -290,7 +290,7 @@ class ModulatedOperator(WrappedOperator):
 
     @property
     def _depth(self):
-        return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
+        return 1 + (self.operator._depth if isinstance(self.operator, Scaled) else 0)
 
     def entries(self):
         name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
@@ -328,7 +328,7 @@ class ModulatedOperator(WrappedOperator):
 
 
 @dataclass(frozen=True)
-class ScheduledOperator(WrappedOperator):
+class Scheduled(WrappedOperator):
     """Parameters are polynomials of a schedule, such as the amplitude of the record.
 
     A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule:
@@ -617,7 +617,7 @@ class _Composition(_ByEntries):
         )
 
 
-class SeriesOperator(_Composition):
+class Series(_Composition):
     """Operators in series: the output of one is the input of the next."""
 
     structure_of = "Cascade"
@@ -680,9 +680,9 @@ class SeriesOperator(_Composition):
         Examples
         --------
         >>> from skhyst.linear import FirstOrderLagOperator, SecondOrderModeOperator
-        >>> from skhyst.operators import SeriesOperator
+        >>> from skhyst.operators import Series
         >>> stages = SecondOrderModeOperator(30.0, 0.1), FirstOrderLagOperator(0.1, gain=2.0)
-        >>> SeriesOperator(("mode", "lag"), stages).without("lag").stages[0].gain
+        >>> Series(("mode", "lag"), stages).without("lag").stages[0].gain
         2.0
         """
         at = self.names.index(name)
@@ -730,7 +730,7 @@ class SeriesOperator(_Composition):
 
     def inverse(self):
         """Return the series of the inverses, last stage first."""
-        return SeriesOperator(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
+        return Series(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
@@ -953,14 +953,14 @@ def split_disturbances(start):
 
 def bare(operator):
     """Return an operator without what only says that it is driven by the drive."""
-    implied = isinstance(operator, ColumnOperator) and operator._is_implied
+    implied = isinstance(operator, OnColumnOperator) and operator._is_implied
     return operator.operator if implied else operator
 
 
 def of_columns(operator):
     """Return an operator of the whole input, as a disturbance is of any."""
     is_one = operator.reads_columns or operator.is_disturbance
-    return operator if is_one else ColumnOperator(operator, 0)
+    return operator if is_one else OnColumnOperator(operator, 0)
 
 
 def _one(u, column):
@@ -981,7 +981,7 @@ def _together(kind, *operands):
 
 
 def _in_series(first, second):
-    return SeriesOperator(*zip(*_together(SeriesOperator, first, second), strict=True))
+    return Series(*zip(*_together(Series, first, second), strict=True))
 
 
 def _in_parallel(first, second):
@@ -989,7 +989,7 @@ def _in_parallel(first, second):
 
 
 def _scaled(operator, factor):
-    return ModulatedOperator(of_columns(operator), *factor)
+    return Scaled(of_columns(operator), *factor)
 
 
 JOIN.update({"|": _in_series, "+": _in_parallel, "*": _scaled})

@@ -9,10 +9,10 @@ single stage.
 import numpy as np
 
 from ._composition import (
-    ColumnOperator,
-    ModulatedOperator,
-    ScheduledOperator,
-    SeriesOperator,
+    OnColumnOperator,
+    Scaled,
+    Scheduled,
+    Series,
     SumOperator,
     bare,
     of_columns,
@@ -61,11 +61,11 @@ def with_series_stages(whole, stages):
 def _in_series(part, stages):
     names, operators = (tuple(stage[i] for stage in stages) for i in (0, 1))
     name, model = part.name, part.operator.model
-    if not (isinstance(part.operator, SeriesOperator) and part.operator.is_composed):
+    if not (isinstance(part.operator, Series) and part.operator.is_composed):
         if len(stages) == 1:
             return stages[0]
-        name, model = _DRIVEN, _node(SeriesOperator, [], part)
-    return Stage(name, SeriesOperator(names, operators, model=model).normalized())
+        name, model = _DRIVEN, _node(Series, [], part)
+    return Stage(name, Series(names, operators, model=model).normalized())
 
 
 def put_beside_series(whole, name, operator):
@@ -87,7 +87,9 @@ def put_beside_series(whole, name, operator):
 
 def on_column(whole, operator, column):
     """Return an operator that a column of the input drives, of a tree."""
-    return ColumnOperator(operator, column, model=_node(ColumnOperator, None, whole, column=column))
+    return OnColumnOperator(
+        operator, column, model=_node(OnColumnOperator, None, whole, column=column)
+    )
 
 
 def modulated(whole, column, reference, sensitivity=0.0):
@@ -98,9 +100,9 @@ def modulated(whole, column, reference, sensitivity=0.0):
     number = -1 if column == "amplitude" else column
 
     def change(part):
-        model = _node(ModulatedOperator, None, part, column=column)
+        model = _node(Scaled, None, part, column=column)
         inside = of_columns(part.operator)
-        scaled = ModulatedOperator(inside, number, reference, sensitivity, model=model)
+        scaled = Scaled(inside, number, reference, sensitivity, model=model)
         return part._replace(operator=scaled)
 
     return _changed(whole, change, SumOperator)
@@ -114,10 +116,10 @@ def scheduled(whole, by, low, high, lines):
     """
 
     def change(part):
-        model = _node(ScheduledOperator, None, part, by=by)
-        return part._replace(operator=ScheduledOperator.along(part, low, high, lines, model))
+        model = _node(Scheduled, None, part, by=by)
+        return part._replace(operator=Scheduled.along(part, low, high, lines, model))
 
-    return _changed(whole, change, SumOperator | ModulatedOperator | ColumnOperator)
+    return _changed(whole, change, SumOperator | Scaled | OnColumnOperator)
 
 
 def stage_values(whole, *, held=True):

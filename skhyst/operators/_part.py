@@ -103,8 +103,8 @@ class Part:
     @property
     def label(self) -> str:
         """Name of a part that has none: that of its estimator, or of its own class."""
-        kind = type(self if self.model is None else self.model).__name__
-        return snake_case(kind.removesuffix("Operator"))
+        own = self.structure_of or type(self).__name__.removesuffix("Operator")
+        return snake_case(own if self.model is None else type(self.model).__name__)
 
     def estimator(self, **params):
         """Return the unfitted estimator that the operator belongs to.

@@ -18,9 +18,9 @@ import skhyst
 from skhyst.discovery import all_operators
 from skhyst.linear import MultiInputTransferFunctionOperator
 from skhyst.operators import (
-    ColumnOperator,
     InverseOperator,
-    ModulatedOperator,
+    OnColumnOperator,
+    Scaled,
     Stepper,
     check_operator,
 )
@@ -28,7 +28,7 @@ from skhyst.static import StaticOperator
 
 ABSTRACT = {StaticOperator}
 # in test_multi_input.py and test_columns.py
-SEVERAL_INPUTS = {MultiInputTransferFunctionOperator, ColumnOperator, ModulatedOperator}
+SEVERAL_INPUTS = {MultiInputTransferFunctionOperator, OnColumnOperator, Scaled}
 UNDRIVEN = {"drift", "sinusoid", "sum"}  # they go on by themselves
 
 

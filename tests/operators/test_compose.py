@@ -15,7 +15,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import (
     FrozenOperator,
-    SeriesOperator,
+    Series,
     SumOperator,
     add_disturbances,
     check_operator,
@@ -34,7 +34,7 @@ ZONES = DeadZoneOperator(np.array([0.4]), np.array([0.3]), np.array([1]))
 
 
 def series(**stages):
-    return SeriesOperator(tuple(stages), tuple(stages.values()))
+    return Series(tuple(stages), tuple(stages.values()))
 
 
 def parallel(**stages):
