@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from itertools import islice
 from operator import attrgetter
 from typing import Self
 
@@ -305,10 +306,10 @@ class Cascade(Composition):
     def _tree(self, driven, disturbances):
         models = zip(self._models(), driven.stages, strict=True)
         parts = tuple(model._tree(stage, disturbances) for model, stage in models)
-        held, stages = Series(driven.names, parts).gauge_mask(), []
+        specs, stages = iter(Series(driven.names, parts).entries()), []
         for stage in parts:
-            own, held = np.split(held, [stage.n_parameters])
-            stages.append(_to_unit_gain(stage) if own.any() else stage)
+            held = [spec.held for _, spec in islice(specs, stage.n_parameters)]
+            stages.append(_to_unit_gain(stage) if any(held) else stage)
         return replace(self._compose(driven.names, stages), model=self._node(steps=[]))
 
     def _identify(self, data):
@@ -447,10 +448,12 @@ def _unbiased(stage):
 
     What they add to the drive cannot be told before all that is behind it has its place.
     """
-    gains = [spec.gauge == 1.0 for _, spec in stage.entries()] & stage.gauge_entries()
-    if not stage.signal_linear or gains.sum() != 1:
+    specs = [spec for _, spec in stage.entries()]
+    gains = [spec.gauge == 1.0 and spec.movable for spec in specs]
+    if not stage.signal_linear or sum(gains) != 1:
         return stage
-    return stage.unpack(np.where(gains, 1.0, np.where(stage.linear_mask(), 0.0, stage.pack())))
+    linear = [spec.linear for spec in specs]
+    return stage.unpack(np.where(gains, 1.0, np.where(linear, 0.0, stage.pack())))
 
 
 def thin_records(records):

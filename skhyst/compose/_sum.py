@@ -116,8 +116,7 @@ def constant_entries(operator, disturbances):
     """Return the names of the entries whose constants disturbances have, one for each record."""
     if not any(disturbance.has_constant for disturbance in disturbances):
         return frozenset()
-    marked = zip(operator.entries(), operator.constant_mask(), strict=True)
-    return frozenset(name for (name, _), is_constant in marked if is_constant)
+    return frozenset(name for name, spec in operator.entries() if spec.is_constant)
 
 
 def _is_disturbance(model):

@@ -34,6 +34,7 @@ from ._edits import (
 from ._periods import visible_turns
 from ._shortened import first_part
 from ._starts import Scene, beside, driven_starts, inserted
+from ._traits import lag_rates
 from ._tree import BRIEFLY
 
 
@@ -206,7 +207,7 @@ class InStages:
             return []
         for at, (place, operator) in enumerate(tree.stages):
             old = tree.models[at]
-            rates = operator.lag_rates() if hasattr(operator, "with_poles") else []
+            rates = lag_rates(operator) if hasattr(operator, "with_poles") else []
             if not 0 < len(rates) <= TANKS:
                 continue
             model = TankChain(

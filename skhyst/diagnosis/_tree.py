@@ -288,10 +288,10 @@ class Tree:
     def _at_values_of(self, other):
         """Return the tree with the values of another where both have them, by name."""
         other = other.cut(*(name for name in other.names if name not in self.names))
-        masks, present = other.series().gauge_mask(), {}
+        marks, present = [spec.held for _, spec in other.series().entries()], {}
         for name, operator in other.stages:
-            held, masks = np.split(masks, [operator.n_parameters])
-            present[name] = operator, held
+            held, marks = np.split(marks, [operator.n_parameters])
+            present[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
         for stage in self.stages:
             fixed = stage.operator.held_entries()

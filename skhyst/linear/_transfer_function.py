@@ -145,7 +145,7 @@ class TransferFunctionOperator(LinearOperator):
         # the smallest degree of the numerator that reproduces the response
         for n_zeros in range(len(poles) + 1):
             one = cls(*parts, np.zeros(n_zeros), hold=hold)
-            linear = one.linear_mask()
+            linear = [spec.linear for _, spec in one.entries()]
             linear[-1] = False  # the intercept
             columns = one.frequency_tangents(omega / (2.0 * np.pi))[1][:, 0, linear]
             weight = 1.0 / np.abs(columns).max(axis=1, keepdims=True)

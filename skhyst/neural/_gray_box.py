@@ -264,8 +264,9 @@ class GrayBoxOperator(Operator):
         ]
         return found + [(f"theta[{name}]", ParameterSpec()) for name in self.term_names()]
 
-    def sizes(self):
-        return dict.fromkeys((name for name, _ in self.entries()), 1)
+    @cached_property
+    def n_parameters(self):
+        return self.static.n_parameters + len(self.weights)
 
     def pack(self):
         return np.concatenate([self.static.pack(), np.asarray(self.weights, dtype=float)])

@@ -130,8 +130,8 @@ def stage_values(whole, *, held=True):
     """
     driven, _ = split_disturbances(whole.operator)
     found, keys = {}, whole.operator.keys(whole.name)
-    for key, value, is_held in zip(keys, driven.pack(), driven.gauge_mask(), strict=True):
-        if held or not is_held:
+    for key, value, (_, spec) in zip(keys, driven.pack(), driven.entries(), strict=True):
+        if held or not spec.held:
             found[key] = np.append(found.get(key, []), value)
     return found
 
@@ -142,9 +142,9 @@ def with_stage_values(whole, values):
     What follows a number of the record in one of both only has its mean in the other.
     """
     driven, _ = split_disturbances(whole.operator)
-    keys, vector, held = whole.operator.keys(whole.name), driven.pack(), driven.gauge_mask()
+    keys, vector, entries = whole.operator.keys(whole.name), driven.pack(), driven.entries()
     for key in set(keys) & set(values):
-        rows = [i for i, own in enumerate(keys) if own == key and not held[i]]
+        rows = [i for i, own in enumerate(keys) if own == key and not entries[i][1].held]
         same = len(rows) == len(values[key])
         vector[rows] = values[key] if same else np.mean(values[key])
     return driven.unpack(vector)
