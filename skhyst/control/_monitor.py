@@ -103,7 +103,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     (True, ('time_constant',))
     """
 
-    _one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one
     _range = -np.inf, np.inf  # of one that was saved when none was kept
 
     _parameter_constraints = {

@@ -133,7 +133,7 @@ class Knee:
     def trees(self, name, scene):
         tree = scene.tree
         at = tree.position(self.model.stage_order)
-        if at < len(tree.stages) or (tree.model._reads_columns and not tree.multi_input):
+        if at < len(tree.stages) or (tree.model.reads_columns and not tree.multi_input):
             return inserted(name, self.model, scene)
         found = []
         for start in driven_starts(self.model, [replace(r, u=r.y) for r in scene.records]):

@@ -134,7 +134,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         gram = 0.0
         for record in records:
             _, columns = plays.sensitivities(
-                record.u, np.empty((len(record.u), 0)), record.dt, self._free_run_state()
+                record.u, np.empty((len(record.u), 0)), record.dt, self.free_run_state
             )
             _, parts = unit.parts(record.y)
             block = np.column_stack((parts, -columns[:, : plays.weights.size + 1], record.y))
@@ -157,8 +157,8 @@ class ModifiedPrandtlIshlinskii(PlayModel):
     def _plays(self):
         return self.operator_.stages[0]
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         zones = self.operator_.stages[1]
         self.dead_zone_thresholds_ = np.array(zones.thresholds)
         self.dead_zone_weights_ = zones.weights
