@@ -259,7 +259,7 @@ class Contest:
         tree = base.structure
         # a rival begins where the others are, which make up for nothing yet
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
-        rivals = self.extended(start, fully=False) + self.extended(start, additive=True, fully=False)
+        rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         family = self.n_tried
         rivals = [
             c
