@@ -458,13 +458,24 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             else:
                 known = np.array([np.ravel(record.before) for record in records])
                 result = replace(result, input_history=known)
+        for message, kind in self.cautions(result, records):
+            warnings.warn(message, kind, stacklevel=4)
+        return self.adopt(result)
+
+    def cautions(self, result, records):
+        """Yield what a user has to know of what identification found: a message, a category.
+
+        Parameters
+        ----------
+        result : IdentificationResult
+        records : sequence of RecordData
+        """
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
-            warnings.warn(
+            yield (
                 f"No weight of {type(self).__name__} is other than zero: the response does not "
                 "rise with the drive, as this model's does. Turn round the sign of one of them, or "
                 "let weights have either sign.",
                 ConvergenceWarning,
-                stacklevel=4,
             )
         for names, told, kind in (
             (result.undetermined, "The data do not determine", ConvergenceWarning),
@@ -473,9 +484,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             if names:
                 named, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
                 rest = f" and {more} more" if more > 0 else ""
-                message = f"{told} these parameters of {type(self).__name__}: {named}{rest}."
-                warnings.warn(message, kind, stacklevel=4)
-        return self.adopt(result)
+                yield f"{told} these parameters of {type(self).__name__}: {named}{rest}.", kind
 
     def adopt(self, result):
         """Store what identification found.

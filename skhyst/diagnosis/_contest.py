@@ -97,6 +97,7 @@ class Contest:
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
     _failures: list = field(default_factory=list)
+    _best: dict = field(default_factory=dict)
     _weighings: int = 0
 
     # ------------------------------------------------------------------ the family, and what it was
@@ -132,13 +133,14 @@ class Contest:
         """Add what lowers the held-out error until nothing does; return the ends of the paths."""
         paths, ends = [base], []
         while paths:
-            further = []
+            further, claims = [], []
             for number, path in enumerate(paths):
                 better = self._better(path, fully=number == 0)
                 if not better:
                     ends.append(path)
                 further += better
-            paths = [self._refreshed(c) for c in self._few(further)]
+                claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
+            paths = [self._refreshed(c) for c in self._few(further, claims)]
             for c in paths:
                 self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
         return ends
@@ -160,17 +162,23 @@ class Contest:
             found = [c for c in self._pairs(path, driven) if self.criterion.matters(path, c)]
         return found
 
-    def _few(self, candidates):
-        """Return the candidate of least error, and the simplest that is not told from it."""
-        least = {}
+    def _few(self, candidates, claims):
+        """Return the paths that go on: the best, and the simplest that is not told from it.
+
+        Of all candidates, and of those that would be claimed at once: a path that begins with what
+        chance alone has made may go astray.
+        """
+        least, few = {}, []
         for c in sorted(candidates, key=lambda c: c.error):
             least.setdefault(frozenset(c.structure.effects), c)
-        if not least:
-            return []
-        best, *others = least.values()
-        same = [c for c in others if not self.criterion.is_better(c, best)]
-        simplest = min([best, *same], key=lambda c: (c.n_parameters, c.error))
-        return [best] if simplest is best else [best, simplest]
+        claimed = {frozenset(c.structure.effects) for c in claims}
+        for sets in (least.keys(), [own for own in least if own in claimed]):
+            group = [least[own] for own in sets]
+            if group:
+                best = group[0]
+                same = [c for c in group if not self.criterion.is_better(c, best)]
+                few += [best, min(same, key=lambda c: (c.n_parameters, c.error))]
+        return [c for c in least.values() if any(c is own for own in few)]
 
     def _refreshed(self, base):
         """Return a candidate identified anew from nothing, where that predicts better."""
@@ -178,16 +186,16 @@ class Contest:
         if self.renew is not None:
             return self.renew(base, base, records, thorough=True)
         if are_long(records):
-            return base
+            return self._least(base)
         trees = [base.structure.identified(records)]
         if base.structure.input_history:
             anew = [replace(t, input_history=()) for t in (base.structure, *trees)]
             trees = [t.with_input_history(records) for t in anew]
         anew = min((refitted(base, tree, records) for tree in trees), key=lambda c: c.cost)
         if anew.cost >= base.cost:
-            return base
+            return self._least(base)
         anew = held_out(anew, records, self.folds)
-        return anew if anew.error < base.error else base
+        return self._least(min(base, anew, key=lambda c: c.error))
 
     def _has_course(self, candidate):
         """Whether what is added to the response is more than the noise's own course."""
@@ -232,7 +240,15 @@ class Contest:
             else:
                 reduced = self.renew(reduced, base, records)
             self._keep(key, [reduced])
-        return self.steps[key]["candidates"][0]
+        return self._least(self.steps[key]["candidates"][0])
+
+    def _least(self, candidate):
+        """Return the candidate of least error that was seen with the same effects."""
+        key = self._set(candidate)
+        known = self._best.setdefault(key, candidate)
+        if candidate.error < known.error:
+            self._best[key] = known = candidate
+        return replace(known, effects=candidate.effects)
 
     # ------------------------------------------------------------------ name
 
@@ -277,9 +293,7 @@ class Contest:
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
         simpler = [
-            c
-            for c in same
-            if c.n_parameters < chosen.n_parameters and self._contains(chosen, c)
+            c for c in same if c.n_parameters < chosen.n_parameters and self._contains(chosen, c)
         ]
         chosen = min(simpler, key=lambda c: (c.n_parameters, c.error), default=chosen)
         same = [c for c in same if c is not chosen and c.effects != chosen.effects]

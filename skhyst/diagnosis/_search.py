@@ -402,9 +402,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.suspects_ = pd.DataFrame(contest.suspects(base), columns=SUSPECTS)
         self.seconds_ |= contest.seconds
         self._declared_structure = structure
-        self._conclude(declared, slices, contest, first, base, history)
+        self._conclude(declared, slices, contest, first, base, history, result)
 
-    def _conclude(self, declared, slices, contest, first: Candidate, base: Candidate, history):
+    def _conclude(
+        self, declared, slices, contest, first: Candidate, base: Candidate, history, found
+    ):
         """Store what was found between the first and the last candidate."""
         records = contest.records_of(base)
         begin = time.perf_counter()
@@ -430,6 +432,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._structure, self._records = base.structure, tuple(records)
         self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
+        fits = (self.declared_estimator_, found), (self.best_estimator_, result)
+        self.warnings_ = self._warnings(first, fits, records)
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
         if columns and self.reference is not None:
             del columns[column_of(self)]
@@ -445,6 +449,23 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.cv_results_ = cv_results(ranking, len(contest.folds))
         self.failed_ = pd.DataFrame(contest.failed, columns=["round", "effect", "error"])
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
+
+    def _warnings(self, first, fits, records):
+        """Return what a user has to know of the fits, each once."""
+        found = []
+        # of a straight line over the drive, as far as it counts
+        known = np.isfinite(self.residual_before_)
+        line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)[known]
+        left = np.linalg.lstsq(line, self.response_[known], rcond=None)[1]
+        if len(left) and first.error**2 * np.count_nonzero(known) > left[0]:
+            found.append(
+                "The declared model explains less of the response than a straight line over the "
+                "drive does: see the page 'Which model should I declare?' of the documentation."
+            )
+        for model, result in fits:
+            if result is not None and hasattr(model, "cautions"):
+                found += [message for message, _ in model.cautions(result, records)]
+        return list(dict.fromkeys(found))
 
     def _judge(self, measured, base, contest, left):
         """Set the noise floor and its model, and the verdict, from what the fit leaves too."""

@@ -18,9 +18,9 @@ from skhyst.diagnosis._candidates import (
     refitted,
     screened,
 )
+from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Beside, Schedule
-from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
@@ -204,8 +204,8 @@ def test_the_simplest_variant_that_is_true_is_claimed(degree):
     folds = record_folds(bent)
     base = held_out(candidate_of(tree, bent), bent, folds)
     effects, criterion = [EFFECTS["static_nonlinearity"]], Criterion(0.01, 0.05)
-    rounds = Rounds(effects, bent, folds, criterion, 1, 1, 0.0, print, None, judge=None)
-    stages = rounds.run(base).structure
+    contest = Contest(effects, bent, folds, criterion, 1, 1, 0.0, print, None, None)
+    stages = contest.prune(contest.grow(base)[0]).structure
     assert stages.models[stages.names.index("static_nonlinearity")].degree == degree
 
 
@@ -271,5 +271,6 @@ def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
     base, candidate = (refitted(candidate_of(own, records), own, records) for own in (tree, lines))
     assert candidate.cost < 0.9 * base.cost  # of the fit, in either case
     effects, criterion = [EFFECTS["amplitude_dependence"]], Criterion(0.01, 0.05)
-    rounds = Rounds(effects, records, block_folds(records), criterion, 1, 1, 0.0, print, None, None)
-    assert rounds._predicts_levels(candidate, base, records) == told
+    folds = block_folds(records)
+    contest = Contest(effects, records, folds, criterion, 1, 1, 0.0, print, None, None)
+    assert contest._predicts_levels(candidate, base, records) == told

@@ -16,7 +16,7 @@ from skhyst.diagnosis import (
     EffectSearchCV,
     _candidates,
     _checkpoint,
-    _rounds,
+    _contest,
     register_effect,
     unregister_effect,
 )
@@ -91,7 +91,7 @@ def test_an_effect_that_raises_costs_itself(recording, whole, broken_effect):
 
 @pytest.mark.parametrize("stage", ["refitted", "held_out", "completed"])
 def test_a_candidate_that_raises_in_any_stage_costs_itself(recording, whole, stage, monkeypatch):
-    place = _candidates if stage == "refitted" else _rounds
+    place = _candidates if stage == "refitted" else _contest
     genuine = getattr(place, stage)
 
     def failing(candidate, *others):
@@ -135,26 +135,26 @@ def test_a_search_goes_on_where_it_was_interrupted(recording, declared, tmp_path
     own = {"checkpoint": str(tmp_path / "search.skops")}
     uninterrupted = search().set_params(estimator=declared).fit(X, y)
     assert uninterrupted.effects_
-    save, claims = _checkpoint.Checkpoint.save, []
+    save, done = _checkpoint.Checkpoint.save, []
 
-    def interrupted(self, state):
-        save(self, state)
-        claims.append(len(state["history"]))
+    def interrupted(self, steps):
+        save(self, steps)
+        done.append(len(steps))
         raise Stopped
 
     monkeypatch.setattr(_checkpoint.Checkpoint, "save", interrupted)
-    for _ in range(10):
+    for _ in range(100):
         try:
             found = search(**own).set_params(estimator=declared).fit(X, y)
             break
         except Stopped:
             assert [path.name for path in tmp_path.iterdir()] == ["search.skops"]
-    assert claims
+    assert done == list(range(1, len(done) + 1))
     assert_same(found, uninterrupted)
     tried = []
-    monkeypatch.setattr(_checkpoint.Checkpoint, "save", lambda self, state: tried.append(state))
+    monkeypatch.setattr(_checkpoint.Checkpoint, "save", lambda self, steps: tried.append(steps))
     search(**own, n_jobs=2).set_params(estimator=declared).fit(X, y)
-    assert not tried  # all claims are there
+    assert not tried  # all steps are there
 
 
 def test_checkpoints_of_other_searches_are_refused(recording, tmp_path):

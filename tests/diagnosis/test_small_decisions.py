@@ -7,11 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.diagnosis import EFFECTS, _changes, _open_questions
+from skhyst.diagnosis import EFFECTS, _open_questions
 from skhyst.diagnosis._candidates import Candidate
-from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
+from skhyst.diagnosis._changes import _before, _differ
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FLAT, REPEATS
+from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
@@ -19,7 +20,6 @@ from skhyst.diagnosis._noise_floor import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
 from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
-from skhyst.diagnosis._rounds import Rounds
 from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
@@ -133,9 +133,9 @@ def test_the_simplest_variant_is_kept_that_foretells_about_as_well(worse_by, cho
         known = {"residuals": (factor * residual,), "weights": (None,), "error": factor}
         return Candidate((), None, 1.0, 1.0, n_parameters, np.empty(0), **known)
 
-    rounds = SimpleNamespace(criterion=Criterion(1e-300, 0.05))
+    contest = SimpleNamespace(criterion=Criterion(1e-300, 0.05))
     variants = [variant(5, 1.0), variant(1, worse_by)]
-    assert Rounds._variant(rounds, variants).n_parameters == chosen
+    assert Contest._variant(contest, variants).n_parameters == chosen
 
 
 def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
@@ -199,15 +199,6 @@ def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
     search._structure.effects = ()
     found = [name for name, *_ in _open_questions._near_claims(search)]
     assert found == ["delay", "creep"]
-
-
-@pytest.mark.parametrize(("n_turns", "tried"), [(1, False), (40, True)])
-def test_a_drift_is_slower_than_drives_that_move(monkeypatch, n_turns, tried):
-    """A record at rest says nothing of that."""
-    monkeypatch.setattr(_changes, "beside", lambda *_: ["beside"])
-    drives = [np.zeros(800), np.sin(np.linspace(0.0, np.pi * n_turns, 800))]
-    scene = SimpleNamespace(records=[SimpleNamespace(drive=u) for u in drives])
-    assert bool(SlowerThanDrive(SimpleNamespace(degree=3)).trees("drift", scene)) == tried
 
 
 @pytest.mark.parametrize("size", [0, 3, 19, 40])
