@@ -119,6 +119,9 @@ class MaxwellSlipOperator(PlaySum):
         dy[:, -3], dy[:, -2], dy[:, -1] = u, change / dt, 1.0
         return y, dy
 
+    def position_tangents(self, u, dt, initial_state="rest"):
+        return self._moved_plays(as_signal(u)) * -self.weights
+
     def elements(self, state):
         """Return the deflections of the elements in a state, shape (n_elements,)."""
         return state[1] - self._plays.plays(state)[1:]

@@ -21,6 +21,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, read_data
 from ..operators import (
     CompiledLaw,
+    Resolution,
     Superposition,
     as_constant,
     as_signal,
@@ -32,12 +33,20 @@ from ..operators import (
     play_tangents,
     play_thresholds,
     run_records,
+    threshold_tangents,
 )
 from ._common import show
+
+# Thresholds of which a scan for further plays tries each. Between two of them the response of a
+# play changes by a hundredth of the drive's span at the most, and a play moves to its place.
+_SCAN = 64
 
 
 class PlaySum(Superposition):
     """Base of the weighted sums of plays: fields ``thresholds``, ``weights``, ``non_negative``."""
+
+    resolution = Resolution("plays", "weights", "thresholds", fixed=0.0)
+    drive_offset = 0.0
 
     def __post_init__(self):
         super().__post_init__()
@@ -46,6 +55,20 @@ class PlaySum(Superposition):
         self._require("thresholds", ascending, "be a list of ascending values, none negative")
         matching = self.weights.shape == r.shape
         self._require("weights", matching, f"have one value for each of the {r.size} thresholds")
+
+    def finer(self, records):
+        """Return thresholds of a fine grid over the span of the drive; see the base."""
+        drives = [record.u for record in records]
+        return play_thresholds(drives, _SCAN, drive_offset=self.drive_offset)[1:]
+
+    def _moved_plays(self, u, slacks=None, growth=None):
+        """Return the derivatives of the plays by their thresholds, (n, n_plays)."""
+        slacks = self.thresholds[None] if slacks is None else slacks
+        growth = np.ones(1) if growth is None else growth
+        out = np.empty((u.size, self.thresholds.size))
+        plays = np.zeros(self.thresholds.size)
+        threshold_tangents(as_signal(u), as_signal(slacks), as_signal(growth), plays, out)
+        return out
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,6 +173,10 @@ class PrandtlIshlinskiiOperator(PlaySum):
             np.subtract(v[:, None], own, out=own, where=self.thresholds > 0.0)
             dy = np.delete(dy, m, axis=1)
         return y, dy
+
+    def position_tangents(self, u, dt, initial_state="rest"):
+        sign = np.where((self.form == "stop") & (self.thresholds > 0.0), -1.0, 1.0)
+        return self._moved_plays(as_signal(u) - self.drive_offset) * (sign * self.weights)
 
     def characteristics(self, seen):
         """Return the width of the major loop over the range of the input, in % of its height."""

@@ -302,6 +302,8 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     smoothing: str = "none"
     non_negative: bool = True
 
+    resolution = replace(PlaySum.resolution, others=("rate_weights",))
+
     def __post_init__(self):
         super().__post_init__()
         size = self.thresholds.size
@@ -420,6 +422,15 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         scaled = rates[:, None] * plays[:, : self.rate_weights.size]
         ones = np.ones((u.size, 1))
         return y, np.hstack((propagated[:, :m], plays, scaled, ones, propagated[:, m:]))
+
+    def position_tangents(self, u, dt, initial_state="rest"):
+        u = as_signal(u)
+        _, last, smooth = self.init(u[0] if u.size else 0.0, initial_state)
+        rates, _ = self.paces(np.diff(u, prepend=last) / dt, dt, smooth)
+        thresholds, growth, weights, rate_weights = self._arguments()
+        slacks = thresholds + rates[:, None] * growth
+        moved = self._moved_plays(u, slacks, 1.0 + self.stretch * rates)
+        return moved * (weights + rates[:, None] * rate_weights)
 
     def _rate_tangents(self, velocities, tangents, dt):
         """Return the rates (n,) and their tangents (n, m [+ 1]), that by the time constant last."""

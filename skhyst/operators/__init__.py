@@ -49,11 +49,20 @@ from ._plays import (
     play_tangents,
     play_thresholds,
     stop_basis,
+    threshold_tangents,
     turning_points,
 )
 from ._products import sum_of_products
 from ._protocol import Operator, ParameterSpec, as_constant, as_signal, by_fields, parameter
 from ._records import run_records
+from ._resolution import (
+    MovableOperator,
+    Resolution,
+    has_weight,
+    parts_with_resolution,
+    with_terms,
+    with_terms_kept,
+)
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import (
     block_run,
@@ -82,9 +91,11 @@ __all__ = [
     "InverseLinearOperator",
     "InverseOperator",
     "ModulatedOperator",
+    "MovableOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
+    "Resolution",
     "RootInverseOperator",
     "ScheduledOperator",
     "SeriesOperator",
@@ -103,6 +114,7 @@ __all__ = [
     "check_operator",
     "clip_play",
     "first_order_run",
+    "has_weight",
     "in_ring",
     "in_weights",
     "inverse_of",
@@ -110,6 +122,7 @@ __all__ = [
     "modulated",
     "on_column",
     "parameter",
+    "parts_with_resolution",
     "play_basis",
     "play_sum_run",
     "play_sum_step",
@@ -134,7 +147,10 @@ __all__ = [
     "stepped_slopes",
     "stop_basis",
     "sum_of_products",
+    "threshold_tangents",
     "turning_points",
     "with_series_stages",
     "with_stage_values",
+    "with_terms",
+    "with_terms_kept",
 ]

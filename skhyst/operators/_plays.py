@@ -131,6 +131,29 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
             row[j] = held[top, j] + total * moved[top, j]
 
 
+@jit
+def threshold_tangents(u, slacks, growth, plays, out):
+    """Write the derivatives of the plays of ``u`` by their thresholds to ``out``, (n, K).
+
+    The slack of a play at a sample is ``slacks[i, k]`` and grows with its threshold by
+    ``growth[i]``; either has one row where it is constant. A play that has last risen stands at
+    ``u - slack``, one that has last fallen at ``u + slack``. ``plays`` (K,) is updated.
+    """
+    held = np.zeros(plays.size)
+    for i in range(u.size):
+        value = u[i]
+        row = slacks[min(i, slacks.shape[0] - 1)]
+        rate = growth[min(i, growth.size - 1)]
+        for k in range(plays.size):
+            if value - row[k] > plays[k]:
+                plays[k] = value - row[k]
+                held[k] = -rate
+            elif value + row[k] < plays[k]:
+                plays[k] = value + row[k]
+                held[k] = rate
+            out[i, k] = held[k]
+
+
 def play_sum_table(thresholds, weights):
     """Tabulate the branches of a sum of plays, for :func:`play_sum_run`.
 

@@ -105,6 +105,9 @@ class Operator(Part, ABC):
         Displacement (units of the drive) over which friction builds up, if there is one.
     reads_columns : bool
         The input has several columns, shape (n_samples, n_inputs).
+    resolution : Resolution or None
+        Of a sum of terms, such as plays: what these are. It says how to raise it with the method
+        ``finer``, and with ``position_tangents`` where positions are fixed structure.
     """
 
     signal_linear = False
@@ -117,6 +120,7 @@ class Operator(Part, ABC):
     is_disturbance = False
     presliding_displacement: float | None = None
     reads_columns = False
+    resolution: Any = None
 
     def n_ringing(self) -> int:
         """Return the number of pairs of poles that overshoot."""
@@ -144,6 +148,26 @@ class Operator(Part, ABC):
             :class:`ParameterSpec`.
         """
         return {}
+
+    def finer(self, records) -> np.ndarray:
+        """Return where further terms may stand, ascending, of an operator with a ``resolution``.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            With what comes into the operator as their drive.
+
+        Returns
+        -------
+        ndarray of shape (n_further,)
+            Positions, those of present terms among them or not; where terms have an order, the
+            numbers of the next ones.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no resolution to be raised.")
+
+    def position_tangents(self, u, dt: float, initial_state: str = "rest") -> np.ndarray:
+        """Return the derivatives of the output by the positions of the terms, (n, n_terms)."""
+        raise NotImplementedError(f"The terms of {type(self).__name__} stay where they are.")
 
     def linear_mode(self) -> "Operator | None":
         """Return the second-order mode that is left without what bends it, if there is one."""

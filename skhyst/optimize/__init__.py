@@ -1,6 +1,7 @@
 """Identification: least squares over operators. Knows no estimator."""
 
 from ._bounded_step import bounded_step
+from ._exchange import Alone, exchanged
 from ._frequency_problem import FrequencyProblem, identify_response
 from ._identify import METHODS, IdentificationResult, identify
 from ._input_history import estimate_input_history, input_history_of
@@ -29,6 +30,7 @@ from ._vector_fitting import RationalBlock, rational_residues, vector_fit
 
 __all__ = [
     "METHODS",
+    "Alone",
     "CuckooSearch",
     "DifferentialEvolution",
     "FrequencyProblem",
@@ -48,6 +50,7 @@ __all__ = [
     "coloured_covariance",
     "distribute_poles",
     "estimate_input_history",
+    "exchanged",
     "identify",
     "identify_response",
     "input_history_of",
