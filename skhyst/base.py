@@ -384,9 +384,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 self.initial_drive_ = np.array([np.ravel(record.before) for record in data])
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in data):
             warnings.warn(
-                f"No weight of {type(self).__name__} is other than zero: the response does not "
-                "rise with the drive, as this model's does. Turn round the sign of one of them, or "
-                "let weights have either sign.",
+                f"No weight of {type(self).__name__} is other than zero: the response follows the "
+                "drive in neither direction.",
                 ConvergenceWarning,
                 stacklevel=4,
             )
@@ -554,6 +553,6 @@ def _is_constant(operator):
     weights = [
         value
         for (name, spec), value in zip(operator.entries(), operator.pack(), strict=True)
-        if name.endswith("]") and spec.linear and spec.lower == 0.0
+        if name.endswith("]") and spec.linear and 0.0 in (spec.lower, spec.upper)
     ]
     return operator.owns_gain and len(weights) > 0 and not any(weights)

@@ -297,7 +297,11 @@ class RateDependence:
                 thresholds=np.array(operator.thresholds),
                 non_negative=operator.non_negative,
             )
-            known = {"weights": np.array(operator.weights), "intercept": operator.intercept}
+            known = {
+                "weights": np.array(operator.weights),
+                "intercept": operator.intercept,
+                "falling": operator.falling,
+            }
             starts = driven_starts(model, scene.records_at(at))
             edits = [Enrich(place, model, replace(start, **known)) for start in starts]
             return scene.promising([scene.tree.edited(name, edit) for edit in edits], at)

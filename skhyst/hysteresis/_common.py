@@ -1,9 +1,12 @@
 """Shared by the models: scales of the data for starting values, and the base of friction models."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..base import ParametricModel
 from ..operators import slopes
+from ..optimize import OperatorProblem, solve_linear
 
 _BLOCK = 20  # samples per block over which the noise power is averaged
 _QUIET = 0.25  # quantile of the blocks: at least this fraction is taken to move slowly
@@ -32,6 +35,28 @@ class FrictionModel(ParametricModel):
     }
 
     stage_order = 10
+
+
+def in_direction(starts, records, fixed, initial_state):
+    """Return the starts of the direction and form in which the linear parameters fit best.
+
+    Weights of one sign follow the drive in one direction. ``starts`` are of several forms, the
+    first the one that is expected. Another one than that, or its mirror image, is put in front
+    where it explains more than as many weights do by chance, which is the mean square of what is
+    left for each.
+    """
+    if not starts[0].non_negative:
+        return starts
+    found = []
+    for start in starts:
+        problem = OperatorProblem(start, records, fixed=fixed, initial_state=initial_state)
+        gram = problem.total(problem.evaluate(problem.x0))
+        for own in (start, replace(start, falling=True)):  # which differ in their bounds
+            problem = OperatorProblem(own, records, fixed=fixed, initial_state=initial_state)
+            found.append((solve_linear(problem, problem.x0, gram)[1][-1, -1], own))
+    least, best = min(found, key=lambda own: own[0])
+    chance = 1.0 + best.weights.size / problem.segment_weight.sum()
+    return [best, starts[0]] if least * chance < found[0][0] else starts[:1]
 
 
 def force_characteristics(level, stiffness):

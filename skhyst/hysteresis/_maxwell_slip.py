@@ -9,7 +9,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..operators import CompiledLaw, CompiledSum, as_signal, parameter
-from ._common import FrictionModel, force_characteristics, show
+from ._common import FrictionModel, force_characteristics, in_direction, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
 
@@ -47,6 +47,9 @@ class MaxwellSlipOperator(PlaySum):
         Constant ``c`` in units of the response.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
 
     Raises
     ------
@@ -74,6 +77,7 @@ class MaxwellSlipOperator(PlaySum):
     damping: float = parameter(default=0.0, linear=True, unit="response s/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     non_negative: bool = True
+    falling: bool = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -158,8 +162,9 @@ class MaxwellSlip(FrictionModel):
         Deflections at which the elements slide: evenly spaced over the half range of the drive, by
         quantiles of the drive's swings, or given, in units of the drive, positive.
     non_negative : bool, default=True
-        Whether the stiffnesses of the elements are bounded below by zero, so that the model
-        dissipates.
+        Whether the stiffnesses of the elements all have one sign, so that the model dissipates:
+        none is below zero, or none above where the data say that the force is measured against
+        the displacement.
 
     Attributes
     ----------
@@ -222,7 +227,8 @@ class MaxwellSlip(FrictionModel):
         # the first threshold of plays is zero, which is no stop, and is left out
         thresholds = place_thresholds(self.thresholds, records, self.n_elements, 1)
         zeros = np.zeros(len(thresholds))
-        return [MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)]
+        start = MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)
+        return in_direction([start], records, self.held_parameters(), self._free_run_state())
 
     def _adopt(self, result):
         super()._adopt(result)

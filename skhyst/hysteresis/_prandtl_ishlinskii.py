@@ -35,7 +35,7 @@ from ..operators import (
     run_records,
     threshold_tangents,
 )
-from ._common import show
+from ._common import in_direction, show
 
 # Thresholds of which a scan for further plays tries each. Between two of them the response of a
 # play changes by a hundredth of the drive's span at the most, and a play moves to its place.
@@ -87,6 +87,9 @@ class PrandtlIshlinskiiOperator(PlaySum):
         ``c`` in units of the response; ``d`` in units of the drive.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
     form : {"play", "stop"}, default="play"
         Whether the weights are those of plays or of stops.
 
@@ -121,6 +124,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
     drive_offset: float = parameter(default=0.0, unit="drive")
     non_negative: bool = True
     form: str = "play"
+    falling: bool = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -231,15 +235,17 @@ class PrandtlIshlinskiiOperator(PlaySum):
         ------
         ValueError
             If the first threshold is not zero (the operator has a dead zone after each reversal)
-            or a partial sum of the weights is not positive (the response is not monotone).
+            or the partial sums of the weights are not of one sign (the response is not monotone).
         """
         thresholds, _, sums = self._play_form
-        slopes = sums[1:]
+        sign = -1.0 if sums[-1] + sums[1] < 0.0 else 1.0  # a response that falls is mirrored
+        slopes = sign * sums[1:]
         if thresholds[0] != 0.0 or not np.all(slopes > 0.0):
             needs = (
-                "positive sums w_0 + ... + w_k of the weights"
+                "positive sums w_0 + ... + w_k of the weights, or negative ones,"
                 if self.form == "play"
-                else "a positive sum of the stiffnesses that have not yielded at each threshold"
+                else "a positive (or at each a negative) sum of the stiffnesses that have not "
+                "yielded at each threshold"
             )
             raise ValueError(
                 f"PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and {needs}: the "
@@ -249,7 +255,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         steps = np.diff(thresholds) * slopes[:-1]
         return PrandtlIshlinskiiOperator(
             thresholds=np.concatenate(([0.0], np.cumsum(steps))),
-            weights=np.diff(1.0 / slopes, prepend=0.0),
+            weights=sign * np.diff(1.0 / slopes, prepend=0.0),
             intercept=self.drive_offset,
             drive_offset=self.intercept,
             non_negative=False,
@@ -281,7 +287,8 @@ class PlayModel(ParametricModel):
         Thresholds (at rest): evenly spaced over the half range of the drive, by quantiles of the
         drive's swings, or given, in units of the drive.
     non_negative : bool, default=True
-        Whether the weights (at rest) are bounded below by zero, so that the model dissipates.
+        Whether all weights (at rest) have one sign, so that the model dissipates: none is below
+        zero, or none above where the data say that the response falls as the drive rises.
     drive_offset : float or "fit", default=0.0
         Drive from which the virgin device is first loaded, units of the drive.
     fit_intercept : bool, default=True
@@ -353,10 +360,11 @@ class PrandtlIshlinskii(PlayModel):
 
     Parameters
     ----------
-    form : {"play", "stop"}, default="play"
+    form : {"auto", "play", "stop"}, default="auto"
         Superposition of plays or of stops. It matters with ``non_negative``: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
-        over displacement).
+        over displacement). "auto": of plays, unless the data show the other loops; the ``form`` of
+        ``operator_`` says which. Without ``non_negative`` "auto" is "play".
 
     References
     ----------
@@ -376,7 +384,7 @@ class PrandtlIshlinskii(PlayModel):
 
     _parameter_constraints = {
         **PlayModel._parameter_constraints,
-        "form": [StrOptions({"play", "stop"})],
+        "form": [StrOptions({"auto", "play", "stop"})],
         "drive_offset": [Interval(Real, None, None, closed="neither"), StrOptions({"fit"})],
     }
 
@@ -387,7 +395,7 @@ class PrandtlIshlinskii(PlayModel):
         self,
         n_operators=20,
         *,
-        form="play",
+        form="auto",
         thresholds="grid",
         non_negative=True,
         drive_offset=0.0,
@@ -407,9 +415,16 @@ class PrandtlIshlinskii(PlayModel):
     def starting_values(self, records):
         thresholds = place_thresholds(self.thresholds, records, self.n_operators)
         offset = 0.0 if self.drive_offset == "fit" else self.drive_offset
-        options = {"non_negative": self.non_negative, "form": self.form}
-        zeros = np.zeros(len(thresholds))
-        return [PrandtlIshlinskiiOperator(thresholds, zeros, 0.0, offset, **options)]
+        both = self.form == "auto" and self.non_negative
+        forms = ("play", "stop") if both else (self.form.replace("auto", "play"),)
+        starts = [
+            PrandtlIshlinskiiOperator(
+                thresholds, np.zeros(len(thresholds)), 0.0, offset, self.non_negative, form
+            )
+            for form in forms
+        ]
+        fixed = self.held_parameters() | {"drive_offset"}
+        return in_direction(starts, records, fixed, self._free_run_state())
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()

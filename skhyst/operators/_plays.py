@@ -389,7 +389,8 @@ class Superposition(Operator):
     """Base of the weighted sums of plays, stops, relays or ramps.
 
     Fields that are arrays are read-only. Weights, the linear parameters with a lower bound of zero,
-    have that bound only where the field ``non_negative`` is true.
+    have that bound only where the field ``non_negative`` is true; where ``falling`` is true too it
+    is an upper one, and the response is the mirror image of a rising one.
     """
 
     owns_gain = True
@@ -406,10 +407,11 @@ class Superposition(Operator):
     def parameter_specs(self):
         """Return the identifiable fields; the weights have a bound if ``non_negative``."""
         specs = super().parameter_specs()
-        if not self.non_negative:
+        if not self.non_negative or self.falling:
+            upper = 0.0 if self.non_negative else np.inf
             for name, spec in specs.items():
                 if spec.linear and spec.lower == 0.0:
-                    specs[name] = dataclasses.replace(spec, lower=-np.inf)
+                    specs[name] = dataclasses.replace(spec, lower=-np.inf, upper=upper)
         return specs
 
 

@@ -126,8 +126,9 @@ def parts_with_resolution(operator, _prefix=""):
     if not isinstance(operator, SeriesOperator | SumOperator):
         return []
     found, members = [], operator.members()
-    # what comes behind another part of a series has an input of its own
-    for at, (name, stage) in enumerate(members[:1] if isinstance(operator, SeriesOperator) else members):
+    if isinstance(operator, SeriesOperator):  # what comes behind has an input of its own
+        members = members[:1]
+    for at, (name, stage) in enumerate(members):
         for prefix, part, put in parts_with_resolution(stage, f"{_prefix}{name}__"):
             found.append((prefix, part, _placed(operator, at, put)))
     return found

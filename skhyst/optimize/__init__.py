@@ -24,6 +24,7 @@ from ._variable_projection import (
     VariableProjection,
     restrict,
     search_box,
+    solve_linear,
     variable_projection,
 )
 from ._vector_fitting import RationalBlock, rational_residues, vector_fit
@@ -65,6 +66,7 @@ __all__ = [
     "search_box",
     "sections",
     "single_step",
+    "solve_linear",
     "variable_projection",
     "vector_fit",
     "warp",

@@ -20,9 +20,10 @@ while the others, moved to where they are best then, predict no worse.
 """
 
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
+
 from ..operators import MovableOperator, Operator, has_weight, with_terms, with_terms_kept
 from ._bounded_step import bounded_step
 from ._problem import OperatorProblem
@@ -191,7 +192,7 @@ def _merged(part):
         kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
     else:
         places, alive = np.asarray(getattr(part, kind.positions)), np.flatnonzero(kept)
-        for left, right in zip(alive[:-1], alive[1:], strict=True):
+        for left, right in pairwise(alive):
             if places[right] - places[left] <= _MET * places[-1]:
                 weights[right] += weights[left]
                 kept[left] = False
@@ -326,7 +327,6 @@ class _Pursuit:
                         _sweep(swept, i)
                 if gone == best:
                     return
-
 
     @staticmethod
     def _beyond(weights, low, high):
