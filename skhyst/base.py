@@ -310,6 +310,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             method=method or self.method,
         )
 
+    def resolved(self, operator) -> Self:
+        """Return the model, unfitted, with the resolution that an operator of it has.
+
+        Parameters
+        ----------
+        operator : Operator
+            As ``operator_``, with other terms than the parameters say; see
+            :class:`skhyst.operators.Resolution`.
+        """
+        return self
+
     def tree(self, operator) -> Operator:
         """Return an operator of this model as the tree that is the structure of the model.
 

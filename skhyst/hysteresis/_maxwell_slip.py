@@ -3,11 +3,13 @@
 import dataclasses
 from functools import cached_property
 from numbers import Integral
+from typing import Self
 
 import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
+from ..base import with_params
 from ..operators import CompiledLaw, CompiledSum, as_signal, parameter
 from ._common import FrictionModel, force_characteristics, in_direction, show
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
@@ -229,6 +231,10 @@ class MaxwellSlip(FrictionModel):
         zeros = np.zeros(len(thresholds))
         start = MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)
         return in_direction([start], records, self.held_parameters(), self._free_run_state())
+
+    def resolved(self, operator) -> Self:
+        thresholds = operator.thresholds.tolist()
+        return with_params(self, n_elements=len(thresholds), thresholds=thresholds)
 
     def _adopt(self, result):
         super()._adopt(result)

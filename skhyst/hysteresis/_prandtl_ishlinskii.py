@@ -13,12 +13,13 @@ curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirr
 import dataclasses
 from functools import cached_property
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel, read_data
+from ..base import ParametricModel, read_data, with_params
 from ..operators import (
     CompiledLaw,
     Resolution,
@@ -26,6 +27,7 @@ from ..operators import (
     as_constant,
     as_signal,
     parameter,
+    parts_with_resolution,
     play_basis,
     play_sum_run,
     play_sum_step,
@@ -313,6 +315,10 @@ class PlayModel(ParametricModel):
     def _plays(self):
         """Return the sum of plays in the identified operator."""
         return self.operator_
+
+    def resolved(self, operator) -> Self:
+        thresholds = parts_with_resolution(operator)[0][1].thresholds.tolist()
+        return with_params(self, n_operators=len(thresholds), thresholds=thresholds)
 
     def _adopt(self, result):
         super()._adopt(result)

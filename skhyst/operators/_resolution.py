@@ -8,6 +8,7 @@ the rest, whatever the part.
 """
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -174,6 +175,7 @@ class MovableOperator(WrappedOperator):
     limits: np.ndarray
 
     split, inner, keys = Operator.split, Operator.inner, Operator.keys
+    resolution = property(attrgetter("operator.resolution"))
 
     @classmethod
     def around(cls, operator, highest):
