@@ -8,12 +8,14 @@ of which the others know the range are held out whole, so that a second record i
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ..operators import parts_with_resolution
-from ..optimize import exchanged
+from ..optimize import exchanged, whole_record_folds
 from ._candidates import held_out, refitted
-from ._shortened import are_long, shortened
+from ._shortened import shortened
+
+# Samples above which the first parts of the records are scanned: about a hundred columns of a scan
+# take a hundred megabytes there.
+_LONGEST = 100_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,9 @@ def raised(candidate, records, folds):
     done : list of Raised
         In the order of the parts, none for a part that stays as it is.
     """
-    parts = shortened(records, candidate.residuals) or records if are_long(records) else records
+    parts = records
+    if sum(len(record.u) for record in records) > _LONGEST:
+        parts = shortened(records, candidate.residuals) or records
     inner = whole_record_folds(parts, folds)
     done = []
     for at, prefix in _places(candidate.structure):
@@ -80,28 +84,6 @@ def raised(candidate, records, folds):
         done.append(Raised(place.tree.names[at], name, *counts, *errors))
         candidate = anew
     return candidate, done
-
-
-def whole_record_folds(records, folds):
-    """Return folds that hold out whole records, as many at a time as there are folds.
-
-    Of a record that goes further than all of those it is held out from, nothing could be predicted:
-    its segments are held out as the given folds do it.
-    """
-    count = len(records)
-    if count < 2:
-        return folds
-    owner = np.repeat(np.arange(count), [len(record.segments) for record in records])
-    ends = np.array([(r.drive.min(), r.drive.max()) for r in records])
-    scored, split, found = np.any([test for _, test in folds], axis=0), np.zeros(count, bool), []
-    for group in np.array_split(np.arange(count), min(count, max(len(folds), 2))):
-        others = np.delete(ends, group, axis=0)
-        further = (ends[group, 0] < others[:, 0].min()) | (ends[group, 1] > others[:, 1].max())
-        split[group[further]] = True
-        own = np.isin(owner, group[~further])
-        found.append((~own, own & scored))
-    found += [(train, test & split[owner]) for train, test in folds]
-    return [(train, test) for train, test in found if test.any()]
 
 
 def _places(tree):
@@ -165,7 +147,11 @@ class _Place:
         return replace(self, tree=tree, part=self._part_of(tree, self.at_stage, self.prefix))
 
     def resolved(self):
-        """Return the tree with the part, and a model that says so."""
-        operator = self._with(self.part)
-        model = operator.model.resolved(operator)
-        return self.tree.with_stage(self.at_stage, replace(operator, model=model))
+        """Return the tree with the part, and with a model that says so."""
+        part = self.part
+        if part.model is not None:
+            part = replace(part, model=part.model.resolved(part))
+        operator = self._with(part)
+        if part.model is None:  # it is inside of a single model
+            operator = replace(operator, model=operator.model.resolved(operator))
+        return self.tree.with_stage(self.at_stage, operator)

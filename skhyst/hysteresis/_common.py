@@ -6,7 +6,15 @@ import numpy as np
 
 from ..base import ParametricModel
 from ..operators import slopes
-from ..optimize import OperatorProblem, solve_linear
+from ..optimize import (
+    Alone,
+    OperatorProblem,
+    block_folds,
+    exchanged,
+    solve_linear,
+    variable_projection,
+    whole_record_folds,
+)
 
 _BLOCK = 20  # samples per block over which the noise power is averaged
 _QUIET = 0.25  # quantile of the blocks: at least this fraction is taken to move slowly
@@ -57,6 +65,18 @@ def in_direction(starts, records, fixed, initial_state):
     least, best = min(found, key=lambda own: own[0])
     chance = 1.0 + best.weights.size / problem.segment_weight.sum()
     return [best, starts[0]] if least * chance < found[0][0] else starts[:1]
+
+
+def as_fine_as_needed(starts, records, fixed, initial_state):
+    """Return a start with as many terms as predict best what is held out, where they stand best.
+
+    It is that of the first start; see :func:`skhyst.optimize.exchanged`.
+    """
+    records, folds = block_folds(records)
+    place = Alone(starts[0], records, fixed, initial_state)
+    problem = place.problem(starts[0])
+    place = place.at(problem, variable_projection(problem, problem.x0).x)
+    return [exchanged(place, whole_record_folds(records, folds)).part]
 
 
 def force_characteristics(level, stiffness):

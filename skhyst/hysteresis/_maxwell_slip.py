@@ -11,7 +11,13 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import with_params
 from ..operators import CompiledLaw, CompiledSum, as_signal, parameter
-from ._common import FrictionModel, force_characteristics, in_direction, show
+from ._common import (
+    FrictionModel,
+    as_fine_as_needed,
+    force_characteristics,
+    in_direction,
+    show,
+)
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
 
@@ -160,9 +166,10 @@ class MaxwellSlip(FrictionModel):
     ----------
     n_elements : int, default=10
         Number of elements; ignored where ``thresholds`` is an array.
-    thresholds : {"grid", "quantile"} or array-like of shape (n_elements,), default="grid"
+    thresholds : {"auto", "grid", "quantile"} or array-like of shape (n_elements,), default="grid"
         Deflections at which the elements slide: evenly spaced over the half range of the drive, by
-        quantiles of the drive's swings, or given, in units of the drive, positive.
+        quantiles of the drive's swings, or given, in units of the drive, positive. "auto": as for
+        :class:`~skhyst.hysteresis.PrandtlIshlinskii`.
     non_negative : bool, default=True
         Whether the stiffnesses of the elements all have one sign, so that the model dissipates:
         none is below zero, or none above where the data say that the force is measured against
@@ -200,7 +207,7 @@ class MaxwellSlip(FrictionModel):
     _parameter_constraints = {
         **FrictionModel._parameter_constraints,
         "n_elements": [Interval(Integral, 1, None, closed="left")],
-        "thresholds": [StrOptions({"grid", "quantile"}), "array-like"],
+        "thresholds": [StrOptions({"auto", "grid", "quantile"}), "array-like"],
         "non_negative": ["boolean"],
     }
 
@@ -230,7 +237,11 @@ class MaxwellSlip(FrictionModel):
         thresholds = place_thresholds(self.thresholds, records, self.n_elements, 1)
         zeros = np.zeros(len(thresholds))
         start = MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)
-        return in_direction([start], records, self.held_parameters(), self._free_run_state())
+        fixed, state = self.held_parameters(), self._free_run_state()
+        starts = in_direction([start], records, fixed, state)
+        if isinstance(self.thresholds, str) and self.thresholds == "auto":
+            return as_fine_as_needed(starts, records, fixed, state)
+        return starts
 
     def resolved(self, operator) -> Self:
         thresholds = operator.thresholds.tolist()

@@ -37,7 +37,7 @@ from ..operators import (
     run_records,
     threshold_tangents,
 )
-from ._common import in_direction, show
+from ._common import as_fine_as_needed, in_direction, show
 
 # Thresholds of which a scan for further plays tries each. Between two of them the response of a
 # play changes by a hundredth of the drive's span at the most, and a play moves to its place.
@@ -273,6 +273,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
 def place_thresholds(thresholds, records, n_operators, n_left_out=0):
     """Return the given thresholds, or those of a rule by name without the first ``n_left_out``."""
     if isinstance(thresholds, str):
+        thresholds = "grid" if thresholds == "auto" else thresholds  # to begin with
         drives = [record.u for record in records]
         return play_thresholds(drives, n_operators + n_left_out, thresholds)[n_left_out:]
     return check_array(thresholds, ensure_2d=False, dtype=np.float64)
@@ -366,6 +367,11 @@ class PrandtlIshlinskii(PlayModel):
 
     Parameters
     ----------
+    thresholds : {"auto", "grid", "quantile"} or array-like of shape (n_operators,), default="grid"
+        Thresholds: evenly spaced over the half range of the drive, by quantiles of the drive's
+        swings, or given, in units of the drive. "auto": as many as predict best what is held out,
+        and where they do so, found by exchange from ``n_operators`` on a grid (sliding conditional
+        gradient, Denoyelle and others 2020). In a composition from the step's own input.
     form : {"auto", "play", "stop"}, default="auto"
         Superposition of plays or of stops. It matters with ``non_negative``: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
@@ -375,21 +381,29 @@ class PrandtlIshlinskii(PlayModel):
     References
     ----------
     Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
-    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003.
+    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003. Denoyelle,
+    Duval, Peyré and Soubies, *Inverse Problems*, 2020.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import PrandtlIshlinskii
+    >>> from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
     >>> drive = np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)
     >>> X = drive.reshape(-1, 1)
     >>> y = PrandtlIshlinskii(n_operators=4).fit(X, drive).predict(X)
     >>> bool(np.allclose(y, drive))
     True
+
+    As many plays as the data ask for, where they are:
+
+    >>> y, _ = PrandtlIshlinskiiOperator([0.0, 0.13, 0.4], [1.0, 0.5, 0.7]).run(drive, 1.0)
+    >>> PrandtlIshlinskii(thresholds="auto").fit(X, y).thresholds_.round(6)
+    array([0.  , 0.13, 0.4 ])
     """
 
     _parameter_constraints = {
         **PlayModel._parameter_constraints,
+        "thresholds": [StrOptions({"auto", "grid", "quantile"}), "array-like"],
         "form": [StrOptions({"auto", "play", "stop"})],
         "drive_offset": [Interval(Real, None, None, closed="neither"), StrOptions({"fit"})],
     }
@@ -429,8 +443,11 @@ class PrandtlIshlinskii(PlayModel):
             )
             for form in forms
         ]
-        fixed = self.held_parameters() | {"drive_offset"}
-        return in_direction(starts, records, fixed, self._free_run_state())
+        fixed, state = self.held_parameters(), self._free_run_state()
+        starts = in_direction(starts, records, fixed | {"drive_offset"}, state)
+        if isinstance(self.thresholds, str) and self.thresholds == "auto":
+            return as_fine_as_needed(starts, records, fixed, state)
+        return starts
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()

@@ -60,6 +60,7 @@ from ._resolution import (
     Resolution,
     has_weight,
     parts_with_resolution,
+    same_places,
     with_terms,
     with_terms_kept,
 )
@@ -132,6 +133,7 @@ __all__ = [
     "preview_step",
     "put_beside_series",
     "run_records",
+    "same_places",
     "samples_before",
     "scheduled",
     "second_order_run",

@@ -93,6 +93,14 @@ def with_terms(operator, positions):
     return replace(operator, **changes), further[order]
 
 
+def same_places(operator, other):
+    """Whether the terms of two operators of one kind stand at the same fixed positions."""
+    field = operator.resolution.positions
+    if field is None or field in operator.sizes():
+        return True
+    return np.array_equal(getattr(operator, field), getattr(other, field))
+
+
 def has_weight(operator):
     """Mark the terms of an operator that have a weight, (n_terms,)."""
     kind = operator.resolution

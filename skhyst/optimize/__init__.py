@@ -1,7 +1,7 @@
 """Identification: least squares over operators. Knows no estimator."""
 
 from ._bounded_step import bounded_step
-from ._exchange import Alone, exchanged
+from ._exchange import Alone, block_folds, exchanged, whole_record_folds
 from ._frequency_problem import FrequencyProblem, identify_response
 from ._identify import METHODS, IdentificationResult, identify
 from ._input_history import estimate_input_history, input_history_of
@@ -47,6 +47,7 @@ __all__ = [
     "RecordData",
     "VariableProjection",
     "ages",
+    "block_folds",
     "bounded_step",
     "coloured_covariance",
     "distribute_poles",
@@ -70,4 +71,5 @@ __all__ = [
     "variable_projection",
     "vector_fit",
     "warp",
+    "whole_record_folds",
 ]

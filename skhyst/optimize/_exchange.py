@@ -29,6 +29,8 @@ from ._bounded_step import bounded_step
 from ._problem import OperatorProblem
 from ._variable_projection import damped_step, variable_projection
 
+_FOLDS = 5  # as scikit-learn's own default
+_SHORTEST = 16  # samples of a block
 _SETTLED = 0.1  # part of what a parameter explains by chance, at which positions have settled
 _EVALUATIONS = 12  # of a slide
 _SLIDES = 3  # after each of which terms that have met become one
@@ -91,7 +93,7 @@ def exchanged(place, folds):
     place
         The same where no other resolution predicts better.
     """
-    least = _held_out(place, folds)
+    least = _held_out(place, folds) if folds else None
     if least is None:
         return place
     best = found = place
@@ -109,6 +111,68 @@ def exchanged(place, folds):
             break
         best, least = found, power
     return best if best is place else _thinned(best, folds, least)
+
+
+def block_folds(records):
+    """Return the records cut into blocks, and folds that each hold out one block of every record.
+
+    All folds train on the first block: what the memory of a device does first, it does not do
+    again. Records that are in segments already are not cut, and always trained on.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+
+    Returns
+    -------
+    records : list of RecordData
+    folds : list of (train, test)
+        Boolean masks over the segments of all records; none where the records are too short.
+    """
+    cut, numbers = [], []
+    for record in records:
+        n = min(_FOLDS + 1, len(record.u) // _SHORTEST)
+        if len(record.segments) > 1 or n < 2:
+            cut.append(record)
+            numbers += [0] * len(record.segments)
+            continue
+        edges = np.linspace(0, len(record.u), n + 1).astype(int).tolist()
+        cut.append(replace(record, segments=tuple(pairwise(edges))))
+        numbers += range(n)
+    masks = [np.array(numbers) == i for i in range(1, _FOLDS + 1)]
+    return cut, [(~test, test) for test in masks if test.any()]
+
+
+def whole_record_folds(records, folds):
+    """Return folds that hold out whole records, where there are several.
+
+    Of a record that goes further than all of those it is held out from, nothing could be predicted:
+    its segments are held out as the given folds do it.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    folds : list of (train, test)
+        Boolean masks over the segments of all records. Records are held out in as many groups.
+
+    Returns
+    -------
+    list of (train, test)
+    """
+    count = len(records)
+    if count < 2:
+        return folds
+    owner = np.repeat(np.arange(count), [len(record.segments) for record in records])
+    ends = np.array([(r.drive.min(), r.drive.max()) for r in records])
+    scored, split, found = np.any([test for _, test in folds], axis=0), np.zeros(count, bool), []
+    for group in np.array_split(np.arange(count), min(count, max(len(folds), 2))):
+        others = np.delete(ends, group, axis=0)
+        further = (ends[group, 0] < others[:, 0].min()) | (ends[group, 1] > others[:, 1].max())
+        split[group[further]] = True
+        own = np.isin(owner, group[~further])
+        found.append((~own, own & scored))
+    found += [(train, test & split[owner]) for train, test in folds]
+    return [(train, test) for train, test in found if test.any()]
 
 
 def _movable(place):
@@ -344,13 +408,23 @@ def _sweep(gram, i):
 
 def _thinned(place, folds, least):
     """Return the place without terms beside which the others predict no worse."""
-    while (reduced := _reduced(place, folds, least)) is not None:
+    places = max(len(place.part.finer(place.inputs())), 2)
+    while True:
+        # the largest square of so many normal variables, of the mean square that is left
+        chance = 1.0 + 2.0 * np.log(places) / _n_scored(place, folds)
+        reduced = _reduced(place, folds, chance * least)
+        if reduced is None:
+            return place
         reduced = _settled(reduced)
         power = _held_out(reduced, folds)
-        if not power <= least:
-            break
+        if not power <= chance * least:
+            return place
         place, least = reduced, power
-    return place
+
+
+def _n_scored(place, folds):
+    weight = place.problem(place.part).segment_weight
+    return sum(weight[test].sum() for _, test in folds)
 
 
 def _reduced(place, folds, least):
