@@ -296,8 +296,9 @@ def _pursued(place, folds, *, anew=False):
     if wanted == 0 and not anew:
         return None
     *_, step = islice(pursuit.steps(problem.total(blocks)), wanted + 1)
-    step = np.where(problem.log, np.clip(step, -1.5, 1.5), step)
-    x = np.where(np.isin(np.arange(len(x)), groups), 0.0, x) + step
+    of_terms = np.isin(np.arange(len(x)), groups)
+    # what is not linear is moved with care when the terms settle
+    x = np.where(of_terms, step, x + step * problem.linear)
     place = place.at(problem, np.clip(x, problem.lower, problem.upper))
     part = place.part if movable is part else place.part.operator
     kept = ~loose | has_weight(part)
@@ -353,6 +354,9 @@ class _Pursuit:
     def steps(self, gram):
         """Yield the steps (n,) with 0, 1, 2, ... terms from a Gram matrix."""
         scale = np.sqrt(np.diag(gram))
+        if scale[-1] <= _LEAST:  # nothing is left
+            yield np.zeros(len(gram) - 1)
+            return
         scale[scale <= _LEAST] = np.inf
         swept = gram / np.outer(scale, scale)
         for i in self.others:
