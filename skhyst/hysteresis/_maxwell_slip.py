@@ -237,7 +237,7 @@ class MaxwellSlip(FrictionModel):
         thresholds = place_thresholds(self.thresholds, records, self.n_elements, 1)
         zeros = np.zeros(len(thresholds))
         start = MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)
-        fixed, state = self.held_parameters(), self._free_run_state()
+        fixed, state = self.held_parameters(), self.free_run_state
         starts = in_direction([start], records, fixed, state)
         if isinstance(self.thresholds, str) and self.thresholds == "auto":
             return as_fine_as_needed(starts, records, fixed, state)
@@ -247,8 +247,8 @@ class MaxwellSlip(FrictionModel):
         thresholds = operator.thresholds.tolist()
         return with_params(self, n_elements=len(thresholds), thresholds=thresholds)
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, result.operator, "thresholds", "weights", "intercept")
         self.saturation_forces_ = self.weights_ * self.thresholds_
         return self

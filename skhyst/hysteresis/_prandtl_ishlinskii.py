@@ -321,8 +321,8 @@ class PlayModel(ParametricModel):
         thresholds = parts_with_resolution(operator)[0][1].thresholds.tolist()
         return with_params(self, n_operators=len(thresholds), thresholds=thresholds)
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self._plays(), "thresholds", "weights", "intercept")
         return self
 
@@ -351,7 +351,7 @@ class PlayModel(ParametricModel):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return run_records(self.operator_.inverse(), X[:, 0], slices, self._free_run_state())
+        return run_records(self.operator_.inverse(), X[:, 0], slices, self.free_run_state)
 
 
 class PrandtlIshlinskii(PlayModel):
@@ -409,7 +409,7 @@ class PrandtlIshlinskii(PlayModel):
     }
 
     operator_class = PrandtlIshlinskiiOperator
-    _any_interval = True
+    any_interval = True
 
     def __init__(
         self,
@@ -443,7 +443,7 @@ class PrandtlIshlinskii(PlayModel):
             )
             for form in forms
         ]
-        fixed, state = self.held_parameters(), self._free_run_state()
+        fixed, state = self.held_parameters(), self.free_run_state
         starts = in_direction(starts, records, fixed | {"drive_offset"}, state)
         if isinstance(self.thresholds, str) and self.thresholds == "auto":
             return as_fine_as_needed(starts, records, fixed, state)

@@ -626,7 +626,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
                 found += [replace(start, stretch=float(s)) for s in _STRETCHES / fastest]
             else:
                 found += [replace(start, dilation=float(g)) for g in half * _GROWTHS / fastest]
-        ways = in_direction(found[:1], records, self.held_parameters(), self._free_run_state())
+        ways = in_direction(found[:1], records, self.held_parameters(), self.free_run_state)
         return [replace(start, falling=way.falling) for way in ways for start in found]
 
     def _memories(self, records):
@@ -643,7 +643,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         rates = [start.paces(np.diff(r.u) / r.dt, r.dt)[0].max(initial=0.0) for r in records]
         return max(rates) or swing(records) / records[0].dt
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self.operator_, "rate_weights", "dilation", "stretch", "time_constant")
         return self

@@ -180,7 +180,7 @@ class RelayGridModel(ParametricModel):
         return _response_levels(records, edges, self.n_levels)
 
     def starting_values(self, records):
-        held, state = self.held_parameters(), self._free_run_state()
+        held, state = self.held_parameters(), self.free_run_state
         return in_direction([self._start(records)], records, held, state)
 
     def _start(self, records):
@@ -190,7 +190,7 @@ class RelayGridModel(ParametricModel):
         options = {"center": self.center, "non_negative": self.non_negative}
         return self.operator_class(levels, zeros, **options)
 
-    def _identify(self, data):
+    def identify(self, data):
         begin = time.perf_counter()
         problem, found, cost = self._solved(data)
         x, std, undetermined, condition, freedom = found
@@ -221,7 +221,7 @@ class RelayGridModel(ParametricModel):
         explains more than half of the power, the other explains less, and is not tried.
         """
         operator = self._start(data)
-        fixed, state = self.held_parameters(), self._free_run_state()
+        fixed, state = self.held_parameters(), self.free_run_state
         problem = OperatorProblem(operator, data, fixed=fixed, initial_state=state)
         gram, shift, _ = _normal_equations(problem, self.fit_intercept)
         roughness = _roughness(operator, self._diagonal_is_reversible)
@@ -244,17 +244,17 @@ class RelayGridModel(ParametricModel):
                 return problem, mirrored, least
         return problem, found, cost
 
-    def _finish(self, result, data):
-        super()._finish(result, data)
+    def finish(self, result, records):
+        super().finish(result, records)
         # the search for the input history has refitted all parameters without the penalty
         if self.initial_state == "estimate":
-            drives = zip(data, self.initial_drive_, strict=True)
-            data = [dataclasses.replace(record, before=u) for record, u in drives]
-            self._adopt(self._identify(data))
+            drives = zip(records, self.initial_drive_, strict=True)
+            records = [dataclasses.replace(record, before=u) for record, u in drives]
+            self.adopt(self.identify(records))
         return self
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self.operator_, "levels", "weights", "intercept")
         return self
 

@@ -15,11 +15,11 @@ from ._compiled_step import (
     in_ring,
 )
 from ._composition import (
-    ColumnOperator,
     FrozenOperator,
-    ModulatedOperator,
-    ScheduledOperator,
-    SeriesOperator,
+    OnColumnOperator,
+    Scaled,
+    Scheduled,
+    Series,
     SumOperator,
     WrappedOperator,
     add_disturbances,
@@ -77,7 +77,6 @@ from ._state_space import (
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
-    "ColumnOperator",
     "CompiledCall",
     "CompiledColumn",
     "CompiledColumnSeries",
@@ -91,15 +90,16 @@ __all__ = [
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
-    "ModulatedOperator",
     "MovableOperator",
+    "OnColumnOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "Resolution",
     "RootInverseOperator",
-    "ScheduledOperator",
-    "SeriesOperator",
+    "Scaled",
+    "Scheduled",
+    "Series",
     "Stage",
     "Stepper",
     "SumOperator",

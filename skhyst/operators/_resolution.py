@@ -12,7 +12,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from ._composition import SeriesOperator, SumOperator, WrappedOperator
+from ._composition import Series, SumOperator, WrappedOperator
 from ._protocol import Operator, ParameterSpec
 
 
@@ -96,7 +96,7 @@ def with_terms(operator, positions):
 def same_places(operator, other):
     """Whether the terms of two operators of one kind stand at the same fixed positions."""
     field = operator.resolution.positions
-    if field is None or field in operator.sizes():
+    if field is None or field in operator.parameter_specs():
         return True
     return np.array_equal(getattr(operator, field), getattr(other, field))
 
@@ -130,12 +130,12 @@ def parts_with_resolution(operator, _prefix=""):
         The prefix of its entries among those of the operator; the part; and what returns the
         operator with another part in its place.
     """
-    if operator.resolution is not None:
+    if getattr(operator, "resolution", None) is not None:
         return [(_prefix, operator, lambda part: part)]
-    if not isinstance(operator, SeriesOperator | SumOperator):
+    if not isinstance(operator, Series | SumOperator):
         return []
     found, members = [], operator.members()
-    if isinstance(operator, SeriesOperator):  # what comes behind has an input of its own
+    if isinstance(operator, Series):  # what comes behind has an input of its own
         members = members[:1]
     for at, (name, stage) in enumerate(members):
         for prefix, part, put in parts_with_resolution(stage, f"{_prefix}{name}__"):
@@ -216,9 +216,6 @@ class MovableOperator(WrappedOperator):
         n, places = self.operator.n_parameters, self._places
         places[self.moving] = vector[n:]
         return self._with(replace(self.operator.unpack(vector[:n]), **{self._field: places}))
-
-    def _marks(self, mask):
-        return np.append(mask, np.zeros(len(self.limits), dtype=bool))
 
     def unfitted(self):
         return Operator.unfitted(self)

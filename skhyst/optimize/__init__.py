@@ -3,8 +3,8 @@
 from ._bounded_step import bounded_step
 from ._exchange import Alone, block_folds, exchanged, whole_record_folds
 from ._frequency_problem import FrequencyProblem, identify_response
-from ._identify import METHODS, IdentificationResult, identify
-from ._input_history import estimate_input_history, input_history_of
+from ._identify import METHODS, IdentificationResult, constant_entries, identify
+from ._input_history import estimate_input_history, input_history_of, with_input_history
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem, modal_start
 from ._nonnegative import nonnegative_minimum
@@ -50,6 +50,7 @@ __all__ = [
     "block_folds",
     "bounded_step",
     "coloured_covariance",
+    "constant_entries",
     "distribute_poles",
     "estimate_input_history",
     "exchanged",
@@ -72,4 +73,5 @@ __all__ = [
     "vector_fit",
     "warp",
     "whole_record_folds",
+    "with_input_history",
 ]

@@ -179,7 +179,7 @@ def _movable(place):
     """Return the part with positions that are parameters, where they are not already."""
     part = place.part
     kind = part.resolution
-    if kind.positions is None or kind.positions in part.sizes():
+    if kind.positions is None or kind.positions in part.parameter_specs():
         return part
     return MovableOperator.around(part, float(np.max(part.finer(place.inputs()))))
 

@@ -46,7 +46,7 @@ def noisy(y, noise=NOISE, seed=0):
 def declared(model, *data, dt=1.0):
     """Return the candidate of a declared model, its records and folds."""
     records, folds = block_folds([RecordData(u, y, dt) for u, y in data])
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     candidate = Candidate((), tree, np.inf, np.inf, 0, tree.problem(records).x0)
     return held_out(candidate, records, folds), records, folds
 

@@ -48,7 +48,7 @@ def test_four_plays_are_found_where_they_are(declared, seed):
     u, noise = wandering(seed), 0.02
     records = [RecordData(u, noisy(plays(u) + 3.0, noise, seed), 1.0)]
     model = PrandtlIshlinskii(declared)
-    start = model._identify(records).operator
+    start = model.identify(records).operator
     cut, folds = block_folds(records)
     found = exchanged(Alone(start, cut, model.held_parameters()), folds).part
     assert 4 <= found.thresholds.size <= 6
@@ -88,7 +88,7 @@ def test_weights_of_either_sign_and_several_records():
     weights, drives = np.array([1.0, -0.4, 0.7, -0.2]), [wandering(4), 0.6 * wandering(5)]
     records = [RecordData(u, noisy(plays(u, weights=weights), 0.01), 1.0) for u in drives]
     model = PrandtlIshlinskii(12, non_negative=False)
-    start = model._identify(records).operator
+    start = model.identify(records).operator
     cut, folds = block_folds(records)
     place = Alone(start, cut, model.held_parameters())
     found = exchanged(place, whole_record_folds(cut, folds)).part
@@ -102,7 +102,7 @@ def test_a_zero_state_and_a_fixed_intercept_are_respected():
     u = wandering(6)
     records = [RecordData(u, noisy(plays(u), 0.01), 1.0)]
     model = PrandtlIshlinskii(8, fit_intercept=False, initial_state="zero")
-    start = model._identify(records).operator
+    start = model.identify(records).operator
     cut, folds = block_folds(records)
     found = exchanged(Alone(start, cut, model.held_parameters(), "zero"), folds).part
     assert found.intercept == 0.0
