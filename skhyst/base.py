@@ -376,6 +376,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         return with_params(self, hold=hold) if getattr(self, "hold", None) == "auto" else self
 
+    def resolved(self, operator) -> Self:
+        """Return the model, unfitted, with the resolution that an operator of it has.
+
+        Parameters
+        ----------
+        operator : Operator
+            As ``operator_``, with other terms than the parameters say; see
+            :class:`skhyst.operators.Resolution`.
+        """
+        return self
+
     def tree(self, operator) -> Operator:
         """Return an operator of this model as the tree that is the structure of the model.
 
@@ -472,9 +483,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
             yield (
-                f"No weight of {type(self).__name__} is other than zero: the response does not "
-                "rise with the drive, as this model's does. Turn round the sign of one of them, or "
-                "let weights have either sign.",
+                f"No weight of {type(self).__name__} is other than zero: the response follows the "
+                "drive in neither direction.",
                 ConvergenceWarning,
             )
         for names, told, kind in (
@@ -640,6 +650,6 @@ def _is_constant(operator):
     weights = [
         value
         for (name, spec), value in zip(operator.entries(), operator.pack(), strict=True)
-        if name.endswith("]") and spec.linear and spec.lower == 0.0
+        if name.endswith("]") and spec.linear and 0.0 in (spec.lower, spec.upper)
     ]
     return operator.owns_gain and len(weights) > 0 and not any(weights)

@@ -7,6 +7,7 @@ from ._columns import (
     OnColumn,
     amplitude,
     is_constant,
+    lags_of_column,
 )
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledParameters
@@ -25,5 +26,6 @@ __all__ = [
     "explained_change",
     "fold_of_rows",
     "is_constant",
+    "lags_of_column",
     "thin_records",
 ]

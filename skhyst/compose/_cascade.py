@@ -345,9 +345,10 @@ class Cascade(Composition):
             elif isinstance(model, HeldStep):
                 [stage] = model.starting_values(records)
             elif not isinstance(model, Composition):
-                start, _ = split_disturbances(model.starting_values(records)[0])
-                same = [name for name, _ in start.entries()] == [n for n, _ in stage.entries()]
-                stage = _to_unit_gain(start.unpack(stage.pack())) if same else None
+                starts = [split_disturbances(own)[0] for own in model.starting_values(records)]
+                # of those with the same entries the one in whose direction the stage goes
+                starts = [own for own in starts if own.entries() == stage.entries()]
+                stage = _to_unit_gain(starts[0].unpack(stage.pack())) if starts else None
             else:
                 stage = None
             if stage is None:

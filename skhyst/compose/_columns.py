@@ -8,6 +8,7 @@ import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
 from ..base import ParametricModel, as_node, informed, with_params
+from ..linear import FirstOrderLagOperator
 from ..operators import OnColumnOperator, Scaled, add_disturbances, split_disturbances
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
@@ -26,6 +27,14 @@ def is_constant(values, size):
 def _mean(records, column):
     """Return the mean of a column of the inputs of all records."""
     return float(np.concatenate([r.u[:, column] for r in records]).mean())
+
+
+def lags_of_column(records):
+    """Return lags for a column to start from: a decade apart, from two samples to half a record."""
+    dt = min(record.dt for record in records)
+    span = max(len(record.u) * record.dt for record in records)
+    times = np.geomspace(2.0 * dt, max(0.5 * span, 4.0 * dt), max(int(np.log10(span / dt)) + 1, 2))
+    return [FirstOrderLagOperator(float(time)) for time in times]
 
 
 class AroundModel(ParametricModel):
@@ -183,7 +192,8 @@ class Modulated(_ColumnModel):
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
 
-    with the model :math:`\Gamma` of the drive u, the column a, or the half range of the drive in
+    with the model :math:`\Gamma` of the drive u, the column a, if asked for behind a first-order
+    lag, or the half range of the drive in
     each record, and its mean :math:`a_0` in the records of the fit. It stands outermost, or is a
     step of a :class:`Sum`, or is modulated once more by another column.
 
@@ -193,11 +203,15 @@ class Modulated(_ColumnModel):
         A parametric model of skhyst, or a cascade of them, of one input; or another `Modulated`.
     column : int or "amplitude", default=1
         Number of the column of X, or the half range of the drive in a record.
+    lag : bool, default=False
+        Whether the column acts through a first-order lag, as the current of a coil follows its
+        voltage, or the temperature of a part the power of its heater.
 
     Attributes
     ----------
     operator_ : Scaled
-        ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`.
+        ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`, and
+        ``lag``, whose ``time_constant`` is in s.
 
     Examples
     --------
@@ -214,7 +228,21 @@ class Modulated(_ColumnModel):
     _parameter_constraints = {
         **_ColumnModel._parameter_constraints,
         "column": [*_ColumnModel._parameter_constraints["column"], StrOptions({"amplitude"})],
+        "lag": ["boolean"],
     }
+
+    def __init__(
+        self,
+        estimator,
+        column=1,
+        *,
+        lag=False,
+        initial_state="rest",
+        dt=1.0,
+        method="variable_projection",
+    ):
+        super().__init__(estimator, column, initial_state=initial_state, dt=dt, method=method)
+        self.lag = lag
 
     def _driven(self):
         """Return the model that is modulated, of the whole input."""
@@ -225,10 +253,12 @@ class Modulated(_ColumnModel):
         column = -1 if self.column == "amplitude" else self.column
         reference = _mean(records, column)
         return [
-            add_disturbances(Scaled(driven, column, reference), beside)
+            add_disturbances(Scaled(driven, column, reference, lag=lag), beside)
             for driven, beside in map(split_disturbances, self._driven().starting_values(records))
+            for lag in (lags_of_column(records) if self.lag else [None])
         ]
 
     def unfitted(self, operator) -> Self:
         column = "amplitude" if operator.column == -1 else operator.column
-        return with_params(self, estimator=operator.operator.unfitted(), column=column)
+        own = {"column": column, "lag": operator.lag is not None}
+        return with_params(self, estimator=operator.operator.unfitted(), **own)

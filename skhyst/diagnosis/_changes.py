@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..compose import amplitude, is_constant
+from ..compose import amplitude, is_constant, lags_of_column
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -283,7 +283,11 @@ class RateDependence:
                 thresholds=np.array(operator.thresholds),
                 non_negative=operator.non_negative,
             )
-            known = {"weights": np.array(operator.weights), "intercept": operator.intercept}
+            known = {
+                "weights": np.array(operator.weights),
+                "intercept": operator.intercept,
+                "falling": operator.falling,
+            }
             starts = driven_starts(model, scene.records_at(at))
             edits = [Enrich(place, model, replace(start, **known)) for start in starts]
             return scene.promising([scene.tree.edited(name, edit) for edit in edits], at)
@@ -318,9 +322,13 @@ class Driven:
 
 @dataclass(frozen=True)
 class Scaled:
-    """The response is scaled by a further column of X, or by the amplitude of the record."""
+    """The response is scaled by a further column of X, or by the amplitude of the record.
+
+    A column may act through a lag, as that of a coil or of a heater.
+    """
 
     by: str
+    lagged: bool = False
 
     def trees(self, name, scene):
         tree = scene.tree
@@ -333,10 +341,12 @@ class Scaled:
             means = means if _differ(amplitudes) else {}
         else:
             means = {column: _column(scene, column).mean() for column in _moving_columns(scene)}
+        lags = lags_of_column(scene.records) if self.lagged else [None]
         return [
-            tree.edited(name, Modulate(column, float(mean)))
+            tree.edited(name, Modulate(column, float(mean), lag))
             for column, mean in means.items()
             if str(column) not in tree.scaled_by
+            for lag in lags
         ]
 
 

@@ -183,10 +183,11 @@ class Modulate(_Edit):
 
     column: int | str
     reference: float
+    lag: object = None
     kind = "modulation"
 
     def __call__(self, tree, name):
-        return tree.composed(modulated(tree.whole, self.column, self.reference))
+        return tree.composed(modulated(tree.whole, self.column, self.reference, lag=self.lag))
 
 
 @dataclass(frozen=True)

@@ -343,6 +343,7 @@ _BUILT_IN = (
             Driven(FirstOrderLag(fit_intercept=False)),
             Driven(FirstOrderLag(fit_intercept=False), to_drive=True),
             Scaled("column"),
+            Scaled("column", lagged=True),
             PerRecord("column", "all"),
         ],
         "A further measured quantity acts on the response, or on what drives it.",

@@ -11,6 +11,8 @@ from ..base import informed, refine
 from ..operators import (
     Series,
     Stage,
+    parts_with_resolution,
+    same_places,
     series_stages,
     split_disturbances,
     stage_values,
@@ -295,7 +297,10 @@ class Tree:
         for stage in self.stages:
             fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))
-            if _alike(stage.operator, found):  # fixed structure too, but no value that is held
+            if _has_other_terms(stage.operator, found):  # resolution was raised since
+                model = stage.operator.model.resolved(found)
+                stage = stage._replace(operator=replace(found, model=model))
+            elif _alike(stage.operator, found):  # fixed structure too, but no value that is held
                 held = held | [name in fixed for name, _ in found.entries()]
                 own = np.where(held, stage.operator.pack(), found.pack())
                 found = replace(found.unpack(own), model=stage.operator.model)
@@ -437,6 +442,17 @@ class Tree:
 def clone_of(model):
     """Return a clone that knows the columns of X."""
     return informed(clone(model), model)
+
+
+def _has_other_terms(a, b):
+    """Whether two operators of one model differ in the number of their terms, or their places."""
+    if type(a) is not type(b) or type(a.model) is not type(b.model):
+        return False
+    parts = [[part for _, part, _ in parts_with_resolution(own)] for own in (a, b)]
+    return len(parts[0]) == len(parts[1]) and any(
+        old.resolution.of(old) != new.resolution.of(new) or not same_places(old, new)
+        for old, new in zip(*parts, strict=True)
+    )
 
 
 def _alike(a, b):

@@ -1,9 +1,20 @@
 """Shared by the models: scales of the data for starting values, and the base of friction models."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..base import ParametricModel
 from ..operators import slopes
+from ..optimize import (
+    Alone,
+    OperatorProblem,
+    block_folds,
+    exchanged,
+    solve_linear,
+    variable_projection,
+    whole_record_folds,
+)
 
 _BLOCK = 20  # samples per block over which the noise power is averaged
 _QUIET = 0.25  # quantile of the blocks: at least this fraction is taken to move slowly
@@ -32,6 +43,40 @@ class FrictionModel(ParametricModel):
     }
 
     stage_order = 10
+
+
+def in_direction(starts, records, fixed, initial_state):
+    """Return the starts of the direction and form in which the linear parameters fit best.
+
+    Weights of one sign follow the drive in one direction. ``starts`` are of several forms, the
+    first the one that is expected. Another one than that, or its mirror image, is put in front
+    where it explains more than as many weights do by chance, which is the mean square of what is
+    left for each.
+    """
+    if not starts[0].non_negative:
+        return starts
+    found = []
+    for start in starts:
+        problem = OperatorProblem(start, records, fixed=fixed, initial_state=initial_state)
+        gram = problem.total(problem.evaluate(problem.x0))
+        for own in (start, replace(start, falling=True)):  # which differ in their bounds
+            problem = OperatorProblem(own, records, fixed=fixed, initial_state=initial_state)
+            found.append((solve_linear(problem, problem.x0, gram)[1][-1, -1], own))
+    least, best = min(found, key=lambda own: own[0])
+    chance = 1.0 + best.weights.size / problem.segment_weight.sum()
+    return [best, starts[0]] if least * chance < found[0][0] else starts[:1]
+
+
+def as_fine_as_needed(starts, records, fixed, initial_state):
+    """Return a start with as many terms as predict best what is held out, where they stand best.
+
+    It is that of the first start; see :func:`skhyst.optimize.exchanged`.
+    """
+    records, folds = block_folds(records)
+    place = Alone(starts[0], records, fixed, initial_state)
+    problem = place.problem(starts[0])
+    place = place.at(problem, variable_projection(problem, problem.x0).x)
+    return [exchanged(place, whole_record_folds(records, folds)).part]
 
 
 def force_characteristics(level, stiffness):

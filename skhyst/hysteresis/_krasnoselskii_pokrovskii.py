@@ -116,6 +116,9 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         are low at first, ``inf``: all are high.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
 
     Raises
     ------
@@ -142,6 +145,7 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     center: float = 0.0
     non_negative: bool = True
+    falling: bool = False
 
     def init(self, u0, initial_state="rest"):
         middle = 0.5 * (self.levels[1:] + self.levels[:-1])

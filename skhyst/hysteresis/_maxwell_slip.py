@@ -3,13 +3,21 @@
 import dataclasses
 from functools import cached_property
 from numbers import Integral
+from typing import Self
 
 import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
+from ..base import with_params
 from ..operators import CompiledLaw, CompiledSum, as_signal, parameter
-from ._common import FrictionModel, force_characteristics, show
+from ._common import (
+    FrictionModel,
+    as_fine_as_needed,
+    force_characteristics,
+    in_direction,
+    show,
+)
 from ._prandtl_ishlinskii import PlaySum, PrandtlIshlinskiiOperator, place_thresholds
 
 
@@ -47,6 +55,9 @@ class MaxwellSlipOperator(PlaySum):
         Constant ``c`` in units of the response.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
 
     Raises
     ------
@@ -74,6 +85,7 @@ class MaxwellSlipOperator(PlaySum):
     damping: float = parameter(default=0.0, linear=True, unit="response s/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     non_negative: bool = True
+    falling: bool = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -119,6 +131,9 @@ class MaxwellSlipOperator(PlaySum):
         dy[:, -3], dy[:, -2], dy[:, -1] = u, change / dt, 1.0
         return y, dy
 
+    def position_tangents(self, u, dt, initial_state="rest"):
+        return self._moved_plays(as_signal(u)) * -self.weights
+
     def elements(self, state):
         """Return the deflections of the elements in a state, shape (n_elements,)."""
         return state[1] - self._plays.plays(state)[1:]
@@ -151,12 +166,14 @@ class MaxwellSlip(FrictionModel):
     ----------
     n_elements : int, default=10
         Number of elements; ignored where ``thresholds`` is an array.
-    thresholds : {"grid", "quantile"} or array-like of shape (n_elements,), default="grid"
+    thresholds : {"auto", "grid", "quantile"} or array-like of shape (n_elements,), default="grid"
         Deflections at which the elements slide: evenly spaced over the half range of the drive, by
-        quantiles of the drive's swings, or given, in units of the drive, positive.
+        quantiles of the drive's swings, or given, in units of the drive, positive. "auto": as for
+        :class:`~skhyst.hysteresis.PrandtlIshlinskii`.
     non_negative : bool, default=True
-        Whether the stiffnesses of the elements are bounded below by zero, so that the model
-        dissipates.
+        Whether the stiffnesses of the elements all have one sign, so that the model dissipates:
+        none is below zero, or none above where the data say that the force is measured against
+        the displacement.
 
     Attributes
     ----------
@@ -190,7 +207,7 @@ class MaxwellSlip(FrictionModel):
     _parameter_constraints = {
         **FrictionModel._parameter_constraints,
         "n_elements": [Interval(Integral, 1, None, closed="left")],
-        "thresholds": [StrOptions({"grid", "quantile"}), "array-like"],
+        "thresholds": [StrOptions({"auto", "grid", "quantile"}), "array-like"],
         "non_negative": ["boolean"],
     }
 
@@ -219,7 +236,16 @@ class MaxwellSlip(FrictionModel):
         # the first threshold of plays is zero, which is no stop, and is left out
         thresholds = place_thresholds(self.thresholds, records, self.n_elements, 1)
         zeros = np.zeros(len(thresholds))
-        return [MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)]
+        start = MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)
+        fixed, state = self.held_parameters(), self.free_run_state
+        starts = in_direction([start], records, fixed, state)
+        if isinstance(self.thresholds, str) and self.thresholds == "auto":
+            return as_fine_as_needed(starts, records, fixed, state)
+        return starts
+
+    def resolved(self, operator) -> Self:
+        thresholds = operator.thresholds.tolist()
+        return with_params(self, n_elements=len(thresholds), thresholds=thresholds)
 
     def adopt(self, result):
         super().adopt(result)

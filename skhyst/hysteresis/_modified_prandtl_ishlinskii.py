@@ -1,5 +1,6 @@
 """Modified Prandtl-Ishlinskii model: plays in series with one-sided dead zones."""
 
+from itertools import product
 from numbers import Integral
 
 import numpy as np
@@ -96,19 +97,22 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        plays = PrandtlIshlinskii(
+        directed = PrandtlIshlinskii(
             self.n_operators,
+            form="play",
             thresholds=self.thresholds,
             non_negative=self.non_negative,
             drive_offset=self.drive_offset,
-        ).starting_values(records)[0]
+            fit_intercept=self.fit_intercept,
+            initial_state=self.initial_state,
+        ).starting_values(records)
         levels, n_lower = self._levels(np.concatenate([record.y for record in records]))
         unit = MonotoneDeadZoneOperator(np.ones(levels.size), levels, n_lower)
-        gram = self._inverse_gram(plays, unit, records)
+        gram = self._inverse_gram(directed[0], unit, records)
         starts = []
         # dead zones fitted to the data, and none, because noise biases the first
-        for steepest in (_STEEPEST, 1.0):
-            slopes, weights, intercept = self._solve_inverse(gram, levels.size, steepest)
+        for plays, steepest in product(directed, (_STEEPEST, 1.0)):
+            slopes, weights, intercept = self._solve_inverse(plays, gram, levels.size, steepest)
             zones = MonotoneDeadZoneOperator(slopes, levels, n_lower).inverse()
             if not isinstance(self.dead_zone_thresholds, str):
                 zones = MonotoneDeadZoneOperator(zones.slopes, levels, n_lower)
@@ -141,10 +145,11 @@ class ModifiedPrandtlIshlinskii(PlayModel):
             gram = gram + block.T @ block
         return gram
 
-    def _solve_inverse(self, gram, n_zones, steepest):
+    def _solve_inverse(self, plays, gram, n_zones, steepest):
         """Return slopes of S^-1, weights and intercept of H that fit best, from the Gram matrix."""
         n = len(gram) - 1
-        lower, upper = np.full(n, 0.0 if self.non_negative else -np.inf), np.full(n, np.inf)
+        bound = plays.parameter_specs()["weights"]
+        lower, upper = np.full(n, bound.lower), np.full(n, bound.upper)
         lower[:n_zones], upper[:n_zones] = 1.0 / steepest - 1.0, steepest - 1.0
         lower[-1], upper[-1] = (-np.inf, np.inf) if self.fit_intercept else (0.0, 0.0)
         step = bounded_step(gram[:-1, :-1], gram[:-1, -1], lower, upper)

@@ -13,18 +13,21 @@ curve with the slopes s_k = w_0 + ... + w_k, and that of the inverse is its mirr
 import dataclasses
 from functools import cached_property
 from numbers import Integral, Real
+from typing import Self
 
 import numpy as np
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel, read_data
+from ..base import ParametricModel, read_data, with_params
 from ..operators import (
     CompiledLaw,
+    Resolution,
     Superposition,
     as_constant,
     as_signal,
     parameter,
+    parts_with_resolution,
     play_basis,
     play_sum_run,
     play_sum_step,
@@ -32,12 +35,20 @@ from ..operators import (
     play_tangents,
     play_thresholds,
     run_records,
+    threshold_tangents,
 )
-from ._common import show
+from ._common import as_fine_as_needed, in_direction, show
+
+# Thresholds of which a scan for further plays tries each. Between two of them the response of a
+# play changes by a hundredth of the drive's span at the most, and a play moves to its place.
+_SCAN = 64
 
 
 class PlaySum(Superposition):
     """Base of the weighted sums of plays: fields ``thresholds``, ``weights``, ``non_negative``."""
+
+    resolution = Resolution("plays", "weights", "thresholds", fixed=0.0)
+    drive_offset = 0.0
 
     def __post_init__(self):
         super().__post_init__()
@@ -46,6 +57,20 @@ class PlaySum(Superposition):
         self._require("thresholds", ascending, "be a list of ascending values, none negative")
         matching = self.weights.shape == r.shape
         self._require("weights", matching, f"have one value for each of the {r.size} thresholds")
+
+    def finer(self, records):
+        """Return thresholds of a fine grid over the span of the drive; see the base."""
+        drives = [record.u for record in records]
+        return play_thresholds(drives, _SCAN, drive_offset=self.drive_offset)[1:]
+
+    def _moved_plays(self, u, slacks=None, growth=None):
+        """Return the derivatives of the plays by their thresholds, (n, n_plays)."""
+        slacks = self.thresholds[None] if slacks is None else slacks
+        growth = np.ones(1) if growth is None else growth
+        out = np.empty((u.size, self.thresholds.size))
+        plays = np.zeros(self.thresholds.size)
+        threshold_tangents(as_signal(u), as_signal(slacks), as_signal(growth), plays, out)
+        return out
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,6 +89,9 @@ class PrandtlIshlinskiiOperator(PlaySum):
         ``c`` in units of the response; ``d`` in units of the drive.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
     form : {"play", "stop"}, default="play"
         Whether the weights are those of plays or of stops.
 
@@ -98,6 +126,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
     drive_offset: float = parameter(default=0.0, unit="drive")
     non_negative: bool = True
     form: str = "play"
+    falling: bool = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -150,6 +179,10 @@ class PrandtlIshlinskiiOperator(PlaySum):
             np.subtract(v[:, None], own, out=own, where=self.thresholds > 0.0)
             dy = np.delete(dy, m, axis=1)
         return y, dy
+
+    def position_tangents(self, u, dt, initial_state="rest"):
+        sign = np.where((self.form == "stop") & (self.thresholds > 0.0), -1.0, 1.0)
+        return self._moved_plays(as_signal(u) - self.drive_offset) * (sign * self.weights)
 
     def characteristics(self, seen):
         """Return the width of the major loop over the range of the input, in % of its height."""
@@ -204,15 +237,17 @@ class PrandtlIshlinskiiOperator(PlaySum):
         ------
         ValueError
             If the first threshold is not zero (the operator has a dead zone after each reversal)
-            or a partial sum of the weights is not positive (the response is not monotone).
+            or the partial sums of the weights are not of one sign (the response is not monotone).
         """
         thresholds, _, sums = self._play_form
-        slopes = sums[1:]
+        sign = -1.0 if sums[-1] + sums[1] < 0.0 else 1.0  # a response that falls is mirrored
+        slopes = sign * sums[1:]
         if thresholds[0] != 0.0 or not np.all(slopes > 0.0):
             needs = (
-                "positive sums w_0 + ... + w_k of the weights"
+                "positive sums w_0 + ... + w_k of the weights, or negative ones,"
                 if self.form == "play"
-                else "a positive sum of the stiffnesses that have not yielded at each threshold"
+                else "a positive (or at each a negative) sum of the stiffnesses that have not "
+                "yielded at each threshold"
             )
             raise ValueError(
                 f"PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and {needs}: the "
@@ -222,7 +257,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         steps = np.diff(thresholds) * slopes[:-1]
         return PrandtlIshlinskiiOperator(
             thresholds=np.concatenate(([0.0], np.cumsum(steps))),
-            weights=np.diff(1.0 / slopes, prepend=0.0),
+            weights=sign * np.diff(1.0 / slopes, prepend=0.0),
             intercept=self.drive_offset,
             drive_offset=self.intercept,
             non_negative=False,
@@ -238,6 +273,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
 def place_thresholds(thresholds, records, n_operators, n_left_out=0):
     """Return the given thresholds, or those of a rule by name without the first ``n_left_out``."""
     if isinstance(thresholds, str):
+        thresholds = "grid" if thresholds == "auto" else thresholds  # to begin with
         drives = [record.u for record in records]
         return play_thresholds(drives, n_operators + n_left_out, thresholds)[n_left_out:]
     return check_array(thresholds, ensure_2d=False, dtype=np.float64)
@@ -254,7 +290,8 @@ class PlayModel(ParametricModel):
         Thresholds (at rest): evenly spaced over the half range of the drive, by quantiles of the
         drive's swings, or given, in units of the drive.
     non_negative : bool, default=True
-        Whether the weights (at rest) are bounded below by zero, so that the model dissipates.
+        Whether all weights (at rest) have one sign, so that the model dissipates: none is below
+        zero, or none above where the data say that the response falls as the drive rises.
     drive_offset : float or "fit", default=0.0
         Drive from which the virgin device is first loaded, units of the drive.
     fit_intercept : bool, default=True
@@ -279,6 +316,10 @@ class PlayModel(ParametricModel):
     def _plays(self):
         """Return the sum of plays in the identified operator."""
         return self.operator_
+
+    def resolved(self, operator) -> Self:
+        thresholds = parts_with_resolution(operator)[0][1].thresholds.tolist()
+        return with_params(self, n_operators=len(thresholds), thresholds=thresholds)
 
     def adopt(self, result):
         super().adopt(result)
@@ -326,30 +367,44 @@ class PrandtlIshlinskii(PlayModel):
 
     Parameters
     ----------
-    form : {"play", "stop"}, default="play"
+    thresholds : {"auto", "grid", "quantile"} or array-like of shape (n_operators,), default="grid"
+        Thresholds: evenly spaced over the half range of the drive, by quantiles of the drive's
+        swings, or given, in units of the drive. "auto": as many as predict best what is held out,
+        and where they do so, found by exchange from ``n_operators`` on a grid (sliding conditional
+        gradient). In a composition, from the step's own input.
+    form : {"auto", "play", "stop"}, default="auto"
         Superposition of plays or of stops. It matters with ``non_negative``: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
-        over displacement).
+        over displacement). "auto": of plays, unless the data show the other loops; the ``form`` of
+        ``operator_`` says which. Without ``non_negative`` "auto" is "play".
 
     References
     ----------
     Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
-    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003.
+    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003. Denoyelle,
+    Duval, Peyré and Soubies, *Inverse Problems*, 2020.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.hysteresis import PrandtlIshlinskii
+    >>> from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
     >>> drive = np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)
     >>> X = drive.reshape(-1, 1)
     >>> y = PrandtlIshlinskii(n_operators=4).fit(X, drive).predict(X)
     >>> bool(np.allclose(y, drive))
     True
+
+    As many plays as the data ask for, where they are:
+
+    >>> y, _ = PrandtlIshlinskiiOperator([0.0, 0.13, 0.4], [1.0, 0.5, 0.7]).run(drive, 1.0)
+    >>> PrandtlIshlinskii(thresholds="auto").fit(X, y).thresholds_.round(6)
+    array([0.  , 0.13, 0.4 ])
     """
 
     _parameter_constraints = {
         **PlayModel._parameter_constraints,
-        "form": [StrOptions({"play", "stop"})],
+        "thresholds": [StrOptions({"auto", "grid", "quantile"}), "array-like"],
+        "form": [StrOptions({"auto", "play", "stop"})],
         "drive_offset": [Interval(Real, None, None, closed="neither"), StrOptions({"fit"})],
     }
 
@@ -360,7 +415,7 @@ class PrandtlIshlinskii(PlayModel):
         self,
         n_operators=20,
         *,
-        form="play",
+        form="auto",
         thresholds="grid",
         non_negative=True,
         drive_offset=0.0,
@@ -380,9 +435,19 @@ class PrandtlIshlinskii(PlayModel):
     def starting_values(self, records):
         thresholds = place_thresholds(self.thresholds, records, self.n_operators)
         offset = 0.0 if self.drive_offset == "fit" else self.drive_offset
-        options = {"non_negative": self.non_negative, "form": self.form}
-        zeros = np.zeros(len(thresholds))
-        return [PrandtlIshlinskiiOperator(thresholds, zeros, 0.0, offset, **options)]
+        both = self.form == "auto" and self.non_negative
+        forms = ("play", "stop") if both else (self.form.replace("auto", "play"),)
+        starts = [
+            PrandtlIshlinskiiOperator(
+                thresholds, np.zeros(len(thresholds)), 0.0, offset, self.non_negative, form
+            )
+            for form in forms
+        ]
+        fixed, state = self.held_parameters(), self.free_run_state
+        starts = in_direction(starts, records, fixed | {"drive_offset"}, state)
+        if isinstance(self.thresholds, str) and self.thresholds == "auto":
+            return as_fine_as_needed(starts, records, fixed, state)
+        return starts
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()

@@ -480,6 +480,9 @@ class PreisachOperator(RelayGridOperator):
         ``inf``: all up.
     non_negative : bool, default=True
         Whether the weights are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
 
     Raises
     ------
@@ -508,6 +511,7 @@ class PreisachOperator(RelayGridOperator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     center: float = 0.0
     non_negative: bool = True
+    falling: bool = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -673,10 +677,10 @@ class Preisach(RelayGridModel):
         )
         self.reversible = reversible
 
-    def starting_values(self, records):
-        (operator,) = super().starting_values(records)
+    def _start(self, records):
+        operator = super()._start(records)
         zeros = np.zeros(operator.levels.size - 1 if self.reversible else 0)
-        return [dataclasses.replace(operator, reversible=zeros)]
+        return dataclasses.replace(operator, reversible=zeros)
 
     def adopt(self, result):
         super().adopt(result)

@@ -31,7 +31,7 @@ from scipy.signal import lfilter
 from .._jit import jit
 from .._sklearn import StrOptions
 from ..operators import CompiledLaw, InverseOperator, as_signal, clip_play, parameter
-from ._common import show, swing
+from ._common import in_direction, show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
 
@@ -269,6 +269,9 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         whose magnitude is then taken after the low-pass.
     non_negative : bool, default=True
         Whether the weights at rest are bounded below by zero when they are identified.
+    falling : bool, default=False
+        Whether that bound is an upper one: all weights are zero or below, and the response falls
+        where the drive rises.
 
     Raises
     ------
@@ -301,6 +304,9 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     time_constant: float = parameter(default=0.0, log=True, lower=0.0, unit="s")
     smoothing: str = "none"
     non_negative: bool = True
+    falling: bool = False
+
+    resolution = replace(PlaySum.resolution, others=("rate_weights",))
 
     def __post_init__(self):
         super().__post_init__()
@@ -421,6 +427,15 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         ones = np.ones((u.size, 1))
         return y, np.hstack((propagated[:, :m], plays, scaled, ones, propagated[:, m:]))
 
+    def position_tangents(self, u, dt, initial_state="rest"):
+        u = as_signal(u)
+        _, last, smooth = self.init(u[0] if u.size else 0.0, initial_state)
+        rates, _ = self.paces(np.diff(u, prepend=last) / dt, dt, smooth)
+        thresholds, growth, weights, rate_weights = self._arguments()
+        slacks = thresholds + rates[:, None] * growth
+        moved = self._moved_plays(u, slacks, 1.0 + self.stretch * rates)
+        return moved * (weights + rates[:, None] * rate_weights)
+
     def _rate_tangents(self, velocities, tangents, dt):
         """Return the rates (n,) and their tangents (n, m [+ 1]), that by the time constant last."""
         if self.smoothing != "velocity":
@@ -460,6 +475,8 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         """
         y, rates = as_signal(np.asarray(y) - self.intercept), as_signal(rates)
         thresholds, growth, weights, rate_weights = self._arguments()
+        if self._falls:
+            y, weights, rate_weights = (as_signal(-part) for part in (y, weights, rate_weights))
         fastest = rates.max(initial=0.0)
         ends = np.array([weights, weights + fastest * rate_weights])
         if self.stretch:  # a shrinking threshold lets plays move in any order
@@ -477,14 +494,19 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays, u)
         return u
 
+    @property
+    def _falls(self):
+        return np.sum(self.weights) < 0.0  # of a monotone law
+
     def inverse(self):
         """Return the inverse, from response to drive; it needs the later response too."""
         return RateDependentInverseOperator(self)
 
     def fastest_monotone(self):
         """Return a rate (drive/s) up to which the response is strictly monotone in the drive."""
-        falls = -np.cumsum(self.rate_weights)
-        slopes = np.cumsum(self.weights)[: falls.size]
+        sign = -1.0 if self._falls else 1.0
+        falls = -sign * np.cumsum(self.rate_weights)
+        slopes = sign * np.cumsum(self.weights)[: falls.size]
         falling = falls > 0.0
         return _RESERVE * np.min(slopes[falling] / falls[falling], initial=np.inf)
 
@@ -604,7 +626,8 @@ class RateDependentPrandtlIshlinskii(PlayModel):
                 found += [replace(start, stretch=float(s)) for s in _STRETCHES / fastest]
             else:
                 found += [replace(start, dilation=float(g)) for g in half * _GROWTHS / fastest]
-        return found
+        ways = in_direction(found[:1], records, self.held_parameters(), self.free_run_state)
+        return [replace(start, falling=way.falling) for way in ways for start in found]
 
     def _memories(self, records):
         """Return starting time constants (s): two samples to a tenth of the longest record."""

@@ -28,7 +28,7 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import Superposition, as_signal
 from ..optimize import IdentificationResult, OperatorProblem, nonnegative_minimum
-from ._common import show
+from ._common import in_direction, show
 
 _BLOCK = 1024  # rows of the design matrix per block
 _BINS = 200  # bins of the drive in which changes of the response are measured
@@ -106,8 +106,9 @@ class RelayGridModel(ParametricModel):
         their neighbours. In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum`
         all parameters are refined jointly and without the penalty: use few levels there.
     non_negative : bool, default=True
-        Whether the weights are bounded below by zero, so that branches are monotone and the model
-        dissipates.
+        Whether the weights have one sign, so that branches are monotone and the model dissipates:
+        none is below zero, or none above where the data say that the response falls as the drive
+        rises.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     center : float, default=0.0
@@ -179,24 +180,20 @@ class RelayGridModel(ParametricModel):
         return _response_levels(records, edges, self.n_levels)
 
     def starting_values(self, records):
+        held, state = self.held_parameters(), self.free_run_state
+        return in_direction([self._start(records)], records, held, state)
+
+    def _start(self, records):
+        """Return the operator over the grid, of weights of zero."""
         levels = self._levels(records)
         zeros = np.zeros(len(cell_indices(len(levels))[0]))
         options = {"center": self.center, "non_negative": self.non_negative}
-        return [self.operator_class(levels, zeros, **options)]
+        return self.operator_class(levels, zeros, **options)
 
     def identify(self, data):
         begin = time.perf_counter()
-        (operator,) = self.starting_values(data)
-        problem = OperatorProblem(
-            operator, data, fixed=self.held_parameters(), initial_state=self.free_run_state
-        )
-        x, std, undetermined, condition, freedom = _solve(
-            *_normal_equations(problem, self.fit_intercept),
-            _roughness(operator, self._diagonal_is_reversible),
-            self.smoothness,
-            self.non_negative,
-        )
-        cost = float(problem.total(problem.evaluate(x, jacobian=False))[-1, -1])
+        problem, found, cost = self._solved(data)
+        x, std, undetermined, condition, freedom = found
         n_samples, names = problem.segment_weight.sum(), problem.names
         std[np.isfinite(std)] *= np.sqrt(cost / max(n_samples - freedom, 1.0))
         return IdentificationResult(
@@ -215,6 +212,37 @@ class RelayGridModel(ParametricModel):
             history=[(1, cost)],
             x=x,
         )
+
+    def _solved(self, data):
+        """Return the problem, what :func:`_solve` returns, and the sum of squares.
+
+        Those of the response turned round, where that is better; see ``in_direction``. Sums of
+        relays that follow one drive in opposite directions are not positively correlated: where one
+        explains more than half of the power, the other explains less, and is not tried.
+        """
+        operator = self._start(data)
+        fixed, state = self.held_parameters(), self.free_run_state
+        problem = OperatorProblem(operator, data, fixed=fixed, initial_state=state)
+        gram, shift, _ = _normal_equations(problem, self.fit_intercept)
+        roughness = _roughness(operator, self._diagonal_is_reversible)
+
+        def solved(sign):
+            signs = np.ones(len(gram))
+            signs[-1] = sign
+            own = gram * np.outer(signs, signs), sign * shift, self.fit_intercept
+            x, *rest = _solve(*own, roughness, self.smoothness, self.non_negative)
+            cost = problem.total(problem.evaluate(sign * x, jacobian=False))[-1, -1]
+            return (sign * x, *rest), float(cost)
+
+        found, cost = solved(1.0)
+        n_samples, power = gram[-2, -2], gram[-1, -1] - gram[-1, -2] ** 2 / gram[-2, -2]
+        if self.non_negative and cost > 0.5 * power:
+            mirrored, least = solved(-1.0)
+            if least * (1.0 + operator.weights.size / n_samples) < cost:
+                operator = dataclasses.replace(operator, falling=True)
+                problem = OperatorProblem(operator, data, fixed=fixed, initial_state=state)
+                return problem, mirrored, least
+        return problem, found, cost
 
     def finish(self, result, records):
         super().finish(result, records)

@@ -3,18 +3,21 @@
 import warnings
 from dataclasses import dataclass, replace
 from numbers import Integral
+from typing import Self
 
 import numpy as np
 
 from .._sklearn import Interval
+from ..base import with_params
 from ..disturbance import DriftOperator
 from ..exceptions import ConvergenceWarning
-from ..operators import SumOperator, parameter
+from ..operators import Resolution, SumOperator, parameter
 from ..optimize import OperatorProblem
 from ._first_order_lag import FirstOrderLagOperator
 from ._gain import slope
 from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
+_PER_DECADE = 2  # time constants of which a scan for further units tries each
 _SPREAD = 10.0  # ratio of neighbouring time constants at the start
 _KNOWN = 0.01  # largest relative standard error of a static gain that counts as determined
 _SLOWER = 10.0  # time constant of a unit that the records do not show, in lengths of the longest
@@ -35,6 +38,13 @@ class KelvinVoigtOperator(LinearOperator):
     gain: float = parameter(gauge=1.0, unit="response/drive", default=1.0)
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+
+    resolution = Resolution("Kelvin-Voigt units", "compliances", "time_constants")
+
+    def finer(self, records):
+        """Return time constants from two samples to the longest record; see the base."""
+        dt, span = time_span(records)
+        return log_grid(2.0 * dt, max(span, 4.0 * dt), _PER_DECADE)
 
     @property
     def n_poles(self):
@@ -119,6 +129,9 @@ class KelvinVoigt(LinearModel):
         self.initial_state = initial_state
         self.dt = dt
         self.method = method
+
+    def resolved(self, operator) -> Self:
+        return with_params(self, n_units=np.size(operator.compliances))
 
     def starting_values(self, records):
         dt, span = time_span(records)

@@ -49,11 +49,21 @@ from ._plays import (
     play_tangents,
     play_thresholds,
     stop_basis,
+    threshold_tangents,
     turning_points,
 )
 from ._products import sum_of_products
 from ._protocol import Operator, ParameterSpec, as_constant, as_signal, by_fields, parameter
 from ._records import run_records
+from ._resolution import (
+    MovableOperator,
+    Resolution,
+    has_weight,
+    parts_with_resolution,
+    same_places,
+    with_terms,
+    with_terms_kept,
+)
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import (
     block_run,
@@ -80,10 +90,12 @@ __all__ = [
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
+    "MovableOperator",
     "OnColumnOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
+    "Resolution",
     "RootInverseOperator",
     "Scaled",
     "Scheduled",
@@ -103,6 +115,7 @@ __all__ = [
     "check_operator",
     "clip_play",
     "first_order_run",
+    "has_weight",
     "in_ring",
     "in_weights",
     "inverse_of",
@@ -110,6 +123,7 @@ __all__ = [
     "modulated",
     "on_column",
     "parameter",
+    "parts_with_resolution",
     "play_basis",
     "play_sum_run",
     "play_sum_step",
@@ -119,6 +133,7 @@ __all__ = [
     "preview_step",
     "put_beside_series",
     "run_records",
+    "same_places",
     "samples_before",
     "scheduled",
     "second_order_run",
@@ -134,7 +149,10 @@ __all__ = [
     "stepped_slopes",
     "stop_basis",
     "sum_of_products",
+    "threshold_tangents",
     "turning_points",
     "with_series_stages",
     "with_stage_values",
+    "with_terms",
+    "with_terms_kept",
 ]

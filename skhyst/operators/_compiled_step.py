@@ -317,7 +317,8 @@ class CompiledProduct(CompiledParts):
 
     Parameters
     ----------
-    parts : tuple of one CompiledStep
+    parts : tuple of CompiledStep
+        The step; and that which gives what the column is behind a lag, where there is one.
     column : int
     reference, sensitivity : float
     """
@@ -332,10 +333,9 @@ class CompiledProduct(CompiledParts):
         return max(self.column + 1, self.parts[0].n_inputs)
 
     def _joined(self, functions):
-        (function,) = functions
-        return lambda u: (
-            function(u) * (1.0 + self.sensitivity * (u[..., self.column] - self.reference))
-        )
+        function, *lag = functions
+        column = lag[0] if lag else lambda u: u[..., self.column]
+        return lambda u: function(u) * (1.0 + self.sensitivity * (column(u) - self.reference))
 
 
 class _Replaced:

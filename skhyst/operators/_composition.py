@@ -227,7 +227,9 @@ class Scaled(WrappedOperator):
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
 
-    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
+    With a ``lag``, a is what the column becomes behind it, as the current of a coil behind its
+    voltage, or the temperature of a part behind the power of its heater. Inputs are
+    ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
 
     Parameters
     ----------
@@ -240,6 +242,8 @@ class Scaled(WrappedOperator):
         ``a_0``, units of the column. Fixed structure.
     sensitivity : float, default=0.0
         ``b``, one over the units of the column.
+    lag : Operator or None, default=None
+        Of the column, of unit gain, from rest at its first value. Its other values are parameters.
 
     Examples
     --------
@@ -256,6 +260,7 @@ class Scaled(WrappedOperator):
     column: int
     reference: float
     sensitivity: float = 0.0
+    lag: Operator | None = None
     signal_linear = False
     reads_columns = True
     structure_of = "Modulated"
@@ -265,40 +270,72 @@ class Scaled(WrappedOperator):
 
     def keys(self, name=None):
         column = "amplitude" if self.column == -1 else str(self.column)
-        return [*self.operator.keys(name), ("scaled by", column)]
+        lag = [(f"lag of column {column}", name) for name, _ in self._of_lag()]
+        return [*self.operator.keys(name), ("scaled by", column), *lag]
 
     @property
     def _depth(self):
         return 1 + (self.operator._depth if isinstance(self.operator, Scaled) else 0)
 
     def entries(self):
-        name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
+        suffix = "" if self._depth == 1 else f"_{self._depth}"
         own = [(name, replace(spec, additive=False)) for name, spec in self.operator.entries()]
-        return [*own, (name, _SENSITIVITY)]
+        lag = [(f"lag_{name}{suffix}", spec) for name, spec in self._of_lag()]
+        return [*own, (f"sensitivity{suffix}", _SENSITIVITY), *lag]
+
+    def _of_lag(self):
+        """Return the entries of the lag that are parameters: all but gain and intercept."""
+        entries = [] if self.lag is None else self.lag.entries()
+        return [(name, spec) for name, spec in entries if spec.gauge is None]
+
+    def _rows_of_lag(self):
+        names = {name for name, _ in self._of_lag()}
+        return [i for i, (name, _) in enumerate(self.lag.entries()) if name in names]
 
     def pack(self):
-        return np.append(self.operator.pack(), self.sensitivity)
+        lag = [] if self.lag is None else self.lag.pack()[self._rows_of_lag()]
+        return np.concatenate([self.operator.pack(), [self.sensitivity], lag])
 
     def unpack(self, vector):
-        operator = self.operator.unpack(vector[:-1])
-        return replace(self, operator=operator, sensitivity=float(vector[-1]))
+        n, lag = self.operator.n_parameters, self.lag
+        if lag is not None:
+            values = lag.pack()
+            values[self._rows_of_lag()] = vector[n + 1 :]
+            lag = lag.unpack(values)
+        operator = self.operator.unpack(vector[:n])
+        return replace(self, operator=operator, sensitivity=float(vector[n]), lag=lag)
 
-    def _factor(self, u):
-        return 1.0 + self.sensitivity * (_one(u, self.column) - self.reference)
+    def init(self, u0, initial_state="rest"):
+        own = self.operator.init(u0, initial_state)
+        if self.lag is None:
+            return own
+        return own, self.lag.init(_one(u0, self.column))  # whatever the drive does, it is there
 
     def run(self, u, dt, state=None):
-        y, state = self.operator.run(u, dt, state)
-        return y * self._factor(u), state
+        a = _one(u, self.column)
+        own, state = (state, None) if self.lag is None else state or (None, None)
+        if self.lag is not None:
+            a, state = self.lag.run(a, dt, state)
+        y, own = self.operator.run(u, dt, own)
+        y = y * (1.0 + self.sensitivity * (a - self.reference))
+        return y, own if self.lag is None else (own, state)
 
     def compiled_step(self, dt, state):
-        own = self.operator.compiled_step(dt, state)
-        return CompiledProduct((own,), self.column, self.reference, self.sensitivity)
+        own, lag = (state, None) if self.lag is None else state
+        parts = (self.operator.compiled_step(dt, own),)
+        if self.lag is not None:
+            parts += (CompiledColumn((self.lag.compiled_step(dt, lag),), self.column, 0.0),)
+        return CompiledProduct(parts, self.column, self.reference, self.sensitivity)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
-        factor = self._factor(u)
-        own = y * (_one(u, self.column) - self.reference)
-        return y * factor, np.column_stack([dy * factor[:, None], own])
+        a, da = _one(u, self.column), np.empty((len(y), 0))
+        if self.lag is not None:
+            a, da = self.lag.sensitivities(a, da, dt)
+            da = self.sensitivity * da[:, self._rows_of_lag()]
+        factor = 1.0 + self.sensitivity * (a - self.reference)
+        own = y * (a - self.reference)
+        return y * factor, np.column_stack([dy * factor[:, None], own, y[:, None] * da])
 
 
 @dataclass(frozen=True)

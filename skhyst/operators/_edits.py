@@ -92,17 +92,18 @@ def on_column(whole, operator, column):
     )
 
 
-def modulated(whole, column, reference, sensitivity=0.0):
+def modulated(whole, column, reference, sensitivity=0.0, lag=None):
     """Return a tree with the response to the drive scaled by a column.
 
-    ``column`` is its number, or ``"amplitude"``; see :class:`skhyst.compose.Modulated`.
+    ``column`` is its number, or ``"amplitude"``, and ``lag`` the operator that it acts through, if
+    any; see :class:`skhyst.compose.Modulated`.
     """
     number = -1 if column == "amplitude" else column
 
     def change(part):
-        model = _node(Scaled, None, part, column=column)
+        model = _node(Scaled, None, part, column=column, lag=lag is not None)
         inside = of_columns(part.operator)
-        scaled = Scaled(inside, number, reference, sensitivity, model=model)
+        scaled = Scaled(inside, number, reference, sensitivity, lag, model=model)
         return part._replace(operator=scaled)
 
     return _changed(whole, change, SumOperator)

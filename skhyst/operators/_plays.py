@@ -131,6 +131,29 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
             row[j] = held[top, j] + total * moved[top, j]
 
 
+@jit
+def threshold_tangents(u, slacks, growth, plays, out):
+    """Write the derivatives of the plays of ``u`` by their thresholds to ``out``, (n, K).
+
+    The slack of a play at a sample is ``slacks[i, k]`` and grows with its threshold by
+    ``growth[i]``; either has one row where it is constant. A play that has last risen stands at
+    ``u - slack``, one that has last fallen at ``u + slack``. ``plays`` (K,) is updated.
+    """
+    held = np.zeros(plays.size)
+    for i in range(u.size):
+        value = u[i]
+        row = slacks[min(i, slacks.shape[0] - 1)]
+        rate = growth[min(i, growth.size - 1)]
+        for k in range(plays.size):
+            if value - row[k] > plays[k]:
+                plays[k] = value - row[k]
+                held[k] = -rate
+            elif value + row[k] < plays[k]:
+                plays[k] = value + row[k]
+                held[k] = rate
+            out[i, k] = held[k]
+
+
 def play_sum_table(thresholds, weights):
     """Tabulate the branches of a sum of plays, for :func:`play_sum_run`.
 
@@ -366,7 +389,8 @@ class Superposition(Operator):
     """Base of the weighted sums of plays, stops, relays or ramps.
 
     Fields that are arrays are read-only. Weights, the linear parameters with a lower bound of zero,
-    have that bound only where the field ``non_negative`` is true.
+    have that bound only where the field ``non_negative`` is true; where ``falling`` is true too it
+    is an upper one, and the response is the mirror image of a rising one.
     """
 
     owns_gain = True
@@ -383,10 +407,11 @@ class Superposition(Operator):
     def parameter_specs(self):
         """Return the identifiable fields; the weights have a bound if ``non_negative``."""
         specs = super().parameter_specs()
-        if not self.non_negative:
+        if not self.non_negative or self.falling:
+            upper = 0.0 if self.non_negative else np.inf
             for name, spec in specs.items():
                 if spec.linear and spec.lower == 0.0:
-                    specs[name] = dataclasses.replace(spec, lower=-np.inf)
+                    specs[name] = dataclasses.replace(spec, lower=-np.inf, upper=upper)
         return specs
 
 

@@ -1,6 +1,7 @@
 """Identification: least squares over operators. Knows no estimator."""
 
 from ._bounded_step import bounded_step
+from ._exchange import Alone, block_folds, exchanged, whole_record_folds
 from ._frequency_problem import FrequencyProblem, identify_response
 from ._identify import METHODS, IdentificationResult, constant_entries, identify
 from ._input_history import estimate_input_history, input_history_of, with_input_history
@@ -23,12 +24,14 @@ from ._variable_projection import (
     VariableProjection,
     restrict,
     search_box,
+    solve_linear,
     variable_projection,
 )
 from ._vector_fitting import RationalBlock, rational_residues, vector_fit
 
 __all__ = [
     "METHODS",
+    "Alone",
     "CuckooSearch",
     "DifferentialEvolution",
     "FrequencyProblem",
@@ -44,11 +47,13 @@ __all__ = [
     "RecordData",
     "VariableProjection",
     "ages",
+    "block_folds",
     "bounded_step",
     "coloured_covariance",
     "constant_entries",
     "distribute_poles",
     "estimate_input_history",
+    "exchanged",
     "identify",
     "identify_response",
     "input_history_of",
@@ -63,8 +68,10 @@ __all__ = [
     "search_box",
     "sections",
     "single_step",
+    "solve_linear",
     "variable_projection",
     "vector_fit",
     "warp",
+    "whole_record_folds",
     "with_input_history",
 ]

@@ -361,6 +361,30 @@ class OperatorProblem(Unknowns):
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
+    def power_left(self, blocks, step, select, wanted):
+        """Return the sum of squares that a step from where blocks are taken leaves in segments.
+
+        The coefficients of a record's disturbances come from its selected segments, as for
+        :meth:`predictions`, and where it has none from every other one of the rest in turn.
+        """
+        d, total = self._n_eliminated, 0.0
+        step = np.append(step, 1.0)
+        if not d:
+            return float(step @ blocks[wanted].sum(axis=0) @ step)
+        odd = np.arange(len(blocks)) % 2 == 1
+        for number in np.unique(self.segment_record[wanted]):
+            own = self.segment_record == number
+            known = own & select
+            pairs = [(known, own & wanted)]
+            if not known.any():
+                pairs = [(own & odd, own & wanted & ~odd), (own & ~odd, own & wanted & odd)]
+            for seen, scored in pairs:
+                gram = blocks[seen].sum(axis=0)
+                coefficients = -_solve_basis(gram[:d, :d], gram[:d, d:] @ step)
+                full = np.append(coefficients, step)
+                total += full @ blocks[scored].sum(axis=0) @ full
+        return float(total)
+
     def predictions(self, x, select, wanted=None, driven=None):
         """Return the prediction of each (wanted) record where the selected segments are known.
 

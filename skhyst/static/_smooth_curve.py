@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from numbers import Integral
+from typing import Self
 
 import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval
-from ..operators import parameter
+from ..base import with_params
+from ..operators import Resolution, parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _BEYOND = 3  # highest degree of the terms that are extrapolated beyond the data
@@ -50,8 +52,14 @@ class PolynomialCurveOperator(StaticOperator):
     stage_order: int = 40
 
     characteristics = StaticOperator.bend
+    resolution = Resolution("terms of a curve", "coefficients")
 
     curve = staticmethod(legendre_curve)
+
+    def finer(self, records):
+        """Return as many further degrees as there are terms, two at least; see the base."""
+        n = np.size(self.coefficients)
+        return n + 2 + np.arange(max(n, 2))
 
     def _constants(self):
         return self.coefficients, self.center, self.scale
@@ -110,6 +118,9 @@ class SmoothCurve(StaticModel):
     def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
         super().__init__(initial_state=initial_state, dt=dt, method=method)
         self.degree = degree
+
+    def resolved(self, operator) -> Self:
+        return with_params(self, degree=np.size(operator.coefficients) + 1)
 
     def starting_values(self, records):
         low, high = range_of_drive(records)

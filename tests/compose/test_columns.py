@@ -28,6 +28,7 @@ from skhyst.operators import (
     SumOperator,
     check_operator,
 )
+from skhyst.persistence import from_json, to_json
 
 DT, N = 0.01, 400
 
@@ -198,3 +199,43 @@ def test_a_scheduled_operator_within_takes_the_number_of_the_record():
     own = inside.at(2.0)
     expected = FirstOrderLagOperator(0.1, gain=1.2).run(U[:, 0], DT)[0]
     np.testing.assert_allclose(own.run(U, DT, own.init(U[0]))[0], expected, rtol=1e-12)
+
+
+def lagged_gain(n, noise=0.0, time_constant=0.4, seed=0):
+    """Return X and y of a gain that a coil's current sets, behind the coil's voltage, (n, 2)."""
+    rng = np.random.default_rng(seed)
+    drive = np.sin(0.21 * np.arange(n)) + 0.3 * rng.normal(size=n)
+    voltage = np.repeat(rng.uniform(1.0, 3.0, n // 50), 50)  # steps, each at one sample
+    current, now = [], voltage[0]
+    for before, after in zip(np.append(voltage[0], voltage[:-1]), voltage, strict=True):
+        # exact for a straight line between the samples
+        slope, fade = (after - before) / DT, np.exp(-DT / time_constant)
+        now = after - slope * time_constant + (now - before + slope * time_constant) * fade
+        current.append(now)
+    y = (2.0 * drive + 0.5) * (1.0 + 0.25 * (np.array(current) - 2.0))
+    return np.column_stack([drive, voltage]), y + noise * rng.normal(size=n)
+
+
+def test_a_column_scales_behind_a_lag():
+    X, y = lagged_gain(1000)
+    model = Modulated(Gain(), 1, lag=True, dt=DT).fit(X, y)
+    np.testing.assert_allclose(model.predict(X), y, atol=1e-6)
+    assert model.operator_.lag.time_constant == pytest.approx(0.4, rel=1e-4)
+    assert model.params_["lag_time_constant"] == pytest.approx(0.4, rel=1e-4)
+    at_two = 1.0 + model.operator_.sensitivity * (2.0 - model.operator_.reference)
+    assert model.operator_.sensitivity / at_two == pytest.approx(0.25, rel=1e-4)
+    check_operator(model.operator_, X[:60], DT)
+    stepper = model.stepper(u0=X[0])
+    np.testing.assert_allclose([stepper.step(row) for row in X], y, atol=1e-6)
+    again = from_json(to_json(model))
+    np.testing.assert_array_equal(again.predict(X), model.predict(X))
+    assert Modulated(Gain(), 1, dt=DT).fit(X, y).fit_error_ > 0.02
+
+
+def test_a_lag_of_the_column_is_a_part_of_the_tree():
+    operator = Scaled(OnColumnOperator(GainOperator(2.0), 0), 1, 2.0, 0.25, LAG)
+    tree = Modulated(Gain(), 1, lag=True).tree(operator)
+    assert tree.estimator().lag is True
+    keys = tree.keys()
+    assert len(keys) == tree.n_parameters
+    assert ("lag of column 1", "time_constant") in keys

@@ -159,6 +159,17 @@ def make_operators():
             time_constant=0.04,
             smoothing="velocity",
         ),
+        **{
+            f"{name}, of movable thresholds": op.MovableOperator.around(own, 0.6)
+            for name, own in {
+                "plays": plays,
+                "stops": dataclasses.replace(plays, form="stop"),
+                "slip elements": op.MaxwellSlipOperator([0.17, 0.43], [1.0, 0.4], 0.2, 0.01, 0.3),
+                "rate-dependent plays": op.RateDependentPrandtlIshlinskiiOperator(
+                    [0.0, 0.21, 0.43], [1.0, 0.4, 0.3], [0.01, -0.02, 0.03], stretch=0.012
+                ),
+            }.items()
+        },
         "series": op.Series(
             ("delay", "plays", "zones", "lag"), (op.DelayOperator(0.013), plays, zones, lag)
         ),

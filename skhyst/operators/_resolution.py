@@ -1,0 +1,228 @@
+"""Resolution: a part that is a sum of terms, and how it is given more, fewer, or other places.
+
+Plays, stops, Kelvin-Voigt units and the terms of a curve are terms of one kind, each with a weight
+and, but for those of a curve, with a position: a threshold, a time constant. How many there are and
+where they stand is what a description is fine to, and no physics. A part declares it, see
+:class:`Resolution`, and says where further terms may stand (``finer``); what is written here does
+the rest, whatever the part.
+"""
+
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+
+from ._composition import Series, SumOperator, WrappedOperator
+from ._protocol import Operator, ParameterSpec
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What an operator that is a sum of terms is fine to: their number, and where they stand.
+
+    Parameters
+    ----------
+    name : str
+        What the terms are, in the plural.
+    weights : str
+        Field of one value a term, in which the output is linear; zero where there is no term.
+    positions : str or None, default=None
+        Field that says where each term stands, ascending. None: the terms have an order, and a
+        further one comes after the others.
+    others : tuple of str, default=()
+        Further fields of one value a term, which are linear too; empty where they are not used.
+    fixed : float or None, default=None
+        Position of a term that stays where it is and is never left out.
+    """
+
+    name: str
+    weights: str
+    positions: str | None = None
+    others: tuple = ()
+    fixed: float | None = None
+
+    def of(self, operator):
+        """Return the number of terms of an operator."""
+        return np.size(getattr(operator, self.weights))
+
+    def stays(self, operator):
+        """Mark the terms that stay, (n_terms,)."""
+        if self.fixed is None:
+            return np.zeros(self.of(operator), dtype=bool)
+        return np.asarray(getattr(operator, self.positions)) == self.fixed
+
+
+def with_terms(operator, positions):
+    """Return an operator with further terms of weight zero, and marks of these.
+
+    Parameters
+    ----------
+    operator : Operator
+        One with a ``resolution``.
+    positions : array-like of shape (n_further,)
+        Where they stand, as its method ``finer`` returns them.
+
+    Returns
+    -------
+    operator : Operator
+        With the same output.
+    further : ndarray of bool of shape (n_terms + n_further,)
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> from skhyst.operators import with_terms
+    >>> finer, further = with_terms(PrandtlIshlinskiiOperator([0.0, 2.0], [1.0, 0.5]), [1.0])
+    >>> finer.thresholds, finer.weights
+    (array([0., 1., 2.]), array([1. , 0. , 0.5]))
+    >>> further
+    array([False,  True, False])
+    """
+    kind, n = operator.resolution, len(positions)
+    further = np.repeat([False, True], [kind.of(operator), n])
+    order = np.arange(len(further))
+    changes = {}
+    if kind.positions is not None:
+        places = np.append(getattr(operator, kind.positions), positions)
+        order = np.argsort(places, kind="stable")
+        changes[kind.positions] = places[order]
+    for name in (kind.weights, *kind.others):
+        own = getattr(operator, name)
+        if np.size(own) or name == kind.weights:
+            changes[name] = np.append(own, np.zeros(n))[order]
+    return replace(operator, **changes), further[order]
+
+
+def same_places(operator, other):
+    """Whether the terms of two operators of one kind stand at the same fixed positions."""
+    field = operator.resolution.positions
+    if field is None or field in operator.parameter_specs():
+        return True
+    return np.array_equal(getattr(operator, field), getattr(other, field))
+
+
+def has_weight(operator):
+    """Mark the terms of an operator that have a weight, (n_terms,)."""
+    kind = operator.resolution
+    own = [np.asarray(getattr(operator, name)) for name in (kind.weights, *kind.others)]
+    return np.any([part != 0.0 for part in own if part.size], axis=0)
+
+
+def with_terms_kept(operator, kept):
+    """Return an operator with only those of its terms that ``kept`` (n_terms,) marks."""
+    kind = operator.resolution
+    names = [kind.weights, *kind.others, *([] if kind.positions is None else [kind.positions])]
+    own = {name: np.asarray(getattr(operator, name)) for name in names}
+    return replace(operator, **{name: own[name][kept] for name in names if own[name].size})
+
+
+def parts_with_resolution(operator, _prefix=""):
+    """Return the parts within an operator that have a resolution.
+
+    Parameters
+    ----------
+    operator : Operator
+        A single part, or a series or a sum of several.
+
+    Returns
+    -------
+    list of (str, Operator, callable)
+        The prefix of its entries among those of the operator; the part; and what returns the
+        operator with another part in its place.
+    """
+    if getattr(operator, "resolution", None) is not None:
+        return [(_prefix, operator, lambda part: part)]
+    if not isinstance(operator, Series | SumOperator):
+        return []
+    found, members = [], operator.members()
+    if isinstance(operator, Series):  # what comes behind has an input of its own
+        members = members[:1]
+    for at, (name, stage) in enumerate(members):
+        for prefix, part, put in parts_with_resolution(stage, f"{_prefix}{name}__"):
+            found.append((prefix, part, _placed(operator, at, put)))
+    return found
+
+
+def _placed(operator, at, put):
+    def placed(part):
+        stages = list(operator.stages)
+        stages[at] = put(part)
+        return replace(operator, stages=tuple(stages))
+
+    return placed
+
+
+@dataclass(frozen=True)
+class MovableOperator(WrappedOperator):
+    """A sum of terms whose positions are parameters, each up to midway to its neighbours.
+
+    For identification: an operator has its positions as fixed structure, and gives the derivatives
+    of its output by them in ``position_tangents``.
+
+    Parameters
+    ----------
+    operator : Operator
+        One with a ``resolution``.
+    moving : ndarray of bool of shape (n_terms,)
+        The terms that may move.
+    limits : ndarray of shape (n_moving, 2)
+        Lowest and highest position of each.
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> from skhyst.operators import MovableOperator
+    >>> plays = PrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 0.5])
+    >>> movable = MovableOperator.around(plays, highest=3.0)
+    >>> movable.entries()[-1][0], movable.limits.tolist()
+    ('thresholds[1]', [[0.5, 3.0]])
+    """
+
+    operator: Operator
+    moving: np.ndarray
+    limits: np.ndarray
+
+    split, inner, keys = Operator.split, Operator.inner, Operator.keys
+    resolution = property(attrgetter("operator.resolution"))
+
+    @classmethod
+    def around(cls, operator, highest):
+        """Return an operator whose terms that have a weight may move, none beyond the highest."""
+        kind = operator.resolution
+        places = np.asarray(getattr(operator, kind.positions), dtype=float)
+        moving = ~kind.stays(operator) & (places <= highest) & has_weight(operator)
+        between = 0.5 * (places[1:] + places[:-1])
+        lowest = 0.5 * places[:1]  # a term that is not at zero stays away from it
+        limits = np.transpose([np.append(lowest, between), np.append(between, highest)])
+        return cls(operator, moving, limits[moving], model=operator.model)
+
+    @property
+    def _field(self):
+        return self.operator.resolution.positions
+
+    @property
+    def _places(self):
+        return np.array(getattr(self.operator, self._field), dtype=float)
+
+    def entries(self):
+        rows = zip(np.flatnonzero(self.moving).tolist(), self.limits.tolist(), strict=True)
+        own = [(f"{self._field}[{i}]", ParameterSpec(lower=a, upper=b)) for i, (a, b) in rows]
+        return [*self.operator.entries(), *own]
+
+    def pack(self):
+        return np.append(self.operator.pack(), self._places[self.moving])
+
+    def unpack(self, vector):
+        n, places = self.operator.n_parameters, self._places
+        places[self.moving] = vector[n:]
+        return self._with(replace(self.operator.unpack(vector[:n]), **{self._field: places}))
+
+    def unfitted(self):
+        return Operator.unfitted(self)
+
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
+        if not self.moving.any():
+            return y, dy
+        moving = with_terms_kept(self.operator, self.moving)
+        return y, np.column_stack([dy, moving.position_tangents(u, dt, initial_state)])

@@ -1,0 +1,463 @@
+r"""How many terms a sum takes, and where they stand: exchange of terms for a sparse measure.
+
+A part such as a sum of plays is a measure over positions: a weight at each threshold. The measure
+that fits best is sought as Denoyelle, Duval, Peyré and Soubies, *Inverse Problems*, 2020, do it
+(sliding conditional gradient), written for normal equations:
+
+1. *Scan.* One pass over the records gives the Gram matrices of the columns of terms on a fine grid
+   of positions beside those of all other parameters. From these, terms are added one by one, each
+   time the one that reduces the sum of squares most beside those that are there already (orthogonal
+   least squares: Chen, Billings and Luo, *International Journal of Control*, 1989). The weights are
+   solved within their bounds each time, and a term whose weight is zero goes.
+2. *How many.* The same is done in each fold, with terms of its own choice, and scored on what the
+   fold has not seen: so a further term pays for its place too. As many are taken as predict best.
+3. *Slide.* All positions move to where the sum of squares is least, jointly with all other
+   parameters, and terms that meet become one.
+
+The steps are repeated with the present terms beside a new scan, whose positions are then free,
+until no further term predicts better. In the end the term that costs least is taken out, and again,
+while the others, moved to where they are best then, predict no worse.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import islice, pairwise
+
+import numpy as np
+
+from ..operators import MovableOperator, Operator, has_weight, with_terms, with_terms_kept
+from ._bounded_step import bounded_step
+from ._problem import OperatorProblem
+from ._variable_projection import damped_step, variable_projection
+
+_FOLDS = 5  # as scikit-learn's own default
+_SHORTEST = 16  # samples of a block
+_SETTLED = 0.1  # part of what a parameter explains by chance, at which positions have settled
+_EVALUATIONS = 12  # of a slide
+_SLIDES = 3  # after each of which terms that have met become one
+_MET = 1e-6  # of the largest position
+_DEPENDENT = 1e-9  # part of a column's power that the others leave of one that tells nothing new
+_TOLD = 1e-14  # part of the sum of squares; a term that explains less tells rounding errors
+_LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
+
+
+@dataclass(frozen=True)
+class Alone:
+    """A part that is the whole model, with its records: where :func:`exchanged` finds a part.
+
+    Attributes
+    ----------
+    part : Operator
+        With a ``resolution``.
+    records : sequence of RecordData
+    fixed : frozenset of str
+        Names of entries that are held.
+    initial_state : {"rest", "zero"}
+    """
+
+    part: Operator
+    records: tuple
+    fixed: frozenset = frozenset()
+    initial_state: str = "rest"
+
+    def problem(self, part):
+        """Return the least-squares problem of the model with another part in the place."""
+        return OperatorProblem(
+            part, self.records, fixed=self.fixed, initial_state=self.initial_state
+        )
+
+    def at(self, problem, x):
+        """Return the place with the operators of a problem at ``x``."""
+        return replace(self, part=problem.unpack(x)[0])
+
+    def name(self, entry):
+        """Return the name of an entry of the part in the problem."""
+        return entry
+
+    def inputs(self):
+        """Return the records with what comes into the part as their drive."""
+        return self.records
+
+
+def exchanged(place, folds):
+    """Return a place whose part has as many terms as predict best what is held out.
+
+    Parameters
+    ----------
+    place : Alone
+        Or what has its attribute and methods; the part is at its solution.
+    folds : list of (train, test)
+        Boolean masks over the segments of all records: those fitted, those scored.
+
+    Returns
+    -------
+    place
+        The same where no other resolution predicts better.
+    """
+    least = _held_out(place, folds) if folds else None
+    if least is None:
+        return place
+    best = found = place
+    for candidate in (_pursued(place, folds, anew=True), place):
+        candidate = _settled(candidate)
+        power = _held_out(candidate, folds)
+        if power < least:
+            best, least = candidate, power
+            break
+    found = best if best is not place else _settled(place)
+    while (further := _pursued(found, folds)) is not None:
+        found = _settled(further)
+        power = _held_out(found, folds)
+        if not power < least:
+            break
+        best, least = found, power
+    return best if best is place else _thinned(best, folds, least)
+
+
+def block_folds(records):
+    """Return the records cut into blocks, and folds that each hold out one block of every record.
+
+    All folds train on the first block: what the memory of a device does first, it does not do
+    again. Records that are in segments already are not cut, and always trained on.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+
+    Returns
+    -------
+    records : list of RecordData
+    folds : list of (train, test)
+        Boolean masks over the segments of all records; none where the records are too short.
+    """
+    cut, numbers = [], []
+    for record in records:
+        n = min(_FOLDS + 1, len(record.u) // _SHORTEST)
+        if len(record.segments) > 1 or n < 2:
+            cut.append(record)
+            numbers += [0] * len(record.segments)
+            continue
+        edges = np.linspace(0, len(record.u), n + 1).astype(int).tolist()
+        cut.append(replace(record, segments=tuple(pairwise(edges))))
+        numbers += range(n)
+    masks = [np.array(numbers) == i for i in range(1, _FOLDS + 1)]
+    return cut, [(~test, test) for test in masks if test.any()]
+
+
+def whole_record_folds(records, folds):
+    """Return folds that hold out whole records, where there are several.
+
+    Of a record that goes further than all of those it is held out from, nothing could be predicted:
+    its segments are held out as the given folds do it.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    folds : list of (train, test)
+        Boolean masks over the segments of all records. Records are held out in as many groups.
+
+    Returns
+    -------
+    list of (train, test)
+    """
+    count = len(records)
+    if count < 2:
+        return folds
+    owner = np.repeat(np.arange(count), [len(record.segments) for record in records])
+    ends = np.array([(r.drive.min(), r.drive.max()) for r in records])
+    scored, split, found = np.any([test for _, test in folds], axis=0), np.zeros(count, bool), []
+    for group in np.array_split(np.arange(count), min(count, max(len(folds), 2))):
+        others = np.delete(ends, group, axis=0)
+        further = (ends[group, 0] < others[:, 0].min()) | (ends[group, 1] > others[:, 1].max())
+        split[group[further]] = True
+        own = np.isin(owner, group[~further])
+        found.append((~own, own & scored))
+    found += [(train, test & split[owner]) for train, test in folds]
+    return [(train, test) for train, test in found if test.any()]
+
+
+def _movable(place):
+    """Return the part with positions that are parameters, where they are not already."""
+    part = place.part
+    kind = part.resolution
+    if kind.positions is None or kind.positions in part.parameter_specs():
+        return part
+    return MovableOperator.around(part, float(np.max(part.finer(place.inputs()))))
+
+
+class _Columns:
+    """Where the terms of a part are among the unknowns of a problem.
+
+    ``groups`` (n_terms, n_columns) are those of the weights and of what else is linear, empty where
+    these are held; ``positions`` (n_terms,) -1 where a term does not move.
+    """
+
+    def __init__(self, place, problem, part):
+        kind = part.resolution
+        numbers = {name: i for i, name in enumerate(problem.names)}
+        rows = range(kind.of(part))
+        fields = [name for name in (kind.weights, *kind.others) if np.size(getattr(part, name))]
+        found = [[numbers.get(place.name(f"{f}[{i}]"), -1) for f in fields] for i in rows]
+        self.groups = np.array(found, dtype=int)
+        if np.any(self.groups < 0):
+            self.groups = np.empty((0, 0), dtype=int)
+        names = (place.name(f"{kind.positions}[{i}]") for i in rows)
+        self.positions = np.array([numbers.get(name, -1) for name in names], dtype=int)
+
+    def moving(self, terms):
+        """Return the columns of the positions of terms, of those that move."""
+        own = self.positions[terms]
+        return own[own >= 0]
+
+
+def _held_out(place, folds):
+    """Return the sum of squares that folds predict, by a step from the solution for all.
+
+    None where the weights are held.
+    """
+    problem = place.problem(_movable(place))
+    if not _Columns(place, problem, place.part).groups.size:
+        return None
+    blocks = problem.evaluate(problem.x0)
+    steps = [damped_step(problem, problem.x0, problem.total(blocks, own))[0] for own, _ in folds]
+    return _scored(problem, blocks, steps, folds)
+
+
+def _scored(problem, blocks, steps, folds):
+    return sum(
+        problem.power_left(blocks, step, *fold) for step, fold in zip(steps, folds, strict=True)
+    )
+
+
+def _settled(place):
+    """Return the place with all terms where they fit best, those that have met as one."""
+    for _ in range(_SLIDES):
+        part = _movable(place)
+        problem = place.problem(part)
+        tolerance = _SETTLED / problem.segment_weight.sum()
+        solution = variable_projection(
+            problem, problem.x0, tolerance=tolerance, max_evaluations=_EVALUATIONS
+        )
+        place = place.at(problem, solution.x)
+        if part is not place.part and isinstance(place.part, MovableOperator):
+            place = replace(place, part=place.part.operator)
+        merged = _merged(place.part)
+        if merged is None:
+            return place
+        place = replace(place, part=merged)
+    return place
+
+
+def _merged(part):
+    """Return a part without terms of no weight, and those that have met as one; None if neither."""
+    kind = part.resolution
+    kept = kind.stays(part) | has_weight(part)
+    weights = np.array(getattr(part, kind.weights), dtype=float)
+    if kind.positions is None:  # which have an order
+        kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
+    else:
+        places, alive = np.asarray(getattr(part, kind.positions)), np.flatnonzero(kept)
+        for left, right in pairwise(alive):
+            if places[right] - places[left] <= _MET * places[-1]:
+                weights[right] += weights[left]
+                kept[left] = False
+    if kept.all() or not kept.any():
+        return None
+    return with_terms_kept(replace(part, **{kind.weights: weights}), kept)
+
+
+def _pursued(place, folds, *, anew=False):
+    """Return the place with the further terms that predict best; None where none does.
+
+    ``anew``: with none of the present terms but those that stay.
+    """
+    kind = place.part.resolution
+    grid = np.asarray(place.part.finer(place.inputs()), dtype=float)
+    if kind.positions is not None:
+        grid = grid[~np.isin(grid, getattr(place.part, kind.positions))]
+    part, further = with_terms(place.part, grid)
+    loose = ~kind.stays(part) if anew else further
+    movable = part if anew else _movable(replace(place, part=part))
+    problem = place.problem(movable)
+    x, columns = problem.x0, _Columns(place, problem, part)
+    groups = columns.groups[loose]
+    blocks = _without(problem.evaluate(x), x, groups.ravel())
+    taken = np.append(groups.ravel(), columns.moving(loose))
+    others = np.setdiff1d(np.arange(len(x)), taken)
+    pursuit = _Pursuit(problem, groups, others, ordered=kind.positions is None)
+    paths = [pursuit.steps(problem.total(blocks, train)) for train, _ in folds]
+    powers, steps = [], [next(path) for path in paths]
+    while len(powers) <= 2 * np.argmin([np.inf, *powers]):
+        powers.append(_scored(problem, blocks, steps, folds))
+        following = [next(path, None) for path in paths]
+        if all(own is None for own in following):
+            break
+        steps = [old if new is None else new for old, new in zip(steps, following, strict=True)]
+    wanted = int(np.argmin(powers))
+    if wanted == 0 and not anew:
+        return None
+    *_, step = islice(pursuit.steps(problem.total(blocks)), wanted + 1)
+    of_terms = np.isin(np.arange(len(x)), groups)
+    # what is not linear is moved with care when the terms settle
+    x = np.where(of_terms, step, x + step * problem.linear)
+    place = place.at(problem, np.clip(x, problem.lower, problem.upper))
+    part = place.part if movable is part else place.part.operator
+    kept = ~loose | has_weight(part)
+    if kind.positions is None:
+        kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
+        return replace(place, part=with_terms_kept(part, kept))
+    return replace(place, part=_gathered(with_terms_kept(part, kept), grid))
+
+
+def _gathered(part, grid):
+    """Return a part with pairs of neighbours on a grid as one term, in the middle of their weights.
+
+    Two neighbours on a grid stand for one term between them.
+    """
+    kind = part.resolution
+    places = np.array(getattr(part, kind.positions), dtype=float)
+    weights = np.array(getattr(part, kind.weights), dtype=float)
+    cells, stays = np.searchsorted(grid, places), kind.stays(part)
+    kept = np.ones(len(places), dtype=bool)
+    for i in range(1, len(places)):
+        pair = cells[i] - cells[i - 1] <= 1 and not (stays[i] or stays[i - 1])
+        if pair and kept[i - 2 : i - 1].all() and weights[i] * weights[i - 1] > 0.0:
+            places[i] = np.average(places[i - 1 : i + 1], weights=weights[i - 1 : i + 1])
+            weights[i], kept[i - 1] = weights[i] + weights[i - 1], False
+    return with_terms_kept(replace(part, **{kind.positions: places, kind.weights: weights}), kept)
+
+
+def _without(blocks, x, weights):
+    """Return the Gram matrices of the same columns, and of the residual at zero weights."""
+    first = blocks.shape[1] - 1 - len(x)
+    shift = np.zeros(blocks.shape[1])
+    shift[first + weights], shift[-1] = -x[weights], 1.0
+    moved = blocks.copy()
+    last = blocks @ shift
+    moved[:, :, -1], moved[:, -1, :], moved[:, -1, -1] = last, last, last @ shift
+    return moved
+
+
+class _Pursuit:
+    """Terms that are added one by one, each the one that reduces the sum of squares most.
+
+    The Gram matrix is swept (Goodnight, *The American Statistician*, 1979): of columns that are
+    swept the last column has the solution, of all others what they could still explain.
+
+    ``groups`` (n_terms, n_columns) are the columns of the loose terms, whose weights are zero at
+    the start; ``others`` the columns that always are free.
+    """
+
+    def __init__(self, problem, groups, others, *, ordered):
+        self.groups, self.others, self.ordered = groups, others, ordered
+        self.low, self.high = problem.lower[groups[:, 0]], problem.upper[groups[:, 0]]
+
+    def steps(self, gram):
+        """Yield the steps (n,) with 0, 1, 2, ... terms from a Gram matrix."""
+        scale = np.sqrt(np.diag(gram))
+        if scale[-1] <= _LEAST:  # nothing is left
+            yield np.zeros(len(gram) - 1)
+            return
+        scale[scale <= _LEAST] = np.inf
+        swept = gram / np.outer(scale, scale)
+        for i in self.others:
+            if swept[i, i] > _DEPENDENT:
+                _sweep(swept, i)
+        columns, others = self.groups[:, 0], [i for i in self.others if swept[i, i] < 0.0]
+        chosen, number = [], 0
+        while True:
+            if len(chosen) >= number:
+                step = np.zeros(len(gram) - 1)
+                index = np.array([*others, *self.groups[chosen].ravel()], dtype=int)
+                step[index] = -swept[index, -1] * scale[-1] / scale[index]
+                yield step
+                number = len(chosen) + 1
+            left, slope = swept[columns, columns], swept[columns, -1]
+            room = np.where(slope < 0.0, self.high, -self.low)
+            gain = np.where((left > _DEPENDENT) & (room > 0.0), slope**2, 0.0)
+            gain /= np.where(left > 0.0, left, 1.0)
+            gain[chosen] = 0.0
+            best = int(np.argmax(gain > 0.0) if self.ordered else np.argmax(gain))
+            if not gain[best] > _TOLD * swept[-1, -1]:
+                return
+            chosen.append(best)
+            for i in self.groups[best]:
+                if swept[i, i] > _DEPENDENT:
+                    _sweep(swept, i)
+            while True:  # a weight beyond its bound goes, the one that is furthest beyond first
+                weights = -swept[columns[chosen], -1]
+                beyond = np.maximum(self._beyond(weights, self.low[chosen], self.high[chosen]), 0.0)
+                worst = int(np.argmax(beyond))
+                if not beyond[worst] > 0.0:
+                    break
+                gone = chosen.pop(worst)
+                for i in self.groups[gone]:
+                    if swept[i, i] < 0.0:
+                        _sweep(swept, i)
+                if gone == best:
+                    return
+
+    @staticmethod
+    def _beyond(weights, low, high):
+        return np.where(low == 0.0, -weights, np.where(high == 0.0, weights, 0.0))
+
+
+def _sweep(gram, i):
+    """Sweep a row and column of a symmetric matrix, or undo that where the pivot is negative."""
+    sign, pivot = np.sign(gram[i, i]), gram[i, i]
+    row = gram[i].copy()
+    gram -= np.outer(row, row) / pivot
+    gram[i] = gram[:, i] = sign * row / pivot
+    gram[i, i] = -1.0 / pivot
+
+
+def _thinned(place, folds, least):
+    """Return the place without terms beside which the others predict no worse."""
+    places = max(len(place.part.finer(place.inputs())), 2)
+    while True:
+        # the largest square of so many normal variables, of the mean square that is left
+        chance = 1.0 + 2.0 * np.log(places) / _n_scored(place, folds)
+        reduced = _reduced(place, folds, chance * least)
+        if reduced is None:
+            return place
+        reduced = _settled(reduced)
+        power = _held_out(reduced, folds)
+        if not power <= chance * least:
+            return place
+        place, least = reduced, power
+
+
+def _n_scored(place, folds):
+    weight = place.problem(place.part).segment_weight
+    return sum(weight[test].sum() for _, test in folds)
+
+
+def _reduced(place, folds, least):
+    """Return the place without the term that costs least; None where folds predict worse then."""
+    part, kind = place.part, place.part.resolution
+    problem = place.problem(_movable(place))
+    columns, x = _Columns(place, problem, part), problem.x0
+    loose = np.flatnonzero(~kind.stays(part))
+    loose = loose[-1:] if kind.positions is None else loose
+    if kind.of(part) < 2 or not loose.size:
+        return None
+    blocks = problem.evaluate(x)
+
+    def solved(gram, index):
+        step = np.zeros(len(x))
+        limits = (problem.lower - x)[index], (problem.upper - x)[index]
+        step[index] = bounded_step(gram[np.ix_(index, index)], gram[index, -1], *limits)
+        full = np.append(step, 1.0)
+        return step, full @ gram @ full
+
+    found = []
+    for i in loose:
+        gone = np.append(columns.groups[i], columns.moving([i]))
+        index = np.setdiff1d(np.arange(len(x)), gone)
+        cost = solved(problem.total(_without(blocks, x, columns.groups[i])), index)[1]
+        found.append((cost, int(i), index))
+    _, i, index = min(found, key=lambda own: own[0])
+    rest = _without(blocks, x, columns.groups[i])
+    steps = [solved(problem.total(rest, train), index)[0] for train, _ in folds]
+    if not _scored(problem, rest, steps, folds) <= least:
+        return None
+    return replace(place, part=with_terms_kept(part, np.arange(kind.of(part)) != i))
