@@ -43,6 +43,7 @@ from ._course import course_p_values
 from ._effects import EFFECTS
 from ._jobs import side_by_side
 from ._plausibility import has_its_name, is_plausible
+from ._resolution import raised
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
 
@@ -79,6 +80,8 @@ class Contest:
     dropped : list of str
         Effects that were in the model for a time.
     seconds : dict of str to float
+    resolution : list of Raised
+        What was done to the resolution of parts.
     """
 
     effects: list
@@ -98,7 +101,8 @@ class Contest:
     seconds: dict = field(default_factory=dict)
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
-    _weighings: int = 0
+    resolution: list = field(default_factory=list)
+    _changes: int = 0
 
     # ------------------------------------------------------------------ the family, and what it was
 
@@ -126,6 +130,21 @@ class Contest:
     def failed(self):
         """A row for each candidate that raised an error."""
         return [row for step in self.steps.values() for row in step["failed"]]
+
+    # ------------------------------------------------------------------ resolution
+
+    def raised(self, base):
+        """Return a candidate with parts as fine as the held-out error asks for."""
+        if self.renew is not None:
+            return base
+        begin = time.perf_counter()
+        finer, done = raised(base, self.records, self.folds)
+        self._add_time("resolution", begin)
+        for what in done:
+            self._say(f"{what}: held-out error {what.error_after:.4g}")
+        self.resolution += done
+        self._changes += bool(done)
+        return finer
 
     # ------------------------------------------------------------------ grow
 
@@ -571,7 +590,7 @@ class Contest:
             return base
         weights = huber_weights(base.residuals, lost=self.lost)
         self.records = [replace(r, weights=w) for r, w in zip(self.records, weights, strict=True)]
-        self._weighings += 1  # which all steps have to be done for anew
+        self._changes += 1  # for which all steps have to be done anew
         base = refitted(base, base.structure, self.records)
         return held_out(base, self.records, self.folds)
 
@@ -584,4 +603,4 @@ class Contest:
     def _set(self, candidate):
         """Return the names of a candidate's effects, whatever their order."""
         own = " + ".join(sorted(candidate.structure.effects)) or "nothing"
-        return f"{own}, weighed {self._weighings} times" if self._weighings else own
+        return f"{own}, changed {self._changes} times" if self._changes else own

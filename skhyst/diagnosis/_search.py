@@ -56,11 +56,11 @@ from ._tables import HISTORY, RANKING, SUSPECTS, WithTables, cv_results
 class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     """Find the physical effects that a declared model lacks, add them, and report the errors.
 
-    Each round puts every effect into the model so far, at data-driven starting values, refits the
-    promising ones jointly with everything else, and predicts held-out data with them, alone and in
-    pairs. What predicts significantly better, with a correction for all that were tried, and by
-    enough to matter, is a candidate; the simplest of those that the data cannot tell from the best
-    is claimed. Then what has become needless is dropped. It stops when nothing is better.
+    The resolution of the declared model comes first. Then effects are put into the model, at
+    data-driven starting values and refitted jointly with everything else, as long as they lower the
+    held-out error; each is tested against the whole model without it, with a correction for all
+    that was tried, and what is not needed is taken out; each place is contested by all effects that
+    helped, and named by the least error. It ends when the error no longer falls.
 
     Parameters
     ----------
@@ -139,14 +139,15 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     noise_model_ : NoiseModel
         Colour, outliers and steps of the noise in what no input explains.
     history_ : DataFrame
-        One row a claim: ``effect``, ``error_before``, ``error_after``, ``p_value`` (corrected for
-        the number of candidates), ``ambiguous_with``, ``provisional`` (at the end more than half of
-        the structure before the claim is left, so that another effect may take its place),
-        ``experiment``, ``evidence``.
+        One row a claim, what removes most of the error first: ``effect``, ``error_before``,
+        ``error_after`` (of the models that are left when the effect that matters least is taken out
+        of the whole, and again), ``p_value`` (of the whole model against that without the effect,
+        corrected for all that was tried), ``ambiguous_with``, ``provisional`` (structure is left,
+        so that the name may stand for what the list lacks), ``experiment``, ``evidence``.
     ranking_ : DataFrame
-        Every candidate of every round: ``round``, ``effect``, ``screen`` (part of the residual's
-        power that it explains), ``error_before``, ``error_after``, ``p_value``, ``n_parameters``,
-        ``claimed``.
+        Every candidate of every round: ``round``, ``beside`` (effects in the model), ``effect``,
+        ``screen`` (part of the residual's power that it explains), ``error_before``,
+        ``error_after``, ``p_value``, ``n_parameters``, ``claimed``.
     cv_results_ : dict of str to ndarray
         The rows of ``ranking_`` as ``GridSearchCV`` has them: ``params``, ``param_round``,
         ``param_effect``, ``split0_test_score`` and so on, the held-out errors of each fold with a
@@ -154,8 +155,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         ``rank_test_score``.
     failed_ : DataFrame
         Candidates that raised an error, which cost them alone: ``round``, ``effect``, ``error``.
+    resolution_ : list of str
+        What was done to the resolution of parts before effects were sought, such as "8 plays, the
+        data ask for 23".
     dropped_ : list of str
-        Effects that were claimed and then dropped, because later ones made them needless.
+        Effects that were in the model for a time.
+    suspects_ : DataFrame
+        What would lower the held-out error most but is not claimed: ``effect``, ``error_before``,
+        ``error_after``, ``folds_better``, ``p_value``.
+    warnings_ : list of str
+        What a user has to know of the fits, each once.
     evidence_ : dict of str to Evidence
     reference_share_ : float or None
         Part of the drive's power about its mean that the reference predicts; None without one.
@@ -389,16 +398,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
             contest.steps, contest.keep = kept.load(base), kept.save
             tell(f"{len(contest.steps)} steps are in {self.checkpoint}")
+        base = contest.raised(base)
         while True:
             ends = [contest.prune(end) for end in contest.grow(base)]
             found, _ = contest.named(min(ends, key=lambda c: c.error))
             if not contest.criterion.matters(base, found):
                 break
-            base = contest.weighed(found)
+            base = contest.raised(contest.weighed(found))
         base, ambiguous = contest.named(base)
         history = contest.claims(base, ambiguous)
-        if history:
-            history[0]["error_before"] = first.error
+        self.resolution_ = [str(done) for done in contest.resolution]
         self.suspects_ = pd.DataFrame(contest.suspects(base), columns=SUSPECTS)
         self.seconds_ |= contest.seconds
         self._declared_structure = structure

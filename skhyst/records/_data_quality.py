@@ -46,8 +46,8 @@ def data_quality(X, y, records) -> pd.DataFrame:
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
         ``lost_samples``, ``swapped_channels``, ``noisy_drive``, ``repeated_record``), ``record``,
         ``n_samples``, ``rows`` (the first few), ``value`` (reading at which it was stuck, clipped
-        or lost; jump of a wrapped reading; relative standard deviation of the interval; number of samples lost
-        before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
+        or lost; jump of a wrapped reading; relative standard deviation of the interval; number of
+        samples lost before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
 
     Notes
     -----
