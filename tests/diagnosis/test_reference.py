@@ -219,7 +219,8 @@ def test_the_command_line_takes_a_reference(fitted, tmp_path, capsys):
     result = json.loads((tmp_path / "found.json").read_text())
     share = result["data"]["reference"]["share"]
     assert result["data"]["reference"]["name"] == "setpoint"
-    assert f"the reference predicts {100.0 * share:.3g} % of the drive" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"setpoint. It predicts {100.0 * share:#.2g} % of the drive" in printed
     assert main(["diagnose", *map(str, call), "--reference", "voltage"]) == 1
 
 
