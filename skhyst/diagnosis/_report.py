@@ -7,6 +7,7 @@ every view has a line in `_remarks`.
 """
 
 import base64
+import copy
 import hashlib
 import html
 import json
@@ -185,7 +186,7 @@ class Report:
     def to_dict(self) -> dict:
         """Return everything but the pictures, as ``report.schema.json`` describes it."""
         words = {name: getattr(self, name) for name in ("headline", "sentence", "remarks")}
-        return {"schema": "skhyst.report/1"} | words | self.content
+        return copy.deepcopy({"schema": "skhyst.report/1"} | words | self.content)
 
     def to_json(self, path=None) -> str:
         """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""

@@ -344,7 +344,7 @@ def test_units_are_told(recording, tmp_path, capsys):
     )
     told = capsys.readouterr().out
     result = json.loads(path.read_text())
-    assert f"noise floor {result['noise_floor']:.4g} um" in told
+    assert f"noise floor {result['noise_floor']:#.3g} um" in told
     assert "level 0.4" in told
     assert result["units"] == {"drive": "V", "response": "um", "time": "s"}
     assert result["response_name"] == "um [um]"
