@@ -5,9 +5,6 @@ import math
 import sys
 from collections import Counter
 from concurrent.futures import BrokenExecutor
-from itertools import chain
-
-import numpy as np
 
 from .._files import check_outputs
 from ..diagnosis import EffectSearchCV, Report, next_experiment
@@ -18,11 +15,6 @@ from ..persistence import save_model
 from ..records import read_records, record_slices
 from ._reading_options import find_columns, reading_options
 
-_RESIDUAL = {
-    "noise": "noise",
-    "undetermined": "undetermined: the recording does not show whether it is noise",
-    "unexplained": "structure that no effect explains",
-}
 _DRAWN = ("jinja2", "matplotlib")
 _REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
 _NEEDED = {suffix: (modules, "plot") for suffix, modules in _REPORTS.items()}
@@ -157,59 +149,15 @@ def make_search(model, options, **more):
 
 def conclude(search, options, held_out):
     """Print the result and write the files."""
-    for line in chain(_result(search), _recording(search), _held_out_error(search, held_out)):
-        print(line)
-    _write(search, options, held_out)
-
-
-def _result(search):
-    """Yield lines on the claims, the errors and the residual."""
-    yield f"missing: {', '.join(search.effects_) or 'nothing'}"
-    for row in search.history_.itertuples():
-        yield f"  {row.effect}: {row.evidence.statement}"
-        if row.ambiguous_with:
-            names = ", ".join(row.ambiguous_with)
-            yield f"    cannot be distinguished from: {names}. {row.experiment}"
-        if row.provisional:
-            yield "    provisional: more than half of the structure before it remains"
-    span, unit = np.ptp(search.response_) / 100.0 or 1.0, _unit_after(search)
-    for row in search.failed_.itertuples():
-        yield f"fit failed: {row.effect}, {row.error}"
-    yield (
-        f"held-out error: {search.error_before_:.4g} -> {search.error_after_:.4g}{unit} "
-        f"({search.error_before_ / span:.3g} % -> {search.error_after_ / span:.3g} % of the "
-        f"range), noise floor {search.noise_floor_:.4g}{unit}"
-    )
-    yield f"residual: {_RESIDUAL[search.verdict_]}"
-    yield f"noise of the residual: {search.noise_model_}"
-
-
-def _recording(search):
-    """Yield lines on what is unknown of the recording, and on its processing."""
-    if search.units_.time == "sample":
-        yield "sampling interval unknown: give --time or --sampling-rate for s and Hz"
-    if search.reference_share_ is not None:
-        yield f"the reference predicts {100.0 * search.reference_share_:.3g} % of the drive"
-    if search.resampling_error_:
-        changed = f"{search.resampling_error_:.4g}{_unit_after(search)}"
-        yield f"interpolation onto even grids changes the response by about {changed} (RMS)"
-
-
-def _held_out_error(search, held_out):
-    if held_out is not None:
-        before = search.held_out_error(*held_out, declared=True)
-        after = search.held_out_error(*held_out)
-        change = f"{before:.4g} -> {after:.4g}{_unit_after(search)}"
-        yield f"error on the held-out part: {change}"
-
-
-def _unit_after(search):
-    return f" {search.units_.response}".rstrip()
-
-
-def _write(search, options, held_out):
-    """Write the files; if one fails, the others are still written."""
     report = Report.from_search(search, command=options.command, held_out=held_out)
+    print(report.to_text(), end="")
+    if search.units_.time == "sample":
+        print("sampling interval unknown: give --time or --sampling-rate for s and Hz")
+    _write(search, report, options)
+
+
+def _write(search, report, options):
+    """Write the files; if one fails, the others are still written."""
     is_markdown = options.report and options.report.suffix.lower() == ".md"
     outputs = (
         (options.save, lambda path: save_model(search.best_estimator_, path)),

@@ -1,27 +1,76 @@
-"""What a search found, as plain data, and as a page to read."""
+"""What a search found: one dict of plain data, and the views of it.
+
+`_collect` alone reads the search. JSON, the text for a terminal and the template ``report.j2``,
+which writes HTML and Markdown, read the dict; the pictures are drawn by the Displays of
+:mod:`skhyst.inspection`. What is new in a search gets its entry in `_collect`, and a sentence that
+every view has a line in `_remarks`.
+"""
 
 import base64
-import dataclasses
+import copy
 import hashlib
 import html
 import json
+import math
+import platform
 import re
+from dataclasses import asdict
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
 from typing import Self
 
+import numpy as np
+
 from .._files import printable, replacing
-from ._report_data import collect
-from ._report_figures import report_figures
-from ._report_page import page, verdict
+from ..inspection import (
+    EffectRankingDisplay,
+    EvidenceDisplay,
+    HysteresisLoopDisplay,
+    PredictionDisplay,
+    ResidualDisplay,
+    spectrum,
+    svg_text,
+)
+from ..records import by_interval
+from ._constants import NOTICEABLE
+from ._effects import EFFECTS
+from ._location import locate
+from ._reference import column_of
+from ._report_text import chance, change, listed, number, percent, plus_minus, share
+
+_NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
+_WIDTH = 7.4  # inches, of a picture
+_PICTURES = {  # height in inches, what it is, and axes
+    "course": (4.6, "Response over time, measured and modelled", (2, 1)),
+    "loops": (6.4, "Loops, measured and modelled", None),
+    "residuals": (5.6, "Residuals in time, by branch, and spectrum", (2, 2)),
+}
+_LEFT = {
+    "noise": "what is left is noise",
+    "undetermined": "the recording cannot tell",
+    "unexplained": "something is left that no effect explains",
+}
+_PROVISIONAL = (
+    "Provisional: in the end more than half of the structure before this claim is left. Another "
+    "effect, or one that was not tried, may take its place."
+)
 
 
-@dataclasses.dataclass(repr=False)
 class Report:
-    """Result of a search for missing effects: numbers, tables and signals.
+    """Result of a search for missing effects: a dict of numbers, tables and words, and pictures.
 
     Make one with :meth:`from_search`. All errors are RMS on samples that the model had not seen,
     in the unit of the response. Only ``seconds`` differs between two runs of the same search.
 
     Parameters
+    ----------
+    content : dict
+        Plain Python data, in which NaN and infinity are None; its entries are attributes too.
+    displays : dict of str to Display, default=None
+        The pictures of :meth:`to_html`: ``course``, ``loops``, ``residuals``, one of each round in
+        which an effect was contested and one of each claim; none by default.
+
+    Attributes
     ----------
     declared_model, augmented_model : str
         The model that was declared, and with what was found.
@@ -65,8 +114,6 @@ class Report:
         Candidates that raised an error: round, effect, error.
     dropped, next_steps : list of str
         Effects that later claims made needless, and what to measure next.
-    signals : dict
-        Arrays for the pictures; not part of :meth:`to_dict`.
 
     Examples
     --------
@@ -77,36 +124,9 @@ class Report:
         report.to_dict()["effects"]
     """
 
-    declared_model: str
-    augmented_model: str
-    effects: list
-    verdict: str
-    error_before: float
-    error_after: float
-    noise_floor: float
-    response_range: float
-    noise_model: dict
-    drive_name: str
-    response_name: str
-    units: dict
-    claims: list
-    ranking: list
-    not_it: list
-    folds: list
-    parameters: dict
-    data: dict
-    settings: dict
-    held_out: dict | None
-    versions: dict
-    seconds: dict
-    command: str | None
-    spectra: dict
-    location: list
-    declared_location: list
-    dropped: list
-    failed: list
-    next_steps: list
-    signals: dict = dataclasses.field(repr=False)
+    def __init__(self, content, displays=None):
+        self.content = content
+        self.displays = displays
 
     @classmethod
     def from_search(cls, search, command=None, *, held_out=None) -> Self:
@@ -125,22 +145,31 @@ class Report:
         -------
         Report
         """
-        return cls(**collect(search, command, held_out))
+        return cls(_collect(search, command, held_out), _displays(search))
 
-    @property
-    def rounds(self) -> list[int]:
-        """Numbers of the rounds, in order."""
-        return sorted({row["round"] for row in self.ranking})
+    def __getattr__(self, name):
+        try:
+            return self.__dict__["content"][name]
+        except KeyError:
+            raise AttributeError(f"A {type(self).__name__} has no {name!r}.") from None
+
+    def __dir__(self):
+        return [*super().__dir__(), *self.content]
 
     @property
     def headline(self) -> str:
         """The verdict in a few words."""
-        return verdict(self)[0]
+        return _found(self)[0]
 
     @property
     def sentence(self) -> str:
         """The verdict, after what to beware of: what is missing, the errors, the noise floor."""
-        return verdict(self)[1]
+        return " ".join([*_warnings(self), _found(self)[1]])
+
+    @property
+    def remarks(self) -> list[str]:
+        """What else to know of the search and of the recording, one sentence or two each."""
+        return list(_remarks(self))
 
     def __repr__(self):
         return f"Report: {self.headline}. {self.sentence}"
@@ -155,11 +184,33 @@ class Report:
         return f"<div>{head}{f'<ul>{claims}</ul>' if claims else ''}</div>"
 
     def to_dict(self) -> dict:
-        """Return everything but the signals, as plain Python data; NaN and infinity are None."""
-        summary = {"headline": self.headline, "sentence": self.sentence}
-        fields = {name: value for name, value in vars(self).items() if name != "signals"}
-        text = json.dumps({"schema": "skhyst.report/1"} | summary | fields, default=_plain)
-        return json.loads(text, parse_constant=lambda _: None)
+        """Return everything but the pictures, as ``report.schema.json`` describes it."""
+        words = {name: getattr(self, name) for name in ("headline", "sentence", "remarks")}
+        return copy.deepcopy({"schema": "skhyst.report/1"} | words | self.content)
+
+    def to_json(self, path=None) -> str:
+        """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
+        text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return _written(printable(text), path)
+
+    def to_text(self) -> str:
+        """Return what is missing, the errors, what is left and remarks, in a few lines."""
+        lines = [f"missing: {', '.join(self.effects) or 'nothing'}"]
+        for claim in self.claims:
+            lines.append(f"  {claim['effect']}: {claim['statement']}")
+            if claim["ambiguous_with"]:
+                lines.append(f"    {_not_told(claim)} {claim['experiment']}")
+            if claim["provisional"]:
+                lines.append(f"    {_PROVISIONAL}")
+        errors = [_error(self, value) for value in (self.error_before, self.error_after)]
+        lines += [
+            f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
+            f"residual: {_LEFT[self.verdict]}",
+            f"noise of the residual: {self.noise_model['text']}",
+            *([_kept(self)] if self.held_out else []),
+            *self.remarks,
+        ]
+        return printable("\n".join(lines) + "\n")
 
     def to_html(self, path=None) -> str:
         """Return a self-contained page: no other file, nothing from a network.
@@ -187,12 +238,61 @@ class Report:
 
     def to_markdown(self, path=None) -> str:
         """Return the text and the tables without pictures; otherwise as :meth:`to_html`."""
-        return _written(_rendered(self, "markdown"), path)
+        text = _rendered(self, "markdown")
+        return _written(re.sub(r"\n{3,}", "\n\n", text).strip() + "\n", path)
 
-    def to_json(self, path=None) -> str:
-        """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
-        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        return _written(printable(content), path)
+
+# --------------------------------------------------------------------------------------- the dict
+
+
+def _collect(search, command, held_out):
+    """Return the entries of a report by name, as plain data."""
+    columns = getattr(search, "feature_names_in_", ["drive"])
+    order = {"by": ["round", "error_after", "screen"], "ascending": [True, True, False]}
+    ranking = search.ranking_.sort_values(**order, kind="stable")
+    claims = [_claim(row) for row in search.history_.to_dict("records")]
+    not_it, data = _not_it(ranking, claims), _data(search)
+    location = _location(search.residual_location_, search.records_)
+    declared = locate(search.records_, search.drive_, search.residual_before_, search.units_)
+    settings = {
+        name: value if value is None or np.isscalar(value) else repr(value)
+        for name, value in search.get_params(deep=False).items()
+        if name not in _NO_SETTINGS
+    }
+    models = {"declared": search.declared_estimator_, "augmented": search.best_estimator_}
+    entries = {
+        **{f"{name}_model": " ".join(repr(model).split()) for name, model in models.items()},
+        "effects": search.effects_,
+        "verdict": search.verdict_,
+        "error_before": float(search.error_before_),
+        "error_after": float(search.error_after_),
+        "noise_floor": float(search.noise_floor_),
+        "response_range": float(np.ptp(search.response_)),
+        "noise_model": asdict(search.noise_model_) | {"text": str(search.noise_model_)},
+        "drive_name": str(columns[0]),
+        "response_name": str(search.response_name_),
+        "units": asdict(search.units_),
+        "claims": claims,
+        "ranking": ranking.to_dict("records"),
+        "not_it": not_it,
+        "folds": _folds(search),
+        "parameters": {name: _parameters(m, search.units_) for name, m in models.items()},
+        "data": data,
+        "settings": settings,
+        "held_out": None if held_out is None else _held_out(search, *held_out),
+        "versions": _versions(),
+        "seconds": search.seconds_,
+        "command": command,
+        "spectra": _spectra(search),
+        "location": location,
+        "declared_location": _location(declared, search.records_),
+        "dropped": search.dropped_,
+        "failed": search.failed_.to_dict("records"),
+        "next_steps": next_steps(
+            claims, not_it, location, search.verdict_, data["faults"], settings
+        ),
+    }
+    return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
 
 
 def _plain(value):
@@ -203,10 +303,425 @@ def _plain(value):
     return value.tolist()
 
 
+def _claim(row):
+    """Return one claim: a row of the history with what its evidence says."""
+    row, effect = dict(row), EFFECTS.get(row["effect"])
+    evidence = row.pop("evidence")
+    return row | {
+        "law": effect.law if effect else "",
+        "statement": evidence.statement,
+        "numbers": [
+            {"name": name, "value": value, "std": std, "unit": unit}
+            for name, (value, std, unit) in evidence.numbers.items()
+        ],
+        "picture": evidence.picture,
+    }
+
+
+def _not_it(ranking, claims):
+    """Return, for each effect not claimed, the contest in which it helped most, best first.
+
+    An effect that was never contested appears with the largest share of the residual's power that
+    it explained in any round. Effects that fit as well as a claimed one are left out.
+    """
+    excluded = {name for claim in claims for name in (claim["effect"], *claim["ambiguous_with"])}
+    names = ["effect", "round", "screen", "p_value", "error_before", "error_after", "change"]
+    own = ranking.assign(change=ranking["error_after"] / ranking["error_before"] - 1.0)[names]
+    own = own[~own["effect"].isin(excluded)]
+    own = own.sort_values(["change", "screen"], ascending=[True, False], kind="stable")
+    claimed = ranking[ranking["claimed"].astype(bool)].drop_duplicates("round").set_index("round")
+    winners, rows = claimed.to_dict("index"), []
+    for row in own.drop_duplicates("effect").to_dict("records"):
+        winner = winners.get(row["round"], {})
+        instead = winner.get("effect"), winner.get("error_after", math.nan)
+        rows.append(row | {"claimed_instead": instead[0], "claimed_error": instead[1]})
+    return rows
+
+
+def _folds(search):
+    """Return the held-out errors of every fold in every record."""
+    rows = []
+    for record in search.records_:
+        own = search.folds_[record.rows]
+        squares = {
+            f"error_{name}": getattr(search, f"residual_{name}_")[record.rows] ** 2
+            for name in ("before", "after")
+        }
+        scored = np.isfinite(sum(squares.values()))
+        for fold in np.unique(own[scored & (own >= 0)]):
+            at = scored & (own == fold)
+            errors = {name: float(np.sqrt(square[at].mean())) for name, square in squares.items()}
+            which = {"record": str(record.label), "fold": int(fold), "n_samples": int(at.sum())}
+            rows.append(which | errors)
+    return rows
+
+
+def _parameters(estimator, words):
+    """Return the parameters of a model, one row a value, with standard errors where known."""
+    rows, errors = [], getattr(estimator, "params_std_", {})
+    operator = getattr(estimator, "operator_", None)
+    units = {} if operator is None else operator.parameter_units()
+    units = {name.removeprefix("model__"): words.of(unit) for name, unit in units.items()}
+    for name, value in getattr(estimator, "params_", {}).items():
+        values = np.ravel(value)
+        stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)
+        for k, (item, std) in enumerate(zip(values, stds, strict=True)):
+            label = name if np.ndim(value) == 0 else f"{name}[{k}]"
+            # no standard error: infinite, or none at all
+            note = "not determined" if np.isinf(std) else "at a bound" if np.isnan(std) else ""
+            own = {"value": float(item), "std": float(std), "unit": units.get(label, "")}
+            rows.append({"name": label, **own, "note": note})
+    return rows
+
+
+def _data(search):
+    """Return what the recording is: records, samples, interval, ranges."""
+    signals, records = {"drive": search.drive_, "response": search.response_}, []
+    for record in search.records_:
+        own = {
+            "label": str(record.label),
+            "n_samples": record.n_samples,
+            "start_time": record.start_time,
+            "interval": record.dt,
+            "duration": record.dt * record.n_samples,
+        }
+        for name, signal in signals.items():
+            part = signal[record.rows]
+            own |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
+        records.append(own)
+    faults = search.data_quality_.astype({"record": str})
+    return {
+        "n_records": len(records),
+        "n_samples": len(search.response_),
+        "n_scored": int(np.count_nonzero(np.isfinite(search.residual_before_))),
+        "n_inputs": search.n_features_in_,
+        "resampling_error": search.resampling_error_,
+        "interval": min(record.dt for record in search.records_),
+        "records": records,
+        "extrapolated": float(search.extrapolated_),
+        "reference": _reference(search),
+        "faults": faults.to_dict("records"),
+    }
+
+
+def _reference(search):
+    """Return the name of the reference and the part of the drive that it predicts, or None."""
+    if search.reference is None:
+        return None
+    at = column_of(search)
+    names = getattr(search, "feature_names_in_", None)
+    name = f"column {at}" if names is None else str(names[at])
+    return {"name": name, "share": float(search.reference_share_)}
+
+
+def _held_out(search, X, y):
+    """Return the errors of both models on data that the search has not seen."""
+    return {
+        "n_samples": len(y),
+        "response_range": float(np.ptp(np.asarray(y, dtype=float))),
+        "error_before": search.held_out_error(X, y, declared=True),
+        "error_after": search.held_out_error(X, y),
+    }
+
+
+def _location(table, slices):
+    """Return the strongest entry of each way to look at what is left."""
+    labels = {s.label: str(s.label) for s in slices}  # the table holds 1 as 1.0
+    strongest = table[table["concentration"] > 1.5].groupby("by", sort=False).head(1)
+    rows = strongest.to_dict("records")
+    return [{**row, "record": labels.get(row["record"])} for row in rows]
+
+
+def _spectra(search):
+    """Return the amplitude spectral density of the residual before and after, by the interval."""
+    unscored = np.isnan(search.residual_before_ + search.residual_after_)
+    found = {"interval": [], "frequency": [], "before": [], "after": []}
+    for dt, numbers in by_interval(search.records_).items():
+        spans = [search.records_[i].rows for i in numbers]
+        for name in ("before", "after"):
+            residual = np.where(unscored, np.nan, getattr(search, f"residual_{name}_"))
+            frequency, density = spectrum(residual, spans, dt, per_decade=40)
+            found[name] += density.tolist()
+        found["frequency"] += frequency.tolist()
+        found["interval"] += [dt] * len(frequency)
+    return found
+
+
+def _versions():
+    """Return package name -> version, Python first."""
+    versions = {"python": platform.python_version()}
+    for package in ("skhyst", "numpy", "scipy", "scikit-learn", "pandas", "numba"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
+
+
+def next_steps(claims, not_it, location, verdict, faults, settings):
+    """Return what to measure next, a list of sentences."""
+    steps = [
+        f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
+        for claim in claims
+        if claim["ambiguous_with"]
+    ]
+    misses = [
+        row
+        for row in not_it
+        if row["p_value"] >= settings["alpha"]
+        and row["change"] < -0.05
+        and row["claimed_instead"] is None
+    ]
+    for row in misses[:2]:
+        effect = EFFECTS.get(row["effect"])
+        steps.append(
+            f"{row['effect']} would make the error {number(-100.0 * row['change'], 2)} % smaller, "
+            f"which these records do not make certain (p = {number(row['p_value'], 2)}). To see "
+            f"whether it is there: {effect.experiment if effect else ''}".rstrip()
+        )
+    if verdict == "unexplained" and _is_full(claims, settings):
+        steps.append(
+            f"Search again with more effects: the search ended with as many as max_effects = "
+            f"{settings['max_effects']} allows."
+        )
+    elif verdict == "unexplained":
+        step = "Record more of what no effect explains"
+        where = _looks(location)
+        steps.append(
+            f"{step}: it is strongest {where}."
+            if where
+            else f"{step}, and repeat one record exactly: what returns is structure, what does "
+            "not is noise."
+        )
+    if verdict == "undetermined":
+        steps.append(
+            f"Record longer, and more of what is held out worst{', ' * bool(location)}"
+            f"{_looks(location)}: there the other records say too little."
+        )
+    if verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
+        steps.append(
+            "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
+            "command line, proposes the drive within your limits that tells most of this."
+        )
+    if faults:
+        steps.append("Mend the faults of the recording listed under Data, and search again.")
+    return steps
+
+
+# ------------------------------------------------------------------------------------------ words
+
+
+def _warnings(report):
+    worst, part = max(report.error_before, report.error_after), report.data["extrapolated"]
+    if worst > report.response_range:
+        yield (
+            f"A held-out error of {_error(report, worst)} is more than all of the response: the "
+            "model runs away on what it was not fitted to."
+        )
+    if part > NOTICEABLE:
+        yield (
+            f"The folds extrapolate: {share(part)} of the samples are held out where the drive "
+            "goes beyond that of all records or blocks that they are predicted from. With several "
+            "records, an int as cv holds out a part of each instead."
+        )
+    faults = {fault["fault"] for fault in report.data["faults"]}
+    if "noisy_drive" in faults:
+        yield (
+            "The recorded drive has noise that the device has not seen: parameters are biased. "
+            "Claims and verdict rest on the smooth part of the drive."
+        )
+    if "closed_loop" in faults:
+        yield (
+            "The drive reacts to the noise of the response, as in a closed loop: claims and "
+            "parameters may be biased. Record what the controller follows as a further column, and "
+            "search with it as the reference."
+        )
+
+
+def _found(report):
+    """Return the headline and the sentence of what was found."""
+    before, after, floor = (
+        _error(report, value)
+        for value in (report.error_before, report.error_after, report.noise_floor)
+    )
+    model = f"The declared model {report.declared_model}"
+    explained = report.verdict != "unexplained"
+    noise = f"What is left is noise; its floor is {floor}."
+    headline, mark = "Nothing is missing", "" if explained else "; and something unexplained"
+    if report.verdict == "undetermined":
+        headline, mark = "Undetermined", "; and undetermined"
+        noise = (
+            f"What the fit leaves may be noise, {floor}, but the recording cannot tell: parts of "
+            "it go further than the others, or it is too short for so many parameters, or to tell "
+            "slow noise from what follows the drive."
+        )
+    if not report.effects and explained:
+        return headline, (
+            f"{model} lacks none of the effects that were tried: its held-out error is {before}. "
+            f"{noise}"
+        )
+    if not report.effects:
+        return "Unexplained", (
+            f"{model} leaves structure that none of the effects that were tried explains: its "
+            f"held-out error is {before}, above the noise floor of {floor}. No effect is claimed."
+        )
+    found = listed(
+        f"{claim['effect']} (these data cannot tell it from {listed(claim['ambiguous_with'])})"
+        if claim["ambiguous_with"]
+        else claim["effect"]
+        for claim in report.claims
+    )
+    if any(claim["provisional"] for claim in report.claims):
+        found += ", provisionally"
+    them = "it" if len(report.effects) == 1 else "them"
+    rest = f"What is left is above the noise floor of {floor}, and no effect tried explains it."
+    return (
+        f"Missing: {', '.join(report.effects)}{mark}",
+        f"{model} lacks {found}: with {them} the held-out error falls from {before} to {after}. "
+        f"{noise if explained else rest}",
+    )
+
+
+def _remarks(report):
+    """Yield what every view tells beside the verdict."""
+    data, dropped = report.data, report.dropped
+    if dropped:
+        was, it = ("was", "it") if len(dropped) == 1 else ("were", "them")
+        names = listed(dropped)
+        yield f"{names} had been claimed first, and {was} dropped: later ones replace {it}."
+    for error, names in _failures(report.failed).items():
+        yield f"Not everything was tried: {listed(names)} failed with {error}"
+    if data["resampling_error"]:
+        yield (
+            "The readings were not evenly spaced: these samples are interpolated between them, "
+            f"which changes the response by about {_error(report, data['resampling_error'])}. What "
+            "is smaller than that may be owed to it."
+        )
+    if data["reference"]:
+        yield (
+            f"Reference of the loop: {data['reference']['name']}. It predicts "
+            f"{share(data['reference']['share'])} of the drive, and the decisions rest on that. "
+            "The fits do not: noise in the rest of the drive biases their parameters."
+        )
+
+
+def _error(report, value, whole=None):
+    """Write an error in its unit, with its percentage of the range."""
+    part = percent(value, report.response_range if whole is None else whole)
+    unit = report.units["response"]
+    return f"{f'{number(value)} {unit}'.strip()} ({part} of the range)"
+
+
+def _kept(report):
+    """Say what the errors are on data that the search has not seen."""
+    kept, names = report.held_out, ("before", "after")[: 1 + bool(report.effects)]
+    own = [f"{_error(report, kept[f'error_{n}'], kept['response_range'])} {n}" for n in names]
+    return f"On {kept['n_samples']} samples kept from the search altogether: {', '.join(own)}."
+
+
+def _sure(claim):
+    """Say how sure a claim is."""
+    text = f"{claim['effect']}: {chance(claim['p_value'])}"
+    if claim["ambiguous_with"]:
+        text += f", not told from {listed(claim['ambiguous_with'])}"
+    return text + (", provisional" if claim["provisional"] else "")
+
+
+def _not_told(claim):
+    """Say what a claim may be as well."""
+    others = listed(claim["ambiguous_with"])
+    return f"These data cannot tell it from {others}. The simplest is named. To tell:"
+
+
+def _looks(location):
+    """Say where a residual stands.
+
+    Examples
+    --------
+    >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "unit": "Hz"}
+    >>> _looks([row | {"concentration": 4.0}]), _looks([])
+    ('from 10.0 to 20.0 Hz (4.0 times the mean power)', '')
+    """
+    places = {
+        "record": "in record {record}",
+        "time": "from {low} to {high} {unit} of record {record}",
+        "drive": "where the drive is from {low} to {high}{known}",
+        "rate": "where the drive's rate is from {low} to {high}{known}",
+        "frequency": "from {low} to {high} {unit}",
+    }
+    return "; ".join(
+        places[row["by"]].format(
+            record=row["record"],
+            low=number(row["low"]),
+            high=number(row["high"]),
+            unit=row["unit"],
+            known="" if row["unit"].startswith("drive") else f" {row['unit']}",
+        )
+        + f" ({number(row['concentration'], 2)} times the mean power)"
+        for row in location
+    )
+
+
+def _is_full(claims, settings):
+    """Whether a search ended because it had claimed as many effects as it may."""
+    return len(claims) == settings["max_effects"]
+
+
+def _failures(failed):
+    """Return the effects that were left out, once each, by the error."""
+    found = {}
+    for row in failed:
+        names = found.setdefault(row["error"], [])
+        names += [row["effect"]] * (row["effect"] not in names)
+    return found
+
+
+# ----------------------------------------------------------------------------------------- views
+
+
+def _displays(search):
+    """Return the pictures by name, not yet drawn."""
+    displays = {
+        "course": PredictionDisplay.from_search(search, draw=False),
+        "loops": HysteresisLoopDisplay.from_search(search, draw=False),
+        "residuals": ResidualDisplay.from_search(search, draw=False),
+    }
+    contested = search.ranking_[np.isfinite(search.ranking_["error_after"])]
+    for n in map(int, contested["round"].unique()):
+        displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
+    for name in search.effects_:
+        displays[f"evidence {name}"] = EvidenceDisplay.from_search(search, name, draw=False)
+    return displays
+
+
+def _drawn(name, display):
+    """Return a picture as SVG text that stands inside a page."""
+    height, label, shape = _PICTURES.get(name, (3.4, name.capitalize(), (1, 1)))
+    if name.startswith("round"):
+        height = 0.95 + 0.24 * len(display.ranking)
+    elif name.startswith("evidence"):
+        label = f"Evidence for {name.removeprefix('evidence ')}"
+        height = 3.4 if display.picture.below is None else 5.4
+
+    def draw(figure):
+        if name != "loops":
+            display.plot(ax=figure.subplots(*shape))
+            return
+        panels = 2, len(display.predictions)
+        axes = figure.subplots(*panels, squeeze=False, sharex=True, sharey="row")
+        for row, subtract in zip(axes, (False, True), strict=True):
+            display.plot(ax=row, subtract_line=subtract)
+        for ax in axes[0]:
+            ax.set_xlabel("")
+
+    return svg_text(draw, (_WIDTH, height), label)
+
+
 def _rendered(report, form):
     """Return the page in a form, or say how to install what it needs."""
     try:
         import jinja2
+        import markupsafe
     except ImportError as error:
         raise ImportError(
             "A report as HTML or Markdown needs Jinja2, which is not installed. "
@@ -220,19 +735,39 @@ def _rendered(report, form):
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["md"] = _markdown_text
-    environment.filters["nobreak"] = lambda value: re.sub(r"(?<=\d) (?=%|×)", "\u00a0", str(value))
-    figures = report_figures(report) if form == "html" else None
-    template, blocks = environment.get_template("report.j2"), page(report, figures)
+
+    def said(text):
+        """Return words as they stand in the page, with what is no markup escaped."""
+        text = " ".join(str(markupsafe.escape(text) if form == "html" else text).split())
+        if form == "html":
+            return markupsafe.Markup(re.sub(r"(?<=\d) (?=%|×)", "\u00a0", text))
+        return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", text)
+
+    environment.filters |= {
+        "said": said,
+        "error": partial(_error, report),
+        "looks": _looks,
+        "sure": _sure,
+        "not_told": _not_told,
+    }
+    environment.filters |= {f.__name__: f for f in (chance, listed, number, percent, share)}
     script = environment.loader.get_source(environment, "pictures.js")[0]
-    own = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    filled = {"form": form, "headline": report.headline, "blocks": blocks}
-    return printable(template.render(**filled, script=script, script_hash=own))
-
-
-def _markdown_text(value):
-    """Escape what Markdown or HTML inside it would read as markup."""
-    return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", str(value)).replace("\n", " ")
+    figures = {} if form == "markdown" else report.displays or {}
+    return printable(
+        environment.get_template("report.j2").render(
+            r=report.to_dict(),
+            form=form,
+            figures={name: _drawn(name, display) for name, display in figures.items()},
+            left=_LEFT,
+            provisional=_PROVISIONAL,
+            kept=_kept(report) if report.held_out else "",
+            is_full=_is_full(report.claims, report.settings),
+            change=change,
+            plus_minus=plus_minus,
+            script=script,
+            script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        )
+    )
 
 
 def _written(content, path):

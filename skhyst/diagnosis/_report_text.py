@@ -94,7 +94,7 @@ def change(before, after):
     >>> change(2.0, 0.5), change(2.0, 2.1), change(2.0, 2.0001), change(2.0, 30.0), change(0.0, 1.0)
     ('−75.0 %', '+5.0 %', '0.0 %', '15 times', '–')
     """
-    if not before or not math.isfinite(after):
+    if not before or after is None or not math.isfinite(after):
         return "–"
     if after > 3.0 * before:
         return f"{number(after / before, 2)} times"

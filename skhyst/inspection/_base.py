@@ -9,6 +9,10 @@ import numpy as np
 from .._documentation import documented_like, inherit_documentation
 from ..io import unit_of
 from ..records import Units, record_slices
+from ._drawing import MUTED, plain
+from ._plot_data import envelope, loop_spans, thin_path
+
+_POINTS = 240  # drawn of a cycle
 
 
 class Display(ABC):
@@ -152,13 +156,15 @@ class SignalDisplay(Display):
 
     @classmethod
     @documented_like(from_estimator)
-    def from_search(cls, search, *, ax=None, **plot_options) -> Self:
+    def from_search(cls, search, *, ax=None, draw=True, **plot_options) -> Self:
         """Draw the held-out predictions of a fitted search, before and after.
 
         Parameters
         ----------
         search : EffectSearchCV
             Fitted.
+        draw : bool, default=True
+            Whether to draw it now, or with :meth:`plot` later.
         """
         predictions = {"declared model": np.asarray(search.prediction_before_, dtype=float)}
         if search.effects_:
@@ -174,7 +180,7 @@ class SignalDisplay(Display):
             response_name=response_name,
             noise_floor=float(search.noise_floor_),
         )
-        return display.plot(ax=ax, **plot_options)
+        return display.plot(ax=ax, **plot_options) if draw else display
 
     @property
     def units(self) -> Units:
@@ -200,6 +206,29 @@ class SignalDisplay(Display):
             time[record.rows] = first + record.dt * np.arange(record.n_samples)
             start += record.dt * record.n_samples
         return time
+
+    def _draw_in_time(self, ax, values, max_points, label=None, **style):
+        """Draw a signal by its outline, which keeps every peak, a line for each record."""
+        time = self.running_time()
+        for k, span in enumerate(self.spans):
+            points = max(8, max_points * (span.stop - span.start) // len(time))
+            kept = span.start + envelope(values[span], points // 2)
+            shown = plain(label) if label and k == 0 else None
+            ax.plot(time[kept], values[kept], label=shown, **style)
+
+    def _mark_records(self, ax):
+        """Draw a line where each record but the first begins."""
+        time = self.running_time()
+        for span in self.spans[1:]:
+            ax.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
+        ax.margins(x=0.01)
+
+    def _draw_loops(self, ax, values, max_cycles, label=None, **style):
+        """Draw a signal against the drive, a line for each stretch of whole cycles."""
+        for k, (rows, cycles) in enumerate(loop_spans(self.drive, self.spans, max_cycles)):
+            kept = thin_path(self.drive[rows], values[rows], int(_POINTS * max(cycles, 1.0)))
+            shown = plain(label) if label and k == 0 else None
+            ax.plot(self.drive[rows][kept], values[rows][kept], label=shown, **style)
 
 
 def signal_names(search):

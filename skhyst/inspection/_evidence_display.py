@@ -43,7 +43,7 @@ class EvidenceDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_search)
-    def from_search(cls, search, effect, *, ax=None, **plot_options) -> Self:
+    def from_search(cls, search, effect, *, ax=None, draw=True, **plot_options) -> Self:
         """Draw the evidence for an effect that a search has claimed.
 
         Parameters
@@ -61,7 +61,8 @@ class EvidenceDisplay(Display):
                 f"The 'effect' parameter of EvidenceDisplay.from_search must be one of "
                 f"{list(search.evidence_)}. Got {effect!r} instead."
             )
-        return cls(search.evidence_[effect].picture).plot(ax=ax, **plot_options)
+        display = cls(search.evidence_[effect].picture)
+        return display.plot(ax=ax, **plot_options) if draw else display
 
     @documented_like(Display.plot)
     def plot(self, ax=None, *, max_points=2000) -> Self:

@@ -6,10 +6,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import SignalDisplay
-from ._drawing import COLORS, MEASURED, legend_beside, new_axes, plain, tidy
-from ._plot_data import loop_spans, thin_path
-
-_POINTS = 240  # drawn of a cycle
+from ._drawing import COLORS, MEASURED, legend_beside, new_axes, tidy
 
 
 class HysteresisLoopDisplay(SignalDisplay):
@@ -56,14 +53,14 @@ class HysteresisLoopDisplay(SignalDisplay):
         n_panels = 1 if one else max(n_models, 1)
         shared = {"size": (1.0 + 4.2 * n_panels, 4.2), "sharex": True, "sharey": True}
         axes = new_axes(ax, 1, n_panels, "HysteresisLoopDisplay", **shared).ravel()
-        stretches = loop_spans(self.drive, self.spans, max_cycles)
         line = self._straight_line() if subtract_line else np.zeros(len(self.drive))
         for panel in axes:
-            self._draw(panel, self.response - line, stretches, "measured", MEASURED, 2.0)
+            style = {"color": MEASURED, "linewidth": 2.0, "solid_joinstyle": "round"}
+            self._draw_loops(panel, self.response - line, max_cycles, "measured", **style)
         panels = axes if n_panels == n_models else np.repeat(axes, n_models)
         for k, (label, prediction) in enumerate(self.predictions.items()):
-            color = COLORS[k % len(COLORS)]
-            self._draw(panels[k], prediction - line, stretches, label, color, 0.8)
+            style |= {"color": COLORS[k % len(COLORS)], "linewidth": 0.8}
+            self._draw_loops(panels[k], prediction - line, max_cycles, label, **style)
         y_label = self.response_name + (" less its straight line" if subtract_line else "")
         shown = {}
         for k, panel in enumerate(axes):
@@ -80,11 +77,3 @@ class HysteresisLoopDisplay(SignalDisplay):
         centred = self.drive - np.mean(self.drive)
         slope = np.dot(centred, self.response) / max(np.dot(centred, centred), np.finfo(float).tiny)
         return np.mean(self.response) + slope * centred
-
-    def _draw(self, ax, values, stretches, label, color, width):
-        """Draw one curve, a line for each stretch, the first of them with the label."""
-        for k, (rows, cycles) in enumerate(stretches):
-            kept = thin_path(self.drive[rows], values[rows], int(_POINTS * max(cycles, 1.0)))
-            style = {"color": color, "linewidth": width, "solid_joinstyle": "round"}
-            style["label"] = plain(label) if k == 0 else None
-            ax.plot(self.drive[rows][kept], values[rows][kept], **style)

@@ -6,8 +6,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import SignalDisplay
-from ._drawing import COLORS, MEASURED, MUTED, legend_beside, new_axes, plain, tidy
-from ._plot_data import envelope
+from ._drawing import COLORS, MEASURED, legend_beside, new_axes, tidy
 
 
 class PredictionDisplay(SignalDisplay):
@@ -60,21 +59,15 @@ class PredictionDisplay(SignalDisplay):
         for k, (name, values) in enumerate(signals.items()):
             color, width = styles[0] if k == 0 else styles[1 + (k - 1) % len(COLORS)]
             style = {"color": color, "linewidth": width}
-            for i, span in enumerate(self.spans):
-                points = max(8, max_points * (span.stop - span.start) // len(time))
-                kept = span.start + envelope(values[span], points // 2)
-                label = plain(name) if i == 0 else None
-                axes[0].plot(time[kept], values[kept], label=label, **style)
+            self._draw_in_time(axes[0], values, max_points, name, **style)
             rows = self.furthest_off(n_samples)
             axes[1].plot(time[rows], values[rows], **style)
-        for span in self.spans[1:]:
-            axes[0].axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
+        self._mark_records(axes[0])
         x_label = self.units.label("time (s)")
         tidy(axes[0], title="All records", y_label=self.response_name)
         title = f"Where {next(iter(self.predictions))} is furthest off"
         tidy(axes[1], title=title, x_label=x_label, y_label=self.response_name)
-        for panel in axes:
-            panel.margins(x=0.01)
+        axes[1].margins(x=0.01)
         legend_beside(axes[0])
         self.ax_, self.figure_ = axes, axes[0].figure
         return self

@@ -51,7 +51,7 @@ class EffectRankingDisplay(Display):
 
     @classmethod
     @documented_like(SignalDisplay.from_search)
-    def from_search(cls, search, *, round=1, ax=None, **plot_options) -> Self:
+    def from_search(cls, search, *, round=1, ax=None, draw=True, **plot_options) -> Self:
         """Draw one round of a fitted search.
 
         Parameters
@@ -80,7 +80,7 @@ class EffectRankingDisplay(Display):
             ambiguous_with=tuple(name for names in ambiguous for name in names),
             response_name=signal_names(search)[1],
         )
-        return display.plot(ax=ax, **plot_options)
+        return display.plot(ax=ax, **plot_options) if draw else display
 
     @documented_like(Display.plot)
     def plot(self, ax=None, *, title=None) -> Self:

@@ -4,8 +4,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import SignalDisplay
-from ._drawing import COLORS, MEASURED, MUTED, import_matplotlib, tidy
-from ._plot_data import envelope, loop_spans, thin_path
+from ._drawing import COLORS, MEASURED, import_matplotlib, tidy
 
 _POINTS = 2000  # drawn of a signal
 
@@ -55,21 +54,11 @@ class RecordingDisplay(SignalDisplay):
         upper = host.figure.add_subplot(grid[0, 0])
         lower = host.figure.add_subplot(grid[1, 0], sharex=upper)
         loop = host.figure.add_subplot(grid[:, 1])
-        time = self.running_time()
-        for panel, values, color in (
-            (upper, self.drive, COLORS[1]),
-            (lower, self.response, COLORS[0]),
-        ):
-            for span in self.spans:
-                points = max(8, _POINTS * (span.stop - span.start) // len(time))
-                kept = span.start + envelope(values[span], points // 2)
-                panel.plot(time[kept], values[kept], color=color, linewidth=0.9)
-            for span in self.spans[1:]:
-                panel.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
-            panel.margins(x=0.01)
-        for rows, cycles in loop_spans(self.drive, self.spans, max_cycles):
-            kept = thin_path(self.drive[rows], self.response[rows], int(240 * max(cycles, 1.0)))
-            loop.plot(self.drive[rows][kept], self.response[rows][kept], color=MEASURED, lw=1.0)
+        signals = (upper, self.drive, COLORS[1]), (lower, self.response, COLORS[0])
+        for panel, values, color in signals:
+            self._draw_in_time(panel, values, _POINTS, color=color, linewidth=0.9)
+            self._mark_records(panel)
+        self._draw_loops(loop, self.response, max_cycles, color=MEASURED, linewidth=1.0)
         tidy(upper, y_label=self.drive_name)
         tidy(lower, x_label=self.units.label("time (s)"), y_label=self.response_name)
         tidy(loop, x_label=self.drive_name, y_label=self.response_name)

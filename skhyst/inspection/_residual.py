@@ -8,7 +8,7 @@ from .._documentation import documented_like
 from ..records import by_interval
 from ._base import SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
-from ._plot_data import binned_statistics, branch, envelope, spectrum
+from ._plot_data import binned_statistics, branch, spectrum
 
 KINDS = ("time", "drive", "prediction", "spectrum")
 
@@ -98,19 +98,11 @@ class ResidualDisplay(SignalDisplay):
             yield name, values, COLORS[k % len(COLORS)]
 
     def _plot_time(self, ax, max_points):
-        time = self.running_time()
-        per_sample = max_points / max(len(time), 1)
         for name, values, color in self._colored():
-            for k, span in enumerate(self.spans):
-                points = max(8, int((span.stop - span.start) * per_sample))
-                kept = span.start + envelope(values[span], points // 2)
-                label = plain(name) if k == 0 else None
-                ax.plot(time[kept], values[kept], color=color, linewidth=0.7, label=label)
-        for span in self.spans[1:]:
-            ax.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
+            self._draw_in_time(ax, values, max_points, name, color=color, linewidth=0.7)
+        self._mark_records(ax)
         x_label = self.units.label("time (s)")
         tidy(ax, title="In time", x_label=x_label, y_label=f"residual of {self.response_name}")
-        ax.margins(x=0.01)
 
     def _plot_branches(self, ax, against):
         direction = np.concatenate([branch(self.drive[span]) for span in self.spans])

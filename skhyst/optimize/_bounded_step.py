@@ -1,20 +1,23 @@
-"""The least of a quadratic function between bounds."""
+"""The least of a quadratic function between bounds, by SciPy's non-negative least squares."""
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg import eigvalsh, norm
+from scipy.linalg.lapack import dposv, dpotrf, dtrtri
+from scipy.optimize import nnls
 
 _LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
+_ROUNDING = 1e-12  # part of the largest unknown
 
 
 def bounded_step(hessian, gradient, lower, upper):
     """Minimise ``0.5 s' H s + g' s`` subject to ``lower <= s <= upper``, with ``s = 0`` feasible.
 
-    A primal active-set method: along each unconstrained direction the step stops at the first
-    bound, which is then held; a bound is released when its multiplier has the wrong sign. It is the
-    method of Lawson and Hanson, *Solving Least Squares Problems*, 1974, chapter 23, and of Stark
-    and Parker, *Computational Statistics*, 1995, written for normal equations, because one pass
-    over the data has already condensed it to these.
+    With ``H = R' R`` and the minimum ``s0`` without bounds, the step ``s = s0 + R^-1 z`` is that of
+    the least ``|z|`` within the bounds. Lawson and Hanson, *Solving Least Squares Problems*, 1974,
+    chapter 23, find it by one non-negative least squares problem, whose unknowns are the
+    multipliers of the bounds: those that are not zero tell which bounds hold, and Cholesky factors
+    solve for the rest.
 
     Parameters
     ----------
@@ -38,37 +41,38 @@ def bounded_step(hessian, gradient, lower, upper):
     h[np.diag_indices_from(h)] += _RIDGE
     g = gradient * inverse
     low, high = lower * scale, upper * scale
-    n = len(g)
     s = -solve_definite(h, g)
     if np.all((low <= s) & (s <= high)):
         return s * inverse
-    s = np.clip(s, low, high)  # most bounds that this is at are those of the solution
-    free = moves & (low < s) & (s < high)
-    for _ in range(10 * n + 10):
-        if free.any():
-            residual = g[free] + h[np.ix_(free, ~free)] @ s[~free]
-            target = -solve_definite(h[np.ix_(free, free)], residual)
-            move = target - s[free]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                room = np.where(move > 0.0, (high[free] - s[free]) / move, np.inf)
-                room = np.where(move < 0.0, (low[free] - s[free]) / move, room)
-            first = np.argmin(room)
-            if room[first] < 1.0:
-                index = np.flatnonzero(free)[first]
-                s[free] += room[first] * move
-                s[index] = high[index] if move[first] > 0.0 else low[index]
-                free[index] = False
-                continue
-            s[free] = target
-        slope = h @ s + g
-        held = moves & ~free
-        wrong = np.where(s <= low, -slope, slope)
-        wrong[~held | (low == high)] = 0.0
-        worst = np.argmax(wrong)
-        if wrong[worst] <= 1e-12 * np.abs(g).max(initial=0.0):
-            break
-        free[worst] = True
-    return s * inverse
+    at = _held(h, s, low, high)
+    while True:
+        free = np.isnan(at)
+        s = np.where(free, 0.0, at)
+        s[free] = -solve_definite(h[np.ix_(free, free)], (g + h @ s)[free])
+        inside = np.clip(s, low, high)
+        # where columns are collinear, rounding may take a bound that holds for one that does not
+        outside = free & (np.abs(inside - s) > _ROUNDING * np.abs(s).max())
+        if not outside.any():
+            return inside * inverse
+        at[outside] = inside[outside]
+
+
+def _held(h, s0, low, high):
+    """Return the bounds that hold at the minimum, NaN for the unknowns between theirs."""
+    factor, failed = dpotrf(h, clean=1)
+    if failed:  # rounding has made it indefinite by more than the ridge
+        factor, _ = dpotrf(h - 2.0 * eigvalsh(h)[0] * np.eye(len(h)), clean=1)
+    back, _ = dtrtri(factor)
+    beyond = np.concatenate([low - s0, s0 - high])
+    finite = np.isfinite(beyond)
+    # in units of the way from s0 to the feasible zero, so that |z| is at most 1
+    beyond /= norm(factor @ s0)
+    rows = np.column_stack([np.concatenate([back, -back]), beyond])[finite]
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    multipliers = np.zeros(len(finite))
+    multipliers[finite], _ = nnls(rows.T, np.eye(len(h) + 1)[-1], maxiter=10 * len(rows))
+    below, above = multipliers.reshape(2, -1) > 0.0
+    return np.select([below, above], [low, high], np.nan)
 
 
 def solve_definite(h, g):

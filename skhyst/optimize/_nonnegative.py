@@ -1,8 +1,8 @@
 """Quadratic programs of many unknowns that must not be negative.
 
 ``scipy.optimize.nnls`` changes one unknown at a time: on the programs of Preisach models of 200 to
-2,000 unknowns it finds the same to eleven digits in three to ten times the seconds, as
-``benchmarks/nonnegative.py`` measures.
+2,000 unknowns it finds the same to thirteen digits in two to eight times the seconds, as
+``benchmarks/nonnegative.py`` measures. What is smaller goes to it: ``bounded_step``.
 """
 
 import numpy as np

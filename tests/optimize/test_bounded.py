@@ -57,6 +57,39 @@ def test_reaches_the_minimum_of_lsq_linear(seed, n, degenerate):
     assert objective(a, r, step) <= best + 1e-9 * 0.5 * (r @ r)
 
 
+@settings(deadline=None, max_examples=200)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 30),
+    degenerate=st.lists(st.sampled_from(KINDS), max_size=2, unique=True),
+    ties=st.booleans(),
+)
+def test_conditions_of_a_minimum(seed, n, degenerate, ties):
+    """Karush, Kuhn and Tucker: a multiplier is zero between bounds, of the right sign at one."""
+    a, r, lower, upper = make_problem(seed, n, degenerate)
+    if ties:  # a minimum whose bounds hold with multipliers of zero
+        middle = np.where(np.isfinite(upper), upper, np.random.default_rng(seed).normal(size=n))
+        r = -a @ np.clip(middle, lower, upper)
+    s = bounded_step(a.T @ a, a.T @ r, lower, upper)
+    assert_minimum(a, r, s, lower, upper)
+    if "wide" not in degenerate:  # it is given definite programs only
+        a /= np.maximum(np.linalg.norm(a, axis=0), 1e-150)
+        x, free = nonnegative_minimum(a.T @ a + 1e-12 * np.eye(n), a.T @ r, np.isfinite(lower))
+        assert_minimum(a, r, x, np.where(np.isfinite(lower), 0.0, -np.inf), np.inf)
+        assert np.all(free | (x == 0.0))
+
+
+def assert_minimum(a, r, s, lower, upper):
+    size = np.maximum(np.linalg.norm(a, axis=0), 1e-150)
+    near = 1e-9 * np.abs(s * size).max()
+    below, above = (s - lower) * size, (upper - s) * size
+    assert min(below.min(), above.min()) >= -near
+    slope = a.T @ (a @ s + r) / size
+    tolerance = 1e-9 * (np.linalg.norm(r) + np.abs(s * size).max())
+    assert np.all(slope[above > near] >= -tolerance)
+    assert np.all(slope[below > near] <= tolerance)
+
+
 def test_pinned_unknowns_stay():
     a = np.random.default_rng(0).normal(size=(20, 4))
     b = np.ones(20)
@@ -88,6 +121,13 @@ def test_an_unknown_that_moves_nothing_but_rounding_stays(rounding):
     hessian = np.diag([1.0, rounding])
     step = bounded_step(hessian, np.array([-2.0, -1e-170]), *np.array([[-9.0] * 2, [9.0] * 2]))
     np.testing.assert_allclose(step, [2.0, 0.0], rtol=1e-12)
+
+
+def test_rounding_that_makes_the_hessian_indefinite_does_no_harm():
+    hessian = np.array([[1.0, 1.0 + 1e-12], [1.0 + 1e-12, 1.0]])  # two equal columns
+    step = bounded_step(hessian, -np.ones(2), np.full(2, -np.inf), np.array([0.3, np.inf]))
+    assert step[0] <= 0.3
+    assert step.sum() == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("n", [1, 5, 60, 300])
