@@ -378,7 +378,8 @@ class Stepper:
     state : ndarray of shape (n_states,)
         All that is remembered: a copy, which may be kept and assigned again.
     status : frozenset of str
-        Conditions that hold at the last sample, such as ``"limited"``: limits have cut the drive.
+        Conditions that hold at the last sample: ``"limited"``, limits have cut the drive;
+        ``"refused"``, the last input was refused, see :meth:`step`.
     compiled_step : CompiledStep
         What is stepped, with the state that it began from.
 
@@ -402,6 +403,7 @@ class Stepper:
         self._begin(compiled_step.state)
 
     def _begin(self, state):
+        self._refused = False
         self._state = np.array(state)
         self._step = self.compiled_step.stepping(self._state)
 
@@ -422,7 +424,8 @@ class Stepper:
 
     @property
     def status(self):
-        return frozenset(name for name, at in self.compiled_step.flags if self._state[at] != 0.0)
+        found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
+        return frozenset(found | {"refused"} if self._refused else found)
 
     def step(self, u):
         """Return the response at the next sample.
@@ -439,14 +442,16 @@ class Stepper:
         Raises
         ------
         ValueError
-            If the input is not finite or of another shape; the state is as it was.
+            If the input is not finite or of another shape: the state is as it was, the status says
+            ``"refused"``, and the last output stands, which a program in C returns again.
         """
         if self.compiled_step.n_inputs is None:
             try:
                 value = float(u)
             except (TypeError, ValueError):
                 value = math.nan
-            if not math.isfinite(value):
+            self._refused = not math.isfinite(value)
+            if self._refused:
                 raise ValueError(f"The drive must be finite. Got {u!r} instead.")
             return self._step(value)
         return self._step(self._checked(u, 1))
@@ -478,7 +483,8 @@ class Stepper:
         except (TypeError, ValueError):
             rows = np.empty(())
         is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
-        if not (is_whole and np.isfinite(rows).all()):
+        self._refused = not (is_whole and np.isfinite(rows).all())
+        if self._refused:
             wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
             raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
         return rows
