@@ -100,7 +100,7 @@ ${refuses}int main(void)
 {
     ${name}_state state;
     double largest = 0.0;
-    $type y = $rest;
+    $type y = $last;
     int k, failed = 0;
     ${name}_init(&state);
     for (k = 0; k < N_SAMPLES; k++) {
@@ -119,7 +119,7 @@ _INTEGERS = {
     "tolerance": 1.0,
     "measure": "a unit of output",
     "span": "1.0",
-    "rest": "0",
+    "last": "0",
     **dict.fromkeys(("kept", "kept_first", "guard", "refuses", "refused"), ""),
 }
 _REFUSES = Template("""\
@@ -399,7 +399,8 @@ def _in_reals(step, stepper, common, drive, u0, dtype):
     if dtype == "float32":
         check_single(step, stepper.state, drive, outputs, span, tolerance)
     name, n_inputs = common["name"], common["n_inputs"]
-    (rest,) = _answers(stepper, _at(u0, 1, n_inputs))
+    last = stepper.output
+    last = _answers(stepper, _at(u0, 1, n_inputs))[0] if last is None else last
     inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(n_inputs)]
     check = " && ".join(f"isfinite({u})" for u in inputs)
     common |= {
@@ -410,10 +411,10 @@ def _in_reals(step, stepper, common, drive, u0, dtype):
         "guard": _FINITE_MATH,
         "units": "Input and output are in the units of the model's drive and response.",
         "caution": "Input that is not finite is refused: the state stays as it is and the\n"
-        f"   output is the last one, before the first sample that at rest; see {name}_REFUSED.",
+        f"   output is the last one ({last:.9g} at first), see {name}_REFUSED.",
         "first": _listed(stepper.state, dialect.literal),
-        "rest": dialect.literal(rest),
-        "kept_first": f", {dialect.literal(rest)}, 0u",
+        "last": dialect.literal(last),
+        "kept_first": f", {dialect.literal(last)}, 0u",
         "body": f"    state->refused = {check} ? 0u : 1u;\n    if (state->refused == 0u) {{\n"
         f"        state->output = {call};\n    }}\n    return state->output;\n",
         "tolerance": DIALECTS["float64"].literal(tolerance),

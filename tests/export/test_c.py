@@ -227,11 +227,15 @@ int main(void)
         with pytest.raises(ValueError, match="must be finite"):
             stepper.step(row)
         assert (stepper.status, stepper.state.tolist()) == ({"refused"}, [0.5])
+    assert stepper.output is None
     assert (stepper.step([4.0, 8.0]), stepper.status) == (12.5, set())
     with pytest.raises(ValueError, match="must be finite"):
         stepper.run([[1.0, 1.0], [1.0, np.nan]])
-    assert stepper.status == {"refused"}
-    assert (stepper.run([[1.0, 1.0]])[0], stepper.status) == (14.0, set())
+    other = stepper.copy()
+    assert (other.status, other.output) == (stepper.status, stepper.output) == ({"refused"}, 12.5)
+    header, *_ = to_c(stepper, tmp_path, "later", dtype)  # a program goes on from there
+    assert "(12.5 at first)" in header.read_text()
+    assert (stepper.run([[1.0, 1.0]])[0], stepper.status, stepper.output) == (14.0, set(), 14.0)
 
 
 @NEEDS_COMPILER
