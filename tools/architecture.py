@@ -21,7 +21,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
-    ("__init__", "_block_test", "_documentation", "_files", "_jit", "_sklearn", "exceptions"),
+    ("__init__", "_block_test", "_documentation", "_files", "_jit", "_sizes", "_sklearn")
+    + ("exceptions",),
     ("io",),
     ("records", "_validation"),
     ("operators",),
