@@ -1,10 +1,10 @@
 """Fitted models in files: skops, which is read without executing code, or joblib, a pickle.
 
 skops writes names of types and their fields; reading creates objects of trusted types only. Trusted
-are the classes of skhyst, whose construction sets fields and does nothing else, its metrics, and the
-types that skops trusts itself: those of NumPy and the estimators of scikit-learn. All other names in
-a file, of functions, methods and other types, are refused, and no module is imported for them. The
-version of skhyst that has written a skops file is an additional member of it.
+are the classes of skhyst, whose construction sets fields and does nothing else, its metrics, and
+the types that skops trusts itself: those of NumPy and the estimators of scikit-learn. All other
+names in a file, of functions, methods and other types, are refused, and no module is imported for
+them. The version of skhyst that has written a skops file is an additional member of it.
 """
 
 import warnings

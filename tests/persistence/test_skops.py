@@ -134,10 +134,9 @@ def test_no_module_is_imported_that_a_file_names(tmp_path, monkeypatch, name):
 def test_sizes_are_checked_before_memory_is_taken(tmp_path):
     path = tmp_path / "gain.skops"
     save_model(Gain().fit(U, 2.0 * U[:, 0]), path)
-    with ZipFile(path, "a", ZIP_DEFLATED, compresslevel=1) as file:
-        with file.open("more.bin", "w") as entry:
-            for _ in range(26):
-                entry.write(bytes(10**7))
+    with ZipFile(path, "a", ZIP_DEFLATED, compresslevel=1) as f, f.open("more.bin", "w") as entry:
+        for _ in range(26):
+            entry.write(bytes(10**7))
     tracemalloc.start()
     with pytest.raises(ValueError, match=r"declares 26\d{7} bytes"):
         load_model(path)
