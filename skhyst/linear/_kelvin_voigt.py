@@ -36,6 +36,10 @@ class KelvinVoigtOperator(LinearOperator):
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require_size("time_constants", np.size(self.compliances), "compliance")
+
     @property
     def n_poles(self):
         return np.size(self.compliances), 0
