@@ -64,7 +64,8 @@ def _present(node, names):
         node.update(__module__="builtins", __class__="tuple")
     elif module and not is_own(f"{module}.{name}"):
         kind = class_named(f"{module}.{name}")
-        node["__module__"] = module if kind is None else kind.__module__
+        if kind is not None:
+            node.update(__module__=kind.__module__, __class__=kind.__name__)
     if node.get("__module__"):
         names.add(f"{node['__module__']}.{node.get('__class__')}")
     return node
