@@ -45,6 +45,7 @@ SHARED = (
     "skhyst._documentation",
     "skhyst._files",
     "skhyst._jit",
+    "skhyst._sizes",
     "skhyst._sklearn",
     "skhyst._validation",
 )
