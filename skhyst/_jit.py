@@ -3,10 +3,15 @@
 Kernels compile on first use and release the GIL. The machine code is cached next to the source
 where that folder, or ``NUMBA_CACHE_DIR``, can be written; elsewhere the kernel is compiled once per
 process instead, since a plain ``cache=True`` raises at import in a read-only install without a
-home folder. Without Numba the same function runs as plain Python: slow, but with equal results.
+home folder. What cannot be read from the cache is compiled anew and written again: a damaged file,
+one of another layout, one that names a module which is gone. Without Numba the same function runs
+as plain Python: slow, but with equal results.
 """
 
-from functools import partial
+import pickle
+from contextlib import suppress
+from functools import cache, partial
+from hashlib import sha256
 from types import FunctionType
 
 
@@ -42,10 +47,55 @@ def jit(function=None, *, fastmath=False, inline=False, allocates=True):
     options = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": inline}
     if not allocates:
         options["_nrt"] = False
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # no folder to cache in
-        return numba.njit(**options)(function)
+    compiled = numba.njit(**options)(function)
+    if compiled is not function:  # as it is where NUMBA_DISABLE_JIT is set
+        with suppress(RuntimeError):  # no folder to cache in
+            compiled._cache = _cache_class()(function)
+    return compiled
+
+
+@cache
+def _cache_class():
+    """Return Numba's cache of a function, of which only what is whole is used.
+
+    Numba's own raises where a file is damaged. Where two processes begin it at once, with a
+    signature each, it may give one the code of the other: so the code is kept with its key, and
+    with a digest, since damaged machine code may end the interpreter.
+    """
+    from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+    class WholeFile(IndexDataCacheFile):
+        def save(self, key, data):
+            code = self._dump(data)
+            super().save(key, (key, sha256(code).digest(), code))
+
+        def load(self, key):
+            of, digest, code = super().load(key)  # None where there is none, which is an error
+            if of != key or digest != sha256(code).digest():
+                raise ValueError("damaged, or of another signature")
+            return pickle.loads(code)
+
+        def _load_index(self):
+            try:
+                return dict(super()._load_index())
+            except Exception:  # damaged files raise exceptions of any type
+                return {}
+
+    class WholeCache(FunctionCache):
+        def __init__(self, function):
+            super().__init__(function)
+            base, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
+            self._cache_file = WholeFile(self._cache_path, base, stamp)
+
+        def load_overload(self, signature, context):
+            with suppress(Exception):
+                return super().load_overload(signature, context)
+
+        def save_overload(self, signature, code):
+            with suppress(OSError):  # such as a full disk
+                super().save_overload(signature, code)
+
+    return WholeCache
 
 
 def bind(loop, law, **options):

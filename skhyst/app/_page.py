@@ -16,6 +16,7 @@ import pandas as pd
 import streamlit as st
 
 from skhyst.app import DEVICES, suggest_model
+from skhyst.app._processes import own_processes
 from skhyst.diagnosis import EffectSearchCV, effect_names, next_experiment
 from skhyst.discovery import parse_model
 from skhyst.persistence import save_model
@@ -206,7 +207,8 @@ def _search(path, reading, model, options):
                 about = f"round {progress.round}: {progress.trying}, {progress.seconds:.0f} s"
                 bar.progress(progress.done / progress.total, about)
 
-        search.fit(X, y, on_progress=show)
+        with own_processes():
+            search.fit(X, y, on_progress=show)
         status.update(label="Writing the report")
         report = search.report(_command(path, reading, model, options))
         page = report.to_html()

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-_PAGE = Path(__file__).parents[1] / "app" / "_page.py"
+_PAGE = Path(__file__).parents[1] / "app" / "_server.py"
 _OPTIONS = {
     "server.address": "127.0.0.1",
     "server.fileWatcherType": "none",

@@ -46,7 +46,7 @@ _HEADER = Template("""\
 
 typedef struct {
     $inner s[$n_states];
-} ${name}_state;
+$kept} ${name}_state;
 
 /* The state before the first sample. */
 void ${name}_init(${name}_state *state);
@@ -66,10 +66,10 @@ _SOURCE = Template("""\
 
 #include "$name.h"
 
-$tables$functions
+$guard$tables$functions
 void ${name}_init(${name}_state *state)
 {
-    static const ${name}_state first = {{$first}};
+    static const ${name}_state first = {{$first}$kept_first};
     *state = first;
 }
 
@@ -96,19 +96,20 @@ $inputs};
 static const double ${name}_outputs[N_SAMPLES] = {
 $outputs};
 
-int main(void)
+${refuses}int main(void)
 {
     ${name}_state state;
     double largest = 0.0;
-    int k;
+    $type y = $last;
+    int k, failed = 0;
     ${name}_init(&state);
     for (k = 0; k < N_SAMPLES; k++) {
-        const $type y = ${name}_step(&state, ${name}_inputs[k]$one);
+$refused        y = ${name}_step(&state, ${name}_inputs[k]$one);
         const double error = fabs((double)y - ${name}_outputs[k]);
         largest = error <= largest ? largest : error;
     }
     printf("$name: %.3g of $measure, %.3g allowed$covered\\n", largest / $span, $tolerance);
-    return largest <= $tolerance * $span ? 0 : 1;
+    return largest <= $tolerance * $span ? failed : 1;
 }
 #undef N_SAMPLES
 """)
@@ -118,7 +119,32 @@ _INTEGERS = {
     "tolerance": 1.0,
     "measure": "a unit of output",
     "span": "1.0",
+    "last": "0",
+    **dict.fromkeys(("kept", "kept_first", "guard", "refuses", "refused"), ""),
 }
+_REFUSES = Template("""\
+/* Whether input that is not finite is refused: each column in turn. */
+static int ${name}_refuses(${name}_state *state, $type last)
+{
+    static const $type wrong[] = {NAN, INFINITY, -INFINITY};
+    int k;
+    for (k = 0; k < 3 * ${name}_N_INPUTS; k++) {
+        $type u[${name}_N_INPUTS] = {0};
+        u[k / 3] = wrong[k % 3];
+        if (${name}_step(state, u$one) != last || !(${name}_status(state) & ${name}_REFUSED)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+""")
+_FINITE_MATH = """\
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "isfinite is needed: compile without -ffast-math and -ffinite-math-only"
+#endif
+
+"""
 
 
 def to_c(
@@ -141,7 +167,10 @@ def to_c(
     0 if its responses to a drive agree with those of the Python model. The header says how to
     compile. The status of a sample has a bit for each condition that holds, those named in
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
-    compensator or controller.
+    compensator or controller, ``name_REFUSED`` if the input was not finite.
+
+    Input that is not finite is refused: the state stays as it is, and the output is that of the
+    last sample before, or the response to ``u0`` where there was none. Integers are always finite.
 
     Parameters
     ----------
@@ -242,7 +271,7 @@ def to_c(
         "one": "" if compiled_step.n_inputs else "[0]",
         "n_states": max(len(compiled_step.state), 1),
         "digest": hashlib.sha256(_program(step, stepper.state).encode()).hexdigest(),
-        **_status(name, compiled_step.flags),
+        **_status(name, compiled_step.flags, refuses=dtype != "int32"),
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
@@ -250,7 +279,7 @@ def to_c(
         texts = _in_integers(stepper, common, drive, units)
     else:
         drive = _test_drive(u0, n_inputs) if drive is None else _inputs(drive, n_inputs)
-        texts = _in_reals(step, stepper, common, drive, dtype)
+        texts = _in_reals(step, stepper, common, drive, u0, dtype)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / file for file in texts]
@@ -281,17 +310,18 @@ def _stepper(model, dt, initial_state, u0):
     return model, model.dt if dt is None else dt
 
 
-def _status(name, flags):
+def _status(name, flags, refuses):
     """Return the parts of header and source for the status bits, which are read from the state."""
-    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in flags}
+    places = [(flag, f"s[{at}]") for flag, at in flags] + [("refused", "refused")] * refuses
+    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in places}
     lines = [
-        f"    if (state->s[{at}] != 0) {{\n        status |= {bits[flag]};\n    }}\n"
-        for flag, at in flags
+        f"    if (state->{at} != 0) {{\n        status |= {bits[flag]};\n    }}\n"
+        for flag, at in places
     ]
     lines = ["    uint32_t status = 0u;\n", *lines, "    return status;\n"]
     return {
         "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
-        "conditions": "".join(lines if flags else ["    (void)state;\n    return 0u;\n"]),
+        "conditions": "".join(lines if places else ["    (void)state;\n    return 0u;\n"]),
     }
 
 
@@ -347,12 +377,12 @@ def _texts(common, printer, inputs, outputs):
 
 def _reserve(printer):
     printer.taken |= {
-        f"{printer.prefix}_{own}" for own in ("init", "step", "state", "status", "test")
+        f"{printer.prefix}_{own}" for own in ("init", "step", "state", "status", "test", "refuses")
     }
     return printer
 
 
-def _in_reals(step, stepper, common, drive, dtype):
+def _in_reals(step, stepper, common, drive, u0, dtype):
     dialect = DIALECTS[dtype]
     printer = _reserve(Printer(common["name"], dialect))
     call = f"{printer.function(step)}({', '.join(step.args(['u', 'state->s']))})"
@@ -368,19 +398,30 @@ def _in_reals(step, stepper, common, drive, dtype):
     tolerance = max(TOLERANCES[dtype], 2.0 * moved / span)
     if dtype == "float32":
         check_single(step, stepper.state, drive, outputs, span, tolerance)
-    inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(common["n_inputs"])]
-    check = " || ".join(f"!isfinite({u})" for u in inputs)
-    unused = "" if step.taken[1] else "    (void)state;\n"
+    name, n_inputs = common["name"], common["n_inputs"]
+    last = stepper.output
+    last = _answers(stepper, _at(u0, 1, n_inputs))[0] if last is None else last
+    inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(n_inputs)]
+    check = " && ".join(f"isfinite({u})" for u in inputs)
     common |= {
         "type": dialect.type,
         "inner": dialect.type,
+        "kept": f"    {dialect.type} output; /* of the last sample that was not refused */\n"
+        "    uint32_t refused;\n",
+        "guard": _FINITE_MATH,
         "units": "Input and output are in the units of the model's drive and response.",
-        "caution": "Returns NAN, and leaves the state as it is, if the input is not finite.",
+        "caution": "Input that is not finite is refused: the state stays as it is and the\n"
+        f"   output is the last one ({last:.9g} at first), see {name}_REFUSED.",
         "first": _listed(stepper.state, dialect.literal),
-        "body": f"{unused}    if ({check}) {{\n        return NAN;\n    }}\n    return {call};\n",
+        "last": dialect.literal(last),
+        "kept_first": f", {dialect.literal(last)}, 0u",
+        "body": f"    state->refused = {check} ? 0u : 1u;\n    if (state->refused == 0u) {{\n"
+        f"        state->output = {call};\n    }}\n    return state->output;\n",
         "tolerance": DIALECTS["float64"].literal(tolerance),
         "measure": "the range",
         "span": DIALECTS["float64"].literal(span),
+        "refuses": _REFUSES.substitute(common, type=dialect.type),
+        "refused": f"        failed |= !{name}_refuses(&state, y);\n",
     }
     return _texts(common, printer, [_listed(row, dialect.literal) for row in drive], outputs)
 
@@ -426,4 +467,9 @@ def _test_drive(u0, n_inputs):
     """Return a drive with turning points at many levels, which starts smoothly from ``u0``."""
     part = np.arange(_N_TEST) / _N_TEST
     swing = np.sin(2 * np.pi * 5 * part) * (1.0 - part) + 0.3 * np.sin(2 * np.pi * 17 * part)
-    return np.zeros(n_inputs) + u0 + swing[:, None] / 1.3
+    return _at(u0, _N_TEST, n_inputs) + swing[:, None] / 1.3
+
+
+def _at(u0, n_samples, n_inputs):
+    """Return an input that rests, (n_samples, n_inputs)."""
+    return np.zeros((n_samples, n_inputs)) + np.ravel(u0)[:n_inputs]

@@ -279,6 +279,7 @@ class TankChainOperator(Operator):
     at_once = False
 
     def __post_init__(self):
+        super().__post_init__()
         n = self.n_substeps
         is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
         self._require("n_substeps", is_right, "be an integer above 0")

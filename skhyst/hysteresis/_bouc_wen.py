@@ -505,6 +505,7 @@ class BoucWenOperator(Operator):
     stage_order = 10
 
     def __post_init__(self):
+        super().__post_init__()
         self._require("limit", self.limit > 0.0, "be positive")
         self._require("ratio", self.ratio >= 0.0, "be at least 0")
         self._require("exponent", self.exponent > 0.0, "be positive")

@@ -205,6 +205,7 @@ class DuhemOperator(Operator):
     stage_order = 10
 
     def __post_init__(self):
+        super().__post_init__()
         for name in ("curve", "slope"):
             object.__setattr__(self, name, as_constant(getattr(self, name)))
         shape = self.curve.shape

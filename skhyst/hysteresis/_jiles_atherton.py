@@ -254,6 +254,7 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     structure = ("max_step",)
 
     def __post_init__(self):
+        super().__post_init__()
         if self.max_step is None:
             object.__setattr__(self, "max_step", _RESOLUTION * min(self.shape, self.pinning))
         for name in ("shape", "pinning", "max_step"):

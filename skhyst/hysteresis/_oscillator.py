@@ -269,6 +269,7 @@ class OscillatorOperator(Operator):
         cls._loop, cls._compiled_step, cls._tangent_loop = map(staticmethod, loops)
 
     def __post_init__(self):
+        super().__post_init__()
         n = self.n_substeps
         is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
         self._require("n_substeps", is_right, "be an integer above 0")

@@ -179,6 +179,7 @@ class SystemLevelOperator(Operator):
     stage_order = 10
 
     def __post_init__(self):
+        super().__post_init__()
         known = self.variant in ("integral", "printed")
         self._require("variant", known, "be 'integral' or 'printed'")
         self._require("decay", self.decay >= 0.0, "not be negative")

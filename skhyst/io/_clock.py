@@ -7,7 +7,7 @@ import pandas as pd
 
 from ..exceptions import RecordError, TimeUnitWarning
 from ._column_names import SECONDS, time_unit_of
-from ._file_columns import coerced, numbers
+from ._file_columns import coerced, is_blank, numbers
 from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
@@ -63,7 +63,7 @@ def times(path, column, unit):
     if values.dtype.kind in "Mm":
         return pd.Index(values)
     column = pd.Series(values, dtype=object)
-    column = column.where(column.astype(str).str.strip() != "", None)
+    column = column.mask(is_blank(column), None)
     if coerced(path, name, column).notna().any():
         return _seconds(path, name, numbers(path, name, values), unit)
     clock = pd.to_timedelta(column, errors="coerce")

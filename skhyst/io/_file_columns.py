@@ -226,7 +226,7 @@ def numbers(path, name, values):
     if values.dtype.kind in "OUSTV":
         column = pd.Series(values, dtype=object)
         found = coerced(path, name, column)
-        text = column.notna() & (column.astype(str).str.strip() != "")
+        text = column.notna() & ~is_blank(column)
         wrong = np.flatnonzero(found.isna() & text)
         if not len(wrong) and found.dtype.kind in "biuf":
             return found.to_numpy(dtype=float)
@@ -241,6 +241,11 @@ def numbers(path, name, values):
     raise RecordError(
         f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
     )
+
+
+def is_blank(column):
+    """Mark the cells of a series without a character; no copy of a long text is kept."""
+    return np.array([not str(cell).strip() for cell in column], dtype=bool)
 
 
 def coerced(path, name, column):

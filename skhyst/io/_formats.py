@@ -19,11 +19,11 @@ import numpy as np
 import pandas as pd
 
 from .._files import check_input
+from .._sizes import Finite, check_archive, check_array, check_size, largest_size
 from ..exceptions import RecordError
 from ._column_names import unit_of
 from ._mat_objects import matlab_object, matlab_text
 from ._mat_tags import check_tags
-from ._sizes import DENSEST, Finite, check_array, check_size
 from ._text import read_table
 from ._workbook import read_workbook
 
@@ -235,13 +235,13 @@ def _read_npy(path):
 
 def _read_npz(path):
     with zipfile.ZipFile(path) as archive:
+        check_archive(archive, path.stat().st_size)
         return [part for entry in archive.infolist() for part in _npz_entry(archive, entry)]
 
 
 def _npz_entry(archive, entry):
     """Return the variables of one array of an archive."""
     name = entry.filename.removesuffix(".npy")
-    check_size(name, entry.file_size, entry.compress_size)
     try:
         with archive.open(entry) as stream:
             check_array(stream, entry.file_size)
@@ -325,7 +325,7 @@ def _hdf5_refusal(h5py, item):
         "references or lists of different lengths": objects,
     }
     reason = next((reason for reason, holds in reasons.items() if holds), "")
-    if not reason and item.nbytes > DENSEST * item.id.get_storage_size():
+    if not reason and item.nbytes > largest_size(item.id.get_storage_size()):
         reason = "larger than the data stored in the file"
     return reason
 
@@ -370,32 +370,80 @@ def _json_variables(name, content, group=""):
 def _read_parquet(path):
     parquet = _optional("pyarrow.parquet", path.suffix)
     with parquet.ParquetFile(path) as file:
-        names, rows = file.schema_arrow.names, file.metadata.num_rows
+        fields, size = list(file.schema_arrow), path.stat().st_size
+        rows = max(file.metadata.num_rows, *_parquet_rows(file))
+        check_size("its table", rows * _arrow_width(fields), size)
         groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-        declared = max(rows, sum(group.num_rows for group in groups)) * np.dtype(float).itemsize
-        check_size("its table", declared, path.stat().st_size)
-    load = partial(_parquet_values, parquet, path)
+        check_size("its pages", sum(group.total_byte_size for group in groups), size)
+    load, names = partial(_parquet_values, parquet, path), [field.name for field in fields]
     return [
-        Variable(name, (rows,), partial(load, name, names[:i].count(name)))
-        for i, name in enumerate(names)
+        Variable(
+            field.name,
+            (rows,),
+            partial(load, field.name, names[:i].count(field.name)),
+            "lists or structs" if field.type.num_fields else "",
+        )
+        for i, field in enumerate(fields)
     ]
 
 
+def _parquet_rows(file):
+    """Return what the row groups together, and the chunks of each plain column, declare."""
+    groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+    plain = [j for j, own in enumerate(file.schema) if own.max_repetition_level == 0]
+    return [
+        sum(group.num_rows for group in groups),
+        *(sum(group.column(j).num_values for group in groups) for j in plain),
+    ]
+
+
+def _arrow_width(fields):
+    """Return the bytes of a row in memory: of a number at least 8, of text those of a reference."""
+    return sum(max(_arrow_bits(field.type) // 8, 8) for field in fields)
+
+
+def _arrow_bits(kind):
+    """Return the bits of a value of an Arrow type, 0 where they vary, as in text."""
+    try:
+        return _arrow_bits(kind.value_type) if hasattr(kind, "index_type") else kind.bit_width
+    except ValueError:
+        return 0
+
+
 def _parquet_values(parquet, path, name, occurrence):
-    with parquet.ParquetFile(path) as file:
-        return file.read(columns=[name]).column(occurrence).to_numpy()
+    with parquet.ParquetFile(path, read_dictionary=[name]) as file:
+        values = file.read(columns=[name]).column(occurrence)
+    return _arrow_values(name, values, path.stat().st_size)
+
+
+def _arrow_values(name, values, size):
+    """Return a column of a file of ``size`` bytes."""
+    if not hasattr(values.type, "index_type"):
+        return values.to_numpy()
+    if not _arrow_bits(values.type):  # a text that the file has once may be that of all rows
+        lengths = [
+            len(text) * int(count)
+            for part in values.chunks
+            for text, count in zip(
+                part.dictionary.to_pylist(),
+                np.bincount(part.indices.drop_null().to_numpy(), minlength=len(part.dictionary)),
+                strict=True,
+            )
+        ]
+        check_size(f"the text in {name!r}", sum(lengths), size)
+    return values.cast(values.type.value_type).to_numpy()  # which alone would fill missing cells
 
 
 def _read_feather(path):
     ipc, arrow = (_optional(name, path.suffix) for name in ("pyarrow.ipc", "pyarrow"))
     content = arrow.py_buffer(path.read_bytes())  # columns are views of it, not copies
     with ipc.open_file(content) as file:
-        names = file.schema.names
+        fields = list(file.schema)
     with _feather_columns(ipc, content, [0]) as file:
         rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
-    check_size("its table", rows * np.dtype(float).itemsize, content.size)
+    check_size("its table", rows * _arrow_width(fields), content.size)
     load = partial(_feather_values, ipc, content)
-    return [Variable(name, (rows,), partial(load, i)) for i, name in enumerate(names)]
+    return [Variable(own.name, (rows,), partial(load, i)) for i, own in enumerate(fields)]
 
 
 def _feather_columns(ipc, content, columns):
@@ -406,7 +454,7 @@ def _feather_values(ipc, content, column):
     with _feather_columns(ipc, content, [column]) as file:
         values = file.read_all().column(0)
     values.validate(full=True)  # offsets of strings in a broken file may point outside the data
-    return values.to_numpy()
+    return _arrow_values(file.schema.names[column], values, content.size)
 
 
 def _read_tdms(path):

@@ -13,10 +13,10 @@ import zlib
 from dataclasses import dataclass
 from math import prod
 
+from .._sizes import largest_size
 from ..exceptions import RecordError
 
 _HEADER = 128  # bytes
-_LONGEST = 2**31  # bytes of one variable, the limit of the format
 _DEEPEST = 64  # nesting of variables
 _BLANK = 2**20  # elements that may have no data in the file: blanks, structs without fields
 _INT32, _UINT32, _MATRIX, _COMPRESSED = 5, 6, 14, 15
@@ -30,12 +30,14 @@ _NUMERIC = range(6, 16)
 def check_tags(data):
     """Raise a RecordError unless every element of a file of version 5 is of the type expected."""
     order = "<" if data[126:128] == b"IM" else ">"
-    file = _Elements(memoryview(data), order, _HEADER)
+    file, left = _Elements(memoryview(data), order, _HEADER), largest_size(len(data))
     while file.position < len(data):
         start = file.position
         code, content = file.element()
         if code == _COMPRESSED:
-            code, content = _Elements(_inflated(content, start), order).element()
+            content = _inflated(content, start, left)
+            left -= len(content)
+            code, content = _Elements(content, order).element()
         if code != _MATRIX or not content:
             raise RecordError(f"at byte {start} is no variable (type code {code})")
         try:
@@ -44,10 +46,11 @@ def check_tags(data):
             raise RecordError(f"in the variable at byte {start} {error}") from None
 
 
-def _inflated(content, start):
+def _inflated(content, start, longest):
+    """Return what a variable is decompressed to: of all variables no more than a file may."""
     inflater = zlib.decompressobj()
     try:
-        inflated = inflater.decompress(content, _LONGEST)
+        inflated = inflater.decompress(content, max(longest, 1))  # 0 would be no limit
     except zlib.error as error:
         raise RecordError(f"the variable at byte {start} cannot be decompressed") from error
     if not inflater.eof:

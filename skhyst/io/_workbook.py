@@ -10,6 +10,7 @@ import warnings
 import zipfile
 from datetime import date, time
 
+from .._sizes import check_archive
 from ..exceptions import RecordError
 from ._text import parse_table
 
@@ -46,10 +47,8 @@ def read_workbook(path, openpyxl):
 def _declared(path):
     """Return the uncompressed bytes of all entries; refuse entries compressed beyond the limit."""
     with zipfile.ZipFile(path) as archive:
+        check_archive(archive, path.stat().st_size)
         entries = archive.infolist()
-    size = path.stat().st_size
-    if sum(entry.compress_size for entry in entries) > size:
-        raise RecordError("its entries overlap")
     for entry in entries:
         if entry.file_size > _SPARED + _DENSEST * entry.compress_size:
             raise RecordError(

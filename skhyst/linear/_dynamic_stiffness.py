@@ -85,6 +85,7 @@ class DynamicStiffnessOperator(Operator):
     stage_order = 10
 
     def __post_init__(self):
+        super().__post_init__()
         known = self.drive in ("displacement", "velocity")
         self._require("drive", known, "be 'displacement' or 'velocity'")
         is_right = self.drive == "displacement" or not self.stiffness

@@ -41,6 +41,10 @@ class KelvinVoigtOperator(LinearOperator):
 
     resolution = Resolution("Kelvin-Voigt units", "compliances", "time_constants")
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require_size("time_constants", np.size(self.compliances), "compliance")
+
     def finer(self, records):
         """Return time constants from two samples to the longest record; see the base."""
         dt, span = time_span(records)

@@ -116,6 +116,10 @@ class TransferFunctionOperator(LinearOperator):
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require_size("damping_ratios", np.size(self.natural_frequencies), "natural frequency")
+
     @classmethod
     def from_scipy(cls, system, *, hold="foh"):
         """Convert a continuous-time system of SciPy or python-control.
@@ -250,6 +254,14 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
     reads_columns = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._require_size("damping_ratios", np.size(self.natural_frequencies), "natural frequency")
+        is_right = np.shape(self.numerators)[:1] == (self.n_inputs,)
+        self._require("numerators", is_right, f"have {self.n_inputs} row(s), one per gain")
+        if np.size(self.delays):
+            self._require_size("delays", self.n_inputs, "gain")
 
     @property
     def n_inputs(self):

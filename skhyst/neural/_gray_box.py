@@ -206,6 +206,7 @@ class GrayBoxOperator(Operator):
     stage_order = 10
 
     def __post_init__(self):
+        super().__post_init__()
         for name, fine, wanted in (
             ("dynamics", self.dynamics in ("rate", "printed"), "be 'rate' or 'printed'"),
             ("degree", self.degree in (1, 2), "be 1 or 2"),
@@ -217,7 +218,9 @@ class GrayBoxOperator(Operator):
                     f"The '{name}' parameter of GrayBoxOperator must {wanted}. "
                     f"Got {getattr(self, name)!r} instead."
                 )
-        n_terms = len(self._terms)
+        rate = self.dynamics == "rate"  # see _terms, which lists them
+        n_signals = self.input_lags + self.output_lags + rate
+        n_terms = math.comb(n_signals + self.degree, self.degree) - 1 - rate * self.degree
         if np.shape(self.weights) != (n_terms,):
             raise ValueError(
                 f"The 'weights' parameter of GrayBoxOperator must have {n_terms} values, "

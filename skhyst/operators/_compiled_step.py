@@ -377,8 +377,11 @@ class Stepper:
         Sampling interval in s, where it is known.
     state : ndarray of shape (n_states,)
         All that is remembered: a copy, which may be kept and assigned again.
+    output : float or None
+        At the last sample that was not refused; None before the first, and after ``state`` is set.
     status : frozenset of str
-        Conditions that hold at the last sample, such as ``"limited"``: limits have cut the drive.
+        Conditions that hold at the last sample: ``"limited"``, limits have cut the drive;
+        ``"refused"``, the last input was refused, see :meth:`step`.
     compiled_step : CompiledStep
         What is stepped, with the state that it began from.
 
@@ -402,6 +405,7 @@ class Stepper:
         self._begin(compiled_step.state)
 
     def _begin(self, state):
+        self.output, self._refused = None, False
         self._state = np.array(state)
         self._step = self.compiled_step.stepping(self._state)
 
@@ -419,10 +423,12 @@ class Stepper:
                 f"read. Got {values!r} instead."
             )
         self._state[:] = values
+        self.output, self._refused = None, False
 
     @property
     def status(self):
-        return frozenset(name for name, at in self.compiled_step.flags if self._state[at] != 0.0)
+        found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
+        return frozenset(found | {"refused"} if self._refused else found)
 
     def step(self, u):
         """Return the response at the next sample.
@@ -439,17 +445,21 @@ class Stepper:
         Raises
         ------
         ValueError
-            If the input is not finite or of another shape; the state is as it was.
+            If the input is not finite or of another shape: the state is as it was, the status says
+            ``"refused"``, and ``output`` is the last one, which a program in C returns again.
         """
         if self.compiled_step.n_inputs is None:
             try:
                 value = float(u)
             except (TypeError, ValueError):
                 value = math.nan
-            if not math.isfinite(value):
+            self._refused = not math.isfinite(value)
+            if self._refused:
                 raise ValueError(f"The drive must be finite. Got {u!r} instead.")
-            return self._step(value)
-        return self._step(self._checked(u, 1))
+        else:
+            value = self._checked(u, 1)
+        self.output = self._step(value)
+        return self.output
 
     def run(self, u):
         """Return the response to many samples, and stand behind the last.
@@ -469,7 +479,9 @@ class Stepper:
         """
         n_inputs = self.compiled_step.n_inputs
         u = self._checked(u, 1 if n_inputs is None else 2)
-        return self.compiled_step.streaming(self._state)(u)
+        y = self.compiled_step.streaming(self._state)(u)
+        self.output = float(y[-1]) if len(y) else self.output
+        return y
 
     def _checked(self, u, ndim):
         n_inputs = self.compiled_step.n_inputs
@@ -478,7 +490,8 @@ class Stepper:
         except (TypeError, ValueError):
             rows = np.empty(())
         is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
-        if not (is_whole and np.isfinite(rows).all()):
+        self._refused = not (is_whole and np.isfinite(rows).all())
+        if self._refused:
             wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
             raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
         return rows
@@ -487,6 +500,7 @@ class Stepper:
         """Return another one in the same state, which goes its own way."""
         other = Stepper(self.compiled_step, self.dt)
         other._begin(self._state)
+        other.output, other._refused = self.output, self._refused
         return other
 
     __copy__ = copy

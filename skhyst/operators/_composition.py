@@ -22,7 +22,7 @@ from ._compiled_step import (
 )
 from ._linear_inverse import InverseLinearOperator
 from ._part import JOIN, Stage
-from ._protocol import Operator, ParameterSpec
+from ._protocol import MOST_STEPS, Operator, ParameterSpec
 from ._root_inverse import RootInverseOperator, inverse_of
 
 _DRIVEN = "model"  # name of the driven part, where something stands beside it
@@ -366,6 +366,15 @@ class Scheduled(WrappedOperator):
     high: float
     schedule: float | None = field(default=None)
     structure_of = "ScheduledParameters"
+
+    def __post_init__(self):
+        super().__post_init__()
+        n = self.base.n_parameters
+        is_right = len(self.degrees) == n and all(
+            degree in range(MOST_STEPS) for degree in self.degrees
+        )
+        self._require("degrees", is_right, f"be {n} integers from 0, one per parameter")
+        self._require_size("coefficients", sum(self.degrees) + n, "coefficient of a polynomial")
 
     @property
     def _like(self):

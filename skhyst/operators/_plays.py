@@ -397,6 +397,7 @@ class Superposition(Operator):
     stage_order = 10
 
     def __post_init__(self):
+        super().__post_init__()
         for field in dataclasses.fields(self):
             if field.type is np.ndarray:
                 object.__setattr__(self, field.name, as_constant(getattr(self, field.name)))

@@ -19,7 +19,9 @@ An operator has the members on this page. What a tree asks of its parts besides 
 import dataclasses
 from abc import ABC, abstractmethod
 from functools import cache, cached_property
-from typing import Any
+from numbers import Integral, Real
+from types import UnionType
+from typing import Any, get_args
 
 import numpy as np
 
@@ -102,6 +104,16 @@ class Operator(Part, ABC):
     They give :meth:`init`, :meth:`run` and :meth:`sensitivities`, and :meth:`compiled_step` where
     they can be stepped and exported; the rest follows from the fields.
     """
+
+    def __post_init__(self):
+        for name, is_right, wanted in _checks(type(self)):
+            if not is_right(getattr(self, name)):
+                self._require(name, False, wanted)
+
+    def _require_size(self, name, size, why):
+        """Refuse an array that has not ``size`` values, one per ...: compiled code looks up all."""
+        wanted = f"have {size} value(s), one per {why}"
+        self._require(name, np.shape(getattr(self, name)) == (size,), wanted)
 
     def parameter_specs(self) -> dict[str, ParameterSpec]:
         """Return the identifiable fields, in the order of declaration."""
@@ -235,6 +247,47 @@ def by_fields(operator):
     fields = [f.name for f in dataclasses.fields(operator) if not f.kw_only]
     state = None if operator.model is None else {"model": operator.model}
     return type(operator), tuple(getattr(operator, name) for name in fields), state
+
+
+# Largest number of substeps, lags, samples of a window, ...: at about 0.1 us each a sample then
+# takes less than a millisecond.
+MOST_STEPS = 4096
+
+
+def _is_integer(value):
+    return isinstance(value, Integral) and abs(value) <= MOST_STEPS
+
+
+def _is_array(value):
+    return isinstance(value, np.ndarray | list | tuple) and np.asarray(value).dtype.kind in "biuf"
+
+
+_KINDS = (  # of fields, by their annotation
+    (bool, lambda value: isinstance(value, bool | np.bool_), "be True or False"),
+    (int, _is_integer, f"be an integer of at most {MOST_STEPS}"),
+    (float, lambda value: isinstance(value, Real), "be a number"),
+    (str, lambda value: isinstance(value, str), "be text"),
+    (np.ndarray, _is_array, "be an array of numbers"),
+    (tuple, lambda value: isinstance(value, tuple), "be a tuple"),
+    (Part, lambda value: isinstance(value, Part), "be an operator"),
+)
+
+
+@cache
+def _checks(kind):
+    """Return (name, function, what is wanted) of the fields of an operator that can be checked."""
+    found = []
+    for field in dataclasses.fields(kind):
+        of, *other = get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
+        for own, is_right, wanted in _KINDS:
+            if isinstance(of, type) and issubclass(of, own) and other in ([], [type(None)]):
+                found.append((field.name, _or_none(is_right) if other else is_right, wanted))
+                break
+    return tuple(found)
+
+
+def _or_none(is_right):
+    return lambda value: value is None or is_right(value)
 
 
 @cache

@@ -8,30 +8,53 @@ import importlib
 import inspect
 import io
 import json
+import sys
 import zipfile
 from functools import cache
+from pathlib import Path
 
 from sklearn.base import BaseEstimator
 
+from .._sizes import check_archive, check_array
 from ._json import class_named, field_named
 
 _SCHEMA = "schema.json"  # of a skops file
+_PACKAGE = __package__.partition(".")[0]
+_METRICS = f"{_PACKAGE}.metrics"  # whose functions compute with what they are given, and no more
 _PLAIN = {"skhyst.compose._stages.Stage"}  # named tuples that are derived from the rest of a file
 
 
 def with_present_names(path):
-    """Return the bytes of a skops file with the present names of its classes."""
-    content = io.BytesIO()
+    """Return the bytes of a skops file with the present names of its classes, and all names in it.
+
+    Raises
+    ------
+    RecordError
+        If it unpacks to much more than its own size, or declares arrays that it does not hold:
+        before memory is taken for them.
+    """
+    content, names = io.BytesIO(), set()
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(content, "w") as new:
-        for name in old.namelist():
-            data = old.read(name)
-            if name == _SCHEMA:
-                data = json.dumps(json.loads(data, object_hook=_present)).encode()
-            new.writestr(name, data)
-    return content.getvalue()
+        check_archive(old, Path(path).stat().st_size)
+        for entry in old.infolist():
+            if entry.filename.endswith(".npy"):
+                with old.open(entry) as stream:
+                    check_array(stream, entry.file_size)
+            data = old.read(entry)
+            if entry.filename == _SCHEMA:
+                schema = json.loads(data, object_hook=lambda node: _present(node, names))
+                data = json.dumps(schema).encode()
+            new.writestr(entry.filename, data)
+    return content.getvalue(), names
 
 
-def _present(node):
+def is_known(name):
+    """Whether a name is skhyst's own, or in a module that is imported already."""
+    module = name.rpartition(".")[0]
+    return module.partition(".")[0] == _PACKAGE or module in sys.modules
+
+
+def _present(node, names):
     module, name = node.get("__module__"), node.get("__class__")
     attributes = node.get("content")
     if str(module).startswith("skhyst.") and node.get("__loader__") == "ObjectNode" and attributes:
@@ -39,24 +62,32 @@ def _present(node):
         attributes["content"] = {field_named(key, name): item for key, item in named}
     if f"{module}.{name}" in _PLAIN:
         node.update(__module__="builtins", __class__="tuple")
-    elif module and not is_own_class(f"{module}.{name}"):
+    elif module and not is_own(f"{module}.{name}"):
         kind = class_named(f"{module}.{name}")
         if kind is not None:
             node.update(__module__=kind.__module__, __class__=kind.__name__)
+    if node.get("__module__"):
+        names.add(f"{node['__module__']}.{node.get('__class__')}")
     return node
 
 
 @cache
-def is_own_class(name):
-    """Whether a qualified name is that of a class that a module or package of skhyst defines."""
+def is_own(name):
+    """Whether a qualified name is that of a class, or of a metric, that skhyst defines."""
     module, _, name = name.rpartition(".")
-    if module.partition(".")[0] != __package__.partition(".")[0]:
+    if module.partition(".")[0] != _PACKAGE:
         return False
     try:
         found = getattr(importlib.import_module(module), name, None)
     except ImportError:
         return False
-    return inspect.isclass(found) and f"{found.__module__}.".startswith(f"{module}.")
+    is_kind = inspect.isclass(found) or (inspect.isfunction(found) and in_package(module, _METRICS))
+    return is_kind and in_package(found.__module__, module)
+
+
+def in_package(module, package):
+    """Whether a module is, or lies in, a package."""
+    return f"{module}.".startswith(f"{package}.")
 
 
 def with_defaults(value):

@@ -78,7 +78,8 @@ def from_json(text) -> BaseEstimator:
     Raises
     ------
     ValueError
-        If the text is not such a model, has a later format, or names a class that skhyst lacks.
+        If the text is not such a model, has a later format, names a class that skhyst lacks, or
+        holds parameters of other types, sizes or ranges than their class takes.
     """
     try:
         content = json.loads(text)
@@ -228,7 +229,9 @@ def _object(plain):
         {field_named(name, kind.__name__): _value(item) for name, item in plain[part].items()}
         for part in ("parameters", "fitted")
     )
-    made = kind(**parameters)
+    made = kind(**parameters)  # a dataclass checks its fields
     if fitted:
+        if hasattr(made, "_parameter_constraints"):
+            made._validate_params()  # as `fit` has done
         made.__setstate__(fitted)
     return made

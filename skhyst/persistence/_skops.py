@@ -1,10 +1,10 @@
 """Fitted models in files: skops, which is read without executing code, or joblib, a pickle.
 
 skops writes names of types and their fields; reading creates objects of trusted types only. Trusted
-are the classes of skhyst, whose construction sets fields and does nothing else, and the types that
-skops trusts itself: those of NumPy and the estimators of scikit-learn. Functions, methods and all
-other names in a file are refused. The version of skhyst that has written a skops file is an
-additional member of it.
+are the classes of skhyst, whose construction sets fields and does nothing else, its metrics, and
+the types that skops trusts itself: those of NumPy and the estimators of scikit-learn. All other
+names in a file, of functions, methods and other types, are refused, and no module is imported for
+them. The version of skhyst that has written a skops file is an additional member of it.
 """
 
 import warnings
@@ -18,7 +18,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_input, replacing
-from ._earlier import is_own_class, with_defaults, with_present_names
+from ._earlier import is_known, is_own, with_defaults, with_present_names
 
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
@@ -43,6 +43,12 @@ def save_model(model, path) -> None:
     OSError
         If the file cannot be written.
 
+    Warns
+    -----
+    UserWarning
+        If :func:`load_model` will refuse the file without ``trust=True``, with the types which that
+        is for: trees and forests of scikit-learn, kernels, scorers, functions of your own, ...
+
     Examples
     --------
     >>> import tempfile
@@ -62,8 +68,16 @@ def save_model(model, path) -> None:
             joblib.dump(model, part)
         else:
             skops.dump(model, part)
+            foreign = [own for own in skops.get_untrusted_types(file=part) if not is_own(own)]
             with zipfile.ZipFile(part, "a") as file:
                 file.writestr(_MEMBER, _VERSION)
+    if skops is not None and foreign:
+        warnings.warn(
+            f"{path} holds {', '.join(foreign)}, which load_model trusts to run code only where it "
+            "is told to: by trust=True, on the command line --trust.",
+            UserWarning,
+            stacklevel=2,
+        )
 
 
 def load_model(path, trust=False) -> BaseEstimator:
@@ -159,9 +173,11 @@ def _load_skops(path, trust):
 def read_trusted(path, known=()):
     """Return the object in a skops file of classes of skhyst and of types in ``known`` only."""
     skops = skops_io(path)
-    data = with_present_names(path)
-    named = skops.get_untrusted_types(data=data)
-    foreign = [name for name in named if name not in known and not is_own_class(name)]
+    data, names = with_present_names(path)
+    foreign = sorted(name for name in names if name not in known and not is_known(name))
+    if not foreign:  # or else reading might import what is named
+        named = skops.get_untrusted_types(data=data)
+        foreign = [name for name in named if name not in known and not is_own(name)]
     if foreign:
         raise _Refused(
             f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "

@@ -49,6 +49,11 @@ class DeadZoneOperator(StaticOperator):
 
     curve = staticmethod(dead_zones)
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require_size("thresholds", np.size(self.weights), "weight")
+        self._require_size("side", np.size(self.weights), "weight")
+
     def _constants(self):
         return self.weights, self.thresholds, self.side
 
@@ -97,6 +102,12 @@ class MonotoneDeadZoneOperator(StaticOperator):
     n_lower: int
 
     stage_order = 20
+
+    def __post_init__(self):
+        super().__post_init__()
+        n = np.size(self.slopes)
+        self._require_size("thresholds", n, "slope")
+        self._require("n_lower", 0 <= self.n_lower <= n, f"be from 0 to {n}, the number of slopes")
 
     @property
     def side(self):

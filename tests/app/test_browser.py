@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from http.client import HTTPConnection
 from urllib.request import urlopen
 
 import pytest
@@ -82,6 +83,33 @@ def choose(page, widget, name):
             chosen.filter(has_text=name).first.wait_for(timeout=5e3)
             return
     raise AssertionError(f"{name} cannot be chosen")
+
+
+@pytest.mark.slow
+def test_other_names_and_frames_are_refused(address):
+    """A page elsewhere that makes its own name mean this machine sends that name."""
+    port = int(address.rpartition(":")[2])
+    websocket = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+    websocket |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="}
+
+    def asked(path, host, **headers):
+        connection = HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
+        origin = {"Host": host, "Origin": f"http://{host}"}
+        connection.request("GET", path, headers=origin | headers)
+        answer = connection.getresponse()
+        connection.close()
+        return answer.status, answer.headers
+
+    for host in (f"127.0.0.1:{port}", f"localhost:{port}"):
+        status, headers = asked("/", host)
+        assert (status, headers["X-Frame-Options"]) == (200, "SAMEORIGIN")
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'self'" in policy
+        assert "frame-ancestors 'self'" in policy
+        assert asked("/_stcore/stream", host, **websocket)[0] == 101
+    for host in (f"attacker.example:{port}", f"127.0.0.1.attacker.example:{port}"):
+        assert asked("/", host)[0] == 400
+        assert asked("/_stcore/stream", host, **websocket)[0] in (400, 403)
 
 
 @pytest.mark.slow

@@ -129,8 +129,12 @@ def test_a_cut_controller_raises_a_flag(tmp_path):
     at_limits = np.abs(controller.stepper(1e-3).run(rows)) == 0.5
     assert 0 < at_limits.sum() < len(rows)
     np.testing.assert_array_equal(flags_of(tmp_path, "loop", rows), at_limits)
-    text = to_c(OPERATORS["plays"], tmp_path, "plays", dt=DT)[1].read_text()
-    assert "return 0u;" in text
+    header, *_ = to_c(OPERATORS["plays"], tmp_path, "plays", dt=DT)  # which has no limits
+    assert "plays_LIMITED" not in header.read_text()
+    units = {"input_unit": 1e-3, "output_unit": 1e-3, "drive": [0.0, 1.0]}
+    header, source, _ = to_c(OPERATORS["plays"], tmp_path, "plays", "int32", dt=DT, **units)
+    assert "plays_REFUSED" not in header.read_text()  # integers are finite
+    assert "return 0u;" in source.read_text()
 
 
 def test_a_stepper_is_exported_as_it_stands(tmp_path):

@@ -5,6 +5,7 @@ import json
 import os
 import pickle
 import zipfile
+import zlib
 from pathlib import Path
 
 import h5py
@@ -160,6 +161,99 @@ def test_tables_of_more_rows_than_a_file_can_hold_are_refused(tmp_path, little_m
         assert "declares" in refused(tmp_path / f"rig{suffix}", "u")
     text = json.dumps([{f"n{i}": 1} for i in range(20_000)])
     assert "share few" in refused(written(tmp_path, ".json", text), "n0")
+
+
+ZEROS = bytes(10**7)  # of which 26 are more than any small file may unpack to
+
+
+def packed_npz(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        header = array_header("<f8", (26, 1_250_000))[:-80]
+        with archive.open("u.npy", "w", force_zip64=True) as entry:
+            entry.write(header)
+            for _ in range(26):
+                entry.write(ZEROS)
+
+
+def packed_mat(path):
+    deflater = zlib.compressobj(1)
+    content = b"".join(deflater.compress(ZEROS) for _ in range(26)) + deflater.flush()
+    tag = (15).to_bytes(4, "little") + len(content).to_bytes(4, "little")
+    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + tag + content)
+
+
+def packed_hdf5(path):
+    chunk = zlib.compress(ZEROS)
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset(
+            "u", (26 * 1_250_000,), "f8", chunks=(1_250_000,), compression="gzip"
+        )
+        for k in range(26):
+            data.id.write_direct_chunk((k * 1_250_000,), chunk)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "pack"), [(".npz", packed_npz), (".mat", packed_mat), (".h5", packed_hdf5)]
+)
+def test_what_unpacks_to_much_more_is_refused(tmp_path, little_memory, suffix, pack):
+    """As dense as its compression can be, so that only the sum tells."""
+    pack(tmp_path / f"rig{suffix}")
+    assert (tmp_path / f"rig{suffix}").stat().st_size > 260e6 / 1032
+    told = refused(tmp_path / f"rig{suffix}", "u")
+    assert any(reason in told for reason in ("declares", "too long", "larger than the data"))
+
+
+def test_an_archive_whose_entries_share_their_bytes_is_refused(tmp_path):
+    path = tmp_path / "rig.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("u.npy", array_header("<f8", (10,)))
+        archive.filelist *= 3
+    assert "overlap" in refused(path, "u")
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".feather"])
+def test_columns_together_are_refused_by_what_they_declare(tmp_path, little_memory, suffix):
+    """Each alone is within what the file can be expanded to."""
+    import pyarrow
+    import pyarrow.feather
+    import pyarrow.parquet
+
+    path, zeros = tmp_path / f"rig{suffix}", np.zeros(10**5)
+    write = {".parquet": pyarrow.parquet.write_table, ".feather": pyarrow.feather.write_feather}
+    write[suffix](pyarrow.table({f"u{k}": zeros for k in range(200)}), path, compression="zstd")
+    assert 1032 * path.stat().st_size > zeros.nbytes
+    assert f"declares {200 * zeros.nbytes}" in refused(path, "u0")
+
+
+def test_a_long_text_that_is_repeated_is_refused(tmp_path, little_memory):
+    """1 GB of text, of which the file has 10 kB."""
+    import pyarrow
+    import pyarrow.parquet
+
+    long, which = "x" * 10**4, np.repeat([0, 1], 50_000)
+    names = pyarrow.DictionaryArray.from_arrays(pyarrow.array(which), [long, "b"])
+    table = pyarrow.table({"u": np.arange(1e5), "run": names, "l": [[1.0]] * 10**5})
+    path = tmp_path / "rig.parquet"
+    pyarrow.parquet.write_table(table, path, store_schema=False)
+    assert len(read_records(path, drive="u")[0]) == 10**5
+    assert "the text in 'run' declares 500050000 bytes" in refused(path, "u", record="run")
+    assert "lists or structs" in refused(path, "l")
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_cells_of_text_that_are_missing(tmp_path, kept):
+    import pyarrow
+    import pyarrow.feather
+    import pyarrow.parquet
+
+    text = pyarrow.array(["1.5", None, "2.5"])
+    for column in (text, text.dictionary_encode(), pyarrow.array([1.5, None, 2.5])):
+        table = pyarrow.table({"u": column})
+        pyarrow.parquet.write_table(table, tmp_path / "rig.parquet", store_schema=kept)
+        pyarrow.feather.write_feather(table, tmp_path / "rig.feather")
+        for name in ("rig.parquet", "rig.feather"):
+            X = read_records(tmp_path / name, drive="u", on_missing="interpolate")[0]
+            assert X["u"].tolist() == [1.5, 2.0, 2.5]
 
 
 def test_a_workbook_of_few_cells_far_apart_is_refused(tmp_path, little_memory):

@@ -7,8 +7,9 @@ from sklearn.linear_model import Ridge
 
 from skhyst.compose import Cascade, Corrected, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
-from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, Gain
+from skhyst.hysteresis import PrandtlIshlinskii, SystemLevelOperator
+from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, KelvinVoigt
+from skhyst.neural import GrayBoxOperator
 from skhyst.persistence import from_json, to_json
 
 U = np.sin(0.1 * np.arange(200.0))[:, None]
@@ -69,3 +70,61 @@ def test_what_an_earlier_version_has_written_is_read():
     content["model"]["class"] = "skhyst.linear.Amplifier"  # as it might have been called
     with pytest.raises(ValueError, match=r"written by skhyst 0\.0\.1, cannot be read.*Amplifier"):
         from_json(json.dumps(content))
+
+
+def changed(model, path, value):
+    """Return the text of a model with another value at a place of the operator."""
+    content = json.loads(to_json(model))
+    own = content["model"]["fitted"]["operator_"]["parameters"]
+    assert path in own
+    own[path] = value
+    return json.dumps(content)
+
+
+@pytest.fixture(scope="module")
+def creep():
+    return KelvinVoigt(2, dt=0.1).fit(U, Y)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("time_constants", {"array": [0.1], "dtype": "float64", "shape": [1]}),  # of two units
+        ("compliances", {"array": [0.1] * 3, "dtype": "float64", "shape": [3]}),
+        ("compliances", {"array": ["a", "b"], "dtype": "str", "shape": [2]}),
+        ("gain", "1.0"),
+        ("gain", None),
+        ("hold", 3),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+def test_what_an_operator_cannot_be_is_refused(creep, name, value):
+    """Sizes that do not fit each other made compiled code read beyond an array."""
+    with pytest.raises(ValueError, match="parameter of KelvinVoigtOperator must"):
+        from_json(changed(creep, name, value))
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+def test_parameters_are_those_that_fit_takes(creep):
+    content = json.loads(to_json(creep))
+    content["model"]["parameters"]["hold"] = "second-order"
+    with pytest.raises(ValueError, match="'hold' parameter of KelvinVoigt must"):
+        from_json(json.dumps(content))
+
+
+@pytest.mark.parametrize("value", [10**6, 2**40, 1.5, "1"])
+def test_steps_and_windows_that_take_for_ever_are_refused(value):
+    model = DynamicStiffness(fit_mass=False, dt=0.1).fit(U, Y)
+    with pytest.raises(ValueError, match="'smoothing' parameter of DynamicStiffnessOperator must"):
+        from_json(changed(model, "smoothing", value))
+
+
+@pytest.mark.parametrize("name", ["input_lags", "output_lags"])
+@pytest.mark.parametrize("value", [4096, 2**40, -1])
+def test_lags_are_refused_before_their_terms_are_listed(name, value):
+    """2^40 lags asked for 16 TiB."""
+    static = SystemLevelOperator(1.0, 0.1, 0.5)
+    options = {"input_lags": 2, "output_lags": 2, "degree": 2} | {name: value}
+    with pytest.raises(ValueError, match=r"parameter of GrayBoxOperator must"):
+        GrayBoxOperator(static, np.zeros(18), **options)
+    assert len(GrayBoxOperator(static, np.zeros(18), 2, 2, 2).pack())  # 5 signals, less the level

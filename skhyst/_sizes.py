@@ -5,19 +5,41 @@ from math import prod
 
 import numpy as np
 
-from ..exceptions import RecordError
+from .exceptions import RecordError
 
 # Largest number of bytes per compressed byte in deflate, the only compression of .npz and .mat
 # files and the usual one of others: a match of 258 bytes takes at least two bits.
 # Source: "zlib Technical Details", https://zlib.net/zlib_tech.html
-DENSEST = 1032
+_DENSEST = 1032
+# What any file may unpack to: a quarter of the 1 GB that reading takes at most, since readings are
+# copied up to three times on their way. Beyond, a byte of the file may stand for 64 in memory, as
+# where a reading of 8 bytes is one bit: what is denser is nearly nothing but repetition.
+_SPARED, _SPARSEST = 10**9 // 4, 64
 _HEAD = 2**14  # bytes in which numpy finds a header of the longest size that it trusts
 
 
+def largest_size(held):
+    """Return the number of bytes that ``held`` bytes of a file may be expanded to."""
+    return min(_DENSEST * held, max(_SPARED, _SPARSEST * held))
+
+
 def check_size(what, declared, held):
-    """Refuse data that declare more bytes than ``held`` bytes of a file can be expanded to."""
-    if declared > DENSEST * held:
+    """Refuse data that declare more bytes than ``held`` bytes of a file may be expanded to."""
+    if declared > largest_size(held):
         raise RecordError(f"{what} declares {declared} bytes, of which the file holds {held}")
+
+
+def check_archive(archive, size):
+    """Refuse a zip archive in a file of ``size`` bytes whose entries unpack to too many.
+
+    What an entry declares is all that is read of it.
+    """
+    entries = archive.infolist()
+    if sum(entry.compress_size for entry in entries) > size:
+        raise RecordError("its entries overlap")
+    for entry in entries:
+        check_size(entry.filename, entry.file_size, entry.compress_size)
+    check_size("it", sum(entry.file_size for entry in entries), size)
 
 
 def check_array(stream, size):
