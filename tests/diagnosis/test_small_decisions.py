@@ -6,9 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.signal import lfilter
 
-from skhyst._block_test import _autocovariance, block_length
 from skhyst.diagnosis import EFFECTS, _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
@@ -26,6 +24,7 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator
+from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
@@ -110,7 +109,7 @@ def test_a_parameter_at_its_bound_has_no_interval():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=400)) / 5.0
     model, records = PrandtlIshlinskii(4), [RecordData(u, 2.0 * u - 0.01 * np.cos(u), 0.01)]
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     problem = tree.problem(records)
     at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
     assert 0 < np.count_nonzero(at_bound) < len(at_bound)
@@ -216,21 +215,3 @@ def test_products_at_a_distance_are_summed(size):
     values = np.random.default_rng(size).normal(size=20)
     direct = [values[lag:] @ values[: max(20 - lag, 0)] for lag in range(size + 1)]
     np.testing.assert_allclose(_autocovariance(values, size), direct, atol=1e-12)
-
-
-@pytest.mark.parametrize("pole", [0.5, 0.9, -0.6])
-def test_blocks_are_as_long_as_politis_and_white_say(pole):
-    """Their formula (2004), lag by lag: full weight up to half of the window, then a fall."""
-    x = lfilter([1.0], [1.0, -pole], np.random.default_rng(0).normal(size=2000))
-    n = len(x)
-    r = [x[k:] @ x[: n - k] / n for k in range(n // 2)]
-    bar, run = 2.0 * np.sqrt(np.log10(n) / n), 5
-    m = next(k for k in range(n) if np.abs(r[k + 1 : k + 1 + run]).max() < bar * r[0])
-    g = moment = 0.0
-    for lag in range(-2 * m, 2 * m + 1):
-        part = abs(lag) / (2 * m)
-        weight = 1.0 if part <= 0.5 else 2.0 * (1.0 - part)
-        g += weight * r[abs(lag)]
-        moment += weight * abs(lag) * r[abs(lag)]
-    length = int(np.ceil((2.0 * moment**2 / (4.0 / 3.0 * g**2) * n) ** (1.0 / 3.0)))
-    assert block_length([x]) == (length, pytest.approx(np.clip(moment / (g * length), 0.0, 0.5)))

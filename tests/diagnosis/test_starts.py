@@ -9,15 +9,18 @@ from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._candidates import refitted, screened
 from skhyst.diagnosis._edits import Schedule
-from skhyst.diagnosis._starts import Scene, _distinct, starting_trees
+from skhyst.diagnosis._starts import Scene, _distinct, _has_poles, starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
 from skhyst.linear import (
+    FirstOrderLagOperator,
     LinearOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
     TransferFunction,
+    TransferFunctionOperator,
 )
+from skhyst.operators import Series
 from skhyst.optimize import RecordData
 from skhyst.static import SaturationOperator
 
@@ -42,7 +45,7 @@ def declared(effect, kind, n_samples, seed=SEED):
         for label, u in recording.X_train["drive"].groupby(level="record")
     ]
     model = declared_model(kind)
-    return recording, records, Tree.from_result(model, model._identify(records))
+    return recording, records, Tree.from_result(model, model.identify(records))
 
 
 def started(effect, kind, name=None, n_samples=3000):
@@ -176,6 +179,14 @@ def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
     assert min(refitted(c, c.structure, records, 9).cost for c in found) < bar
 
 
+def test_poles_are_put_elsewhere_in_stages_that_have_some_of_their_own():
+    lag, mode = FirstOrderLagOperator(0.1), SecondOrderModeOperator(21.0, 0.04)
+    constant = TransferFunctionOperator(np.empty(0), np.empty(0), np.empty(0), np.empty(0), 2.0)
+    both = Series(("lag", "mode"), (lag, mode))
+    stages = [lag, mode, constant, both, SaturationOperator(upper=0.8)]
+    assert [_has_poles(stage) for stage in stages] == [True, True, False, False, False]
+
+
 def test_poles_that_no_record_shows_are_moved_to_the_edge_of_what_is_seen():
     """Decay by e over the longest record, and half the sampling rate of the finest one."""
     lengths = [(100, 0.1), (500, 0.01)]  # 10 s and 5 s
@@ -209,7 +220,7 @@ def test_parameters_follow_the_column_that_they_are_said_to():
         for u, own in zip(rng.normal(size=(3, 200)).cumsum(axis=1), levels, strict=True)
     ]
     model = PrandtlIshlinskii(3)
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
     edits = [edit for variant in found for one in variant for _, edit in one.edits]
     scheduled = {(e.by, e.low, e.high) for e in edits if isinstance(e, Schedule)}
