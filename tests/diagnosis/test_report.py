@@ -426,6 +426,7 @@ def test_folds_hold_all_that_is_scored(report, search):
         assert error == pytest.approx(getattr(search, f"error_{name}_"))
 
 
+@pytest.mark.slow
 def test_same_search_same_report(report, search, recording, html):
     again = clone(search).fit(recording.X_train, recording.y_train).report(command=COMMAND)
     first, second = report.to_dict(), again.to_dict()
